@@ -1,0 +1,1 @@
+//! Fixed seeds and sizes shared by all benches.

@@ -1,0 +1,5 @@
+//! Bodies of the GPU kernels: plain functions over slices, one invocation each, the only arithmetic there is.
+
+pub mod grid;
+pub mod hemisphere;
+pub mod product;

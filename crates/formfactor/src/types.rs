@@ -1,0 +1,56 @@
+//! The plain data that CPU and GPU share, field for field.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// A flat piece of one side of a surface.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Patch {
+    /// Centre of mass, m.
+    pub centroid: Vec3,
+    /// Area A, m².
+    pub area: f32,
+    /// Unit normal of the side that sends and receives.
+    pub normal: Vec3,
+    /// Triangle of the scene that it is part of.
+    pub triangle: u32,
+}
+const _: () = assert!(size_of::<Patch>() == 32);
+
+/// How one triangle of the scene is cut into `divisions²` like triangles, and where their values stand in a table. The
+/// same structure numbers cells (patches) and, in a second table, grid vertices (receivers).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct TriangleGrid {
+    /// First entry of the front side, or [`scene::NONE`] when that side has none.
+    pub front: u32,
+    /// First entry of the back side, or [`scene::NONE`].
+    pub back: u32,
+    /// Pieces along each edge, ≥ 1.
+    pub divisions: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<TriangleGrid>() == 16);
+
+/// Settings of the hemisphere kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct HemisphereParams {
+    /// First row of this dispatch.
+    pub first_row: u32,
+    /// Rows of this dispatch.
+    pub row_count: u32,
+    /// Rays a row.
+    pub rays: u32,
+    /// Number of patches: the id of the sky; one more stands for a hit that no patch owns.
+    pub patch_count: u32,
+    /// Changes every random number.
+    pub seed: u32,
+    /// Distance by which rays start above the surface, m.
+    pub ray_offset: f32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 2],
+}
+const _: () = assert!(size_of::<HemisphereParams>() == 32);

@@ -1,0 +1,53 @@
+//! What can be wrong with a scene.
+
+/// Why a scene could not be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// There is nothing to light.
+    #[error("the scene has no triangles")]
+    NoTriangles,
+    /// Tables of one value a triangle disagree.
+    #[error("{name} holds {found} entries for {expected} triangles")]
+    TableLength {
+        /// The table.
+        name: &'static str,
+        /// Triangles.
+        expected: usize,
+        /// Entries.
+        found: usize,
+    },
+    /// A triangle names a material that does not exist.
+    #[error("triangle {triangle} names material {material} of {count}")]
+    MaterialIndex {
+        /// The triangle.
+        triangle: usize,
+        /// The name it gives.
+        material: u32,
+        /// Materials there are.
+        count: usize,
+    },
+    /// A material names a texture that does not exist.
+    #[error("material {material} names texture {texture} of {count}")]
+    TextureIndex {
+        /// The material.
+        material: usize,
+        /// The name it gives.
+        texture: u32,
+        /// Textures there are.
+        count: usize,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("triangle {triangle} has a coordinate that is not finite")]
+    NotFinite {
+        /// The triangle.
+        triangle: usize,
+    },
+    /// The hierarchy is deeper than the traversal stack of the kernels.
+    #[error("the ray hierarchy has {depth} levels, {limit} fit on the kernels' stack; merge triangles that lie on each other")]
+    HierarchyDepth {
+        /// Levels.
+        depth: usize,
+        /// Room.
+        limit: usize,
+    },
+}

@@ -1,0 +1,376 @@
+//! The scene on the host: tables, hierarchy, and rays on all cores by obvhs' eight-wide compressed hierarchy.
+
+// obvhs speaks Vec3A; it does not leave this file.
+#![allow(clippy::disallowed_types)]
+
+use std::time::Duration;
+use std::vec::Vec;
+
+use glam::{UVec2, Vec3, Vec3A, Vec4};
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ray::RayHit;
+use obvhs::rt_triangle::RtTriangle;
+use obvhs::{BvhBuildParams, traverse};
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::kernel::Geometry;
+use crate::kernel::bvh::{FAR, STACK_SIZE, intersect_triangle};
+use crate::kernel::light::{Lights, direct_irradiance};
+use crate::math::luminance;
+use crate::types::*;
+use crate::Visibility;
+
+/// What a scene is made of: the input of [`Scene::new`].
+#[derive(Clone, Debug, Default)]
+pub struct SceneParts {
+    /// Triangles in any order, `[n]`, m.
+    pub triangles: Vec<Triangle>,
+    /// Texture coordinates, `[n]`.
+    pub uvs: Vec<TriangleUv>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Pictures.
+    pub textures: Vec<Texture>,
+    /// Texels of all pictures, two words each.
+    pub texels: Vec<u32>,
+    /// Lights that are not geometry.
+    pub lights: Vec<Light>,
+    /// The sky.
+    pub sky: Sky,
+    /// Its map, `map_width · map_height` texels.
+    pub sky_map: Vec<Vec4>,
+}
+
+/// A scene ready for rays: tables in the order of the hierarchy's leaves, the hierarchy, and the emitters.
+#[derive(Clone)]
+pub struct Scene {
+    /// Triangles in leaf order, `[n]`.
+    pub triangles: Vec<Triangle>,
+    /// Texture coordinates, `[n]`.
+    pub uvs: Vec<TriangleUv>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Pictures.
+    pub textures: Vec<Texture>,
+    /// Texels of all pictures, two words each.
+    pub texels: Vec<u32>,
+    /// Binary hierarchy of the kernels, root first.
+    pub nodes: Vec<BvhNode>,
+    /// Lights that are not geometry; they may change at any time.
+    pub lights: Vec<Light>,
+    /// Emissive triangles with their cumulative distribution.
+    pub emitters: Vec<Emitter>,
+    /// The sky.
+    pub sky: Sky,
+    /// Its map.
+    pub sky_map: Vec<Vec4>,
+    /// Least and greatest coordinates, m.
+    pub bounds: (Vec3, Vec3),
+    /// Distance by which rays start above a surface: 2·10⁻⁵ of the bounds' diagonal, m.
+    pub ray_offset: f32,
+    wide: CwBvh,
+    wide_triangles: Vec<RtTriangle>,
+    has_masks: bool,
+}
+
+impl Scene {
+    /// Checks the parts, builds the hierarchy and sorts the triangles into its leaf order.
+    ///
+    /// # Errors
+    /// Names the triangle or material that is wrong: [`Error`].
+    pub fn new(parts: SceneParts) -> Result<Self, Error> {
+        check(&parts)?;
+        let boxes: Vec<_> = parts
+            .triangles
+            .iter()
+            .map(|t| obvhs::triangle::Triangle {
+                v0: t.corner.into(),
+                v1: (t.corner + t.edge_a).into(),
+                v2: (t.corner + t.edge_b).into(),
+            })
+            .collect();
+        let settings = BvhBuildParams { pre_split: false, ..BvhBuildParams::medium_build() };
+        let binary = build_bvh2_from_tris(&boxes, settings, &mut Duration::default());
+        let nodes: Vec<BvhNode> = bytemuck::cast_slice(&binary.nodes).to_vec();
+        let depth = depth(&nodes);
+        if depth > STACK_SIZE {
+            return Err(Error::HierarchyDepth { depth, limit: STACK_SIZE });
+        }
+        let order = &binary.primitive_indices;
+        let triangles: Vec<Triangle> = order.iter().map(|&k| parts.triangles[k as usize]).collect();
+        let uvs = order.iter().map(|&k| parts.uvs[k as usize]).collect();
+
+        let mut wide = bvh2_to_cwbvh(&binary, 3, true, false);
+        let mut leaf_order = std::vec![0u32; boxes.len()];
+        for (position, &k) in order.iter().enumerate() {
+            leaf_order[k as usize] = position as u32;
+        }
+        let wide_triangles = wide.primitive_indices.iter().map(|&k| RtTriangle::from(&boxes[k as usize])).collect();
+        for k in &mut wide.primitive_indices {
+            *k = leaf_order[*k as usize];
+        }
+
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for t in &triangles {
+            for p in [t.corner, t.corner + t.edge_a, t.corner + t.edge_b] {
+                low = low.min(p);
+                high = high.max(p);
+            }
+        }
+        let has_masks = parts.materials.iter().any(|m| m.mask_texture != NONE);
+        let mut scene = Self {
+            triangles,
+            uvs,
+            materials: parts.materials,
+            textures: parts.textures,
+            texels: parts.texels,
+            nodes,
+            lights: parts.lights,
+            emitters: Vec::new(),
+            sky: parts.sky,
+            sky_map: parts.sky_map,
+            bounds: (low, high),
+            ray_offset: 2e-5 * (high - low).length(),
+            wide,
+            wide_triangles,
+            has_masks,
+        };
+        scene.emitters = scene.collect_emitters();
+        Ok(scene)
+    }
+
+    /// The tables that rays need, as the kernels take them.
+    pub fn geometry(&self) -> Geometry<'_> {
+        Geometry {
+            nodes: &self.nodes,
+            triangles: &self.triangles,
+            uvs: &self.uvs,
+            materials: &self.materials,
+            textures: &self.textures,
+            texels: &self.texels,
+        }
+    }
+
+    /// Everything that shines, as the kernels take it.
+    pub fn all_lights(&self) -> Lights<'_> {
+        Lights { lights: &self.lights, emitters: &self.emitters, sky: self.sky, sky_map: &self.sky_map }
+    }
+
+    /// Length of the bounds' diagonal, m.
+    pub fn diagonal(&self) -> f32 {
+        (self.bounds.1 - self.bounds.0).length()
+    }
+
+    /// Whether the sky sends any light.
+    pub fn has_sky(&self) -> bool {
+        luminance(self.sky.radiance) > 0.0
+    }
+
+    /// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through: the wide hierarchy finds the
+    /// triangle, [`intersect_triangle`] its coordinates.
+    #[inline]
+    pub fn closest_before(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+        let mut ray = obvhs::ray::Ray::new(origin.into(), direction.into(), 0.0, t_max);
+        let mut best = RayHit::none();
+        let mut state = self.wide.new_traversal(ray.direction);
+        let mut node;
+        traverse!(self.wide, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+            let t = self.wide_triangles[state.primitive_id as usize].intersect(&ray);
+            if t < ray.tmax && t > 0.0 && !self.is_wide_hole(state.primitive_id, &ray) {
+                best.primitive_id = state.primitive_id;
+                ray.tmax = t;
+            }
+        });
+        if best.primitive_id == obvhs::ray::INVALID_ID {
+            return Hit::MISS;
+        }
+        let index = self.wide.primitive_indices[best.primitive_id as usize];
+        let hit = intersect_triangle(&self.triangles[index as usize], index, origin, direction, FAR);
+        if hit.triangle != NONE {
+            return hit;
+        }
+        // The two intersection routines round differently on an edge.
+        let b = self.wide_triangles[best.primitive_id as usize].compute_barycentric(&ray);
+        let u = b.x.clamp(0.0, 1.0);
+        Hit { triangle: index, u, v: b.y.clamp(0.0, 1.0 - u), t: ray.tmax }
+    }
+
+    /// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
+    #[inline]
+    pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+        let ray = obvhs::ray::Ray::new(origin.into(), direction.into(), 0.0, t_max);
+        let mut state = self.wide.new_traversal(ray.direction);
+        let mut node;
+        let mut blocked = false;
+        traverse!(self.wide, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+            let t = self.wide_triangles[state.primitive_id as usize].intersect(&ray);
+            if t < t_max && t > 0.0 && !self.is_wide_hole(state.primitive_id, &ray) {
+                blocked = true;
+                break;
+            }
+        });
+        blocked
+    }
+
+    #[inline]
+    fn is_wide_hole(&self, primitive: u32, ray: &obvhs::ray::Ray) -> bool {
+        if !self.has_masks {
+            return false;
+        }
+        let index = self.wide.primitive_indices[primitive as usize];
+        if self.materials[self.triangles[index as usize].material as usize].mask_texture == NONE {
+            return false;
+        }
+        let b = self.wide_triangles[primitive as usize].compute_barycentric(ray);
+        self.geometry().is_hole(index, b.x, b.y)
+    }
+
+    /// Direct irradiance at many points, W/m², on all cores: [`direct_irradiance`] with this scene's rays.
+    pub fn direct_irradiance(&self, p: &DirectParams, points: &[SurfacePoint]) -> Vec<Vec3> {
+        let (geometry, lights) = (self.geometry(), self.all_lights());
+        let occluded = |origin: Vec3, direction: Vec3, t_max: f32| self.occluded(origin, direction, t_max);
+        points
+            .par_iter()
+            .enumerate()
+            .map(|(k, point)| direct_irradiance(&geometry, p, p.first + k as u32, *point, &lights, occluded))
+            .collect()
+    }
+
+    fn collect_emitters(&self) -> Vec<Emitter> {
+        let geometry = self.geometry();
+        let mut emitters: Vec<Emitter> = Vec::new();
+        let mut total = 0.0f64;
+        for (index, t) in self.triangles.iter().enumerate() {
+            let area = 0.5 * t.edge_a.cross(t.edge_b).length();
+            // Textured emission: the mean over a grid of the triangle decides how often it is picked.
+            let steps = if self.materials[t.material as usize].radiance_texture == NONE { 1 } else { 8 };
+            let mut mean = 0.0;
+            for a in 0..steps {
+                for b in 0..steps {
+                    let u = ((a as f32 + 0.5) / steps as f32, (b as f32 + 0.5) / steps as f32);
+                    let (u, v) = crate::sampling::uniform_triangle(u);
+                    mean += luminance(geometry.radiance(index as u32, u, v)) / (steps * steps) as f32;
+                }
+            }
+            let power = f64::from(area) * f64::from(mean);
+            if power > 0.0 {
+                total += power;
+                emitters.push(Emitter { triangle: index as u32, cumulative: 0.0, probability: power as f32, area });
+            }
+        }
+        let mut sum = 0.0f64;
+        for e in &mut emitters {
+            e.probability = (f64::from(e.probability) / total) as f32;
+            sum += f64::from(e.probability);
+            e.cumulative = sum as f32;
+        }
+        if let Some(last) = emitters.last_mut() {
+            last.cumulative = 1.0;
+        }
+        emitters
+    }
+}
+
+impl Visibility for Scene {
+    #[inline]
+    fn any_hit(&self, origin: Vec3, target: Vec3) -> bool {
+        self.occluded(origin, target - origin, 1.0)
+    }
+
+    #[inline]
+    fn closest(&self, origin: Vec3, direction: Vec3) -> Hit {
+        self.closest_before(origin, direction, FAR)
+    }
+}
+
+fn check(parts: &SceneParts) -> Result<(), Error> {
+    let count = parts.triangles.len();
+    if count == 0 {
+        return Err(Error::NoTriangles);
+    }
+    if parts.uvs.len() != count {
+        return Err(Error::TableLength { name: "uvs", expected: count, found: parts.uvs.len() });
+    }
+    let texels: usize = parts.textures.iter().map(|t| crate::host::texel_count(t.width, t.height, t.levels)).sum();
+    if parts.texels.len() < 2 * texels {
+        return Err(Error::TableLength { name: "texels", expected: 2 * texels, found: parts.texels.len() });
+    }
+    let map = parts.sky.map_width as usize * parts.sky.map_height as usize;
+    if parts.sky_map.len() != map {
+        return Err(Error::TableLength { name: "sky_map", expected: map, found: parts.sky_map.len() });
+    }
+    for (triangle, t) in parts.triangles.iter().enumerate() {
+        if t.material as usize >= parts.materials.len() {
+            return Err(Error::MaterialIndex { triangle, material: t.material, count: parts.materials.len() });
+        }
+        if !(t.corner.is_finite() && t.edge_a.is_finite() && t.edge_b.is_finite()) {
+            return Err(Error::NotFinite { triangle });
+        }
+    }
+    for (material, m) in parts.materials.iter().enumerate() {
+        for texture in [m.albedo_texture, m.radiance_texture, m.mask_texture] {
+            if texture != NONE && texture as usize >= parts.textures.len() {
+                return Err(Error::TextureIndex { material, texture, count: parts.textures.len() });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Texels of a picture with its pyramid.
+pub fn texel_count(width: u32, height: u32, levels: u32) -> usize {
+    (0..levels).map(|k| ((width >> k).max(1) * (height >> k).max(1)) as usize).sum()
+}
+
+fn depth(nodes: &[BvhNode]) -> usize {
+    let (mut stack, mut deepest) = (std::vec![(0u32, 1usize)], 0);
+    while let Some((k, level)) = stack.pop() {
+        deepest = deepest.max(level);
+        let node = &nodes[k as usize];
+        if node.prim_count == 0 {
+            stack.push((node.first_index, level + 1));
+            stack.push((node.first_index + 1, level + 1));
+        }
+    }
+    deepest
+}
+
+impl Camera {
+    /// A pinhole at `eye` that looks at `target`.
+    pub fn look_at(
+        eye: Vec3,
+        target: Vec3,
+        up: Vec3,
+        vertical_fov_degrees: f32,
+        width: u32,
+        height: u32,
+    ) -> Self {
+        let forward = (target - eye).normalize();
+        let right = forward.cross(up).normalize();
+        let half = crate::math::tan(0.5 * vertical_fov_degrees.to_radians());
+        Self {
+            eye,
+            width,
+            forward,
+            height,
+            right: right * (half * width as f32 / height as f32),
+            reserved_a: 0,
+            up: right.cross(forward) * half,
+            reserved_b: 0,
+        }
+    }
+}
+
+/// The eight-wide hierarchy and its triangles, for benches that compare with obvhs' own traversal.
+impl Scene {
+    /// obvhs' hierarchy and triangles in its order, as its own traversal takes them.
+    pub fn wide(&self) -> (&CwBvh, &[RtTriangle]) {
+        (&self.wide, &self.wide_triangles)
+    }
+}
+
+const _: () = assert!(size_of::<obvhs::bvh2::node::Bvh2Node>() == size_of::<BvhNode>());
+const _: () = assert!(size_of::<Vec3A>() == 16);

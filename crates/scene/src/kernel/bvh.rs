@@ -1,0 +1,234 @@
+//! Rays against the binary hierarchy. The order is that of obvhs: leaf children are intersected as soon as their box is
+//! hit, the farther inner child waits on a stack.
+
+use glam::{Vec2, Vec3};
+
+use super::texture;
+use crate::types::{BvhNode, Hit, Material, NONE, Texture, Triangle, TriangleUv};
+
+/// Levels of the hierarchy that fit on the traversal stack; the host refuses deeper ones.
+pub const STACK_SIZE: usize = 64;
+
+/// A distance beyond every scene: `t_max` of a ray without an end.
+pub const FAR: f32 = 1e30;
+
+/// What a ray needs to know of a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Geometry<'a> {
+    /// Hierarchy, root first.
+    pub nodes: &'a [BvhNode],
+    /// Triangles in leaf order.
+    pub triangles: &'a [Triangle],
+    /// Texture coordinates of each triangle.
+    pub uvs: &'a [TriangleUv],
+    /// Materials.
+    pub materials: &'a [Material],
+    /// Pictures.
+    pub textures: &'a [Texture],
+    /// Texels of all pictures, two words each.
+    pub texels: &'a [u32],
+}
+
+impl Geometry<'_> {
+    /// Point of a triangle at the shares (u, v) of its edges.
+    #[inline]
+    pub fn position(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+        let t = self.triangles[triangle as usize];
+        t.corner + t.edge_a * u + t.edge_b * v
+    }
+
+    /// Unit normal of the triangle's front.
+    #[inline]
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        let t = self.triangles[triangle as usize];
+        let n = t.edge_a.cross(t.edge_b);
+        n * (1.0 / n.length())
+    }
+
+    /// Texture coordinate at the shares (u, v).
+    #[inline]
+    pub fn texture_coordinate(&self, triangle: u32, u: f32, v: f32) -> Vec2 {
+        let t = self.uvs[triangle as usize];
+        t.corner * (1.0 - u - v) + t.corner_a * u + t.corner_b * v
+    }
+
+    /// Reflectance at the shares (u, v), bilinear in level 0.
+    #[inline]
+    pub fn albedo(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+        self.albedo_at_level(triangle, u, v, 0)
+    }
+
+    /// Reflectance at the shares (u, v) from a level of the mip pyramid (clamped to the levels there are).
+    #[inline]
+    pub fn albedo_at_level(&self, triangle: u32, u: f32, v: f32, level: u32) -> Vec3 {
+        let material = self.materials[self.triangles[triangle as usize].material as usize];
+        if material.albedo_texture == NONE {
+            return material.albedo;
+        }
+        let t = self.textures[material.albedo_texture as usize];
+        texture::sample(t, self.texels, self.texture_coordinate(triangle, u, v), level).truncate()
+    }
+
+    /// Radiance emitted from the front at the shares (u, v), W/m²/sr.
+    #[inline]
+    pub fn radiance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+        let material = self.materials[self.triangles[triangle as usize].material as usize];
+        if material.radiance_texture == NONE {
+            return material.radiance;
+        }
+        let t = self.textures[material.radiance_texture as usize];
+        material.radiance * texture::sample(t, self.texels, self.texture_coordinate(triangle, u, v), 0).truncate()
+    }
+
+    /// Whether the triangle has a hole at the shares (u, v).
+    #[inline]
+    pub fn is_hole(&self, triangle: u32, u: f32, v: f32) -> bool {
+        let material = self.materials[self.triangles[triangle as usize].material as usize];
+        if material.mask_texture == NONE {
+            return false;
+        }
+        let t = self.textures[material.mask_texture as usize];
+        texture::sample(t, self.texels, self.texture_coordinate(triangle, u, v), 0).w < material.mask_cutoff
+    }
+}
+
+/// 1/x, and a large number of the same sign near 0, so that boxes never see 0·∞.
+#[inline]
+fn safe_inverse(x: f32) -> f32 {
+    if x > f32::EPSILON || x < -f32::EPSILON {
+        1.0 / x
+    } else if x < 0.0 {
+        -1.0 / f32::EPSILON
+    } else {
+        1.0 / f32::EPSILON
+    }
+}
+
+#[inline]
+fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline]
+fn greatest(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// Distance at which the ray enters the box (negative from inside), [`FAR`] when it misses or the box lies behind.
+#[inline]
+fn enter_box(node: &BvhNode, origin: Vec3, inverse: Vec3) -> f32 {
+    let a = (node.min - origin) * inverse;
+    let b = (node.max - origin) * inverse;
+    let near = greatest(greatest(least(a.x, b.x), least(a.y, b.y)), least(a.z, b.z));
+    let far = least(least(greatest(a.x, b.x), greatest(a.y, b.y)), greatest(a.z, b.z));
+    // Rounding must not lose a flat box that holds an axis-parallel triangle.
+    if far * 1.000_001 >= near && far >= 0.0 { near } else { FAR }
+}
+
+/// Ray against triangle (Möller and Trumbore 1997), both sides. A miss has `triangle == NONE`.
+#[inline]
+pub fn intersect_triangle(triangle: &Triangle, index: u32, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+    let p = direction.cross(triangle.edge_b);
+    let determinant = triangle.edge_a.dot(p);
+    let mut hit = Hit { triangle: NONE, u: 0.0, v: 0.0, t: f32::INFINITY };
+    if determinant == 0.0 {
+        return hit;
+    }
+    let inverse = 1.0 / determinant;
+    let s = origin - triangle.corner;
+    let u = s.dot(p) * inverse;
+    let q = s.cross(triangle.edge_a);
+    let v = direction.dot(q) * inverse;
+    let t = triangle.edge_b.dot(q) * inverse;
+    if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < t_max {
+        hit.triangle = index;
+        hit.u = u;
+        hit.v = v;
+        hit.t = t;
+    }
+    hit
+}
+
+/// The leaf's nearest hit in front of `best`, else `best`.
+#[inline]
+fn intersect_leaf(g: &Geometry, node: &BvhNode, origin: Vec3, direction: Vec3, best: Hit) -> Hit {
+    let mut best = best;
+    for k in node.first_index..node.first_index + node.prim_count {
+        let hit = intersect_triangle(&g.triangles[k as usize], k, origin, direction, best.t);
+        if hit.triangle != NONE && !g.is_hole(k, hit.u, hit.v) {
+            best = hit;
+        }
+    }
+    best
+}
+
+/// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through.
+#[inline]
+pub fn closest_hit(g: &Geometry, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+    traverse(g, origin, direction, t_max, false)
+}
+
+/// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
+#[inline]
+pub fn any_hit(g: &Geometry, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+    traverse(g, origin, direction, t_max, true).triangle != NONE
+}
+
+#[inline]
+fn traverse(g: &Geometry, origin: Vec3, direction: Vec3, t_max: f32, stop_at_any: bool) -> Hit {
+    let mut best = Hit { triangle: NONE, u: 0.0, v: 0.0, t: t_max };
+    let inverse = Vec3::new(safe_inverse(direction.x), safe_inverse(direction.y), safe_inverse(direction.z));
+    let mut stack = [0u32; STACK_SIZE];
+    let mut depth = 0usize;
+    let root = g.nodes[0];
+    let mut children = root.first_index;
+    let mut active = enter_box(&root, origin, inverse) < t_max;
+    if active && root.prim_count > 0 {
+        best = intersect_leaf(g, &root, origin, direction, best);
+        active = false;
+    }
+    while active {
+        let mut near = g.nodes[children as usize];
+        let mut far = g.nodes[children as usize + 1];
+        let mut near_t = enter_box(&near, origin, inverse);
+        let mut far_t = enter_box(&far, origin, inverse);
+        if near_t > far_t {
+            let node = near;
+            near = far;
+            far = node;
+            let t = near_t;
+            near_t = far_t;
+            far_t = t;
+        }
+        let mut go_near = near_t < best.t;
+        if go_near && near.prim_count > 0 {
+            best = intersect_leaf(g, &near, origin, direction, best);
+            go_near = false;
+        }
+        let mut go_far = far_t < best.t;
+        if go_far && far.prim_count > 0 {
+            best = intersect_leaf(g, &far, origin, direction, best);
+            go_far = false;
+        }
+        if stop_at_any && best.triangle != NONE {
+            active = false;
+        } else if go_near {
+            children = near.first_index;
+            if go_far {
+                stack[depth] = far.first_index;
+                depth += 1;
+            }
+        } else if go_far {
+            children = far.first_index;
+        } else if depth > 0 {
+            depth -= 1;
+            children = stack[depth];
+        } else {
+            active = false;
+        }
+    }
+    if best.triangle == NONE {
+        best.t = f32::INFINITY;
+    }
+    best
+}

@@ -1,0 +1,50 @@
+//! Primary rays and what they meet.
+
+use glam::Vec3;
+
+use super::bvh::{FAR, Geometry, closest_hit};
+use crate::sampling::{hash3, unit};
+use crate::types::{Camera, Hit, NONE, SurfacePoint};
+
+/// Direction (not unit) through a picture position, (0, 0) the upper left corner, in pixels.
+#[inline]
+pub fn camera_direction(camera: &Camera, x: f32, y: f32) -> Vec3 {
+    let sx = 2.0 * x / camera.width as f32 - 1.0;
+    let sy = 1.0 - 2.0 * y / camera.height as f32;
+    camera.forward + camera.right * sx + camera.up * sy
+}
+
+/// Position in the square of pixel `index` for sub-frame `seed` (box filter).
+#[inline]
+pub fn pixel_position(camera: &Camera, index: u32, seed: u32) -> (f32, f32) {
+    let (x, y) = (index % camera.width, index / camera.width);
+    (x as f32 + unit(hash3(index, 0x7069_7865, seed)), y as f32 + unit(hash3(index, 0x6c79_0000, seed)))
+}
+
+/// Unit direction of the primary ray of a pixel in a sub-frame.
+#[inline]
+pub fn primary_direction(camera: &Camera, index: u32, seed: u32) -> Vec3 {
+    let (x, y) = pixel_position(camera, index, seed);
+    let d = camera_direction(camera, x, y);
+    d * (1.0 / d.length())
+}
+
+/// What the primary ray of pixel `index` meets in sub-frame `seed`.
+#[inline]
+pub fn primary_hit(g: &Geometry, camera: &Camera, index: u32, seed: u32) -> Hit {
+    closest_hit(g, camera.eye, primary_direction(camera, index, seed), FAR)
+}
+
+/// The hit as a point to be lit: position, and the normal of the side from which it is seen. A miss gives `patch == NONE`
+/// and a zero normal, which receives nothing.
+#[inline]
+pub fn surface_point(g: &Geometry, hit: Hit, direction: Vec3) -> SurfacePoint {
+    let mut point = SurfacePoint { position: Vec3::ZERO, patch: NONE, normal: Vec3::ZERO, weight: 1.0 };
+    if hit.triangle != NONE {
+        let normal = g.normal(hit.triangle);
+        point.position = g.position(hit.triangle, hit.u, hit.v);
+        point.normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+        point.patch = hit.triangle;
+    }
+    point
+}

@@ -1,0 +1,196 @@
+//! Direct irradiance at a point: H_d = ∫ L cosθ dω over lights, emitters and sky that are seen from it.
+
+use core::f32::consts::PI;
+
+use glam::{Vec2, Vec3, Vec4};
+
+use super::bvh::{FAR, Geometry};
+use crate::math::{acos, atan2, clamp, floor};
+use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
+use crate::types::{
+    DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint,
+};
+
+/// Everything that shines.
+#[derive(Clone, Copy, Debug)]
+pub struct Lights<'a> {
+    /// Lights that are not geometry.
+    pub lights: &'a [Light],
+    /// Emissive triangles with their cumulative distribution.
+    pub emitters: &'a [Emitter],
+    /// The sky.
+    pub sky: Sky,
+    /// Its map, row by row from the top, `map_width · map_height` texels.
+    pub sky_map: &'a [Vec4],
+}
+
+/// Share of a spot's intensity at a cosine from its axis: smoothstep between the outer and the inner cone.
+#[inline]
+pub fn spot_falloff(light: &Light, cosine: f32) -> f32 {
+    let x = clamp((cosine - light.cos_outer) / (light.cos_inner - light.cos_outer + 1e-6), 0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// Radiance of the sky in a unit direction, W/m²/sr: bilinear in the equirectangular map (columns wrap, rows end).
+#[inline]
+pub fn sky_radiance(sky: &Sky, map: &[Vec4], direction: Vec3) -> Vec3 {
+    if sky.map_width == 0 {
+        return sky.radiance;
+    }
+    let (width, height) = (sky.map_width, sky.map_height);
+    let x = (0.5 + atan2(direction.x, -direction.z) * (0.5 / PI)) * width as f32 - 0.5;
+    let y = acos(direction.y) * (1.0 / PI) * height as f32 - 0.5;
+    let (x_floor, y_floor) = (floor(x), floor(y));
+    let (fx, fy) = (x - x_floor, y - y_floor);
+    let x0 = if x_floor < 0.0 { width - 1 } else { x_floor as u32 % width };
+    let x1 = if x0 + 1 < width { x0 + 1 } else { 0 };
+    let y0 = if y_floor < 0.0 { 0 } else { y_floor as u32 };
+    let y0 = if y0 < height { y0 } else { height - 1 };
+    let y1 = if y_floor >= 0.0 && y0 + 1 < height { y0 + 1 } else { y0 };
+    let top = map[(y0 * width + x0) as usize] * (1.0 - fx) + map[(y0 * width + x1) as usize] * fx;
+    let bottom = map[(y1 * width + x0) as usize] * (1.0 - fx) + map[(y1 * width + x1) as usize] * fx;
+    sky.radiance * (top * (1.0 - fy) + bottom * fy).truncate()
+}
+
+/// The first emitter whose cumulative probability exceeds `x`.
+#[inline]
+pub fn pick_emitter(emitters: &[Emitter], count: u32, x: f32) -> u32 {
+    let (mut low, mut high) = (0u32, count - 1);
+    while low < high {
+        let middle = (low + high) / 2;
+        if emitters[middle as usize].cumulative > x {
+            high = middle;
+        } else {
+            low = middle + 1;
+        }
+    }
+    low
+}
+
+/// Geometric part of light from a small area at `target` with unit normal `target_normal`: cosθ cosθ'/r², 0 behind either.
+#[inline]
+fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
+    let squared = to.length_squared();
+    let (here, there) = (to.dot(normal), -to.dot(target_normal));
+    if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
+}
+
+/// Irradiance from one light, without shadow rays for parts behind the surface. `index` numbers the point, `slot` the light.
+#[inline]
+fn light_irradiance(
+    p: &DirectParams,
+    index: u32,
+    slot: u32,
+    light: &Light,
+    origin: Vec3,
+    normal: Vec3,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> Vec3 {
+    if light.kind == LIGHT_DIRECTIONAL {
+        let cosine = -normal.dot(light.direction);
+        if cosine > 0.0 && !occluded(origin, -light.direction, FAR) {
+            return light.color * cosine;
+        }
+        return Vec3::ZERO;
+    }
+    if light.kind == LIGHT_RECT {
+        let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
+        let shift = (hash3(index, 2 * slot, p.seed), hash3(index, 2 * slot + 1, p.seed));
+        let mut sum = 0.0;
+        for k in 0..p.area_rays {
+            let (u, v) = hammersley(k, p.area_rays, shift);
+            let to = light.position + light.edge_a * u + light.edge_b * v - origin;
+            let c = coupling(to, normal, n);
+            if c > 0.0 && !occluded(origin, to, 1.0) {
+                sum += c;
+            }
+        }
+        return light.color * (sum * light.area / p.area_rays as f32);
+    }
+    let to = light.position - origin;
+    let squared = to.length_squared();
+    let cosine = to.dot(normal);
+    if cosine <= 0.0 || squared <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let inverse = 1.0 / to.length();
+    let mut share = cosine * inverse * inverse * inverse;
+    if light.kind == LIGHT_SPOT {
+        share *= spot_falloff(light, -to.dot(light.direction) * inverse);
+    }
+    if share > 0.0 && !occluded(origin, to, 1.0) { light.color * share } else { Vec3::ZERO }
+}
+
+/// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light, `area_rays` to each
+/// rectangle, as many to all emitters together (picked in proportion to their power, uniform on the triangle), `sky_rays`
+/// cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells whether a ray is stopped.
+#[inline]
+pub fn direct_irradiance(
+    g: &Geometry,
+    p: &DirectParams,
+    index: u32,
+    point: SurfacePoint,
+    lights: &Lights,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool + Copy,
+) -> Vec3 {
+    let normal = point.normal;
+    if normal.dot(normal) < 0.5 {
+        return Vec3::ZERO;
+    }
+    let origin = point.position + normal * p.ray_offset;
+    let mut sum = Vec3::ZERO;
+    for slot in 0..p.light_count {
+        sum += light_irradiance(p, index, slot, &lights.lights[slot as usize], origin, normal, occluded);
+    }
+    if p.emitter_count > 0 && p.area_rays > 0 {
+        let shift = (hash3(index, 0x656d_6974, p.seed), hash3(index, 0x656d_6975, p.seed));
+        let mut light = Vec3::ZERO;
+        for k in 0..p.area_rays {
+            let (x, y) = hammersley(k, p.area_rays, shift);
+            let e = lights.emitters[pick_emitter(lights.emitters, p.emitter_count, x) as usize];
+            // What is left of x within the entry is uniform again, and stratified.
+            let rest = clamp((x - (e.cumulative - e.probability)) / e.probability, 0.0, 1.0);
+            let (u, v) = uniform_triangle((rest, y));
+            let n = g.normal(e.triangle);
+            let to = g.position(e.triangle, u, v) + n * p.ray_offset - origin;
+            let c = coupling(to, normal, n);
+            if c > 0.0 && !g.is_hole(e.triangle, u, v) && !occluded(origin, to, 1.0) {
+                light += g.radiance(e.triangle, u, v) * (c * e.area / e.probability);
+            }
+        }
+        sum += light * (1.0 / p.area_rays as f32);
+    }
+    if p.sky_rays > 0 {
+        let shift = (hash3(index, 0x736b_7900, p.seed), hash3(index, 0x736b_7901, p.seed));
+        let mut light = Vec3::ZERO;
+        for k in 0..p.sky_rays {
+            let direction = cosine_hemisphere(normal, hammersley(k, p.sky_rays, shift));
+            if !occluded(origin, direction, FAR) {
+                light += sky_radiance(&lights.sky, lights.sky_map, direction);
+            }
+        }
+        sum += light * (PI / p.sky_rays as f32);
+    }
+    sum
+}
+
+/// Where the ray meets the front of a rectangle light before `t_max`: the distance, else [`FAR`].
+#[inline]
+pub fn meet_rect(light: &Light, origin: Vec3, direction: Vec3, t_max: f32) -> f32 {
+    if light.kind != LIGHT_RECT {
+        return FAR;
+    }
+    let n = light.edge_a.cross(light.edge_b);
+    let facing = direction.dot(n);
+    if facing >= 0.0 {
+        return FAR;
+    }
+    let t = (light.position - origin).dot(n) / facing;
+    let d = origin + direction * t - light.position;
+    // Coordinates along the edges, by Cramer's rule in the plane.
+    let (aa, ab, bb) = (light.edge_a.dot(light.edge_a), light.edge_a.dot(light.edge_b), light.edge_b.dot(light.edge_b));
+    let (da, db) = (d.dot(light.edge_a), d.dot(light.edge_b));
+    let inverse = 1.0 / (aa * bb - ab * ab);
+    let uv = Vec2::new((da * bb - db * ab) * inverse, (db * aa - da * ab) * inverse);
+    if t > 0.0 && t < t_max && uv.x >= 0.0 && uv.y >= 0.0 && uv.x <= 1.0 && uv.y <= 1.0 { t } else { FAR }
+}

@@ -1,0 +1,69 @@
+//! From irradiance to pictures.
+
+use core::f32::consts::FRAC_1_PI;
+
+use glam::{Vec3, Vec4};
+
+use super::bvh::{FAR, Geometry};
+use super::light::{Lights, meet_rect, sky_radiance};
+use crate::math::{clamp, pow};
+use crate::types::{Camera, Hit, NONE};
+
+/// First exitance of a patch, `E = M_e + ρ H_d`, W/m² [design 1].
+#[inline]
+pub fn source_exitance(emission: Vec4, albedo: Vec4, direct: Vec4) -> Vec4 {
+    emission + albedo * direct
+}
+
+/// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface, shows
+/// its own radiance.
+#[inline]
+pub fn pixel_radiance(
+    g: &Geometry,
+    lights: &Lights,
+    light_count: u32,
+    camera: &Camera,
+    direction: Vec3,
+    hit: Hit,
+    irradiance: Vec3,
+) -> Vec3 {
+    let mut nearest = if hit.triangle == NONE { FAR } else { hit.t };
+    let mut radiance = Vec3::ZERO;
+    if hit.triangle == NONE {
+        radiance = sky_radiance(&lights.sky, lights.sky_map, direction);
+    } else {
+        radiance += g.albedo(hit.triangle, hit.u, hit.v) * irradiance * FRAC_1_PI;
+        if g.normal(hit.triangle).dot(direction) < 0.0 {
+            radiance += g.radiance(hit.triangle, hit.u, hit.v);
+        }
+    }
+    for k in 0..light_count {
+        let t = meet_rect(&lights.lights[k as usize], camera.eye, direction, nearest);
+        if t < nearest {
+            nearest = t;
+            radiance = lights.lights[k as usize].color;
+        }
+    }
+    radiance
+}
+
+/// sRGB code value in [0, 1] of a linear one in [0, 1] (IEC 61966-2-1).
+#[inline]
+pub fn encode_srgb(x: f32) -> f32 {
+    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * pow(x, 1.0 / 2.4) - 0.055 }
+}
+
+/// Linear value of an sRGB code value.
+#[inline]
+pub fn decode_srgb(x: f32) -> f32 {
+    if x <= 0.040_45 { x / 12.92 } else { pow((x + 0.055) / 1.055, 2.4) }
+}
+
+/// A displayed pixel: radiance × scale, clamped, sRGB, packed as bytes r, g, b, 255 from the lowest.
+#[inline]
+pub fn tone_map(radiance: Vec4, scale: f32) -> u32 {
+    let r = (encode_srgb(clamp(radiance.x * scale, 0.0, 1.0)) * 255.0 + 0.5) as u32;
+    let g = (encode_srgb(clamp(radiance.y * scale, 0.0, 1.0)) * 255.0 + 0.5) as u32;
+    let b = (encode_srgb(clamp(radiance.z * scale, 0.0, 1.0)) * 255.0 + 0.5) as u32;
+    r | g << 8 | b << 16 | 0xff00_0000
+}

@@ -1,0 +1,58 @@
+//! A scene as plain data shared by CPU and GPU, and light at points of it.
+//!
+//! The types are `#[repr(C)]` and `Pod`: the same bytes lie in host memory and in storage buffers. The bodies in
+//! [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with alpha masks
+//! ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot, rectangle and mesh
+//! lights and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone mapping
+//! ([`kernel::shade`]). With the feature `std`, [`Scene`] owns the tables, builds the hierarchy with obvhs and casts rays
+//! on all cores.
+//!
+//! Units: metres; irradiance and exitance W/m², radiance W/m²/sr, linear Rec.709 RGB.
+//! Equations: `H_d = ∫ L_i cosθ dω`, `L_o = L_e + ρ/π (H_d + H)`.
+//!
+//! ```
+//! use glam::{Vec2, Vec3};
+//! use scene::{Material, Scene, SceneParts, Triangle, TriangleUv, Visibility};
+//!
+//! let floor = |a: Vec3, b: Vec3, c: Vec3| Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
+//! let scene = Scene::new(SceneParts {
+//!     triangles: vec![floor(Vec3::ZERO, Vec3::X, Vec3::Z)],
+//!     uvs: vec![TriangleUv::default()],
+//!     materials: vec![Material::default()],
+//!     ..SceneParts::default()
+//! })?;
+//! let hit = scene.closest(Vec3::new(0.25, 1.0, 0.25), Vec3::NEG_Y);
+//! assert_eq!((hit.t, hit.triangle), (1.0, 0));
+//! # Ok::<(), scene::Error>(())
+//! ```
+#![no_std]
+extern crate alloc;
+#[cfg(any(feature = "std", test))]
+extern crate std;
+
+pub mod error;
+pub mod kernel;
+pub mod math;
+pub mod sampling;
+pub mod types;
+
+#[cfg(feature = "std")]
+pub mod host;
+
+pub use error::Error;
+pub use kernel::Geometry;
+pub use kernel::light::Lights;
+pub use types::*;
+
+#[cfg(feature = "std")]
+pub use host::{Scene, SceneParts};
+
+use glam::Vec3;
+
+/// Who sees whom. Methods take it instead of a scene, so that they run over any geometry.
+pub trait Visibility: Sync {
+    /// Whether something lies between two points, ends excluded.
+    fn any_hit(&self, origin: Vec3, target: Vec3) -> bool;
+    /// What a ray meets first.
+    fn closest(&self, origin: Vec3, direction: Vec3) -> Hit;
+}

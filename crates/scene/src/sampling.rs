@@ -1,0 +1,138 @@
+//! Counter-based random numbers and low-discrepancy points: the same numbers on CPU and GPU, for any thread count.
+
+use glam::Vec3;
+
+use crate::math::{sin_cos_turn, sqrt};
+
+/// PCG-RXS-M-XS hash of one word (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering").
+#[inline]
+pub fn hash(x: u32) -> u32 {
+    let state = x.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = ((state >> ((state >> 28).wrapping_add(4))) ^ state).wrapping_mul(277_803_737);
+    (word >> 22) ^ word
+}
+
+/// Hash of a tuple (row, sample, seed).
+#[inline]
+pub fn hash3(a: u32, b: u32, c: u32) -> u32 {
+    hash(a ^ hash(b ^ hash(c)))
+}
+
+/// The word as a number in [0, 1): its upper 24 bits.
+#[inline]
+pub fn unit(x: u32) -> f32 {
+    (x >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// Radical inverse in base 2 (van der Corput) of `x` as a fixed-point word.
+#[inline]
+pub fn radical_inverse(x: u32) -> u32 {
+    x.reverse_bits()
+}
+
+/// Point `k` of an n-point Hammersley set, shifted on the torus by the two words of `shift` (Cranley and Patterson 1976).
+#[inline]
+pub fn hammersley(k: u32, n: u32, shift: (u32, u32)) -> (f32, f32) {
+    let x = (k as f32 + 0.5) / n as f32 + unit(shift.0);
+    (if x >= 1.0 { x - 1.0 } else { x }, unit(radical_inverse(k).wrapping_add(shift.1)))
+}
+
+/// Point `k` of the first two dimensions of Sobol's sequence as fixed-point words (Sobol 1967); combine with a shift by
+/// `wrapping_add`.
+#[inline]
+pub fn sobol2(k: u32) -> (u32, u32) {
+    let (mut y, mut direction, mut bits) = (0u32, 1u32 << 31, k);
+    while bits != 0 {
+        if bits & 1 != 0 {
+            y ^= direction;
+        }
+        bits >>= 1;
+        direction ^= direction >> 1;
+    }
+    (k.reverse_bits(), y)
+}
+
+/// Two unit vectors that make a right-handed frame with the unit vector `n` (Duff et al. 2017, "Building an Orthonormal
+/// Basis, Revisited").
+#[inline]
+pub fn frame(n: Vec3) -> (Vec3, Vec3) {
+    let sign = if n.z < 0.0 { -1.0 } else { 1.0 };
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// Cosine-weighted direction round the unit normal `n`, density cosθ/π, from a point of the unit square (Malley).
+#[inline]
+pub fn cosine_hemisphere(n: Vec3, u: (f32, f32)) -> Vec3 {
+    let r = sqrt(u.0);
+    let (s, c) = sin_cos_turn(u.1);
+    let (t, b) = frame(n);
+    // Never exactly in the plane: a ray along the surface it starts from is no use to anybody.
+    let z = sqrt(1.0 - u.0);
+    t * (r * c) + b * (r * s) + n * if z > 1e-4 { z } else { 1e-4 }
+}
+
+/// Uniform barycentric shares (of edge_a, edge_b) of a triangle from a point of the unit square.
+#[inline]
+pub fn uniform_triangle(u: (f32, f32)) -> (f32, f32) {
+    // Heitz 2019, "A Low-Distortion Map Between Triangle and Square".
+    if u.1 > u.0 {
+        let x = u.0 * 0.5;
+        (x, u.1 - x)
+    } else {
+        let y = u.1 * 0.5;
+        (u.0 - y, y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_orthonormal_and_right_handed() {
+        for k in 0..10_000 {
+            let z = 2.0 * unit(hash3(k, 0, 1)) - 1.0;
+            let (s, c) = sin_cos_turn(unit(hash3(k, 1, 1)));
+            let r = sqrt(1.0 - z * z);
+            let n = Vec3::new(r * c, r * s, z);
+            let (t, b) = frame(n);
+            assert!((t.cross(b) - n).length() < 1e-5 && t.dot(n).abs() < 1e-5 && (t.length() - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn cosine_directions_have_the_moments_of_the_density() {
+        let n = Vec3::new(0.0, 0.6, 0.8);
+        let (mut mean, mut squares) = (0.0f64, 0.0f64);
+        let count = 1 << 16;
+        for k in 0..count {
+            let cosine = f64::from(cosine_hemisphere(n, hammersley(k, count, (hash(1), hash(2)))).dot(n));
+            mean += cosine / f64::from(count);
+            squares += cosine * cosine / f64::from(count);
+        }
+        // ∫ cos²/π = 2/3, ∫ cos³/π = 1/2 over the hemisphere.
+        assert!((mean - 2.0 / 3.0).abs() < 1e-4 && (squares - 0.5).abs() < 1e-4, "{mean} {squares}");
+    }
+
+    #[test]
+    fn sobol_points_are_stratified() {
+        // Every elementary interval of 1/16 x 1/16 holds one of the first 256 points.
+        let mut seen = [false; 256];
+        for k in 0..256 {
+            let (x, y) = sobol2(k);
+            let cell = ((x >> 28) * 16 + (y >> 28)) as usize;
+            assert!(!seen[cell]);
+            seen[cell] = true;
+        }
+    }
+
+    #[test]
+    fn triangle_points_stay_inside() {
+        for k in 0..4096 {
+            let (a, b) = uniform_triangle(hammersley(k, 4096, (hash(3), hash(4))));
+            assert!(a >= 0.0 && b >= 0.0 && a + b <= 1.0 + 1e-6);
+        }
+    }
+}

@@ -1,0 +1,280 @@
+//! The plain data that CPU and GPU share, field for field. Lengths are metres, light is radiometric linear Rec.709 RGB.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec2, Vec3, Vec4};
+
+/// "No texture", "no hit", "no patch": the index that stands for nothing.
+pub const NONE: u32 = u32::MAX;
+
+/// A triangle as rays see it: one corner and two edges, in the order of the hierarchy's leaves. Front = the side from
+/// which the corners run counter-clockwise.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Triangle {
+    /// First corner, m.
+    pub corner: Vec3,
+    /// Index into the materials.
+    pub material: u32,
+    /// Second corner − first corner, m.
+    pub edge_a: Vec3,
+    /// Position of this triangle in the file it came from (for messages), counted over all objects.
+    pub source: u32,
+    /// Third corner − first corner, m.
+    pub edge_b: Vec3,
+    /// Index of the object (OBJ group, glTF mesh) it came from, for messages.
+    pub object: u32,
+}
+const _: () = assert!(size_of::<Triangle>() == 48);
+
+/// Texture coordinates of a triangle's three corners; v = 0 is the bottom row of the picture (OBJ convention).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct TriangleUv {
+    /// At the first corner.
+    pub corner: Vec2,
+    /// At the second corner.
+    pub corner_a: Vec2,
+    /// At the third corner.
+    pub corner_b: Vec2,
+}
+const _: () = assert!(size_of::<TriangleUv>() == 24);
+
+/// Node of the binary hierarchy, the same bytes as obvhs' small node. `prim_count == 0`: an inner node with the children
+/// `first_index` and `first_index + 1`; otherwise a leaf with the triangles `first_index .. first_index + prim_count`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct BvhNode {
+    /// Least corner of the box, m.
+    pub min: Vec3,
+    /// Triangles in this leaf, 0 for an inner node.
+    pub prim_count: u32,
+    /// Greatest corner of the box, m.
+    pub max: Vec3,
+    /// First child or first triangle.
+    pub first_index: u32,
+}
+const _: () = assert!(size_of::<BvhNode>() == 32);
+
+/// A two-sided Lambert surface that may shine from its front face.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Material {
+    /// Reflectance ρ in [0, 0.95]; used where there is no albedo texture.
+    pub albedo: Vec3,
+    /// Texture that replaces `albedo`, or [`NONE`].
+    pub albedo_texture: u32,
+    /// Emitted radiance Le, W/m²/sr, from the front face.
+    pub radiance: Vec3,
+    /// Texture that `radiance` is multiplied by, or [`NONE`].
+    pub radiance_texture: u32,
+    /// Texture whose alpha decides what is a hole, or [`NONE`].
+    pub mask_texture: u32,
+    /// Alpha below this is a hole.
+    pub mask_cutoff: f32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 2],
+}
+const _: () = assert!(size_of::<Material>() == 64 - 16);
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            albedo: Vec3::splat(0.5),
+            albedo_texture: NONE,
+            radiance: Vec3::ZERO,
+            radiance_texture: NONE,
+            mask_texture: NONE,
+            mask_cutoff: 0.5,
+            reserved: [0; 2],
+        }
+    }
+}
+
+/// A picture with its mip pyramid in the texel buffer. Level k is `max(1, width >> k)` by `max(1, height >> k)`, levels
+/// follow each other, row 0 is the top. A texel is two words: linear r, g and b, a as 16-bit unsigned fractions.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Texture {
+    /// Position of level 0 in the texel buffer, in texels (pairs of words).
+    pub offset: u32,
+    /// Width of level 0.
+    pub width: u32,
+    /// Height of level 0.
+    pub height: u32,
+    /// Number of levels.
+    pub levels: u32,
+}
+const _: () = assert!(size_of::<Texture>() == 16);
+
+/// [`Light::kind`]: parallel light; `direction` is that of travel, `color` the irradiance on a surface that faces it, W/m².
+pub const LIGHT_DIRECTIONAL: u32 = 0;
+/// [`Light::kind`]: `color` is the intensity, W/sr.
+pub const LIGHT_POINT: u32 = 1;
+/// [`Light::kind`]: a point light that fades smoothly from `cos_inner` to `cos_outer` round `direction`.
+pub const LIGHT_SPOT: u32 = 2;
+/// [`Light::kind`]: a parallelogram from `position` along `edge_a` and `edge_b`; `color` is the radiance, W/m²/sr, sent to
+/// the side of `edge_a × edge_b`. It hides nothing and reflects nothing.
+pub const LIGHT_RECT: u32 = 3;
+
+/// A light that is not part of the geometry, so that it can move in every frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Light {
+    /// Position, or a corner of the rectangle, m.
+    pub position: Vec3,
+    /// One of the `LIGHT_` constants.
+    pub kind: u32,
+    /// Unit vector of travel (directional, spot).
+    pub direction: Vec3,
+    /// Cosine of the spot's inner half-angle.
+    pub cos_inner: f32,
+    /// Irradiance, intensity or radiance; see the kinds.
+    pub color: Vec3,
+    /// Cosine of the spot's outer half-angle.
+    pub cos_outer: f32,
+    /// First side of the rectangle, m.
+    pub edge_a: Vec3,
+    /// Area of the rectangle, m².
+    pub area: f32,
+    /// Second side of the rectangle, m.
+    pub edge_b: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<Light>() == 80);
+
+/// An emissive triangle as a light: entry of the cumulative distribution from which shadow rays pick, in proportion to
+/// area × luminance.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Emitter {
+    /// The triangle that shines.
+    pub triangle: u32,
+    /// Probability that a pick falls on this or an earlier entry; exactly 1 for the last.
+    pub cumulative: f32,
+    /// Probability of this entry.
+    pub probability: f32,
+    /// Its area, m².
+    pub area: f32,
+}
+const _: () = assert!(size_of::<Emitter>() == 16);
+
+/// Light from every direction that sees no geometry.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Sky {
+    /// Constant radiance, W/m²/sr; multiplies the map when there is one.
+    pub radiance: Vec3,
+    /// Width of the equirectangular map, 0 without one. The map's middle column is −z, its top row +y.
+    pub map_width: u32,
+    /// Height of the map.
+    pub map_height: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 3],
+}
+const _: () = assert!(size_of::<Sky>() == 32);
+
+/// A pinhole. A ray goes along `forward + x·right + y·up` with x, y in [−1, 1] over the picture, y upwards.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Camera {
+    /// Position, m.
+    pub eye: Vec3,
+    /// Picture width, pixels.
+    pub width: u32,
+    /// Unit view direction.
+    pub forward: Vec3,
+    /// Picture height, pixels.
+    pub height: u32,
+    /// Half the picture's width at unit distance.
+    pub right: Vec3,
+    /// Keeps `right` before a scalar.
+    pub reserved_a: u32,
+    /// Half the picture's height at unit distance.
+    pub up: Vec3,
+    /// Keeps `up` before a scalar.
+    pub reserved_b: u32,
+}
+const _: () = assert!(size_of::<Camera>() == 64);
+
+/// A ray for the ray-casting kernels: `origin + t·direction` with t in (0, `t_max`).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Ray {
+    /// Start, m.
+    pub origin: Vec3,
+    /// Greatest t.
+    pub t_max: f32,
+    /// Direction; t counts in its length.
+    pub direction: Vec3,
+    /// Keeps `direction` before a scalar.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<Ray>() == 32);
+
+/// What a ray meets first: the point `corner + u·edge_a + v·edge_b` of `triangle` at distance `t`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Hit {
+    /// The triangle, or [`NONE`].
+    pub triangle: u32,
+    /// Share of `edge_a`.
+    pub u: f32,
+    /// Share of `edge_b`.
+    pub v: f32,
+    /// Distance in lengths of the ray's direction.
+    pub t: f32,
+}
+const _: () = assert!(size_of::<Hit>() == 16);
+
+impl Hit {
+    /// A ray that meets nothing.
+    pub const MISS: Self = Self { triangle: NONE, u: 0.0, v: 0.0, t: f32::INFINITY };
+
+    /// Whether nothing was met.
+    #[inline]
+    pub fn is_miss(&self) -> bool {
+        self.triangle == NONE
+    }
+}
+
+/// A point of a surface at which direct light is measured.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SurfacePoint {
+    /// Position, m.
+    pub position: Vec3,
+    /// The patch it stands for, or [`NONE`].
+    pub patch: u32,
+    /// Unit normal of the side that is lit.
+    pub normal: Vec3,
+    /// Share of the patch's area (sums to 1 over a patch).
+    pub weight: f32,
+}
+const _: () = assert!(size_of::<SurfacePoint>() == 32);
+
+/// Settings of the direct-light kernels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct DirectParams {
+    /// Number of points.
+    pub count: u32,
+    /// Number of lights.
+    pub light_count: u32,
+    /// Number of emitters.
+    pub emitter_count: u32,
+    /// Shadow rays a point for each rectangle light, and as many for all emitters together.
+    pub area_rays: u32,
+    /// Rays a point to the sky; 0 leaves the sky out.
+    pub sky_rays: u32,
+    /// Changes every random number.
+    pub seed: u32,
+    /// Distance by which rays start above a surface, m.
+    pub ray_offset: f32,
+    /// First point of this dispatch.
+    pub first: u32,
+}
+const _: () = assert!(size_of::<DirectParams>() == 32);
+
+/// Radiance or irradiance as kernels store it: RGB and one unused word (arrays of three floats have no GPU layout).
+pub type Rgb = Vec4;

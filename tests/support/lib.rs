@@ -1,0 +1,1 @@
+//! Shared by the integration tests: seeded inputs, tolerances, the skip rules.
