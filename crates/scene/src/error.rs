@@ -43,7 +43,9 @@ pub enum Error {
         triangle: usize,
     },
     /// The hierarchy is deeper than the traversal stack of the kernels.
-    #[error("the ray hierarchy has {depth} levels, {limit} fit on the kernels' stack; merge triangles that lie on each other")]
+    #[error(
+        "the ray hierarchy has {depth} levels, {limit} fit on the kernels' stack; merge triangles that lie on each other"
+    )]
     HierarchyDepth {
         /// Levels.
         depth: usize,

@@ -3,25 +3,27 @@
 // obvhs speaks Vec3A; it does not leave this file.
 #![allow(clippy::disallowed_types)]
 
-use std::time::Duration;
 use std::vec::Vec;
 
 use glam::{UVec2, Vec3, Vec3A, Vec4};
-use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ploc::PlocBuilder;
 use obvhs::ray::RayHit;
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::{BvhBuildParams, traverse};
 use rayon::prelude::*;
 
+use crate::Visibility;
 use crate::error::Error;
 use crate::kernel::Geometry;
 use crate::kernel::bvh::{FAR, STACK_SIZE, intersect_triangle};
 use crate::kernel::light::{Lights, direct_irradiance};
 use crate::math::luminance;
 use crate::types::*;
-use crate::Visibility;
 
 /// What a scene is made of: the input of [`Scene::new`].
 #[derive(Clone, Debug, Default)]
@@ -92,8 +94,7 @@ impl Scene {
                 v2: (t.corner + t.edge_b).into(),
             })
             .collect();
-        let settings = BvhBuildParams { pre_split: false, ..BvhBuildParams::medium_build() };
-        let binary = build_bvh2_from_tris(&boxes, settings, &mut Duration::default());
+        let (binary, mut wide) = build(&boxes);
         let nodes: Vec<BvhNode> = bytemuck::cast_slice(&binary.nodes).to_vec();
         let depth = depth(&nodes);
         if depth > STACK_SIZE {
@@ -103,7 +104,6 @@ impl Scene {
         let triangles: Vec<Triangle> = order.iter().map(|&k| parts.triangles[k as usize]).collect();
         let uvs = order.iter().map(|&k| parts.uvs[k as usize]).collect();
 
-        let mut wide = bvh2_to_cwbvh(&binary, 3, true, false);
         let mut leaf_order = std::vec![0u32; boxes.len()];
         for (position, &k) in order.iter().enumerate() {
             leaf_order[k as usize] = position as u32;
@@ -294,7 +294,7 @@ fn check(parts: &SceneParts) -> Result<(), Error> {
     if parts.uvs.len() != count {
         return Err(Error::TableLength { name: "uvs", expected: count, found: parts.uvs.len() });
     }
-    let texels: usize = parts.textures.iter().map(|t| crate::host::texel_count(t.width, t.height, t.levels)).sum();
+    let texels: usize = parts.textures.iter().map(|t| texel_count(t.width, t.height, t.levels)).sum();
     if parts.texels.len() < 2 * texels {
         return Err(Error::TableLength { name: "texels", expected: 2 * texels, found: parts.texels.len() });
     }
@@ -325,6 +325,25 @@ pub fn texel_count(width: u32, height: u32, levels: u32) -> usize {
     (0..levels).map(|k| ((width >> k).max(1) * (height >> k).max(1)) as usize).sum()
 }
 
+/// One tree, twice: with small leaves for the kernels, and eight wide for the host.
+fn build(boxes: &[obvhs::triangle::Triangle]) -> (Bvh2, CwBvh) {
+    let settings = BvhBuildParams::medium_build();
+    let mut optimizer = ReinsertionOptimizer::default();
+    let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
+        settings.ploc_search_distance,
+        boxes,
+        (0..boxes.len() as u32).collect(),
+        settings.sort_precision,
+        settings.search_depth_threshold,
+    );
+    optimizer.run(&mut binary, settings.reinsertion_batch_ratio, None);
+    let wide = bvh2_to_cwbvh(&binary, settings.max_prims_per_leaf.clamp(1, 3), true, false);
+    collapse(&mut binary, settings.max_prims_per_leaf.clamp(1, 255), settings.collapse_traversal_cost);
+    let ratio = settings.reinsertion_batch_ratio * settings.post_collapse_reinsertion_batch_ratio_multiplier;
+    optimizer.run(&mut binary, ratio, None);
+    (binary, wide)
+}
+
 fn depth(nodes: &[BvhNode]) -> usize {
     let (mut stack, mut deepest) = (std::vec![(0u32, 1usize)], 0);
     while let Some((k, level)) = stack.pop() {
@@ -340,14 +359,7 @@ fn depth(nodes: &[BvhNode]) -> usize {
 
 impl Camera {
     /// A pinhole at `eye` that looks at `target`.
-    pub fn look_at(
-        eye: Vec3,
-        target: Vec3,
-        up: Vec3,
-        vertical_fov_degrees: f32,
-        width: u32,
-        height: u32,
-    ) -> Self {
+    pub fn look_at(eye: Vec3, target: Vec3, up: Vec3, vertical_fov_degrees: f32, width: u32, height: u32) -> Self {
         let forward = (target - eye).normalize();
         let right = forward.cross(up).normalize();
         let half = crate::math::tan(0.5 * vertical_fov_degrees.to_radians());

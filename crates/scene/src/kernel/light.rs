@@ -7,9 +7,7 @@ use glam::{Vec2, Vec3, Vec4};
 use super::bvh::{FAR, Geometry};
 use crate::math::{acos, atan2, clamp, floor};
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
-use crate::types::{
-    DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint,
-};
+use crate::types::{DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint};
 
 /// Everything that shines.
 #[derive(Clone, Copy, Debug)]

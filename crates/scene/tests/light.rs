@@ -1,0 +1,159 @@
+//! Direct irradiance against closed forms.
+
+use std::f32::consts::PI;
+
+use glam::{Vec3, Vec4};
+use scene::kernel::light::{sky_radiance, spot_falloff};
+use scene::*;
+
+/// A floor of 200 m and whatever else is given.
+fn floor_and(more: Vec<Triangle>, lights: Vec<Light>, sky: Sky, emission: Vec3) -> Scene {
+    let quad = |corner: Vec3, a: Vec3, b: Vec3, material| {
+        [
+            Triangle { corner, edge_a: a, edge_b: a + b, material, ..Triangle::default() },
+            Triangle { corner, edge_a: a + b, edge_b: b, material, ..Triangle::default() },
+        ]
+    };
+    let mut triangles = quad(Vec3::new(-100.0, 0.0, -100.0), Vec3::Z * 200.0, Vec3::X * 200.0, 0).to_vec();
+    triangles.extend(more);
+    let uvs = vec![TriangleUv::default(); triangles.len()];
+    let materials = vec![Material::default(), Material { radiance: emission, ..Material::default() }];
+    Scene::new(SceneParts { triangles, uvs, materials, lights, sky, ..SceneParts::default() }).unwrap()
+}
+
+fn at_origin(scene: &Scene, area_rays: u32, sky_rays: u32) -> Vec3 {
+    let params = DirectParams {
+        count: 1,
+        light_count: scene.lights.len() as u32,
+        emitter_count: scene.emitters.len() as u32,
+        area_rays,
+        sky_rays,
+        seed: 5,
+        ray_offset: scene.ray_offset,
+        first: 0,
+    };
+    let point = SurfacePoint { position: Vec3::ZERO, patch: 0, normal: Vec3::Y, weight: 1.0 };
+    scene.direct_irradiance(&params, &[point])[0]
+}
+
+fn assert_close(found: f32, expected: f32, tolerance: f32) {
+    assert!((found - expected).abs() <= tolerance * expected.abs().max(1e-6), "{found} instead of {expected}");
+}
+
+#[test]
+fn parallel_point_and_spot_lights() {
+    let tilted = Vec3::new(0.6, -0.8, 0.0);
+    let sun = Light { kind: LIGHT_DIRECTIONAL, direction: tilted, color: Vec3::splat(10.0), ..Light::default() };
+    assert_close(at_origin(&floor_and(vec![], vec![sun], Sky::default(), Vec3::ZERO), 1, 0).x, 8.0, 1e-6);
+    let from_below = Light { direction: -tilted, ..sun };
+    assert_eq!(at_origin(&floor_and(vec![], vec![from_below], Sky::default(), Vec3::ZERO), 1, 0), Vec3::ZERO);
+
+    let position = Vec3::new(0.0, 3.0, 4.0);
+    let bulb = Light { kind: LIGHT_POINT, position, color: Vec3::splat(50.0), ..Light::default() };
+    // I cosθ / r² = 50 · (3/5) / 25. The start is lifted by the ray offset (4·10⁻³ of 3 m here).
+    assert_close(at_origin(&floor_and(vec![], vec![bulb], Sky::default(), Vec3::ZERO), 1, 0).x, 1.2, 5e-3);
+
+    let spot = Light { kind: LIGHT_SPOT, direction: -position / 5.0, cos_inner: 0.95, cos_outer: 0.8, ..bulb };
+    assert_close(at_origin(&floor_and(vec![], vec![spot], Sky::default(), Vec3::ZERO), 1, 0).x, 1.2, 5e-3);
+    let away = Light { direction: Vec3::Y, ..spot };
+    assert_eq!(at_origin(&floor_and(vec![], vec![away], Sky::default(), Vec3::ZERO), 1, 0), Vec3::ZERO);
+    assert!(spot_falloff(&spot, 0.79) == 0.0 && spot_falloff(&spot, 0.96) == 1.0);
+    assert_close(spot_falloff(&spot, 0.875), 0.5, 1e-3);
+}
+
+/// Form factor of a point below the corner of an a × b rectangle at height c (Howell's catalogue, B-3).
+fn corner_factor(a: f32, b: f32, c: f32) -> f32 {
+    let (x, y) = (a / c, b / c);
+    let (sx, sy) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    let turn = |p: f32, q: f32| f64::from(p).atan2(f64::from(q)) as f32;
+    (x / sx * turn(y, sx) + y / sy * turn(x, sy)) / (2.0 * PI)
+}
+
+#[test]
+fn rectangle_lights_and_emitters_have_the_catalogue_form_factor() {
+    // Overhead, facing down, its corner straight above the origin.
+    let (a, b, c) = (2.0, 1.0, 1.5);
+    let expected = PI * 7.0 * corner_factor(a, b, c);
+    let rect = Light {
+        kind: LIGHT_RECT,
+        position: Vec3::new(0.0, c, 0.0),
+        edge_a: Vec3::X * a,
+        edge_b: Vec3::Z * b,
+        area: a * b,
+        color: Vec3::splat(7.0),
+        ..Light::default()
+    };
+    let scene = floor_and(vec![], vec![rect], Sky::default(), Vec3::ZERO);
+    assert_close(at_origin(&scene, 4096, 0).x, expected, 8e-3);
+    let upside_down = Light { edge_a: rect.edge_b, edge_b: rect.edge_a, ..rect };
+    let dark = floor_and(vec![], vec![upside_down], Sky::default(), Vec3::ZERO);
+    assert_eq!(at_origin(&dark, 64, 0), Vec3::ZERO);
+
+    // The same rectangle as two triangles of the geometry; x × z points down.
+    let corner = rect.position;
+    let (ea, eb) = (rect.edge_a, rect.edge_b);
+    let quad = vec![
+        Triangle { corner, edge_a: ea, edge_b: ea + eb, material: 1, ..Triangle::default() },
+        Triangle { corner, edge_a: ea + eb, edge_b: eb, material: 1, ..Triangle::default() },
+    ];
+    let scene = floor_and(quad.clone(), vec![], Sky::default(), Vec3::splat(7.0));
+    assert_eq!(scene.emitters.len(), 2);
+    assert_close(at_origin(&scene, 4096, 0).x, expected, 8e-3);
+
+    // Half of it hidden by a sheet just below.
+    let mut hidden = quad;
+    let lower = corner - Vec3::Y * 1e-2;
+    for (edge_a, edge_b) in [(ea * 0.5, ea * 0.5 + eb), (ea * 0.5 + eb, eb)] {
+        hidden.push(Triangle { corner: lower, edge_a, edge_b, material: 0, ..Triangle::default() });
+    }
+    let scene = floor_and(hidden, vec![], Sky::default(), Vec3::splat(7.0));
+    let far_half = PI * 7.0 * (corner_factor(a, b, c) - corner_factor(0.5 * a, b, c));
+    assert_close(at_origin(&scene, 4096, 0).x, far_half, 2e-2);
+}
+
+#[test]
+fn sky_of_constant_radiance_gives_pi_times_it() {
+    let sky = Sky { radiance: Vec3::new(1.0, 2.0, 3.0), ..Sky::default() };
+    let scene = floor_and(vec![], vec![], sky, Vec3::ZERO);
+    let found = at_origin(&scene, 0, 64);
+    assert_close(found.x, PI, 1e-6);
+    assert_close(found.z, 3.0 * PI, 1e-6);
+}
+
+#[test]
+fn sky_map_points_where_it_says() {
+    // Four columns, two rows: middle −z, top row up.
+    let mut map = vec![Vec4::ZERO; 8];
+    map[1] = Vec4::splat(1.0);
+    map[2] = Vec4::splat(1.0);
+    let sky = Sky { radiance: Vec3::ONE, map_width: 4, map_height: 2, ..Sky::default() };
+    let at = |x: f32, y: f32, z: f32| sky_radiance(&sky, &map, Vec3::new(x, y, z).normalize()).x;
+    assert_close(at(0.0, 1.0, -1.0), 1.0, 1e-4);
+    assert!(at(0.0, 1.0, 1.0) < 1e-4 && at(0.0, -1.0, -1.0) < 1e-4);
+    assert_close(at(1.0, 1.0, 0.0), 0.5, 1e-4);
+}
+
+#[test]
+fn same_seed_same_bits_for_any_thread_count() {
+    let sky = Sky { radiance: Vec3::ONE, ..Sky::default() };
+    let wall =
+        Triangle { corner: Vec3::new(-1.0, 0.0, 0.5), edge_a: Vec3::X * 2.0, edge_b: Vec3::Y, ..Triangle::default() };
+    let scene = floor_and(vec![wall], vec![], sky, Vec3::ZERO);
+    let points: Vec<_> = (0..500)
+        .map(|k| SurfacePoint {
+            position: Vec3::new(k as f32 * 0.01 - 2.5, 0.0, 0.0),
+            patch: k,
+            normal: Vec3::Y,
+            weight: 1.0,
+        })
+        .collect();
+    let params =
+        DirectParams { count: 500, sky_rays: 16, seed: 9, ray_offset: scene.ray_offset, ..DirectParams::default() };
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| scene.direct_irradiance(&params, &points))
+    };
+    assert_eq!(run(1), run(2));
+    let other = scene.direct_irradiance(&DirectParams { seed: 10, ..params }, &points);
+    assert_ne!(run(1), other);
+}

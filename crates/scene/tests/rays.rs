@@ -1,0 +1,138 @@
+//! Rays: the wide host traversal, the kernels' traversal and every triangle in turn must agree.
+
+use glam::{Vec2, Vec3};
+use scene::kernel::bvh::{FAR, any_hit, closest_hit, intersect_triangle};
+use scene::sampling::{hash3, unit};
+use scene::{Hit, Material, NONE, Scene, SceneParts, Texture, Triangle, TriangleUv};
+
+fn random(k: u32, slot: u32) -> Vec3 {
+    Vec3::new(unit(hash3(k, slot, 1)), unit(hash3(k, slot, 2)), unit(hash3(k, slot, 3)))
+}
+
+/// Small triangles strewn over a cube.
+fn soup(count: u32) -> SceneParts {
+    let triangles: Vec<_> = (0..count)
+        .map(|k| Triangle {
+            corner: random(k, 0) * 4.0,
+            edge_a: random(k, 1) - 0.5,
+            edge_b: random(k, 2) - 0.5,
+            source: k,
+            ..Triangle::default()
+        })
+        .collect();
+    let uvs = vec![TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y }; triangles.len()];
+    SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }
+}
+
+fn brute_force(scene: &Scene, origin: Vec3, direction: Vec3) -> Hit {
+    let mut best = Hit::MISS;
+    for (k, t) in scene.triangles.iter().enumerate() {
+        let hit = intersect_triangle(t, k as u32, origin, direction, FAR);
+        if hit.t < best.t && !scene.geometry().is_hole(hit.triangle, hit.u, hit.v) {
+            best = hit;
+        }
+    }
+    best
+}
+
+fn ray(k: u32) -> (Vec3, Vec3) {
+    (random(k, 5) * 4.0, (random(k, 6) - 0.5).normalize())
+}
+
+#[test]
+fn all_traversals_agree() {
+    let scene = Scene::new(soup(3000)).unwrap();
+    let geometry = scene.geometry();
+    let mut hits = 0;
+    for k in 0..4000 {
+        let (origin, direction) = ray(k);
+        let expected = brute_force(&scene, origin, direction);
+        let body = closest_hit(&geometry, origin, direction, FAR);
+        let wide = scene.closest_before(origin, direction, FAR);
+        assert_eq!(body, expected, "ray {k}");
+        // obvhs' triangle test rounds differently, so a ray on an edge may choose the neighbour.
+        assert!(wide == expected || (wide.t - expected.t).abs() < 1e-4, "ray {k}: {wide:?} {expected:?}");
+        hits += u32::from(!expected.is_miss());
+        for t_max in [0.3, 1.0] {
+            let blocked = expected.t < t_max;
+            assert_eq!(any_hit(&geometry, origin, direction, t_max), blocked, "ray {k}");
+            assert_eq!(scene.occluded(origin, direction, t_max), blocked, "ray {k}");
+        }
+    }
+    assert!(hits > 1000 && hits < 4000, "{hits} hits");
+}
+
+#[test]
+fn a_lost_triangle_is_noticed() {
+    let whole = Scene::new(soup(300)).unwrap();
+    let mut parts = soup(300);
+    parts.triangles.swap_remove(17);
+    parts.uvs.pop();
+    let broken = Scene::new(parts).unwrap();
+    let differs = (0..20_000).any(|k| {
+        let (origin, direction) = ray(k);
+        whole.closest_before(origin, direction, FAR).t != broken.closest_before(origin, direction, FAR).t
+    });
+    assert!(differs);
+}
+
+#[test]
+fn rays_pass_holes() {
+    // One texel opaque, one not: left half of the picture is a hole.
+    let mut parts = soup(800);
+    parts.textures = vec![Texture { offset: 0, width: 2, height: 1, levels: 1 }];
+    parts.texels = vec![0xffff_ffff, 0x0000_ffff, 0xffff_ffff, 0xffff_ffff];
+    parts.materials[0].mask_texture = 0;
+    let masked = Scene::new(parts).unwrap();
+    let solid = Scene::new(soup(800)).unwrap();
+    let mut passed = 0;
+    for k in 0..4000 {
+        let (origin, direction) = ray(k);
+        let expected = brute_force(&masked, origin, direction);
+        let body = closest_hit(&masked.geometry(), origin, direction, FAR);
+        let wide = masked.closest_before(origin, direction, FAR);
+        assert_eq!(body, expected, "ray {k}");
+        assert!(wide == expected || (wide.t - expected.t).abs() < 1e-4, "ray {k}");
+        assert_eq!(masked.occluded(origin, direction, 1.0), expected.t < 1.0);
+        passed += u32::from(solid.closest_before(origin, direction, FAR).t < expected.t);
+    }
+    assert!(passed > 200, "{passed}");
+}
+
+#[test]
+fn a_scene_of_one_triangle_and_a_tilted_ray_along_an_axis() {
+    let scene = Scene::new(SceneParts {
+        triangles: vec![Triangle { edge_a: Vec3::X, edge_b: Vec3::Y, ..Triangle::default() }],
+        uvs: vec![TriangleUv::default()],
+        materials: vec![Material::default()],
+        ..SceneParts::default()
+    })
+    .unwrap();
+    // A flat box: the direction has exact zeros.
+    let (origin, direction) = (Vec3::new(0.25, 0.25, 2.0), Vec3::NEG_Z);
+    for hit in [scene.closest_before(origin, direction, FAR), closest_hit(&scene.geometry(), origin, direction, FAR)] {
+        assert_eq!(hit, Hit { triangle: 0, u: 0.25, v: 0.25, t: 2.0 });
+    }
+    assert_eq!(scene.closest_before(origin, direction, 1.9).triangle, NONE);
+    assert!(scene.closest_before(origin, direction, 1.9).t.is_infinite());
+}
+
+#[test]
+fn bad_parts_are_refused_with_their_place() {
+    let fails = |change: &dyn Fn(&mut SceneParts)| {
+        let mut parts = soup(10);
+        change(&mut parts);
+        Scene::new(parts).err().unwrap()
+    };
+    use scene::Error;
+    assert_eq!(Scene::new(SceneParts::default()).err(), Some(Error::NoTriangles));
+    assert_eq!(fails(&|p| p.triangles[7].corner.y = f32::NAN), Error::NotFinite { triangle: 7 });
+    assert_eq!(fails(&|p| p.triangles[3].material = 1), Error::MaterialIndex { triangle: 3, material: 1, count: 1 });
+    assert_eq!(
+        fails(&|p| p.materials[0].albedo_texture = 4),
+        Error::TextureIndex { material: 0, texture: 4, count: 0 }
+    );
+    assert!(matches!(fails(&|p| p.uvs.clear()), Error::TableLength { name: "uvs", .. }));
+    let sky = fails(&|p| (p.sky.map_width, p.sky.map_height) = (4, 2));
+    assert_eq!(sky, Error::TableLength { name: "sky_map", expected: 8, found: 0 });
+}
