@@ -1,1 +1,96 @@
-//! (in work)
+//! Form factors by cosine-weighted rays: each ray of row i carries its share of the energy that leaves i to the patch
+//! it hits. Every row has its own points: `points[offsets[row]..offsets[row + 1]]`.
+
+use glam::Vec3;
+use scene::sampling::{cosine_hemisphere, hash3, sobol2, unit};
+use scene::{Geometry, Hit, NONE, SurfacePoint};
+
+use super::grid::owner;
+use crate::types::{HemisphereParams, TriangleGrid};
+
+/// Columns of a row beyond the patches: the sky, and hits that no patch owns.
+pub const EXTRA_COLUMNS: u32 = 2;
+
+/// Which point of its row ray `k` starts from: contiguous blocks of rays, equal up to rounding. Needs
+/// `rays · count < 2³²`.
+#[inline]
+fn point_of_ray(rays: u32, count: u32, k: u32) -> u32 {
+    ((k + 1) * count - 1) / rays
+}
+
+/// Origin and unit direction of ray `k` of row `row`: density cosθ/π round the point's normal, Sobol points in contiguous
+/// blocks (each block stratified by itself, and all together), shifted by the row's own random vector (Cranley and
+/// Patterson 1976). The origin stands `ray_offset` above the surface. Needs `k < rays` and a row with at least one point.
+#[inline]
+pub fn hemisphere_ray(
+    p: &HemisphereParams,
+    offsets: &[u32],
+    points: &[SurfacePoint],
+    row: u32,
+    k: u32,
+) -> (Vec3, Vec3) {
+    let first = offsets[row as usize];
+    let count = offsets[row as usize + 1] - first;
+    let point = points[(first + point_of_ray(p.rays, count, k)) as usize];
+    let (x, y) = sobol2(k);
+    let u = unit(x.wrapping_add(hash3(row, 0x6865_6d69, p.seed)));
+    let v = unit(y.wrapping_add(hash3(row, 0x7370_6865, p.seed)));
+    (point.position + point.normal * p.ray_offset, cosine_hemisphere(point.normal, (u, v)))
+}
+
+/// Share of the row's energy that ray `k` carries: the weight of its point over that point's number of rays (equal
+/// shares where a row has more points than rays). The shares of a row sum to 1.
+#[inline]
+pub fn ray_share(p: &HemisphereParams, offsets: &[u32], points: &[SurfacePoint], row: u32, k: u32) -> f32 {
+    let first = offsets[row as usize];
+    let count = offsets[row as usize + 1] - first;
+    if count > p.rays {
+        return 1.0 / p.rays as f32;
+    }
+    let s = point_of_ray(p.rays, count, k);
+    let block = (s + 1) * p.rays / count - s * p.rays / count;
+    points[(first + s) as usize].weight / block as f32
+}
+
+/// Column of what a ray met: the patch that owns the hit, `patch_count` for the sky, `patch_count + 1` for a hit that no
+/// patch owns. `grids[triangle]` numbers the patches of each triangle.
+#[inline]
+pub fn classify_hit(
+    p: &HemisphereParams,
+    grids: &[TriangleGrid],
+    geometry: &Geometry,
+    direction: Vec3,
+    hit: Hit,
+) -> u32 {
+    if hit.triangle == NONE {
+        return p.patch_count;
+    }
+    let front = geometry.normal(hit.triangle).dot(direction) < 0.0;
+    let id = owner(grids[hit.triangle as usize], hit, front);
+    if id == NONE { p.patch_count + 1 } else { id }
+}
+
+/// Row `first_row + row_local` of F from the columns that its rays met: writes all
+/// `factors[row_local · (patch_count + 2) ..][.. patch_count + 2]` (patches, sky, lost), which sum to 1.
+///
+/// Shapes: `ids[row_count · rays]`, rows of this dispatch one after the other. One invocation a row; it writes nothing
+/// but its own row. Needs `row_local < row_count`.
+#[inline]
+pub fn hemisphere_row(
+    p: &HemisphereParams,
+    offsets: &[u32],
+    points: &[SurfacePoint],
+    ids: &[u32],
+    row_local: u32,
+    factors: &mut [f32],
+) {
+    let columns = p.patch_count + EXTRA_COLUMNS;
+    let base = row_local * columns;
+    for column in 0..columns {
+        factors[(base + column) as usize] = 0.0;
+    }
+    for k in 0..p.rays {
+        let id = ids[(row_local * p.rays + k) as usize];
+        factors[(base + id) as usize] += ray_share(p, offsets, points, p.first_row + row_local, k);
+    }
+}
