@@ -1,0 +1,235 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Diffuse global illumination by radiosity, fast enough for every frame.
+#[derive(Parser, Debug)]
+#[command(
+    name = "patchlight",
+    version,
+    about,
+    after_help = "Examples:\n  \
+        patchlight                                   demo: pictures and out/report.html\n  \
+        patchlight render atrium --method classic    render a built-in scene\n  \
+        patchlight render room.glb --out out/room    render your own scene\n  \
+        patchlight compare ours.exr reference.exr    print the differences\n  \
+        patchlight devices                           what can run the kernels"
+)]
+pub struct Cli {
+    /// What to do; without a command, the demo.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    #[command(flatten)]
+    pub common: Common,
+    /// Shortens the demo: smaller pictures, fewer frames and samples.
+    #[arg(long)]
+    pub fast: bool,
+}
+
+/// Options of every command.
+#[derive(Args, Debug, Clone)]
+pub struct Common {
+    /// auto, cpu, vulkan, an index of `patchlight devices`, or part of a device's name.
+    #[arg(long, global = true, default_value = "auto")]
+    pub device: String,
+    /// Threads of the CPU; 0 takes one a core.
+    #[arg(long, global = true, default_value_t = 0)]
+    pub threads: usize,
+    /// Changes every random number; the same seed gives the same bytes.
+    #[arg(long, global = true, default_value_t = 0)]
+    pub seed: u32,
+    /// Folder for results (demo: out; render: out/SCENE-METHOD).
+    #[arg(long, short, global = true)]
+    pub out: Option<PathBuf>,
+    /// No progress bars, no notes; warnings and errors remain.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Print the summary as JSON on standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// The commands.
+#[derive(Subcommand, Debug)]
+pub enum Command {
+    /// Light a scene and write pictures (PNG, EXR) and summary.json.
+    #[command(after_help = "Examples:\n  \
+        patchlight render cornell --method classic --patch-count 4000\n  \
+        patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
+        patchlight render cornell.toml --method classic --reference reference/cornell")]
+    Render(Render),
+    /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
+    #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
+    Compare(Compare),
+    /// List the devices that can run the kernels.
+    Devices,
+    /// Say what a scene file holds: triangles, areas, materials, lights, memory.
+    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info atrium:50000 --json")]
+    Info {
+        /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
+        scene: String,
+    },
+    /// Write a built-in scene as files: scene .toml, .obj, .mtl and textures.
+    #[command(after_help = "Example:\n  patchlight scene atrium:20000 --out my-atrium\n\n\
+        Scenes: cornell, atrium[:TRIANGLES], office, sealed-box, furnace")]
+    Scene {
+        /// NAME or NAME:TRIANGLES.
+        name: String,
+    },
+}
+
+/// How the light is found.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Classic radiosity: polygon patches, the full matrix, one product a bounce.
+    Classic,
+    /// Path tracing on the CPU, the reference.
+    Path,
+}
+
+impl Method {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Classic => "classic",
+            Self::Path => "path",
+        }
+    }
+}
+
+/// Where the indirect light is evaluated.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Receivers {
+    /// Each patch is its own receiver: flat patches.
+    #[value(name = "self")]
+    Own,
+    /// Grid vertices of the mesh, gathered exactly and interpolated.
+    Mesh,
+}
+
+/// Estimator of the form factors.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FormFactors {
+    /// Cosine-weighted rays.
+    Hemisphere,
+    /// Lambert's contour formula with shadow rays: exact where nothing hides.
+    Contour,
+    /// Pairs of points on both patches.
+    Area,
+    /// One point a patch.
+    Point,
+}
+
+/// `patchlight render`.
+#[derive(Args, Debug)]
+pub struct Render {
+    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene (cornell, atrium[:TRIANGLES], office, sealed-box, furnace).
+    pub scene: String,
+    /// How the light is found.
+    #[arg(long, value_enum, default_value_t = Method::Classic)]
+    pub method: Method,
+    /// Frames; with more than one the scene's lights move.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub frames: u32,
+    /// Picture size [default: that of the reference, else 960x540].
+    #[arg(long, value_parser = parse_size)]
+    pub size: Option<(u32, u32)>,
+    /// Sub-frames (classic) or paths (path) a pixel [default: 16 and 64].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub spp: Option<u32>,
+    /// Patches that send light.
+    #[arg(long, default_value_t = 4000, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub patch_count: u32,
+    /// Bounces: a number, or all.
+    #[arg(long, default_value = "all", value_parser = parse_bounces)]
+    pub bounces: Bounces,
+    /// Where the indirect light is evaluated.
+    #[arg(long, value_enum, default_value_t = Receivers::Mesh)]
+    pub receivers: Receivers,
+    /// Estimator of the form factors.
+    #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
+    pub form_factors: FormFactors,
+    /// Rays a row of the form factors (hemisphere).
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    pub rays: u32,
+    /// Folder with full.exr, indirect.exr, points.csv to compare with.
+    #[arg(long)]
+    pub reference: Option<PathBuf>,
+    /// Continue an interrupted path-traced picture in the same folder.
+    #[arg(long)]
+    pub resume: bool,
+}
+
+/// `patchlight compare`.
+#[derive(Args, Debug)]
+pub struct Compare {
+    /// Our picture (EXR, HDR or PNG).
+    pub ours: PathBuf,
+    /// What it should be.
+    pub reference: PathBuf,
+    /// Picture whose black pixels are left out.
+    #[arg(long)]
+    pub mask: Option<PathBuf>,
+    /// Exposure before tone mapping, in stops; without it 0.18 over the reference's log-average.
+    #[arg(long, allow_hyphen_values = true)]
+    pub stops: Option<f32>,
+    /// Write a picture of the difference.
+    #[arg(long)]
+    pub difference: Option<PathBuf>,
+}
+
+/// A number of bounces, or all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bounces {
+    /// This many.
+    Count(u32),
+    /// Until nothing changes.
+    All,
+}
+
+fn parse_bounces(text: &str) -> Result<Bounces, String> {
+    if text == "all" {
+        return Ok(Bounces::All);
+    }
+    match text.parse() {
+        Ok(count) if (1..=1000).contains(&count) => Ok(Bounces::Count(count)),
+        _ => Err(format!("`{text}` is neither `all` nor a number from 1 to 1000")),
+    }
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let wrong = || format!("`{text}` is no size; write WIDTHxHEIGHT, for example 960x540");
+    let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+    let (width, height) = (width.parse().map_err(|_| wrong())?, height.parse().map_err(|_| wrong())?);
+    if !(1..=16_384).contains(&width) || !(1..=16_384).contains(&height) {
+        return Err(format!("`{text}`: each side must be from 1 to 16384 pixels"));
+    }
+    Ok((width, height))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_definition_holds_together() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes_and_bounces() {
+        assert_eq!(parse_size("960x540"), Ok((960, 540)));
+        for wrong in ["", "960", "960x", "x540", "0x10", "-5x10", "20000x10", "1e9x2"] {
+            assert!(parse_size(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(parse_bounces("all"), Ok(Bounces::All));
+        assert_eq!(parse_bounces("3"), Ok(Bounces::Count(3)));
+        for wrong in ["0", "-1", "many", "1001"] {
+            assert!(parse_bounces(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! `summary.json`: what a command measured. Absent parts are left out, never zero.
+
+use std::collections::BTreeMap;
+
+use reference::metrics::{PictureErrors, PointErrors};
+use serde::Serialize;
+
+/// Time of one pass over all frames.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PassTimes {
+    /// Median, ms.
+    pub median_ms: f64,
+    /// Greatest, ms.
+    pub max_ms: f64,
+}
+
+impl PassTimes {
+    /// Median and maximum of one time a frame, or nothing for no frames.
+    pub fn of(times: &[f64]) -> Option<Self> {
+        let mut sorted = times.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        Some(Self { median_ms: *sorted.get(sorted.len() / 2)?, max_ms: *sorted.last()? })
+    }
+}
+
+/// What a command measured.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the scene.
+    pub scene: String,
+    /// Name of the method.
+    pub method: String,
+    /// Device that ran the kernels.
+    pub device: String,
+    /// Patches that send light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub patches: Option<usize>,
+    /// Points that receive it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub receivers: Option<usize>,
+    /// Frames rendered.
+    pub frames: u32,
+    /// Seed of the random numbers.
+    pub seed: u32,
+    /// Time a frame of each pass: direct, gather, method, lookup, shade.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub passes: BTreeMap<String, PassTimes>,
+    /// Seconds of each phase before the first frame.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub bake: BTreeMap<String, f64>,
+    /// Greatest resident memory of the process.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub peak_memory_bytes: Option<u64>,
+    /// Bytes of each part.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub bytes: BTreeMap<String, u64>,
+    /// Errors of the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub full: Option<PictureErrors>,
+    /// Errors of its indirect part.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub indirect: Option<PictureErrors>,
+    /// Errors of the indirect irradiance at points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<PointErrors>,
+}
+
+/// Greatest resident memory of this process so far, where the system tells.
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn absent_parts_are_left_out() {
+        let text = serde_json::to_string(&Summary { scene: "a".into(), ..Summary::default() }).unwrap();
+        assert_eq!(text, r#"{"scene":"a","method":"","device":"","frames":0,"seed":0}"#);
+        assert_eq!(PassTimes::of(&[]), None);
+        assert_eq!(PassTimes::of(&[3.0, 1.0, 2.0]), Some(PassTimes { median_ms: 2.0, max_ms: 3.0 }));
+    }
+}

@@ -1,0 +1,32 @@
+# One-line recipes for the usual commands; `just --list` prints them.
+
+# Format, lints, no_std builds, docs.
+check:
+    cargo fmt --all --check
+    cargo clippy --workspace --all-targets -- -D warnings
+    cargo check -p scene -p formfactor --no-default-features
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
+
+# All tests; Vulkan tests skip without a device.
+test:
+    cargo test --workspace
+
+# All tests; a missing Vulkan device fails.
+test-vulkan:
+    REQUIRE_VULKAN=1 cargo test --workspace
+
+# Rebuild the committed SPIR-V modules.
+spv:
+    cd crates/gpu-kernels/builder && cargo run --release
+
+# Fail if a rebuild would change a committed SPIR-V module.
+spv-check:
+    cd crates/gpu-kernels/builder && cargo run --release -- --check
+
+# Criterion benches: bandwidth of the dense product, rays a second.
+bench:
+    cargo bench -p benches
+
+# The default demo: pictures and out/report.html.
+demo:
+    cargo run --release
