@@ -1,0 +1,377 @@
+//! An unbiased path tracer over a [`Scene`]: the ground truth of this project.
+//!
+//! `L = L_e + ρ/π · E`, and the irradiance E of a point is estimated by a path: at every vertex shadow rays to each light,
+//! to one emissive triangle and to one direction of the sky map, then one cosine-weighted ray; emitters and sky map are
+//! weighted by the balance heuristic (Veach and Guibas 1995), Russian roulette ends dark paths. Rectangle lights are no
+//! geometry: only shadow rays and the camera see them.
+
+use std::f32::consts::{FRAC_1_PI, PI};
+use std::ops::ControlFlow;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use scene::kernel::bvh::FAR;
+use scene::kernel::camera::{camera_direction, surface_point};
+use scene::kernel::light::{meet_rect, pick_emitter, sky_radiance, spot_falloff};
+use scene::math::clamp;
+use scene::sampling::{cosine_hemisphere, uniform_triangle};
+use scene::{Camera, Geometry, Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Lights, Scene, SurfacePoint};
+
+use crate::accumulation::Accumulation;
+use crate::error::Error;
+use crate::sampler::Sampler;
+use crate::sky::SkyDistribution;
+
+/// How light of emissive triangles and of a sky map is found. All agree in the mean; the others exist to show that.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Strategy {
+    /// Shadow rays and bounces, weighted.
+    #[default]
+    Both = 0,
+    /// Shadow rays only.
+    ShadowRays = 1,
+    /// Bounces only.
+    Bounces = 2,
+}
+
+/// What a path depends on, besides the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathSettings {
+    /// Changes every random number.
+    pub seed: u32,
+    /// Greatest number of reflections between a light and the visible surface; 0 leaves direct light only.
+    pub bounces: u32,
+    /// How emitters and sky map are sampled.
+    pub strategy: Strategy,
+}
+
+impl Default for PathSettings {
+    /// All bounces, both strategies, seed 0.
+    fn default() -> Self {
+        Self { seed: 0, bounces: u32::MAX, strategy: Strategy::Both }
+    }
+}
+
+/// Irradiance at a point with standard errors (1 σ), W/m².
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PointIrradiance {
+    /// Straight from emitters, lights and sky.
+    pub direct: Vec3,
+    /// After one or more bounces.
+    pub indirect: Vec3,
+    /// Standard error of `direct`.
+    pub direct_error: Vec3,
+    /// Standard error of `indirect`.
+    pub indirect_error: Vec3,
+}
+
+/// Groups of samples whose spread gives the standard error of [`PointIrradiance`].
+const GROUPS: u32 = 16;
+/// Rows of the picture that a thread takes at a time.
+const BAND_ROWS: usize = 4;
+/// Vertices before Russian roulette begins.
+const SURE_VERTICES: u32 = 2;
+
+/// A scene prepared for path tracing.
+pub struct PathTracer<'a> {
+    scene: &'a Scene,
+    geometry: Geometry<'a>,
+    lights: Lights<'a>,
+    /// Density of emitter samples per m², `[triangles]`; empty without emitters.
+    emitter_density: Vec<f32>,
+    sky: Option<SkyDistribution>,
+}
+
+/// Light that reaches a point, as E/π: straight from lights, and after reflections.
+#[derive(Clone, Copy, Default)]
+struct Gathered {
+    direct: Vec3,
+    indirect: Vec3,
+}
+
+impl<'a> PathTracer<'a> {
+    /// Prepares the tables by which lights are picked.
+    pub fn new(scene: &'a Scene) -> Self {
+        let lights = scene.all_lights();
+        let mut emitter_density = Vec::new();
+        if !scene.emitters.is_empty() {
+            emitter_density = vec![0.0; scene.triangles.len()];
+            for e in &scene.emitters {
+                emitter_density[e.triangle as usize] = e.probability / e.area;
+            }
+        }
+        Self { scene, geometry: scene.geometry(), lights, emitter_density, sky: SkyDistribution::new(&lights) }
+    }
+
+    /// Adds samples until every pixel has `target` of them, on all cores of the current rayon pool. After each sample a
+    /// pixel, `progress(done, target)` may stop the work; the accumulation is then whole and can be continued. Returns
+    /// whether the target is reached.
+    ///
+    /// # Errors
+    /// [`Error::AccumulationSize`] when the accumulation belongs to another picture size.
+    pub fn accumulate(
+        &self,
+        camera: &Camera,
+        accumulation: &mut Accumulation,
+        target: u32,
+        mut progress: impl FnMut(u32, u32) -> ControlFlow<()>,
+    ) -> Result<bool, Error> {
+        if (camera.width, camera.height) != (accumulation.width, accumulation.height) {
+            return Err(Error::AccumulationSize {
+                accumulation: (accumulation.width, accumulation.height),
+                camera: (camera.width, camera.height),
+            });
+        }
+        let (width, settings) = (camera.width as usize, accumulation.settings);
+        while accumulation.samples < target {
+            let sample = accumulation.samples;
+            accumulation.pixels.par_chunks_mut((width * BAND_ROWS).max(1)).enumerate().for_each(|(band, pixels)| {
+                let (first, rows) = (band * width * BAND_ROWS, pixels.len() / width);
+                // Column by column, so that neighbouring rays follow each other.
+                for x in 0..width {
+                    for y in 0..rows {
+                        let k = y * width + x;
+                        let light = self.pixel_sample(camera, &settings, (first + k) as u32, sample);
+                        pixels[k].add(sample, light.direct, light.indirect);
+                    }
+                }
+            });
+            accumulation.samples += 1;
+            if progress(accumulation.samples, target).is_break() {
+                break;
+            }
+        }
+        Ok(accumulation.samples >= target)
+    }
+
+    /// Irradiance at points by `samples` paths each (rounded up to a multiple of 16), on all cores.
+    pub fn irradiance(&self, points: &[SurfacePoint], samples: u32, settings: &PathSettings) -> Vec<PointIrradiance> {
+        let group_samples = samples.div_ceil(GROUPS).max(1);
+        let estimate = |(stream, point): (usize, &SurfacePoint)| {
+            let mut sums = [[Vec3::ZERO; 2]; 2];
+            for group in 0..GROUPS {
+                let mut mean = [Vec3::ZERO; 2];
+                // A group is a sequence of its own, so that the groups are independent.
+                let seed = scene::sampling::hash3(settings.seed, group, 0x706f_696e);
+                for sample in 0..group_samples {
+                    let mut sampler = Sampler::new(stream as u32, sample, seed);
+                    let light = self.gather(point.position, point.normal, settings, &mut sampler);
+                    mean[0] += light.direct;
+                    mean[1] += light.indirect;
+                }
+                for part in 0..2 {
+                    let mean = mean[part] * (PI / group_samples as f32);
+                    sums[0][part] += mean;
+                    sums[1][part] += mean * mean;
+                }
+            }
+            let n = GROUPS as f32;
+            let error = |part: usize| {
+                let mean = sums[0][part] / n;
+                ((sums[1][part] / n - mean * mean).max(Vec3::ZERO) / (n - 1.0)).map(f32::sqrt)
+            };
+            PointIrradiance {
+                direct: sums[0][0] / n,
+                indirect: sums[0][1] / n,
+                direct_error: error(0),
+                indirect_error: error(1),
+            }
+        };
+        points.par_iter().enumerate().map(estimate).collect()
+    }
+
+    /// One sample of the radiance of a pixel, split at the visible surface.
+    fn pixel_sample(&self, camera: &Camera, settings: &PathSettings, pixel: u32, sample: u32) -> Gathered {
+        let mut sampler = Sampler::new(pixel, sample, settings.seed);
+        let (dx, dy) = sampler.next();
+        let (x, y) = ((pixel % camera.width) as f32 + dx, (pixel / camera.width) as f32 + dy);
+        let direction = camera_direction(camera, x, y).normalize();
+        let hit = self.scene.closest_before(camera.eye, direction, FAR);
+
+        let mut nearest = if hit.is_miss() { FAR } else { hit.t };
+        let mut light_seen = None;
+        for light in self.lights.lights {
+            let t = meet_rect(light, camera.eye, direction, nearest);
+            if t < nearest {
+                nearest = t;
+                light_seen = Some(light.color);
+            }
+        }
+        if let Some(direct) = light_seen {
+            return Gathered { direct, indirect: Vec3::ZERO };
+        }
+        if hit.is_miss() {
+            let direct = sky_radiance(&self.lights.sky, self.lights.sky_map, direction);
+            return Gathered { direct, indirect: Vec3::ZERO };
+        }
+        let point = surface_point(&self.geometry, hit, direction);
+        let albedo = self.geometry.albedo(hit.triangle, hit.u, hit.v);
+        let light = self.gather(point.position, point.normal, settings, &mut sampler);
+        Gathered { direct: self.emitted(hit, direction) + albedo * light.direct, indirect: albedo * light.indirect }
+    }
+
+    /// One sample of E/π at a point, on the side of `normal`.
+    fn gather(&self, position: Vec3, normal: Vec3, settings: &PathSettings, sampler: &mut Sampler) -> Gathered {
+        let mut gathered = Gathered::default();
+        let mut throughput = Vec3::ONE;
+        let mut point = SurfacePoint { position, normal, ..SurfacePoint::default() };
+        let mut vertex = 0u32;
+        loop {
+            let origin = point.position + point.normal * self.scene.ray_offset;
+            let mut light = self.light_by_shadow_rays(origin, point.normal, settings.strategy, sampler);
+            let direction = cosine_hemisphere(point.normal, sampler.next());
+            let hit = self.scene.closest_before(origin, direction, FAR);
+            light += self.light_by_bounce(hit, direction, point.normal, settings.strategy);
+            if vertex == 0 {
+                gathered.direct = light;
+            } else {
+                gathered.indirect += throughput * light;
+            }
+            if hit.is_miss() || vertex == settings.bounces {
+                return gathered;
+            }
+            throughput *= self.geometry.albedo(hit.triangle, hit.u, hit.v);
+            vertex += 1;
+            let chance = throughput.max_element();
+            if chance <= 0.0 {
+                return gathered;
+            }
+            if vertex >= SURE_VERTICES && chance < 1.0 {
+                if sampler.next().0 >= chance {
+                    return gathered;
+                }
+                throughput *= 1.0 / chance;
+            }
+            point = surface_point(&self.geometry, hit, direction);
+        }
+    }
+
+    /// Emitted radiance of what a ray met, from the front only.
+    #[inline]
+    fn emitted(&self, hit: Hit, direction: Vec3) -> Vec3 {
+        let radiance = self.geometry.radiance(hit.triangle, hit.u, hit.v);
+        if radiance == Vec3::ZERO || self.geometry.normal(hit.triangle).dot(direction) >= 0.0 {
+            return Vec3::ZERO;
+        }
+        radiance
+    }
+
+    /// E/π that a cosine-weighted ray brings from an emitter or from the sky.
+    #[inline]
+    fn light_by_bounce(&self, hit: Hit, direction: Vec3, normal: Vec3, strategy: Strategy) -> Vec3 {
+        let cosine_density = direction.dot(normal) * FRAC_1_PI;
+        if hit.is_miss() {
+            let radiance = sky_radiance(&self.lights.sky, self.lights.sky_map, direction);
+            return match &self.sky {
+                Some(sky) => radiance * bounce_weight(strategy, cosine_density, || sky.density(direction)),
+                None => radiance,
+            };
+        }
+        let radiance = self.emitted(hit, direction);
+        if radiance == Vec3::ZERO || self.emitter_density.is_empty() {
+            return radiance;
+        }
+        let density = || {
+            let cosine = -self.geometry.normal(hit.triangle).dot(direction);
+            self.emitter_density[hit.triangle as usize] * hit.t * hit.t / cosine
+        };
+        radiance * bounce_weight(strategy, cosine_density, density)
+    }
+
+    /// E/π of all lights by shadow rays: one to each light, one to an emissive triangle, one to the sky map.
+    fn light_by_shadow_rays(&self, origin: Vec3, normal: Vec3, strategy: Strategy, sampler: &mut Sampler) -> Vec3 {
+        let mut sum = Vec3::ZERO;
+        for light in self.lights.lights {
+            sum += self.single_light(light, origin, normal, sampler);
+        }
+        if strategy == Strategy::Bounces {
+            return sum * FRAC_1_PI;
+        }
+        if !self.lights.emitters.is_empty() {
+            sum += self.one_emitter(origin, normal, strategy, sampler);
+        }
+        if let Some(sky) = &self.sky {
+            let (direction, density) = sky.sample(sampler.next());
+            let cosine = direction.dot(normal);
+            if cosine > 0.0 && density > 0.0 && !self.scene.occluded(origin, direction, FAR) {
+                let weight = shadow_weight(strategy, density, cosine * FRAC_1_PI);
+                let radiance = sky_radiance(&self.lights.sky, self.lights.sky_map, direction);
+                sum += radiance * (cosine / density * weight);
+            }
+        }
+        sum * FRAC_1_PI
+    }
+
+    /// Irradiance from one light.
+    #[inline]
+    fn single_light(&self, light: &Light, origin: Vec3, normal: Vec3, sampler: &mut Sampler) -> Vec3 {
+        if light.kind == LIGHT_DIRECTIONAL {
+            let cosine = -normal.dot(light.direction);
+            if cosine > 0.0 && !self.scene.occluded(origin, -light.direction, FAR) {
+                return light.color * cosine;
+            }
+            return Vec3::ZERO;
+        }
+        let (to, share);
+        if light.kind == LIGHT_RECT {
+            let (u, v) = sampler.next();
+            to = light.position + light.edge_a * u + light.edge_b * v - origin;
+            let squared = to.length_squared();
+            // edge_a × edge_b is normal · area: the area of the estimate is in it.
+            share =
+                to.dot(normal).max(0.0) * (-to.dot(light.edge_a.cross(light.edge_b))).max(0.0) / (squared * squared);
+        } else {
+            to = light.position - origin;
+            let inverse = 1.0 / to.length();
+            let spot =
+                if light.kind == LIGHT_SPOT { spot_falloff(light, -to.dot(light.direction) * inverse) } else { 1.0 };
+            share = to.dot(normal).max(0.0) * inverse * inverse * inverse * spot;
+        }
+        if share > 0.0 && share.is_finite() && !self.scene.occluded(origin, to, 1.0) {
+            light.color * share
+        } else {
+            Vec3::ZERO
+        }
+    }
+
+    /// Irradiance from all emissive triangles by a shadow ray to one of them.
+    #[inline]
+    fn one_emitter(&self, origin: Vec3, normal: Vec3, strategy: Strategy, sampler: &mut Sampler) -> Vec3 {
+        let (x, y) = sampler.next();
+        let emitters = self.lights.emitters;
+        let e = emitters[pick_emitter(emitters, emitters.len() as u32, x) as usize];
+        // What is left of x within the entry is uniform again, and stratified.
+        let rest = clamp((x - (e.cumulative - e.probability)) / e.probability, 0.0, 1.0);
+        let (u, v) = uniform_triangle((rest, y));
+        let n = self.geometry.normal(e.triangle);
+        let to = self.geometry.position(e.triangle, u, v) + n * self.scene.ray_offset - origin;
+        let squared = to.length_squared();
+        let inverse = 1.0 / squared.sqrt();
+        let (here, there) = (to.dot(normal) * inverse, -to.dot(n) * inverse);
+        if !(here > 0.0 && there > 0.0)
+            || self.geometry.is_hole(e.triangle, u, v)
+            || self.scene.occluded(origin, to, 1.0)
+        {
+            return Vec3::ZERO;
+        }
+        let density = e.probability / e.area * squared / there;
+        let weight = shadow_weight(strategy, density, here * FRAC_1_PI);
+        self.geometry.radiance(e.triangle, u, v) * (here / density * weight)
+    }
+}
+
+/// Weight of a shadow ray: balance heuristic.
+#[inline]
+fn shadow_weight(strategy: Strategy, density: f32, cosine_density: f32) -> f32 {
+    if strategy == Strategy::Both { density / (density + cosine_density) } else { 1.0 }
+}
+
+/// Weight of a bounce that met a light.
+#[inline]
+fn bounce_weight(strategy: Strategy, cosine_density: f32, density: impl Fn() -> f32) -> f32 {
+    match strategy {
+        Strategy::Both => cosine_density / (cosine_density + density()),
+        Strategy::ShadowRays => 0.0,
+        Strategy::Bounces => 1.0,
+    }
+}
