@@ -26,6 +26,8 @@
 //! # Ok::<(), scene::Error>(())
 //! ```
 #![no_std]
+// Not without `std`: the kernel build has `core` only.
+#[cfg(any(feature = "std", test))]
 extern crate alloc;
 #[cfg(any(feature = "std", test))]
 extern crate std;
