@@ -1,29 +1,26 @@
-//! The scene on the host: tables, hierarchy, and rays on all cores by obvhs' eight-wide compressed hierarchy.
-
-// obvhs speaks Vec3A; it does not leave this file.
-#![allow(clippy::disallowed_types)]
+//! The scene on the host: tables, the hierarchy (built by obvhs), fast rays.
 
 use std::vec::Vec;
 
-use glam::{UVec2, Vec3, Vec3A, Vec4};
+use glam::{Vec3, Vec4};
+use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 use obvhs::ploc::PlocBuilder;
-use obvhs::ray::RayHit;
-use obvhs::rt_triangle::RtTriangle;
-use obvhs::{BvhBuildParams, traverse};
 use rayon::prelude::*;
 
 use crate::Visibility;
 use crate::error::Error;
 use crate::kernel::Geometry;
-use crate::kernel::bvh::{FAR, STACK_SIZE, intersect_triangle};
+use crate::kernel::bvh::{FAR, STACK_SIZE};
 use crate::kernel::light::{Lights, direct_irradiance};
 use crate::math::luminance;
 use crate::types::*;
+
+mod wide;
+
+use wide::WideBvh;
 
 /// What a scene is made of: the input of [`Scene::new`].
 #[derive(Clone, Debug, Default)]
@@ -73,8 +70,7 @@ pub struct Scene {
     pub bounds: (Vec3, Vec3),
     /// Distance by which rays start above a surface: 2·10⁻⁵ of the bounds' diagonal, m.
     pub ray_offset: f32,
-    wide: CwBvh,
-    wide_triangles: Vec<RtTriangle>,
+    wide: WideBvh,
     has_masks: bool,
 }
 
@@ -94,7 +90,7 @@ impl Scene {
                 v2: (t.corner + t.edge_b).into(),
             })
             .collect();
-        let (binary, mut wide) = build(&boxes);
+        let binary = build(&boxes);
         let nodes: Vec<BvhNode> = bytemuck::cast_slice(&binary.nodes).to_vec();
         let depth = depth(&nodes);
         if depth > STACK_SIZE {
@@ -103,15 +99,7 @@ impl Scene {
         let order = &binary.primitive_indices;
         let triangles: Vec<Triangle> = order.iter().map(|&k| parts.triangles[k as usize]).collect();
         let uvs = order.iter().map(|&k| parts.uvs[k as usize]).collect();
-
-        let mut leaf_order = std::vec![0u32; boxes.len()];
-        for (position, &k) in order.iter().enumerate() {
-            leaf_order[k as usize] = position as u32;
-        }
-        let wide_triangles = wide.primitive_indices.iter().map(|&k| RtTriangle::from(&boxes[k as usize])).collect();
-        for k in &mut wide.primitive_indices {
-            *k = leaf_order[*k as usize];
-        }
+        let wide = WideBvh::new(&nodes, &triangles).ok_or(Error::HierarchyDepth { depth, limit: STACK_SIZE })?;
 
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for t in &triangles {
@@ -135,7 +123,6 @@ impl Scene {
             bounds: (low, high),
             ray_offset: 2e-5 * (high - low).length(),
             wide,
-            wide_triangles,
             has_masks,
         };
         scene.emitters = scene.collect_emitters();
@@ -169,63 +156,27 @@ impl Scene {
         luminance(self.sky.radiance) > 0.0
     }
 
-    /// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through: the wide hierarchy finds the
-    /// triangle, [`intersect_triangle`] its coordinates.
+    /// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through: the same bits as
+    /// [`crate::kernel::bvh::closest_hit`] unless two surfaces meet the ray at the same t.
     #[inline]
     pub fn closest_before(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
-        let mut ray = obvhs::ray::Ray::new(origin.into(), direction.into(), 0.0, t_max);
-        let mut best = RayHit::none();
-        let mut state = self.wide.new_traversal(ray.direction);
-        let mut node;
-        traverse!(self.wide, node, state, node.intersect_ray(&ray, state.oct_inv4), {
-            let t = self.wide_triangles[state.primitive_id as usize].intersect(&ray);
-            if t < ray.tmax && t > 0.0 && !self.is_wide_hole(state.primitive_id, &ray) {
-                best.primitive_id = state.primitive_id;
-                ray.tmax = t;
-            }
-        });
-        if best.primitive_id == obvhs::ray::INVALID_ID {
-            return Hit::MISS;
-        }
-        let index = self.wide.primitive_indices[best.primitive_id as usize];
-        let hit = intersect_triangle(&self.triangles[index as usize], index, origin, direction, FAR);
-        if hit.triangle != NONE {
-            return hit;
-        }
-        // The two intersection routines round differently on an edge.
-        let b = self.wide_triangles[best.primitive_id as usize].compute_barycentric(&ray);
-        let u = b.x.clamp(0.0, 1.0);
-        Hit { triangle: index, u, v: b.y.clamp(0.0, 1.0 - u), t: ray.tmax }
+        self.traverse::<false>(origin, direction, t_max)
     }
 
     /// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
     #[inline]
     pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
-        let ray = obvhs::ray::Ray::new(origin.into(), direction.into(), 0.0, t_max);
-        let mut state = self.wide.new_traversal(ray.direction);
-        let mut node;
-        let mut blocked = false;
-        traverse!(self.wide, node, state, node.intersect_ray(&ray, state.oct_inv4), {
-            let t = self.wide_triangles[state.primitive_id as usize].intersect(&ray);
-            if t < t_max && t > 0.0 && !self.is_wide_hole(state.primitive_id, &ray) {
-                blocked = true;
-                break;
-            }
-        });
-        blocked
+        self.traverse::<true>(origin, direction, t_max).triangle != NONE
     }
 
     #[inline]
-    fn is_wide_hole(&self, primitive: u32, ray: &obvhs::ray::Ray) -> bool {
-        if !self.has_masks {
-            return false;
+    fn traverse<const ANY: bool>(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+        if self.has_masks {
+            let geometry = self.geometry();
+            self.wide.traverse::<ANY>(origin, direction, t_max, |triangle, u, v| geometry.is_hole(triangle, u, v))
+        } else {
+            self.wide.traverse::<ANY>(origin, direction, t_max, |_, _, _| false)
         }
-        let index = self.wide.primitive_indices[primitive as usize];
-        if self.materials[self.triangles[index as usize].material as usize].mask_texture == NONE {
-            return false;
-        }
-        let b = self.wide_triangles[primitive as usize].compute_barycentric(ray);
-        self.geometry().is_hole(index, b.x, b.y)
     }
 
     /// Direct irradiance at many points, W/m², on all cores: [`direct_irradiance`] with this scene's rays.
@@ -325,8 +276,8 @@ pub fn texel_count(width: u32, height: u32, levels: u32) -> usize {
     (0..levels).map(|k| ((width >> k).max(1) * (height >> k).max(1)) as usize).sum()
 }
 
-/// One tree, twice: with small leaves for the kernels, and eight wide for the host.
-fn build(boxes: &[obvhs::triangle::Triangle]) -> (Bvh2, CwBvh) {
+/// A binary hierarchy whose leaves fill packets of four.
+fn build(boxes: &[obvhs::triangle::Triangle]) -> Bvh2 {
     let settings = BvhBuildParams::medium_build();
     let mut optimizer = ReinsertionOptimizer::default();
     let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
@@ -337,11 +288,10 @@ fn build(boxes: &[obvhs::triangle::Triangle]) -> (Bvh2, CwBvh) {
         settings.search_depth_threshold,
     );
     optimizer.run(&mut binary, settings.reinsertion_batch_ratio, None);
-    let wide = bvh2_to_cwbvh(&binary, settings.max_prims_per_leaf.clamp(1, 3), true, false);
-    collapse(&mut binary, settings.max_prims_per_leaf.clamp(1, 255), settings.collapse_traversal_cost);
+    collapse(&mut binary, 4, settings.collapse_traversal_cost);
     let ratio = settings.reinsertion_batch_ratio * settings.post_collapse_reinsertion_batch_ratio_multiplier;
     optimizer.run(&mut binary, ratio, None);
-    (binary, wide)
+    binary
 }
 
 fn depth(nodes: &[BvhNode]) -> usize {
@@ -376,13 +326,4 @@ impl Camera {
     }
 }
 
-/// The eight-wide hierarchy and its triangles, for benches that compare with obvhs' own traversal.
-impl Scene {
-    /// obvhs' hierarchy and triangles in its order, as its own traversal takes them.
-    pub fn wide(&self) -> (&CwBvh, &[RtTriangle]) {
-        (&self.wide, &self.wide_triangles)
-    }
-}
-
 const _: () = assert!(size_of::<obvhs::bvh2::node::Bvh2Node>() == size_of::<BvhNode>());
-const _: () = assert!(size_of::<Vec3A>() == 16);

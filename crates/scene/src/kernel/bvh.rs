@@ -94,7 +94,7 @@ impl Geometry<'_> {
 
 /// 1/x, and a large number of the same sign near 0, so that boxes never see 0·∞.
 #[inline]
-fn safe_inverse(x: f32) -> f32 {
+pub fn safe_inverse(x: f32) -> f32 {
     if x > f32::EPSILON || x < -f32::EPSILON {
         1.0 / x
     } else if x < 0.0 {

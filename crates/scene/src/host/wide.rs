@@ -1,0 +1,272 @@
+//! Rays on the host: the binary hierarchy folded four wide, boxes and triangles tested four at a time in SIMD registers
+//! (glam's `Vec4`). The arithmetic of each lane is that of the kernels' bodies, so both give the same bits.
+
+use std::vec::Vec;
+
+use glam::{Vec3, Vec4};
+
+use crate::kernel::bvh::safe_inverse;
+use crate::types::{BvhNode, Hit, NONE, Triangle};
+
+/// Entries of the traversal stack: three a level at most.
+const STACK_SIZE: usize = 160;
+/// Marks a child that is a packet of triangles.
+const LEAF: u32 = 1 << 31;
+
+/// Four children: their boxes by axis, and where they stand.
+#[derive(Clone, Debug)]
+struct Node {
+    /// Least and greatest x, y, z of each child; an empty child has an inverted box.
+    bounds: [Vec4; 6],
+    /// Index of a node, or of a packet with [`LEAF`].
+    children: [u32; 4],
+}
+
+/// Up to four triangles that follow each other in leaf order; missing ones have no edges, which no ray meets.
+#[derive(Clone, Debug, Default)]
+struct Packet {
+    corner: [Vec4; 3],
+    edge_a: [Vec4; 3],
+    edge_b: [Vec4; 3],
+    first: u32,
+    /// Whether the leaf goes on in the next packet.
+    more: bool,
+}
+
+/// The hierarchy four wide.
+#[derive(Clone, Debug)]
+pub(super) struct WideBvh {
+    nodes: Vec<Node>,
+    packets: Vec<Packet>,
+}
+
+/// A ray as the four-wide tests want it.
+struct WideRay {
+    origin: [Vec4; 3],
+    inverse: [Vec4; 3],
+    direction: [Vec4; 3],
+    /// Rows of [`Node::bounds`] that are entered and left through, by the signs of the direction.
+    near: [usize; 3],
+}
+
+impl WideRay {
+    #[inline]
+    fn new(origin: Vec3, direction: Vec3) -> Self {
+        let splat = |v: Vec3| [Vec4::splat(v.x), Vec4::splat(v.y), Vec4::splat(v.z)];
+        let inverse = direction.map(safe_inverse);
+        let row = |axis: usize, d: f32| 2 * axis + usize::from(d < 0.0);
+        Self {
+            origin: splat(origin),
+            inverse: splat(inverse),
+            direction: splat(direction),
+            near: [row(0, inverse.x), row(1, inverse.y), row(2, inverse.z)],
+        }
+    }
+
+    /// Which children the ray enters before `t_max` (a bit each), and where.
+    #[inline]
+    fn enter(&self, node: &Node, t_max: f32) -> (u32, Vec4) {
+        let at = |axis: usize, row: usize| (node.bounds[row] - self.origin[axis]) * self.inverse[axis];
+        let [x, y, z] = self.near;
+        let near = at(0, x).max(at(1, y)).max(at(2, z));
+        let far = at(0, x ^ 1).min(at(1, y ^ 1)).min(at(2, z ^ 1));
+        // As in the kernels: rounding must not lose a flat box that holds an axis-parallel triangle.
+        let inside = (far * 1.000_001).cmpge(near) & far.cmpge(Vec4::ZERO) & near.cmplt(Vec4::splat(t_max));
+        (inside.bitmask(), near)
+    }
+
+    /// Möller and Trumbore's test on four triangles: a bit for each that is met in (0, t_max), and u, v, t.
+    #[inline]
+    fn meet(&self, packet: &Packet, t_max: f32) -> (u32, Vec4, Vec4, Vec4) {
+        let p = cross(&self.direction, &packet.edge_b);
+        let inverse = Vec4::ONE / dot(&packet.edge_a, &p);
+        let s =
+            [self.origin[0] - packet.corner[0], self.origin[1] - packet.corner[1], self.origin[2] - packet.corner[2]];
+        let u = dot(&s, &p) * inverse;
+        let q = cross(&s, &packet.edge_a);
+        let v = dot(&self.direction, &q) * inverse;
+        let t = dot(&packet.edge_b, &q) * inverse;
+        // A determinant of 0 makes these infinite or NaN; no comparison holds then.
+        let inside = u.cmpge(Vec4::ZERO)
+            & v.cmpge(Vec4::ZERO)
+            & (u + v).cmple(Vec4::ONE)
+            & t.cmpgt(Vec4::ZERO)
+            & t.cmplt(Vec4::splat(t_max));
+        (inside.bitmask(), u, v, t)
+    }
+}
+
+#[inline]
+fn dot(a: &[Vec4; 3], b: &[Vec4; 3]) -> Vec4 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline]
+fn cross(a: &[Vec4; 3], b: &[Vec4; 3]) -> [Vec4; 3] {
+    [a[1] * b[2] - b[1] * a[2], a[2] * b[0] - b[2] * a[0], a[0] * b[1] - b[0] * a[1]]
+}
+
+impl WideBvh {
+    /// Folds a binary hierarchy over triangles in its leaf order: an inner child with the largest box is replaced by its
+    /// two children until there are four. Nothing when the result would be too deep for the traversal stack.
+    pub(super) fn new(nodes: &[BvhNode], triangles: &[Triangle]) -> Option<Self> {
+        let mut wide = Self { nodes: Vec::new(), packets: Vec::new() };
+        let root = &nodes[0];
+        if root.prim_count > 0 {
+            // A single leaf: one node with one child.
+            let child = wide.add_leaf(root, triangles);
+            wide.nodes.push(Node::of(&[(root, child)]));
+            return Some(wide);
+        }
+        wide.nodes.push(Node::of(&[]));
+        let mut waiting = std::vec![(0usize, 0u32, 1usize)];
+        while let Some((place, binary, level)) = waiting.pop() {
+            if 3 * level + 1 > STACK_SIZE {
+                return None;
+            }
+            let first = nodes[binary as usize].first_index;
+            let mut children = std::vec![first, first + 1];
+            while children.len() < 4 {
+                let area = |k: u32| {
+                    let size = nodes[k as usize].max - nodes[k as usize].min;
+                    size.x * size.y + size.y * size.z + size.z * size.x
+                };
+                let inner = (0..children.len()).filter(|&c| nodes[children[c] as usize].prim_count == 0);
+                let Some(largest) = inner.max_by(|&a, &b| area(children[a]).total_cmp(&area(children[b]))) else {
+                    break;
+                };
+                let first = nodes[children[largest] as usize].first_index;
+                children[largest] = first;
+                children.push(first + 1);
+            }
+            let entries: Vec<_> = children
+                .iter()
+                .map(|&k| {
+                    let node = &nodes[k as usize];
+                    if node.prim_count > 0 {
+                        return (node, wide.add_leaf(node, triangles));
+                    }
+                    wide.nodes.push(Node::of(&[]));
+                    waiting.push((wide.nodes.len() - 1, k, level + 1));
+                    (node, wide.nodes.len() as u32 - 1)
+                })
+                .collect();
+            wide.nodes[place] = Node::of(&entries);
+        }
+        Some(wide)
+    }
+
+    fn add_leaf(&mut self, leaf: &BvhNode, triangles: &[Triangle]) -> u32 {
+        let index = self.packets.len() as u32;
+        let end = leaf.first_index + leaf.prim_count;
+        for first in (leaf.first_index..end).step_by(4) {
+            let mut packet = Packet { first, more: first + 4 < end, ..Packet::default() };
+            for lane in 0..4.min(end - first) as usize {
+                let t = &triangles[first as usize + lane];
+                for axis in 0..3 {
+                    packet.corner[axis][lane] = t.corner[axis];
+                    packet.edge_a[axis][lane] = t.edge_a[axis];
+                    packet.edge_b[axis][lane] = t.edge_b[axis];
+                }
+            }
+            self.packets.push(packet);
+        }
+        index | LEAF
+    }
+
+    /// The nearest triangle in (0, t_max), or any one when `ANY`, that `is_hole(triangle, u, v)` does not let pass.
+    #[inline]
+    pub(super) fn traverse<const ANY: bool>(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        is_hole: impl Fn(u32, f32, f32) -> bool,
+    ) -> Hit {
+        let ray = WideRay::new(origin, direction);
+        let mut best = Hit { triangle: NONE, u: 0.0, v: 0.0, t: t_max };
+        let mut stack = [(0u32, 0.0f32); STACK_SIZE];
+        let mut depth = 0;
+        let mut current = 0u32;
+        loop {
+            if current & LEAF != 0 {
+                let mut index = (current & !LEAF) as usize;
+                loop {
+                    let packet = &self.packets[index];
+                    let (mut mask, u, v, t) = ray.meet(packet, best.t);
+                    while mask != 0 {
+                        let lane = mask.trailing_zeros() as usize;
+                        mask &= mask - 1;
+                        let triangle = packet.first + lane as u32;
+                        if t[lane] < best.t && !is_hole(triangle, u[lane], v[lane]) {
+                            best = Hit { triangle, u: u[lane], v: v[lane], t: t[lane] };
+                            if ANY {
+                                return best;
+                            }
+                        }
+                    }
+                    if !packet.more {
+                        break;
+                    }
+                    index += 1;
+                }
+            } else {
+                let node = &self.nodes[current as usize];
+                let (mut mask, near) = ray.enter(node, best.t);
+                if mask != 0 {
+                    // The nearest child goes on, the others wait in order, the farthest lowest.
+                    let mut lane = mask.trailing_zeros() as usize;
+                    mask &= mask - 1;
+                    let mut next = (node.children[lane], near[lane]);
+                    let base = depth;
+                    while mask != 0 {
+                        lane = mask.trailing_zeros() as usize;
+                        mask &= mask - 1;
+                        let mut entry = (node.children[lane], near[lane]);
+                        if !ANY && entry.1 < next.1 {
+                            core::mem::swap(&mut entry, &mut next);
+                        }
+                        let mut place = depth;
+                        while !ANY && place > base && stack[place - 1].1 < entry.1 {
+                            stack[place] = stack[place - 1];
+                            place -= 1;
+                        }
+                        stack[place] = entry;
+                        depth += 1;
+                    }
+                    current = next.0;
+                    continue;
+                }
+            }
+            // Back to the nearest waiting child that may still hold something nearer.
+            loop {
+                if depth == 0 {
+                    if best.triangle == NONE {
+                        best.t = f32::INFINITY;
+                    }
+                    return best;
+                }
+                depth -= 1;
+                if stack[depth].1 < best.t {
+                    current = stack[depth].0;
+                    break;
+                }
+            }
+        }
+    }
+}
+
+impl Node {
+    fn of(children: &[(&BvhNode, u32)]) -> Self {
+        let (low, high) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
+        let mut node = Self { bounds: [low, high, low, high, low, high], children: [0; 4] };
+        for (lane, (child, index)) in children.iter().enumerate() {
+            for axis in 0..3 {
+                node.bounds[2 * axis][lane] = child.min[axis];
+                node.bounds[2 * axis + 1][lane] = child.max[axis];
+            }
+            node.children[lane] = *index;
+        }
+        node
+    }
+}
