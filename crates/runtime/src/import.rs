@@ -5,12 +5,20 @@
 //! remedy. No input panics.
 
 use std::path::Path;
+use std::time::Instant;
 
 use glam::Vec3;
 use scene::{Camera, Scene};
 
 pub mod animation;
+pub(crate) mod draft;
 mod error;
+mod gltf_file;
+pub(crate) mod lights;
+mod mtl;
+mod obj;
+pub(crate) mod pictures;
+mod scene_file;
 
 pub use animation::{Animation, Keyframe, Target, Track};
 pub use error::ImportError;
@@ -122,6 +130,42 @@ pub fn load(path: &Path) -> Result<LoadedScene, ImportError> {
 ///
 /// # Errors
 /// [`ImportError`]: file, place and remedy.
-pub fn load_with(path: &Path, _options: &LoadOptions) -> Result<LoadedScene, ImportError> {
-    Err(ImportError::UnknownFormat { path: path.to_path_buf() })
+pub fn load_with(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportError> {
+    if ending(path) == "toml" {
+        return scene_file::load(path, options);
+    }
+    let mesh = read_mesh(path, options)?;
+    let name = path.file_stem().map_or_else(|| String::from("scene"), |s| s.to_string_lossy().into_owned());
+    let setting = draft::Setting { default_light: true, ..draft::Setting::new(path, &name) };
+    draft::finish(mesh, setting, options)
+}
+
+fn ending(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// The geometry and materials of an .obj, .gltf or .glb file.
+fn read_mesh(path: &Path, options: &LoadOptions) -> Result<draft::Mesh, ImportError> {
+    let start = Instant::now();
+    let ending = ending(path);
+    if !path.is_dir() && !["obj", "gltf", "glb"].contains(&ending.as_str()) {
+        return Err(ImportError::UnknownFormat { path: path.to_path_buf() });
+    }
+    let bytes = read(path)?;
+    let read_seconds = draft::seconds(start);
+    let mut mesh = if ending == "obj" { obj::load(path, &bytes, options)? } else { gltf_file::load(path, &bytes)? };
+    mesh.timings.insert(0, ("read", read_seconds));
+    Ok(mesh)
+}
+
+/// All bytes of a file that has some.
+fn read(path: &Path) -> Result<Vec<u8>, ImportError> {
+    if path.is_dir() {
+        return Err(ImportError::Directory { path: path.to_path_buf() });
+    }
+    let bytes = std::fs::read(path).map_err(|source| ImportError::Read { path: path.to_path_buf(), source })?;
+    if bytes.is_empty() {
+        return Err(ImportError::Empty { path: path.to_path_buf() });
+    }
+    Ok(bytes)
 }

@@ -85,6 +85,20 @@ pub enum ImportError {
         /// What is wrong.
         reason: String,
     },
+    /// A corner is not finite or too far away.
+    #[error("{}, object \"{object}\", face {face}: the corner {corner:?} is not within {limit:e} m of the origin; correct it, or metres_per_unit", path.display())]
+    Coordinate {
+        /// The file.
+        path: PathBuf,
+        /// Object, group or mesh.
+        object: String,
+        /// Triangle of that object, from 1.
+        face: usize,
+        /// The corner in file units.
+        corner: [f32; 3],
+        /// Greatest coordinate, m.
+        limit: f32,
+    },
     /// A part of a glTF file is wrong.
     #[error("{}, {place}: {reason}; export the file again", path.display())]
     Gltf {

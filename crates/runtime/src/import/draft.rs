@@ -1,0 +1,427 @@
+//! A scene between reading and building: what every file format and every built-in scene fills in.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use glam::{Vec2, Vec3, Vec4};
+use rayon::prelude::*;
+use scene::{Light, Material, NONE, Scene, SceneParts, Sky, Triangle, TriangleUv};
+use sha2::{Digest, Sha256};
+
+use super::pictures::{ALBEDO_LIMIT, MaskChannel, Packed, Source, pack};
+use super::{Animation, Dropped, ImportError, LoadOptions, LoadedScene, View};
+
+/// Most triangles of a scene: 2²⁸.
+pub const TRIANGLE_LIMIT: usize = 1 << 28;
+
+/// Greatest coordinate, m: areas of larger triangles leave the range of single precision.
+const COORDINATE_LIMIT: f32 = 1e9;
+
+/// A material as files have it.
+#[derive(Clone, Debug)]
+pub struct MaterialDraft {
+    /// Name.
+    pub name: String,
+    /// Reflectance where there is no picture.
+    pub albedo: Vec3,
+    /// Picture that replaces `albedo`.
+    pub albedo_picture: Option<Source>,
+    /// What the picture's colours are multiplied by.
+    pub albedo_factor: Vec3,
+    /// Radiance from the front, W/m²/sr.
+    pub radiance: Vec3,
+    /// Picture that `radiance` is multiplied by.
+    pub radiance_picture: Option<Source>,
+    /// Picture that has the mask, and where in it.
+    pub mask: Option<(Source, MaskChannel)>,
+    /// Values below are holes.
+    pub mask_cutoff: f32,
+    /// The whole material is a hole: its triangles are left out.
+    pub hole: bool,
+}
+
+impl MaterialDraft {
+    /// Mid-grey, without light or holes.
+    pub fn new(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            albedo: Vec3::splat(0.5),
+            albedo_picture: None,
+            albedo_factor: Vec3::ONE,
+            radiance: Vec3::ZERO,
+            radiance_picture: None,
+            mask: None,
+            mask_cutoff: 0.5,
+            hole: false,
+        }
+    }
+
+    /// Brings reflectance and radiance into their range, with at most one warning each.
+    fn repair(&mut self, warnings: &mut Vec<String>) {
+        let before = self.albedo;
+        self.albedo = clamp_albedo(before);
+        if before != self.albedo && self.albedo_picture.is_none() {
+            warnings.push(format!(
+                "material {}: reflectance {} {} {} was brought into 0 … {ALBEDO_LIMIT}",
+                self.name, before.x, before.y, before.z
+            ));
+        }
+        let radiance = Vec3::from_array(self.radiance.to_array().map(|x| if x.is_finite() { x.max(0.0) } else { 0.0 }));
+        if radiance != self.radiance {
+            warnings.push(format!("material {}: emission below 0 or not finite counts as 0", self.name));
+            self.radiance = radiance;
+        }
+    }
+}
+
+fn clamp_albedo(c: Vec3) -> Vec3 {
+    Vec3::from_array(c.to_array().map(|x| if x.is_nan() { 0.5 } else { x.clamp(0.0, ALBEDO_LIMIT) }))
+}
+
+/// A triangle as files have it, in file units, already placed in the scene.
+#[derive(Clone, Copy, Debug)]
+pub struct FileTriangle {
+    /// Corners, counter-clockwise from the front.
+    pub corners: [Vec3; 3],
+    /// Texture coordinates.
+    pub uvs: [Vec2; 3],
+    /// Index of the material.
+    pub material: u32,
+    /// Index of the object.
+    pub object: u32,
+}
+
+/// Geometry and materials of a file, in its own units.
+#[derive(Default)]
+pub struct Mesh {
+    /// Triangles in the order of the file.
+    pub triangles: Vec<FileTriangle>,
+    /// Objects' names.
+    pub objects: Vec<String>,
+    /// Materials.
+    pub materials: Vec<MaterialDraft>,
+    /// Lights of the file, in its units of length.
+    pub lights: Vec<Light>,
+    /// Camera of the file, in file units.
+    pub view: Option<View>,
+    /// What was repaired.
+    pub warnings: Vec<String>,
+    /// Texels, when they were packed while the mesh was read.
+    pub packed: Option<Packed>,
+    /// Seconds of each phase.
+    pub timings: Vec<(&'static str, f64)>,
+}
+
+/// What is not the mesh.
+pub struct Setting {
+    /// For messages.
+    pub path: PathBuf,
+    /// Name of the scene.
+    pub name: String,
+    /// Length of the file's unit, m.
+    pub metres_per_unit: f32,
+    /// Exposure of pictures.
+    pub exposure_stops: f32,
+    /// Camera, in metres; without one the bounds are framed.
+    pub view: Option<View>,
+    /// Lights, in metres.
+    pub lights: Vec<Light>,
+    /// The sky.
+    pub sky: Sky,
+    /// Its map.
+    pub sky_map: Vec<Vec4>,
+    /// Tracks only; lights and view are filled in.
+    pub animation: Animation,
+    /// Light a mesh that has no light at all with a sun and a sky.
+    pub default_light: bool,
+}
+
+impl Setting {
+    /// One metre a unit, no light, no camera.
+    pub fn new(path: &Path, name: &str) -> Self {
+        Self {
+            path: path.to_path_buf(),
+            name: name.to_owned(),
+            metres_per_unit: 1.0,
+            exposure_stops: 0.0,
+            view: None,
+            lights: Vec::new(),
+            sky: Sky::default(),
+            sky_map: Vec::new(),
+            animation: Animation::default(),
+            default_light: false,
+        }
+    }
+}
+
+/// Refuses meshes that indices cannot count.
+pub fn check_count(path: &Path, count: usize, limit: usize) -> Result<(), ImportError> {
+    if count > limit {
+        return Err(ImportError::TooManyTriangles { path: path.to_path_buf(), count, limit });
+    }
+    Ok(())
+}
+
+/// Seconds since, rounded to nothing.
+pub fn seconds(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64()
+}
+
+/// Repairs, packs the pictures, builds the hierarchy.
+pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result<LoadedScene, ImportError> {
+    let path = &setting.path;
+    let mut warnings = std::mem::take(&mut mesh.warnings);
+    let mut timings = std::mem::take(&mut mesh.timings);
+    check_count(path, mesh.triangles.len(), TRIANGLE_LIMIT)?;
+
+    let start = Instant::now();
+    let file_triangles = mesh.triangles.len();
+    let (triangles, uvs, dropped) = clean(&mesh, &setting, &mut warnings)?;
+    timings.push(("clean", seconds(start)));
+
+    let start = Instant::now();
+    for material in &mut mesh.materials {
+        material.repair(&mut warnings);
+    }
+    let mut packed = mesh.packed.take().unwrap_or_else(|| pack(&mesh.materials, options.texel_budget));
+    warnings.append(&mut packed.warnings);
+    let materials: Vec<Material> = mesh.materials.iter().zip(&packed.slots).map(|(m, s)| build_material(m, s)).collect();
+    timings.push(("textures", seconds(start)));
+
+    let mut lights = setting.lights;
+    lights.extend(mesh.lights.iter().map(|l| Light { position: l.position * setting.metres_per_unit, ..*l }));
+    let mut sky = setting.sky;
+    let shines = |m: &Material| m.radiance.max_element() > 0.0;
+    let lit = !lights.is_empty() || sky.radiance.max_element() > 0.0 || triangles.iter().any(|t| shines(&materials[t.material as usize]));
+    if !lit && setting.default_light {
+        lights.push(super::lights::default_sun());
+        sky.radiance = super::lights::DEFAULT_SKY;
+        warnings.push(format!("{}: has no light; a sun and a sky were added (write a scene .toml to choose)", path.display()));
+    } else if !lit {
+        warnings.push(format!("{}: nothing shines: no light, no sky, no emission; pictures will be black", path.display()));
+    }
+
+    let parts = SceneParts {
+        triangles,
+        uvs,
+        materials,
+        textures: packed.textures,
+        texels: packed.texels,
+        lights,
+        sky,
+        sky_map: setting.sky_map,
+    };
+    let start = Instant::now();
+    let mut content_hash = hash(&parts, &packed.hashes);
+    timings.push(("hash", seconds(start)));
+    let start = Instant::now();
+    let scene = Scene::new(parts).map_err(|source| ImportError::Scene { path: path.clone(), source })?;
+    timings.push(("hierarchy", seconds(start)));
+
+    let view = setting.view.or_else(|| mesh.view.map(|v| scaled(v, setting.metres_per_unit)));
+    let view = view.unwrap_or_else(|| frame_bounds(scene.bounds));
+    content_hash = hash_view(content_hash, &view, setting.exposure_stops);
+    let animation = Animation { lights: scene.lights.clone(), view, tracks: setting.animation.tracks };
+    Ok(LoadedScene {
+        name: setting.name,
+        scene,
+        view,
+        exposure_stops: setting.exposure_stops,
+        metres_per_unit: setting.metres_per_unit,
+        objects: mesh.objects,
+        materials: mesh.materials.into_iter().map(|m| m.name).collect(),
+        textures: packed.names,
+        warnings,
+        animation,
+        content_hash,
+        file_triangles,
+        dropped,
+        timings,
+    })
+}
+
+fn build_material(m: &MaterialDraft, slots: &super::pictures::Slots) -> Material {
+    let albedo = if m.albedo_picture.is_some() && slots.albedo == NONE {
+        clamp_albedo(m.albedo_factor * 0.5)
+    } else {
+        m.albedo
+    };
+    Material {
+        albedo,
+        albedo_texture: slots.albedo,
+        radiance: m.radiance * slots.radiance_scale,
+        radiance_texture: slots.radiance,
+        mask_texture: slots.mask,
+        mask_cutoff: m.mask_cutoff,
+        ..Material::default()
+    }
+}
+
+/// A triangle in metres, or why it is left out.
+enum Verdict {
+    Keep(Triangle, TriangleUv),
+    ZeroArea,
+    Hole,
+    TooFar,
+}
+
+fn clean(
+    mesh: &Mesh,
+    setting: &Setting,
+    warnings: &mut Vec<String>,
+) -> Result<(Vec<Triangle>, Vec<TriangleUv>, Dropped), ImportError> {
+    let path = &setting.path;
+    let scale = setting.metres_per_unit;
+    let verdicts: Vec<Verdict> = mesh
+        .triangles
+        .par_iter()
+        .enumerate()
+        .map(|(source, t)| judge(t, source as u32, scale, mesh.materials[t.material as usize].hole))
+        .collect();
+    let mut dropped = Dropped::default();
+    let (mut triangles, mut uvs) = (Vec::with_capacity(verdicts.len()), Vec::with_capacity(verdicts.len()));
+    for (verdict, t) in verdicts.into_iter().zip(&mesh.triangles) {
+        match verdict {
+            Verdict::Keep(triangle, uv) => {
+                triangles.push(triangle);
+                uvs.push(uv);
+            }
+            Verdict::ZeroArea => dropped.zero_area += 1,
+            Verdict::Hole => dropped.holes += 1,
+            Verdict::TooFar => {
+                return Err(far_corner(mesh, t, path));
+            }
+        }
+    }
+    dropped.duplicates = drop_duplicates(&mesh.triangles, &mut triangles, &mut uvs);
+    if dropped.zero_area > 0 {
+        warnings.push(format!("{}: {} triangle(s) without area were left out", path.display(), dropped.zero_area));
+    }
+    if dropped.duplicates > 0 {
+        warnings.push(format!("{}: {} triangle(s) equal to another one were left out", path.display(), dropped.duplicates));
+    }
+    if triangles.is_empty() {
+        return Err(ImportError::NoTriangles { path: path.clone() });
+    }
+    Ok((triangles, uvs, dropped))
+}
+
+fn judge(t: &FileTriangle, source: u32, scale: f32, hole: bool) -> Verdict {
+    let [a, b, c] = t.corners;
+    let [ma, mb, mc] = t.corners.map(|p| p * scale);
+    let far = |p: Vec3| p.abs().max_element() > COORDINATE_LIMIT || !p.is_finite();
+    if far(ma) || far(mb) || far(mc) {
+        return Verdict::TooFar;
+    }
+    let exact = (b.as_dvec3() - a.as_dvec3()).cross(c.as_dvec3() - a.as_dvec3());
+    let (edge_a, edge_b) = (mb - ma, mc - ma);
+    // The second test is for areas that single precision cannot hold: their normal would be lost.
+    if exact.length_squared() == 0.0 || edge_a.cross(edge_b).length() < f32::MIN_POSITIVE {
+        return Verdict::ZeroArea;
+    }
+    if hole {
+        return Verdict::Hole;
+    }
+    let triangle = Triangle { corner: ma, material: t.material, edge_a, source, edge_b, object: t.object };
+    let [corner, corner_a, corner_b] = t.uvs.map(|uv| if uv.is_finite() { uv } else { Vec2::ZERO });
+    Verdict::Keep(triangle, TriangleUv { corner, corner_a, corner_b })
+}
+
+fn far_corner(mesh: &Mesh, t: &FileTriangle, path: &Path) -> ImportError {
+    let is_this = |o: &FileTriangle| std::ptr::eq(o, t);
+    let face = mesh.triangles.iter().take_while(|o| !is_this(o)).filter(|o| o.object == t.object).count() + 1;
+    let corner = t.corners.into_iter().max_by(|a, b| a.abs().max_element().total_cmp(&b.abs().max_element()));
+    ImportError::Coordinate {
+        path: path.to_path_buf(),
+        object: mesh.objects[t.object as usize].clone(),
+        face,
+        corner: corner.unwrap_or_default().to_array(),
+        limit: COORDINATE_LIMIT,
+    }
+}
+
+/// Corners, the least first, in the order of the winding: equal for equal triangles.
+fn corner_key(t: &FileTriangle) -> [[u32; 3]; 3] {
+    let bits = |p: Vec3| (p + 0.0).to_array().map(f32::to_bits);
+    let mut key = t.corners.map(bits);
+    let first = (0..3).min_by_key(|k| key[*k]).unwrap_or(0);
+    key.rotate_left(first);
+    key
+}
+
+/// Removes all but the first of equal triangles; returns how many.
+fn drop_duplicates(file: &[FileTriangle], triangles: &mut Vec<Triangle>, uvs: &mut Vec<TriangleUv>) -> usize {
+    let key = |t: &Triangle| corner_key(&file[t.source as usize]);
+    let mut order: Vec<(u64, u32)> = triangles
+        .par_iter()
+        .enumerate()
+        .map(|(k, t)| {
+            let mix = |h: u64, w: u32| (h ^ u64::from(w)).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+            (key(t).iter().flatten().fold(0, |h, w| mix(h, *w)), k as u32)
+        })
+        .collect();
+    order.par_sort_unstable();
+    let mut doubled = vec![false; triangles.len()];
+    let mut count = 0;
+    for group in order.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() > 1) {
+        // More than one key only when hashes collide.
+        let mut kept = Vec::with_capacity(1);
+        for (_, k) in group {
+            let key = key(&triangles[*k as usize]);
+            if kept.contains(&key) {
+                doubled[*k as usize] = true;
+                count += 1;
+            } else {
+                kept.push(key);
+            }
+        }
+    }
+    if count > 0 {
+        let mut keep = doubled.iter().map(|d| !d);
+        triangles.retain(|_| keep.next().unwrap_or(true));
+        let mut keep = doubled.iter().map(|d| !d);
+        uvs.retain(|_| keep.next().unwrap_or(true));
+    }
+    count
+}
+
+fn scaled(view: View, scale: f32) -> View {
+    View { eye: view.eye * scale, target: view.target * scale, ..view }
+}
+
+/// A view from the front, a little above, that shows the whole of the bounds.
+pub fn frame_bounds((low, high): (Vec3, Vec3)) -> View {
+    let centre = 0.5 * (low + high);
+    let radius = (0.5 * (high - low).length()).max(1e-3);
+    let vertical_fov_degrees = 40.0f32;
+    // The sphere round the bounds fits into the field of view: distance = r / sin(fov/2).
+    let distance = radius / f64::from(0.5 * vertical_fov_degrees).to_radians().sin() as f32;
+    let eye = centre + Vec3::new(0.45, 0.35, 1.0).normalize() * distance;
+    View { eye, target: centre, up: Vec3::Y, vertical_fov_degrees }
+}
+
+fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
+    let mut digest = Sha256::new();
+    digest.update(b"patchlight scene 1");
+    for count in [parts.triangles.len(), parts.materials.len(), parts.textures.len(), parts.lights.len()] {
+        digest.update((count as u64).to_le_bytes());
+    }
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.triangles));
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.uvs));
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.materials));
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.textures));
+    textures.iter().for_each(|h| digest.update(h));
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.lights));
+    digest.update(bytemuck::bytes_of(&parts.sky));
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.sky_map));
+    digest.finalize().into()
+}
+
+fn hash_view(before: [u8; 32], view: &View, stops: f32) -> [u8; 32] {
+    let mut digest = Sha256::new();
+    digest.update(before);
+    for v in [view.eye, view.target, view.up, Vec3::new(view.vertical_fov_degrees, stops, 0.0)] {
+        digest.update(bytemuck::bytes_of(&v));
+    }
+    digest.finalize().into()
+}

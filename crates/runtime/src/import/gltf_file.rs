@@ -1,0 +1,355 @@
+//! glTF 2.0 and GLB. What the `gltf` crate reads without looking (ranges of accessors, cycles of nodes) is checked first.
+//!
+//! Intensities are taken as they stand: one unit of the file is one W (sr⁻¹, m⁻²); emission is radiance.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::{Mat4, Vec2, Vec3};
+use gltf::accessor::Dimensions;
+use gltf::mesh::Mode;
+use gltf::{Accessor, Document, Gltf, Node, Primitive};
+use scene::Light;
+
+use super::draft::{FileTriangle, MaterialDraft, Mesh, TRIANGLE_LIMIT, check_count};
+use super::pictures::{MaskChannel, Source, guard};
+use super::scene_file::beside;
+use super::{ImportError, View, lights};
+
+/// The file in hand: for messages and paths.
+struct File<'a> {
+    path: &'a Path,
+    buffers: Vec<Vec<u8>>,
+}
+
+impl File<'_> {
+    fn error(&self, place: impl Into<String>, reason: impl Into<String>) -> ImportError {
+        ImportError::Gltf { path: self.path.to_path_buf(), place: place.into(), reason: reason.into() }
+    }
+}
+
+/// Reads a .gltf or .glb file with its buffers.
+pub fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
+    let mut file = File { path, buffers: Vec::new() };
+    let gltf = guard(|| Gltf::from_slice(bytes).map_err(|e| e.to_string()))
+        .map_err(|reason| file.error("the whole file", format!("{reason} (truncated, or not glTF 2.0)")))?;
+    file.buffers = read_buffers(&file, &gltf)?;
+    guard(|| Ok(collect(&file, &gltf.document)))
+        .unwrap_or_else(|reason| Err(file.error("the whole file", format!("is not valid: {reason}"))))
+}
+
+fn read_buffers(file: &File, gltf: &Gltf) -> Result<Vec<Vec<u8>>, ImportError> {
+    let mut buffers = Vec::new();
+    for buffer in gltf.buffers() {
+        let place = format!("buffer {}", buffer.index());
+        let bytes = match buffer.source() {
+            gltf::buffer::Source::Bin => {
+                gltf.blob.clone().ok_or_else(|| file.error(&place, "the binary part of the GLB is missing"))?
+            }
+            gltf::buffer::Source::Uri(uri) => resource(file, &place, uri)?,
+        };
+        if bytes.len() < buffer.length() {
+            let reason = format!("has {} bytes where {} are declared (truncated)", bytes.len(), buffer.length());
+            return Err(file.error(&place, reason));
+        }
+        buffers.push(bytes);
+    }
+    Ok(buffers)
+}
+
+/// Bytes of a data URI or of a file beside this one.
+fn resource(file: &File, place: &str, uri: &str) -> Result<Vec<u8>, ImportError> {
+    if let Some(data) = uri.strip_prefix("data:") {
+        let (_, encoded) = data.split_once(";base64,").ok_or_else(|| file.error(place, "its data URI is not base64"))?;
+        return STANDARD.decode(encoded).map_err(|e| file.error(place, format!("its data URI is broken: {e}")));
+    }
+    let path = beside(file.path, &percent_decode(uri));
+    std::fs::read(&path).map_err(|source| ImportError::Read { path, source })
+}
+
+fn percent_decode(uri: &str) -> String {
+    let (bytes, mut out, mut k) = (uri.as_bytes(), Vec::new(), 0);
+    while k < bytes.len() {
+        let code = (bytes[k] == b'%').then(|| uri.get(k + 1..k + 3)).flatten().and_then(|h| u8::from_str_radix(h, 16).ok());
+        out.push(code.unwrap_or(bytes[k]));
+        k += if code.is_some() { 3 } else { 1 };
+    }
+    String::from_utf8_lossy(&out).into_owned()
+}
+
+/// How a material's texture coordinates are made from the mesh's.
+#[derive(Clone, Copy, Default)]
+struct UvRule {
+    set: u32,
+    transform: Option<([f32; 2], f32, [f32; 2])>,
+}
+
+impl UvRule {
+    /// KHR_texture_transform; then v from the bottom as in OBJ.
+    fn apply(&self, uv: [f32; 2]) -> Vec2 {
+        let mut uv = Vec2::from(uv);
+        if let Some((offset, rotation, scale)) = self.transform {
+            let (s, c) = (f64::from(rotation).sin() as f32, f64::from(rotation).cos() as f32);
+            let p = uv * Vec2::from(scale);
+            uv = Vec2::new(c * p.x + s * p.y, c * p.y - s * p.x) + Vec2::from(offset);
+        }
+        Vec2::new(uv.x, 1.0 - uv.y)
+    }
+}
+
+fn collect(file: &File, document: &Document) -> Result<Mesh, ImportError> {
+    let mut mesh = Mesh::default();
+    let mut rules = Vec::new();
+    for material in document.materials() {
+        let (draft, rule) = read_material(file, &material, &mut mesh.warnings)?;
+        mesh.materials.push(draft);
+        rules.push(rule);
+    }
+    // Primitives without material.
+    mesh.materials.push(MaterialDraft { albedo: Vec3::splat(0.8), ..MaterialDraft::new("(default)") });
+    rules.push(UvRule::default());
+
+    let Some(root) = document.default_scene().or_else(|| document.scenes().next()) else {
+        return Err(file.error("scenes", "there is no scene"));
+    };
+    let mut stack: Vec<(Node, Mat4)> = root.nodes().map(|n| (n, Mat4::IDENTITY)).collect();
+    stack.reverse();
+    let mut visited = BTreeSet::new();
+    while let Some((node, parent)) = stack.pop() {
+        if !visited.insert(node.index()) {
+            return Err(file.error(format!("node {}", node.index()), "has two parents, or is its own ancestor"));
+        }
+        let to_world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+        add_node(file, &node, to_world, &rules, &mut mesh)?;
+        let children: Vec<_> = node.children().map(|child| (child, to_world)).collect();
+        stack.extend(children.into_iter().rev());
+    }
+    Ok(mesh)
+}
+
+fn label(node: &Node) -> String {
+    let mesh_name = node.mesh().and_then(|m| m.name().map(str::to_owned));
+    node.name().map(str::to_owned).or(mesh_name).unwrap_or_else(|| format!("node {}", node.index()))
+}
+
+fn add_node(file: &File, node: &Node, to_world: Mat4, rules: &[UvRule], mesh: &mut Mesh) -> Result<(), ImportError> {
+    let place = || format!("node {} \"{}\"", node.index(), label(node));
+    if let Some(camera) = node.camera().filter(|_| mesh.view.is_none()) {
+        match camera.projection() {
+            gltf::camera::Projection::Perspective(p) => {
+                let eye = to_world.transform_point3(Vec3::ZERO);
+                let forward = to_world.transform_vector3(Vec3::NEG_Z).normalize_or_zero();
+                let up = to_world.transform_vector3(Vec3::Y).normalize_or_zero();
+                let vertical_fov_degrees = p.yfov().to_degrees();
+                let sound = eye.is_finite() && forward.cross(up).length() > 1e-4;
+                if sound && (0.01..=179.0).contains(&vertical_fov_degrees) {
+                    mesh.view = Some(View { eye, target: eye + forward, up, vertical_fov_degrees });
+                } else {
+                    mesh.warnings.push(format!("{}, {}: its camera makes no sense and is ignored", file.path.display(), place()));
+                }
+            }
+            gltf::camera::Projection::Orthographic(_) => mesh
+                .warnings
+                .push(format!("{}, {}: orthographic cameras are ignored", file.path.display(), place())),
+        }
+    }
+    if let Some(light) = node.light() {
+        let built = build_light(&light, to_world)
+            .map_err(|(key, reason)| file.error(format!("light of {}", place()), format!("{key}: {reason}")))?;
+        mesh.lights.push(built);
+    }
+    let Some(shape) = node.mesh() else { return Ok(()) };
+    mesh.objects.push(label(node));
+    for primitive in shape.primitives() {
+        add_primitive(file, &primitive, to_world, rules, mesh, &place())?;
+    }
+    Ok(())
+}
+
+fn build_light(light: &gltf::khr_lights_punctual::Light, to_world: Mat4) -> Result<Light, lights::Fault> {
+    use gltf::khr_lights_punctual::Kind;
+    let color = Vec3::from(light.color()) * light.intensity();
+    let position = to_world.transform_point3(Vec3::ZERO);
+    let direction = to_world.transform_vector3(Vec3::NEG_Z);
+    match light.kind() {
+        Kind::Directional => lights::directional(direction, color),
+        Kind::Point => lights::point(position, color),
+        Kind::Spot { inner_cone_angle, outer_cone_angle } => {
+            lights::spot(position, direction, color, inner_cone_angle.to_degrees(), outer_cone_angle.to_degrees())
+        }
+    }
+}
+
+fn add_primitive(
+    file: &File,
+    primitive: &Primitive,
+    to_world: Mat4,
+    rules: &[UvRule],
+    mesh: &mut Mesh,
+    node: &str,
+) -> Result<(), ImportError> {
+    let place = format!("{node}, primitive {}", primitive.index());
+    if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+        mesh.warnings.push(format!("{}, {place}: points and lines are ignored", file.path.display()));
+        return Ok(());
+    }
+    let material = primitive.material().index().unwrap_or(mesh.materials.len() - 1);
+    let rule = rules[material];
+    let Some(positions) = primitive.get(&gltf::Semantic::Positions) else {
+        mesh.warnings.push(format!("{}, {place}: has no positions and is ignored", file.path.display()));
+        return Ok(());
+    };
+    let uvs = primitive.get(&gltf::Semantic::TexCoords(rule.set));
+    for accessor in [Some(&positions), uvs.as_ref(), primitive.indices().as_ref()].into_iter().flatten() {
+        check_accessor(file, accessor, &place)?;
+    }
+    let count = primitive.indices().map_or(positions.count(), |i| i.count());
+    check_count(file.path, mesh.triangles.len().saturating_add(count / 3), TRIANGLE_LIMIT)?;
+    if positions.count() == 0 || count == 0 {
+        return Ok(());
+    }
+    let is = |a: &Accessor, d: Dimensions| a.dimensions() == d;
+    if !is(&positions, Dimensions::Vec3) || uvs.as_ref().is_some_and(|a| !is(a, Dimensions::Vec2)) {
+        return Err(file.error(&place, "POSITION must have three, TEXCOORD two numbers"));
+    }
+    let reader = primitive.reader(|buffer| file.buffers.get(buffer.index()).map(Vec::as_slice));
+    let positions: Vec<Vec3> = reader
+        .read_positions()
+        .map(|p| p.map(|p| to_world.transform_point3(Vec3::from(p))).collect())
+        .unwrap_or_default();
+    let uvs: Vec<Vec2> = if uvs.as_ref().is_some_and(|a| a.count() > 0) {
+        reader.read_tex_coords(rule.set).map(|t| t.into_f32().map(|uv| rule.apply(uv)).collect()).unwrap_or_default()
+    } else {
+        Vec::new()
+    };
+    let indices: Vec<u32> = match reader.read_indices() {
+        Some(indices) => indices.into_u32().collect(),
+        None => (0..positions.len() as u32).collect(),
+    };
+    let flipped = to_world.determinant() < 0.0;
+    let object = mesh.objects.len() as u32 - 1;
+    let corners = |face: usize| match primitive.mode() {
+        Mode::TriangleStrip if face % 2 == 1 => [indices[face + 1], indices[face], indices[face + 2]],
+        Mode::TriangleStrip => [indices[face], indices[face + 1], indices[face + 2]],
+        Mode::TriangleFan => [indices[0], indices[face + 1], indices[face + 2]],
+        _ => [indices[3 * face], indices[3 * face + 1], indices[3 * face + 2]],
+    };
+    let faces = if primitive.mode() == Mode::Triangles { indices.len() / 3 } else { indices.len().saturating_sub(2) };
+    for face in 0..faces {
+        let mut at = corners(face);
+        if flipped {
+            at.swap(1, 2);
+        }
+        if let Some(bad) = at.iter().find(|k| **k as usize >= positions.len()) {
+            let reason = format!("face {}: vertex index {bad} is out of range, there are {}", face + 1, positions.len());
+            return Err(file.error(&place, reason));
+        }
+        let corners = at.map(|k| positions[k as usize]);
+        if corners.iter().any(|c| !c.is_finite()) {
+            return Err(file.error(&place, format!("face {}: has a coordinate that is not finite", face + 1)));
+        }
+        let uvs = at.map(|k| uvs.get(k as usize).copied().unwrap_or_default());
+        mesh.triangles.push(FileTriangle { corners, uvs, material: material as u32, object });
+    }
+    Ok(())
+}
+
+/// Refuses accessors that reach beyond their view or buffer.
+fn check_accessor(file: &File, accessor: &Accessor, place: &str) -> Result<(), ImportError> {
+    let error = |reason: &str| file.error(format!("{place}, accessor {}", accessor.index()), reason);
+    if accessor.sparse().is_some() {
+        return Err(error("sparse accessors are not read"));
+    }
+    let Some(view) = accessor.view() else { return Err(error("has no buffer view")) };
+    let size = accessor.size() as u64;
+    let stride = view.stride().map_or(size, |s| s as u64);
+    if stride < size {
+        return Err(error("its stride is shorter than its elements"));
+    }
+    let end = (accessor.count() as u64)
+        .saturating_sub(1)
+        .checked_mul(stride)
+        .and_then(|x| x.checked_add(size))
+        .and_then(|x| x.checked_add(accessor.offset() as u64));
+    let view_end = (view.offset() as u64).checked_add(view.length() as u64);
+    let buffer = file.buffers.get(view.buffer().index()).map_or(0, |b| b.len() as u64);
+    if accessor.count() > 0 && end.is_none_or(|end| end > view.length() as u64) {
+        return Err(error("reaches beyond its buffer view"));
+    }
+    if view_end.is_none_or(|end| end > buffer) {
+        return Err(error("its buffer view reaches beyond the buffer (truncated)"));
+    }
+    Ok(())
+}
+
+fn read_material(
+    file: &File,
+    material: &gltf::Material,
+    warnings: &mut Vec<String>,
+) -> Result<(MaterialDraft, UvRule), ImportError> {
+    let index = material.index().unwrap_or_default();
+    let name = material.name().map_or_else(|| format!("material {index}"), str::to_owned);
+    let mut warn = |what: &str| warnings.push(format!("{}, material {name}: {what}", file.path.display()));
+    let pbr = material.pbr_metallic_roughness();
+    let [r, g, b, alpha] = pbr.base_color_factor();
+    let base = pbr.base_color_texture();
+    let emissive = material.emissive_texture();
+    let rule = base.as_ref().or(emissive.as_ref()).map_or_else(UvRule::default, |info| {
+        let transform = info.texture_transform().map(|t| (t.offset(), t.rotation(), t.scale()));
+        let set = info.texture_transform().and_then(|t| t.tex_coord()).unwrap_or_else(|| info.tex_coord());
+        UvRule { set, transform }
+    });
+    let mut draft = MaterialDraft {
+        albedo: Vec3::new(r, g, b),
+        albedo_factor: Vec3::new(r, g, b),
+        radiance: Vec3::from(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0),
+        ..MaterialDraft::new(&name)
+    };
+    if let Some(info) = &base {
+        draft.albedo_picture = Some(read_picture(file, &info.texture().source())?);
+    }
+    if let Some(info) = &emissive {
+        if info.tex_coord() != rule.set && base.is_some() {
+            warn("its emissive texture uses other texture coordinates and is ignored");
+        } else {
+            draft.radiance_picture = Some(read_picture(file, &info.texture().source())?);
+        }
+    }
+    let cutoff = match material.alpha_mode() {
+        gltf::material::AlphaMode::Opaque => return Ok((draft, rule)),
+        gltf::material::AlphaMode::Mask => material.alpha_cutoff().unwrap_or(0.5),
+        gltf::material::AlphaMode::Blend => {
+            warn("is blended; it is drawn with holes where alpha is below 0.5");
+            0.5
+        }
+    };
+    match draft.albedo_picture.clone() {
+        Some(source) if alpha > 0.0 => {
+            draft.mask = Some((source, MaskChannel::Alpha));
+            draft.mask_cutoff = cutoff / alpha;
+        }
+        _ => draft.hole = alpha < cutoff,
+    }
+    Ok((draft, rule))
+}
+
+fn read_picture(file: &File, image: &gltf::Image) -> Result<Source, ImportError> {
+    let place = format!("image {}", image.index());
+    let name = format!("{}, {place}", file.path.display());
+    match image.source() {
+        gltf::image::Source::View { view, .. } => {
+            let bytes = file.buffers.get(view.buffer().index()).and_then(|b| {
+                b.get(view.offset()..view.offset().checked_add(view.length())?)
+            });
+            let bytes = bytes.ok_or_else(|| file.error(&place, "its buffer view reaches beyond the buffer (truncated)"))?;
+            Ok(Source::Embedded { name, bytes: Arc::new(bytes.to_vec()) })
+        }
+        gltf::image::Source::Uri { uri, .. } if uri.starts_with("data:") => {
+            Ok(Source::Embedded { name, bytes: Arc::new(resource(file, &place, uri)?) })
+        }
+        gltf::image::Source::Uri { uri, .. } => Ok(Source::File(beside(file.path, &percent_decode(uri)))),
+    }
+}

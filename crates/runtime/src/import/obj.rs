@@ -1,0 +1,341 @@
+//! OBJ: a pass over the bytes that checks every index and keeps only what is used, then `tobj`.
+//!
+//! `tobj` neither says where a fault is nor bears all indices (its sums overflow), so the checking pass comes first. It
+//! also joins continued lines, replaces bytes that are not UTF-8, and leaves out normals, lines, points and vertex colours.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::Instant;
+
+use glam::{Vec2, Vec3};
+
+use super::draft::{FileTriangle, MaterialDraft, Mesh, TRIANGLE_LIMIT, check_count, seconds};
+use super::{ImportError, LoadOptions, mtl, pictures};
+
+/// What the checking pass keeps.
+#[derive(Default)]
+struct Checked {
+    text: Vec<u8>,
+    libraries: Vec<String>,
+    used_materials: BTreeSet<String>,
+    triangles: usize,
+}
+
+/// Where the checking pass is.
+struct Place<'a> {
+    path: &'a Path,
+    line: usize,
+    object: String,
+    face: usize,
+}
+
+impl Place<'_> {
+    fn error(&self, reason: impl Into<String>) -> ImportError {
+        ImportError::Obj {
+            path: self.path.to_path_buf(),
+            line: self.line,
+            object: self.object.clone(),
+            face: self.face + 1,
+            reason: reason.into(),
+        }
+    }
+}
+
+/// Reads an OBJ file with its MTL files; textures are decoded while the text is parsed.
+pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, ImportError> {
+    let start = Instant::now();
+    let checked = check(path, bytes, false)?;
+    check_count(path, checked.triangles, TRIANGLE_LIMIT)?;
+    let mut warnings = Vec::new();
+    let mut materials: Vec<MaterialDraft> = Vec::new();
+    for library in &checked.libraries {
+        let whole = super::scene_file::beside(path, library);
+        // One name with spaces, or several names.
+        if whole.exists() || !library.contains(char::is_whitespace) {
+            mtl::load(&whole, &mut materials, &mut warnings);
+        } else {
+            for name in library.split_whitespace() {
+                mtl::load(&super::scene_file::beside(path, name), &mut materials, &mut warnings);
+            }
+        }
+    }
+    // The last of several materials of one name counts.
+    let by_name: BTreeMap<String, usize> = materials.iter().enumerate().map(|(k, m)| (m.name.clone(), k)).collect();
+    for name in checked.used_materials.iter().filter(|name| !by_name.contains_key(*name)) {
+        warnings.push(format!("{}: material {name} is not in any MTL file; mid-grey is used", path.display()));
+    }
+    let check_seconds = seconds(start);
+
+    let start = Instant::now();
+    let parse = || {
+        let load_options = tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+        let known: Vec<tobj::Material> =
+            materials.iter().map(|m| tobj::Material { name: m.name.clone(), ..Default::default() }).collect();
+        let names = by_name.iter().map(|(name, k)| (name.clone(), *k)).collect::<std::collections::HashMap<_, _>>();
+        let result = pictures::guard(|| {
+            let library = |_: &Path| Ok((known.clone(), names.clone().into_iter().collect()));
+            tobj::load_obj_buf(&mut &checked.text[..], &load_options, library).map_err(|e| e.to_string())
+        });
+        result.map(|(models, _)| models).map(|models| gather(models, materials.len() as u32))
+    };
+    let (parsed, packed) = rayon::join(parse, || pictures::pack(&materials, options.texel_budget));
+    let (triangles, objects, has_unnamed) = match parsed {
+        Ok(parsed) => parsed,
+        // tobj does not say where: the slow form of the check does.
+        Err(reason) => {
+            check(path, bytes, true)?;
+            let place = Place { path, line: 1, object: String::from("(unknown)"), face: 0 };
+            return Err(place.error(reason));
+        }
+    };
+    if triangles.iter().any(|t| t.corners.iter().any(|c| !c.is_finite())) {
+        check(path, bytes, true)?;
+    }
+    let mut packed = packed;
+    if has_unnamed {
+        // Its triangles come before any usemtl, or their material is missing.
+        let grey = MaterialDraft::new("(none)");
+        packed.slots.push(pictures::Slots { albedo: scene::NONE, radiance: scene::NONE, radiance_scale: 1.0, mask: scene::NONE });
+        materials.push(grey);
+    }
+    let timings = vec![("check", check_seconds), ("parse and textures", seconds(start))];
+    Ok(Mesh { triangles, objects, materials, warnings, packed: Some(packed), timings, ..Mesh::default() })
+}
+
+/// Triangles of all models, names of their objects, and whether any is without material (it gets the index `none`).
+fn gather(models: Vec<tobj::Model>, none: u32) -> (Vec<FileTriangle>, Vec<String>, bool) {
+    let mut triangles = Vec::with_capacity(models.iter().map(|m| m.mesh.indices.len() / 3).sum());
+    let mut objects: Vec<String> = Vec::new();
+    let mut has_unnamed = false;
+    for model in &models {
+        let m = &model.mesh;
+        if m.indices.is_empty() {
+            continue;
+        }
+        // A change of material splits an object into models of one name.
+        if objects.last() != Some(&model.name) {
+            objects.push(model.name.clone());
+        }
+        let object = objects.len() as u32 - 1;
+        has_unnamed |= m.material_id.is_none();
+        let material = m.material_id.map_or(none, |k| k as u32);
+        let position = |k: u32| Vec3::from_slice(&m.positions[3 * k as usize..]);
+        let has_uvs = m.texcoord_indices.len() == m.indices.len();
+        for (corner, face) in m.indices.chunks_exact(3).enumerate() {
+            let uv = |k: usize| {
+                if has_uvs { Vec2::from_slice(&m.texcoords[2 * m.texcoord_indices[3 * corner + k] as usize..]) } else { Vec2::ZERO }
+            };
+            triangles.push(FileTriangle {
+                corners: [position(face[0]), position(face[1]), position(face[2])],
+                uvs: [uv(0), uv(1), uv(2)],
+                material,
+                object,
+            });
+        }
+    }
+    (triangles, objects, has_unnamed)
+}
+
+/// Checks all indices (and all numbers, when `numbers`), and keeps what tobj is to read.
+fn check(path: &Path, bytes: &[u8], numbers: bool) -> Result<Checked, ImportError> {
+    let mut out = Checked { text: Vec::with_capacity(bytes.len()), ..Checked::default() };
+    let mut place = Place { path, line: 0, object: String::from("unnamed_object"), face: 0 };
+    let (mut positions, mut uvs) = (0i64, 0i64);
+    let mut not_finite: BTreeMap<i64, usize> = BTreeMap::new();
+    let mut joined: Vec<u8> = Vec::new();
+    for raw in bytes.split(|b| *b == b'\n') {
+        place.line += 1;
+        let raw = raw.strip_suffix(b"\r").unwrap_or(raw);
+        if let Some(part) = raw.strip_suffix(b"\\") {
+            joined.extend_from_slice(part);
+            joined.push(b' ');
+            continue;
+        }
+        let whole;
+        let line = if joined.is_empty() {
+            raw
+        } else {
+            joined.extend_from_slice(raw);
+            whole = std::mem::take(&mut joined);
+            &whole[..]
+        }
+        .trim_ascii();
+        let (keyword, rest) = line.split_at(line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len()));
+        match keyword {
+            b"v" => {
+                positions += 1;
+                if numbers {
+                    check_numbers(&place, rest, 3)?;
+                    if !is_finite(rest) {
+                        not_finite.insert(positions, place.line);
+                    }
+                }
+                // Three coordinates and w; six numbers are a coordinate and a colour.
+                let words = rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).count();
+                keep(&mut out.text, b"v", rest, if words == 4 { 4 } else { 3 });
+            }
+            b"vt" => {
+                uvs += 1;
+                if numbers {
+                    check_numbers(&place, rest, 1)?;
+                }
+                keep(&mut out.text, b"vt", rest, 2);
+                // A texture coordinate of one number has v = 0.
+                if rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).count() == 1 {
+                    out.text.pop();
+                    out.text.extend_from_slice(b" 0\n");
+                }
+            }
+            b"f" => {
+                out.triangles += check_face(&place, rest, (positions, uvs), &not_finite, &mut out.text)?;
+                place.face += 1;
+            }
+            b"o" | b"g" | b"usemtl" | b"mtllib" => {
+                let name = String::from_utf8_lossy(rest.trim_ascii());
+                match keyword {
+                    b"mtllib" => out.libraries.push(name.to_string()),
+                    b"usemtl" if name.is_empty() => continue,
+                    b"usemtl" => {
+                        out.used_materials.insert(name.to_string());
+                    }
+                    _ => {
+                        place.object = if name.is_empty() { String::from("unnamed_object") } else { name.to_string() };
+                        place.face = 0;
+                    }
+                }
+                out.text.extend_from_slice(keyword);
+                out.text.push(b' ');
+                out.text.extend_from_slice(name.as_bytes());
+                out.text.push(b'\n');
+            }
+            _ => {}
+        }
+    }
+    if out.triangles == 0 {
+        if let Some(reason) = looks_wrong(bytes, positions) {
+            place.line = 1;
+            return Err(place.error(reason));
+        }
+        return Err(ImportError::NoTriangles { path: path.to_path_buf() });
+    }
+    Ok(out)
+}
+
+fn looks_wrong(bytes: &[u8], positions: i64) -> Option<&'static str> {
+    let binary = bytes.iter().take(4096).any(|b| *b == 0);
+    if binary {
+        Some("this is not an OBJ text")
+    } else if positions == 0 {
+        Some("there is neither a vertex nor a face (truncated, or not an OBJ text)")
+    } else {
+        None
+    }
+}
+
+/// Copies a keyword and its first words.
+fn keep(text: &mut Vec<u8>, keyword: &[u8], rest: &[u8], words: usize) {
+    text.extend_from_slice(keyword);
+    for word in rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).take(words) {
+        text.push(b' ');
+        // Bytes that are not ASCII are no number: the parser shall see one bad character, not broken UTF-8.
+        text.extend(word.iter().map(|b| if b.is_ascii() { *b } else { b'?' }));
+    }
+    text.push(b'\n');
+}
+
+fn number(word: &[u8]) -> Option<f32> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}
+
+fn check_numbers(place: &Place, rest: &[u8], least: usize) -> Result<(), ImportError> {
+    let words: Vec<&[u8]> = rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).collect();
+    if words.len() < least {
+        return Err(place.error(format!("{} number(s) where {least} are needed", words.len())));
+    }
+    for word in words.iter().take(4) {
+        match number(word) {
+            None => return Err(place.error(format!("\"{}\" is not a number", String::from_utf8_lossy(word)))),
+            Some(0.0) if words.len() == 4 && least == 3 && std::ptr::eq(*word, words[3]) => {
+                return Err(place.error("the fourth coordinate is 0"));
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
+
+fn is_finite(rest: &[u8]) -> bool {
+    let mut words = rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
+    words.all(|w| number(w).is_some_and(f32::is_finite))
+}
+
+/// Checks a face's indices against what was read so far, copies it without normals, returns its number of triangles.
+fn check_face(
+    place: &Place,
+    rest: &[u8],
+    (positions, uvs): (i64, i64),
+    not_finite: &BTreeMap<i64, usize>,
+    text: &mut Vec<u8>,
+) -> Result<usize, ImportError> {
+    text.push(b'f');
+    let mut corners = 0;
+    for word in rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()) {
+        corners += 1;
+        let mut parts = word.split(|b| *b == b'/');
+        let bad = || place.error(format!("\"{}\" is not a corner of a face", String::from_utf8_lossy(word)));
+        let v = index(parts.next().unwrap_or_default()).ok_or_else(bad)?;
+        let v = resolve(v, positions).ok_or_else(|| {
+            place.error(format!("vertex index {v} is out of range, {positions} vertices come before this line"))
+        })?;
+        if let Some(line) = not_finite.get(&v) {
+            return Err(place.error(format!("vertex {v} (line {line}) has a coordinate that is not finite")));
+        }
+        text.push(b' ');
+        write_index(text, v);
+        match parts.next() {
+            None | Some(b"") => {}
+            Some(part) => {
+                let vt = index(part).ok_or_else(bad)?;
+                let vt = resolve(vt, uvs).ok_or_else(|| {
+                    place.error(format!("texture index {vt} is out of range, {uvs} texture coordinates come before this line"))
+                })?;
+                text.push(b'/');
+                write_index(text, vt);
+            }
+        }
+    }
+    text.push(b'\n');
+    if corners < 3 {
+        return Err(place.error(format!("{corners} corner(s) where 3 or more are needed")));
+    }
+    Ok(corners - 2)
+}
+
+/// A signed whole number of at most 18 digits.
+fn index(word: &[u8]) -> Option<i64> {
+    let (negative, digits) = match word {
+        [b'-', digits @ ..] => (true, digits),
+        digits => (false, digits),
+    };
+    if digits.is_empty() || digits.len() > 18 || !digits.iter().all(u8::is_ascii_digit) {
+        return None;
+    }
+    let value = digits.iter().fold(0i64, |x, d| 10 * x + i64::from(d - b'0'));
+    Some(if negative { -value } else { value })
+}
+
+/// The index from 1 that a positive or relative one stands for.
+fn resolve(index: i64, count: i64) -> Option<i64> {
+    let index = if index < 0 { count + 1 + index } else { index };
+    (1..=count).contains(&index).then_some(index)
+}
+
+fn write_index(text: &mut Vec<u8>, index: i64) {
+    let (mut digits, mut at, mut rest) = ([0u8; 20], 20, index);
+    while rest > 0 {
+        at -= 1;
+        digits[at] = b'0' + (rest % 10) as u8;
+        rest /= 10;
+    }
+    text.extend_from_slice(&digits[at..]);
+}

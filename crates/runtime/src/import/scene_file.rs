@@ -1,0 +1,316 @@
+//! Scene .toml version 1.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light, Sky};
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::draft::{Setting, finish};
+use super::lights::{self, Fault};
+use super::{ImportError, Keyframe, LoadOptions, LoadedScene, Target, Track, View};
+
+#[derive(Deserialize)]
+struct VersionOnly {
+    version: Option<Spanned<toml::Value>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneTable {
+    #[serde(rename = "version")]
+    _version: i64,
+    mesh: Spanned<String>,
+    metres_per_unit: Option<Spanned<f32>>,
+    exposure_stops: Option<Spanned<f32>>,
+    camera: Option<Spanned<CameraTable>>,
+    sky: Option<Spanned<SkyTable>>,
+    #[serde(default)]
+    light: Vec<Spanned<LightTable>>,
+    #[serde(default)]
+    animation: Vec<Spanned<AnimationTable>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraTable {
+    eye: [f32; 3],
+    target: [f32; 3],
+    up: Option<[f32; 3]>,
+    vertical_fov_degrees: Option<f32>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SkyTable {
+    radiance: Option<[f32; 3]>,
+    map: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LightTable {
+    #[serde(rename = "type")]
+    kind: String,
+    direction: Option<[f32; 3]>,
+    irradiance: Option<[f32; 3]>,
+    position: Option<[f32; 3]>,
+    intensity: Option<[f32; 3]>,
+    inner_degrees: Option<f32>,
+    outer_degrees: Option<f32>,
+    corner: Option<[f32; 3]>,
+    edge_a: Option<[f32; 3]>,
+    edge_b: Option<[f32; 3]>,
+    radiance: Option<[f32; 3]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AnimationTable {
+    target: String,
+    index: Option<usize>,
+    property: String,
+    keyframes: Vec<KeyframeTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeyframeTable {
+    time: f32,
+    value: [f32; 3],
+}
+
+/// The file's text, for places in messages.
+struct Text<'a> {
+    path: &'a Path,
+    text: &'a str,
+}
+
+impl Text<'_> {
+    fn line(&self, span: Option<Range<usize>>) -> usize {
+        let end = span.map_or(0, |s| s.start).min(self.text.len());
+        1 + self.text.as_bytes()[..end].iter().filter(|b| **b == b'\n').count()
+    }
+
+    fn syntax(&self, e: &toml::de::Error) -> ImportError {
+        let reason = e.message().trim().replace('\n', ", ");
+        ImportError::Toml { path: self.path.to_path_buf(), line: self.line(e.span()), reason }
+    }
+
+    fn value(&self, span: Range<usize>, key: &str, reason: impl Into<String>) -> ImportError {
+        ImportError::Value {
+            path: self.path.to_path_buf(),
+            line: self.line(Some(span)),
+            key: key.to_owned(),
+            reason: reason.into(),
+        }
+    }
+}
+
+/// Reads a scene .toml and the mesh it names.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportError> {
+    let bytes = super::read(path)?;
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let good = &e.as_bytes()[..e.utf8_error().valid_up_to()];
+        ImportError::Toml {
+            path: path.to_path_buf(),
+            line: 1 + good.iter().filter(|b| **b == b'\n').count(),
+            reason: String::from("is not UTF-8 text; save the file as UTF-8"),
+        }
+    })?;
+    let text = Text { path, text: &text };
+    check_version(&text)?;
+    let table: SceneTable = toml::from_str(text.text).map_err(|e| text.syntax(&e))?;
+
+    let name = path.file_stem().map_or_else(|| String::from("scene"), |s| s.to_string_lossy().into_owned());
+    let mut setting = Setting::new(path, &name);
+    if let Some(scale) = &table.metres_per_unit {
+        setting.metres_per_unit = *scale.as_ref();
+        if !(scale.as_ref().is_finite() && *scale.as_ref() > 0.0) {
+            return Err(text.value(scale.span(), "metres_per_unit", "must be a finite number above 0, for example 0.01"));
+        }
+    }
+    if let Some(stops) = &table.exposure_stops {
+        setting.exposure_stops = *stops.as_ref();
+        if !(-100.0..=100.0).contains(stops.as_ref()) {
+            return Err(text.value(stops.span(), "exposure_stops", "must be a number from -100 to 100"));
+        }
+    }
+    if let Some(camera) = &table.camera {
+        setting.view = Some(view(&text, camera, setting.metres_per_unit)?);
+    }
+    for (k, light) in table.light.iter().enumerate() {
+        let light_fault = |(key, reason): Fault| text.value(light.span(), &format!("light {}, {key}", k + 1), reason);
+        setting.lights.push(build_light(light.as_ref(), setting.metres_per_unit).map_err(light_fault)?);
+    }
+    let mut warnings = Vec::new();
+    if let Some(sky) = &table.sky {
+        read_sky(&text, sky, &mut setting, options, &mut warnings)?;
+    }
+    for track in &table.animation {
+        let built = build_track(track.as_ref(), &setting.lights, setting.metres_per_unit);
+        setting.animation.tracks.push(built.map_err(|(key, reason)| text.value(track.span(), key, reason))?);
+    }
+    let mesh_path = beside(path, table.mesh.as_ref());
+    if !mesh_path.exists() {
+        return Err(ImportError::MissingMesh { path: path.to_path_buf(), mesh: mesh_path });
+    }
+    let mut mesh = super::read_mesh(&mesh_path, options)?;
+    warnings.append(&mut mesh.warnings);
+    mesh.warnings = warnings;
+    finish(mesh, setting, options)
+}
+
+/// A path relative to the folder of a file.
+pub fn beside(file: &Path, name: &str) -> PathBuf {
+    file.parent().unwrap_or(Path::new("")).join(name.replace('\\', "/"))
+}
+
+fn check_version(text: &Text) -> Result<(), ImportError> {
+    let found: VersionOnly = toml::from_str(text.text).map_err(|e| text.syntax(&e))?;
+    match found.version {
+        Some(v) if v.as_ref().as_integer() == Some(1) => Ok(()),
+        Some(v) => Err(ImportError::Version {
+            path: text.path.to_path_buf(),
+            line: text.line(Some(v.span())),
+            found: v.as_ref().to_string(),
+        }),
+        None => Err(ImportError::Version { path: text.path.to_path_buf(), line: 1, found: String::from("(none)") }),
+    }
+}
+
+fn view(text: &Text, camera: &Spanned<CameraTable>, scale: f32) -> Result<View, ImportError> {
+    let table = camera.as_ref();
+    let view = View {
+        eye: Vec3::from(table.eye) * scale,
+        target: Vec3::from(table.target) * scale,
+        up: table.up.map_or(Vec3::Y, Vec3::from),
+        vertical_fov_degrees: table.vertical_fov_degrees.unwrap_or(45.0),
+    };
+    let fault = |key: &str, reason: &str| Err(text.value(camera.span(), key, reason));
+    if !(view.eye.is_finite() && view.target.is_finite() && view.up.is_finite()) {
+        return fault("camera", "eye, target and up must be finite numbers");
+    }
+    let Some(forward) = (view.target - view.eye).try_normalize() else {
+        return fault("camera", "eye and target are the same point; move one of them");
+    };
+    if view.up.try_normalize().is_none_or(|up| up.cross(forward).length() < 1e-4) {
+        return fault("camera", "up lies along the view direction; give another up");
+    }
+    if !(0.01..=179.0).contains(&view.vertical_fov_degrees) {
+        return fault("vertical_fov_degrees", "must be a number from 0.01 to 179");
+    }
+    Ok(view)
+}
+
+fn build_light(t: &LightTable, scale: f32) -> Result<Light, Fault> {
+    let keys: [(&'static str, bool); 10] = [
+        ("direction", t.direction.is_some()),
+        ("irradiance", t.irradiance.is_some()),
+        ("position", t.position.is_some()),
+        ("intensity", t.intensity.is_some()),
+        ("inner_degrees", t.inner_degrees.is_some()),
+        ("outer_degrees", t.outer_degrees.is_some()),
+        ("corner", t.corner.is_some()),
+        ("edge_a", t.edge_a.is_some()),
+        ("edge_b", t.edge_b.is_some()),
+        ("radiance", t.radiance.is_some()),
+    ];
+    let wanted: &[&str] = match t.kind.as_str() {
+        "directional" => &["direction", "irradiance"],
+        "point" => &["position", "intensity"],
+        "spot" => &["position", "direction", "intensity", "inner_degrees", "outer_degrees"],
+        "rect" => &["corner", "edge_a", "edge_b", "radiance"],
+        other => {
+            return Err(("type", format!("\"{other}\" is not known; give directional, point, spot or rect")));
+        }
+    };
+    for (key, given) in keys {
+        if given && !wanted.contains(&key) {
+            return Err((key, format!("does not belong to a {} light; it has {}", t.kind, wanted.join(", "))));
+        }
+        if !given && wanted.contains(&key) {
+            return Err((key, format!("is missing; a {} light has {}", t.kind, wanted.join(", "))));
+        }
+    }
+    let v = |x: Option<[f32; 3]>| x.map_or(Vec3::ZERO, Vec3::from);
+    match t.kind.as_str() {
+        "directional" => lights::directional(v(t.direction), v(t.irradiance)),
+        "point" => lights::point(v(t.position) * scale, v(t.intensity)),
+        "spot" => {
+            let (inner, outer) = (t.inner_degrees.unwrap_or(0.0), t.outer_degrees.unwrap_or(0.0));
+            lights::spot(v(t.position) * scale, v(t.direction), v(t.intensity), inner, outer)
+        }
+        _ => lights::rect(v(t.corner) * scale, v(t.edge_a) * scale, v(t.edge_b) * scale, v(t.radiance)),
+    }
+}
+
+fn read_sky(
+    text: &Text,
+    sky: &Spanned<SkyTable>,
+    setting: &mut Setting,
+    options: &LoadOptions,
+    warnings: &mut Vec<String>,
+) -> Result<(), ImportError> {
+    let table = sky.as_ref();
+    if table.radiance.is_none() && table.map.is_none() {
+        return Err(text.value(sky.span(), "sky", "needs `radiance` (three numbers), `map` (an .hdr or .exr file), or both"));
+    }
+    let radiance = table.radiance.map_or(Vec3::ONE, Vec3::from);
+    let radiance = lights::check_color("radiance", radiance)
+        .map_err(|(key, reason)| text.value(sky.span(), &format!("sky, {key}"), reason))?;
+    setting.sky = Sky { radiance, ..Sky::default() };
+    if let Some(map) = &table.map {
+        let path = beside(text.path, map);
+        let (texels, width, height) = super::pictures::read_sky(&path, options.texel_budget, warnings)
+            .map_err(|reason| ImportError::SkyMap { path, reason })?;
+        setting.sky.map_width = width;
+        setting.sky.map_height = height;
+        setting.sky_map = texels;
+    }
+    Ok(())
+}
+
+fn build_track(t: &AnimationTable, lights: &[Light], scale: f32) -> Result<Track, Fault> {
+    let index = t.index.unwrap_or(0);
+    let target = match (t.target.as_str(), t.property.as_str()) {
+        ("camera", "eye") => Target::CameraEye,
+        ("camera", "target") => Target::CameraTarget,
+        ("camera", _) => return Err(("property", format!("\"{}\" is not known; give eye or target", t.property))),
+        ("light", property) => {
+            let Some(light) = lights.get(index) else {
+                return Err(("index", format!("light {index} does not exist; there are {}, counted from 0", lights.len())));
+            };
+            match property {
+                "position" if light.kind != LIGHT_DIRECTIONAL => Target::LightPosition(index),
+                "direction" if light.kind <= scene::LIGHT_SPOT && light.kind != LIGHT_POINT => Target::LightDirection(index),
+                "color" => Target::LightColor(index),
+                "position" | "direction" => {
+                    return Err(("property", format!("light {index} has no {property}; animate another property")));
+                }
+                _ => return Err(("property", format!("\"{property}\" is not known; give position, direction or color"))),
+            }
+        }
+        (other, _) => return Err(("target", format!("\"{other}\" is not known; give light or camera"))),
+    };
+    if t.keyframes.is_empty() {
+        return Err(("keyframes", String::from("is empty; give at least one { time, value }")));
+    }
+    let mut keyframes: Vec<Keyframe> = Vec::with_capacity(t.keyframes.len());
+    for k in &t.keyframes {
+        let later = keyframes.last().is_none_or(|last| k.time > last.time);
+        if !k.time.is_finite() || !later {
+            return Err(("keyframes", format!("time {} is not after the one before; give ascending times", k.time)));
+        }
+        let value = Vec3::from(k.value);
+        let value = match target {
+            Target::LightDirection(_) => lights::check_direction("keyframes", value)?,
+            Target::LightColor(_) => lights::check_color("keyframes", value)?,
+            _ => lights::check_position("keyframes", value)? * scale,
+        };
+        keyframes.push(Keyframe { time: k.time, value });
+    }
+    Ok(Track { target, keyframes })
+}
