@@ -1,1 +1,13 @@
-//! See README.md.
+//! SPIR-V entry points of all methods, their compiled modules, and the table that describes them.
+#![no_std]
+#[cfg(feature = "std")]
+extern crate std;
+
+mod invocation;
+pub mod params;
+pub mod scene;
+
+#[cfg(feature = "std")]
+pub mod host;
+#[cfg(feature = "std")]
+pub mod table;

@@ -1,0 +1,89 @@
+//! Runs the compiler and the passes after it.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use spirv_builder::{ModuleResult, ShaderPanicStrategy, SpirvBuilder, SpirvMetadata};
+
+use crate::Modules;
+use crate::decorate::forbid_contraction;
+
+/// Target of every module.
+pub const TARGET: &str = "spirv-unknown-vulkan1.2";
+/// The toolchain of `../shared/rust-gpu`.
+const LOCAL_TOOLCHAIN: &str = "rust-gpu-1.96";
+/// The public toolchain that the same backend asks for.
+const PUBLIC_TOOLCHAIN: &str = "nightly-2026-04-11";
+
+/// What a compilation gives.
+pub struct Compiled {
+    /// Modules by file name, `<entry point>.spv`.
+    pub modules: Modules,
+    /// Every source file of this workspace that went in.
+    pub sources: BTreeSet<PathBuf>,
+}
+
+/// Compiles the kernel crate, one module per entry point, decorated and optimised.
+pub fn compile(kernels: &Path) -> Result<Compiled> {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| kernels.join("builder/target"), PathBuf::from);
+    let mut builder = SpirvBuilder::new(kernels, TARGET);
+    builder.multimodule = true;
+    builder.spirv_metadata = SpirvMetadata::None;
+    builder.shader_panic_strategy = ShaderPanicStrategy::SilentExit;
+    builder.shader_crate_features.default_features = false;
+    builder.build_script.defaults = false;
+    // The optimiser runs after the decorations: see forbid_contraction.
+    builder.extra_args.push("--no-spirv-opt".into());
+    builder.target_dir_path = Some(target.join("spirv"));
+    if cfg!(feature = "public-toolchain") {
+        builder.toolchain_overwrite = Some(PUBLIC_TOOLCHAIN.into());
+    } else {
+        let home = std::env::var_os("HOME").context("HOME is not set")?;
+        let backend = Path::new(&home).join(".cache").join(LOCAL_TOOLCHAIN).join("lib/librustc_codegen_spirv.so");
+        ensure!(
+            backend.is_file(),
+            "the backend {} is missing: run ../shared/rust-gpu/install, or use the feature public-toolchain (see --help \
+             text at the top of builder/src/main.rs)",
+            backend.display()
+        );
+        builder.rustc_codegen_spirv_location = Some(backend);
+        builder.toolchain_overwrite = Some(LOCAL_TOOLCHAIN.into());
+    }
+    let result = builder.build().context("compiling the kernels")?;
+    let ModuleResult::MultiModule(files) = &result.module else { bail!("the compiler gave a single module") };
+
+    let work = tempfile::tempdir()?;
+    let mut modules = Modules::new();
+    for (entry, path) in files {
+        modules.insert(format!("{entry}.spv"), finish(work.path(), entry, &fs::read(path)?)?);
+    }
+    Ok(Compiled { modules, sources: sources(&target.join("spirv"), kernels)? })
+}
+
+/// Decorates, strips, optimises and validates one module.
+fn finish(work: &Path, entry: &str, bytes: &[u8]) -> Result<Vec<u8>> {
+    ensure!(bytes.len() % 4 == 0, "{entry}: not whole words");
+    let words: Vec<u32> = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let decorated: Vec<u8> = forbid_contraction(&words).iter().flat_map(|w| w.to_le_bytes()).collect();
+    let (input, output) = (work.join("in.spv"), work.join("out.spv"));
+    fs::write(&input, decorated)?;
+    run(Command::new("spirv-opt").args(["--strip-debug", "-O"]).arg(&input).arg("-o").arg(&output), entry)?;
+    run(Command::new("spirv-val").args(["--target-env", "vulkan1.2"]).arg(&output), entry)?;
+    Ok(fs::read(output)?)
+}
+
+fn run(command: &mut Command, entry: &str) -> Result<()> {
+    let tool = command.get_program().to_string_lossy().into_owned();
+    let output = command.output().with_context(|| format!("{tool} (Debian: spirv-tools) does not start"))?;
+    ensure!(output.status.success(), "{tool} refuses {entry}: {}", String::from_utf8_lossy(&output.stderr));
+    Ok(())
+}
+
+/// The files of this workspace that the compiler read, from its dependency files, and the manifests beside them.
+fn sources(target: &Path, kernels: &Path) -> Result<BTreeSet<PathBuf>> {
+    let _ = (target, kernels);
+    Ok(BTreeSet::new())
+}

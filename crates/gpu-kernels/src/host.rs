@@ -1,0 +1,200 @@
+//! The host form of the kernels: the same bodies, run over all elements on all cores. Every element is computed by itself,
+//! so the result does not depend on the number of threads.
+
+pub mod scene;
+
+use std::vec::Vec;
+
+use bytemuck::{AnyBitPattern, Pod};
+use rayon::prelude::*;
+
+use crate::table::{Access, BindingKind, Kernel};
+
+/// What is bound at one place, borrowed from the executor. Buffers are aligned to 16 bytes.
+#[derive(Debug)]
+pub enum HostBinding<'a> {
+    /// A buffer that is read.
+    Read(&'a [u8]),
+    /// A buffer that is written, or read and written.
+    Write(&'a mut [u8]),
+    /// A sampled image: rows of texels from the top, without gaps.
+    Image {
+        /// Texels of a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// The texels' bytes.
+        texels: &'a [u8],
+    },
+}
+
+/// One dispatch on the host.
+#[derive(Debug)]
+pub struct HostCall<'c, 'a> {
+    /// Elements of the dispatch; the same number stands in the push constants.
+    pub elements: u32,
+    /// Push constants.
+    pub push: &'c [u8],
+    /// Bindings 0, 1, …; a written buffer is bound once.
+    pub bindings: &'c mut [HostBinding<'a>],
+}
+
+/// Why a kernel cannot run on what was bound.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum HostError {
+    /// Too few or too many bindings.
+    #[error("{kernel} has {expected} bindings, {found} were given")]
+    BindingCount {
+        /// The kernel.
+        kernel: &'static str,
+        /// Bindings of the table.
+        expected: usize,
+        /// Bindings of the call.
+        found: usize,
+    },
+    /// Push constants of another size.
+    #[error("{kernel} takes {expected} bytes of push constants, {found} were given")]
+    PushLength {
+        /// The kernel.
+        kernel: &'static str,
+        /// Bytes of the table.
+        expected: u32,
+        /// Bytes of the call.
+        found: usize,
+    },
+    /// A read-only buffer where one is written, a buffer where an image belongs, or the like.
+    #[error("{kernel}: {binding} needs {expected}")]
+    BindingKind {
+        /// The kernel.
+        kernel: &'static str,
+        /// The binding.
+        binding: &'static str,
+        /// What belongs there.
+        expected: &'static str,
+    },
+    /// Bytes that are no whole number of elements, or start off their alignment.
+    #[error("{binding}: {bytes} bytes do not hold aligned elements of {stride} bytes")]
+    Layout {
+        /// The binding.
+        binding: &'static str,
+        /// Bytes of an element.
+        stride: usize,
+        /// Bytes that were bound.
+        bytes: usize,
+    },
+    /// Fewer elements than the dispatch covers.
+    #[error("{binding} holds {found} elements, the dispatch needs {needed}")]
+    TooShort {
+        /// The binding.
+        binding: &'static str,
+        /// Elements needed.
+        needed: usize,
+        /// Elements there are.
+        found: usize,
+    },
+    /// The push constants count other elements than the dispatch.
+    #[error("the dispatch covers {elements} elements, its push constants say {count}")]
+    Elements {
+        /// Elements of the dispatch.
+        elements: u32,
+        /// Elements of the push constants.
+        count: u32,
+    },
+}
+
+impl<'a> HostCall<'_, 'a> {
+    /// Compares the call with the table.
+    pub(crate) fn check(&self, kernel: &Kernel) -> Result<(), HostError> {
+        let name = kernel.name;
+        if self.bindings.len() != kernel.bindings.len() {
+            return Err(HostError::BindingCount {
+                kernel: name,
+                expected: kernel.bindings.len(),
+                found: self.bindings.len(),
+            });
+        }
+        if self.push.len() != kernel.push_bytes as usize {
+            return Err(HostError::PushLength { kernel: name, expected: kernel.push_bytes, found: self.push.len() });
+        }
+        for (given, row) in self.bindings.iter().zip(kernel.bindings) {
+            let expected = match (row.kind, row.access) {
+                (BindingKind::SampledImage { .. }, _) => "an image",
+                (BindingKind::Storage { .. }, Access::Read) => "a buffer to read",
+                (BindingKind::Storage { .. }, _) => "a buffer to write",
+            };
+            let found = match given {
+                HostBinding::Read(_) => "a buffer to read",
+                HostBinding::Write(_) => "a buffer to write",
+                HostBinding::Image { .. } => "an image",
+            };
+            if expected != found {
+                return Err(HostError::BindingKind { kernel: name, binding: row.name, expected });
+            }
+        }
+        Ok(())
+    }
+
+    /// Push constants and bindings of a call that was checked against the table.
+    fn parts<P: AnyBitPattern, const N: usize>(
+        &mut self,
+        kernel: &Kernel,
+    ) -> Result<(P, [Bound<'_, 'a>; N]), HostError> {
+        let push = bytemuck::try_pod_read_unaligned(self.push).map_err(|_| HostError::PushLength {
+            kernel: kernel.name,
+            expected: size_of::<P>() as u32,
+            found: self.push.len(),
+        })?;
+        let found = self.bindings.len();
+        let bound: Vec<_> =
+            self.bindings.iter_mut().zip(kernel.bindings).map(|(data, row)| Bound { name: row.name, data }).collect();
+        let bound =
+            bound.try_into().map_err(|_| HostError::BindingCount { kernel: kernel.name, expected: N, found })?;
+        Ok((push, bound))
+    }
+}
+
+/// The number of elements, on which dispatch and push constants must agree.
+fn agreed(elements: u32, count: u32) -> Result<usize, HostError> {
+    if elements == count { Ok(count as usize) } else { Err(HostError::Elements { elements, count }) }
+}
+
+/// A binding with its name.
+struct Bound<'s, 'a> {
+    name: &'static str,
+    data: &'s mut HostBinding<'a>,
+}
+
+impl<'s> Bound<'s, '_> {
+    /// The elements, at least `needed` of them.
+    fn read<T: AnyBitPattern>(self, needed: usize) -> Result<&'s [T], HostError> {
+        let bytes: &'s [u8] = match self.data {
+            HostBinding::Read(bytes) => bytes,
+            HostBinding::Write(bytes) => bytes,
+            HostBinding::Image { texels, .. } => texels,
+        };
+        let layout = HostError::Layout { binding: self.name, stride: size_of::<T>(), bytes: bytes.len() };
+        let elements: &[T] = bytemuck::try_cast_slice(bytes).map_err(|_| layout)?;
+        long_enough(self.name, elements.len(), needed)?;
+        Ok(elements)
+    }
+
+    /// The elements that are written: the first `needed`.
+    fn write<T: Pod>(self, needed: usize) -> Result<&'s mut [T], HostError> {
+        let HostBinding::Write(bytes) = self.data else {
+            return Err(HostError::TooShort { binding: self.name, needed, found: 0 });
+        };
+        let layout = HostError::Layout { binding: self.name, stride: size_of::<T>(), bytes: bytes.len() };
+        let elements: &mut [T] = bytemuck::try_cast_slice_mut(bytes).map_err(|_| layout)?;
+        long_enough(self.name, elements.len(), needed)?;
+        Ok(&mut elements[..needed])
+    }
+}
+
+fn long_enough(binding: &'static str, found: usize, needed: usize) -> Result<(), HostError> {
+    if found < needed { Err(HostError::TooShort { binding, needed, found }) } else { Ok(()) }
+}
+
+/// Element k becomes `f(k)`, on all cores.
+fn fill<T: Send>(out: &mut [T], f: impl Fn(u32) -> T + Sync) {
+    out.par_iter_mut().with_min_len(32).enumerate().for_each(|(k, element)| *element = f(k as u32));
+}

@@ -1,0 +1,41 @@
+//! Push constants of the kernels that have no settings type in their own crate.
+
+use ::scene::Camera;
+use bytemuck::{Pod, Zeroable};
+
+/// Kernels that need to know only how many elements there are.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct CountParams {
+    /// Number of elements.
+    pub count: u32,
+}
+const _: () = assert!(size_of::<CountParams>() == 4);
+
+/// Primary rays and shading of one sub-frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PixelParams {
+    /// The pinhole; pixels are counted row by row from the upper left corner.
+    pub camera: Camera,
+    /// Number of pixels.
+    pub count: u32,
+    /// Number of the sub-frame: decides the positions in the pixels.
+    pub seed: u32,
+    /// Number of lights (shading only).
+    pub light_count: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<PixelParams>() == 80);
+
+/// Tone mapping.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ToneMapParams {
+    /// Number of pixels.
+    pub count: u32,
+    /// Exposure, divided by the number of sub-frames that were summed.
+    pub scale: f32,
+}
+const _: () = assert!(size_of::<ToneMapParams>() == 8);
