@@ -54,3 +54,18 @@ pub struct HemisphereParams {
     pub reserved: [u32; 2],
 }
 const _: () = assert!(size_of::<HemisphereParams>() == 32);
+
+/// Settings of the dense products: one block of rows of F times the whole vector B.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct GatherParams {
+    /// Rows of the block that is bound.
+    pub rows: u32,
+    /// Vectors of four factors in a row: the number of senders / 4, rounded up; what is beyond the senders is 0.
+    pub vectors: u32,
+    /// Place of the block's first row in the result.
+    pub first_row: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<GatherParams>() == 16);

@@ -1,0 +1,30 @@
+//! The host side: loops over all cores, in double precision where closed forms are evaluated.
+
+mod area;
+mod balance;
+mod contour;
+mod estimate;
+mod file;
+mod polygon;
+mod product;
+mod sides;
+mod solve;
+mod storage;
+mod subdivide;
+
+pub use balance::{Balance, balance, closure_residual, normalise_rows, reciprocity_residual};
+pub use contour::point_to_polygon;
+pub use estimate::{
+    AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, Proceed, Surfaces, form_factor_blocks,
+    form_factors,
+};
+pub use file::{RowFile, RowFileWriter};
+pub use polygon::Polygon;
+pub use product::Operator;
+pub use sides::{SidePolicy, Sides, find_sides};
+pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
+pub use storage::{Csr, Dense, Half};
+pub use subdivide::{
+    PatchSize, Receivers, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count,
+    divisions_for_gradient, subdivide,
+};

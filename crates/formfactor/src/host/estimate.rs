@@ -1,0 +1,464 @@
+//! The four estimators behind one trait, and the loop over rows.
+
+use std::boxed::Box;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::vec::Vec;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use scene::sampling::hash3;
+use scene::{Hit, Scene, SurfacePoint, Visibility};
+
+use super::area;
+use super::contour;
+use super::polygon::Polygon;
+use super::storage::{Dense, check_length};
+use super::subdivide::Subdivision;
+use crate::error::Error;
+use crate::kernel::hemisphere::{EXTRA_COLUMNS, hemisphere_ray, hemisphere_row};
+use crate::types::{HemisphereParams, Patch};
+
+/// Whether a long computation goes on: `Break(())` cancels it.
+pub type Proceed = ControlFlow<()>;
+
+/// Who exchanges light with whom. Columns are patches; rows are the same patches or any points.
+pub struct Surfaces<'a> {
+    /// The senders.
+    pub patches: &'a [Patch],
+    /// Outlines of the senders; needed by [`AreaToArea`] and [`Contour`], otherwise they may be missing.
+    pub polygons: &'a [Polygon],
+    /// Outlines of the receivers; empty when rows are points only. [`AreaToArea`] and [`Contour`] average over them.
+    pub row_polygons: &'a [Polygon],
+    /// Points of the receivers.
+    pub points: &'a [SurfacePoint],
+    /// Row i owns `points[offsets[i]..offsets[i + 1]]`; `[rows + 1]`.
+    pub offsets: &'a [u32],
+    /// Who sees whom.
+    pub visibility: &'a dyn Visibility,
+    /// The patch that owns a hit of a ray in a direction, or [`scene::NONE`].
+    pub owner: Box<dyn Fn(&Hit, Vec3) -> u32 + Sync + 'a>,
+    /// Distance by which rays start above a surface, m.
+    pub ray_offset: f32,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+impl<'a> Surfaces<'a> {
+    /// Rows and columns are the patches of a scene. `polygons` may be empty for [`Hemisphere`] and [`PointToPoint`].
+    pub fn of_patches(scene: &'a Scene, subdivision: &'a Subdivision, polygons: &'a [Polygon]) -> Self {
+        Self {
+            row_polygons: polygons,
+            ..Self::of_points(scene, subdivision, polygons, &subdivision.points, &subdivision.offsets)
+        }
+    }
+
+    /// Columns are the patches of a scene, rows own points.
+    pub fn of_points(
+        scene: &'a Scene,
+        subdivision: &'a Subdivision,
+        polygons: &'a [Polygon],
+        points: &'a [SurfacePoint],
+        offsets: &'a [u32],
+    ) -> Self {
+        Self {
+            patches: &subdivision.patches,
+            polygons,
+            row_polygons: &[],
+            points,
+            offsets,
+            visibility: scene,
+            owner: Box::new(|hit, direction| subdivision.owner(scene, hit, direction)),
+            ray_offset: scene.ray_offset,
+            seed: 0,
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.offsets.len().saturating_sub(1)
+    }
+
+    fn row_points(&self, row: usize) -> &[SurfacePoint] {
+        &self.points[self.offsets[row] as usize..self.offsets[row + 1] as usize]
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        let rows = self.rows();
+        if self.offsets.is_empty() {
+            return Err(Error::Length { name: "offsets", expected: 1, found: 0 });
+        }
+        for (row, pair) in self.offsets.windows(2).enumerate() {
+            if pair[0] >= pair[1] {
+                return Err(Error::EmptyRow { row });
+            }
+        }
+        check_length("points", self.offsets[rows] as usize, self.points.len())?;
+        if !self.polygons.is_empty() {
+            check_length("polygons", self.patches.len(), self.polygons.len())?;
+        }
+        if !self.row_polygons.is_empty() {
+            check_length("row_polygons", rows, self.row_polygons.len())?;
+        }
+        Ok(())
+    }
+
+    /// Whether nothing stands between two points on surfaces with these normals.
+    fn sees(&self, from: DVec3, from_normal: DVec3, to: DVec3, to_normal: DVec3) -> bool {
+        let lift = f64::from(self.ray_offset);
+        !self.visibility.any_hit((from + from_normal * lift).as_vec3(), (to + to_normal * lift).as_vec3())
+    }
+
+    fn shift(&self, row: usize, column: usize) -> [f64; 4] {
+        let words = [0, 1, 2, 3].map(|d| hash3(row as u32, column as u32, hash3(d, 0x7061_6972, self.seed)));
+        words.map(|w| f64::from(w) / 4_294_967_296.0)
+    }
+}
+
+/// Rows of form factors.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FactorRows {
+    /// `F_ij`, rows × patches.
+    pub factors: Dense,
+    /// `F_i0`: share of each row's hemisphere that sees no geometry, by rays that escape.
+    pub sky_factor: Vec<f32>,
+    /// Share of each row's rays that met something no patch owns.
+    pub lost: Vec<f32>,
+}
+
+/// A way to estimate form factors.
+pub trait Estimator: Sync {
+    /// Whether the settings suit the surfaces.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] or [`Error::NoOutlines`].
+    fn check(&self, surfaces: &Surfaces) -> Result<(), Error>;
+
+    /// Writes `F_ij` of row i for every patch j into `factors[patches]` and returns (sky factor, lost share).
+    fn row(&self, surfaces: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32);
+}
+
+/// Cosine-weighted rays from the points of the row: each hit adds its share to the patch that owns it, each miss to the sky.
+/// Row sums are exact; the cost is rows × rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hemisphere {
+    /// Rays a row.
+    pub rays: u32,
+}
+
+/// Pairs of points on both patches, `F_ij = 1/A_i ∫∫ V cosθ_i cosθ_j / (π r²)`: low-discrepancy pairs, drawn by solid angle
+/// where the patches are near, up to `samples` a pair there and fewer far apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AreaToArea {
+    /// Most pairs of points for a pair of patches.
+    pub samples: u32,
+    /// Rays a row to the sky.
+    pub sky_rays: u32,
+}
+
+/// One ray from each point of the row to each centre: `F_ij = s_j cosθ_i cosθ_j V / (π r² + s_j)`, the disc form that stays
+/// below 1 when the patches touch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PointToPoint {
+    /// Rays a row to the sky.
+    pub sky_rays: u32,
+}
+
+/// Lambert's exact contour sum, averaged over the receiver by adaptive cubature, times the visible share of shadow rays,
+/// weighted by the light they would carry: the reference for accuracy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contour {
+    /// Shadow rays for a pair of patches.
+    pub shadow_rays: u32,
+    /// Rays a row to the sky.
+    pub sky_rays: u32,
+}
+
+impl Default for Hemisphere {
+    fn default() -> Self {
+        Self { rays: 4096 }
+    }
+}
+
+impl Default for AreaToArea {
+    fn default() -> Self {
+        Self { samples: 4096, sky_rays: 256 }
+    }
+}
+
+impl Default for PointToPoint {
+    fn default() -> Self {
+        Self { sky_rays: 256 }
+    }
+}
+
+impl Default for Contour {
+    fn default() -> Self {
+        Self { shadow_rays: 16, sky_rays: 256 }
+    }
+}
+
+fn check_rays(name: &'static str, value: u32) -> Result<(), Error> {
+    if (1..=1 << 24).contains(&value) {
+        Ok(())
+    } else {
+        Err(Error::Setting { name, value: f64::from(value), rule: "in 1..=2^24" })
+    }
+}
+
+fn check_outlines(estimator: &'static str, surfaces: &Surfaces) -> Result<(), Error> {
+    if surfaces.polygons.len() == surfaces.patches.len() { Ok(()) } else { Err(Error::NoOutlines { estimator }) }
+}
+
+fn hemisphere_params(surfaces: &Surfaces, row: usize, rays: u32) -> HemisphereParams {
+    HemisphereParams {
+        first_row: row as u32,
+        row_count: 1,
+        rays,
+        patch_count: surfaces.patches.len() as u32,
+        seed: surfaces.seed,
+        ray_offset: surfaces.ray_offset,
+        reserved: [0; 2],
+    }
+}
+
+/// Share of the row's hemisphere that sees no geometry, by `rays` rays.
+fn sky_factor(surfaces: &Surfaces, row: usize, rays: u32) -> f32 {
+    let p = hemisphere_params(surfaces, row, rays);
+    let escaped = (0..rays)
+        .filter(|&k| {
+            let (origin, direction) = hemisphere_ray(&p, surfaces.offsets, surfaces.points, row as u32, k);
+            surfaces.visibility.closest(origin, direction).is_miss()
+        })
+        .count();
+    escaped as f32 / rays as f32
+}
+
+impl Estimator for Hemisphere {
+    fn check(&self, surfaces: &Surfaces) -> Result<(), Error> {
+        check_rays("rays", self.rays)?;
+        for row in 0..surfaces.rows() {
+            let count = surfaces.row_points(row).len() as u64;
+            if count * u64::from(self.rays) >= 1 << 32 {
+                return Err(Error::TooMany { found: count * u64::from(self.rays), limit: (1 << 32) - 1 });
+            }
+        }
+        Ok(())
+    }
+
+    fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
+        let p = hemisphere_params(s, row, self.rays);
+        let ids: Vec<u32> = (0..self.rays)
+            .map(|k| {
+                let (origin, direction) = hemisphere_ray(&p, s.offsets, s.points, row as u32, k);
+                let hit = s.visibility.closest(origin, direction);
+                if hit.is_miss() {
+                    return p.patch_count;
+                }
+                let id = (s.owner)(&hit, direction);
+                if id < p.patch_count { id } else { p.patch_count + 1 }
+            })
+            .collect();
+        let n = factors.len();
+        let mut whole = vec![0.0; n + EXTRA_COLUMNS as usize];
+        hemisphere_row(&p, s.offsets, s.points, &ids, 0, &mut whole);
+        factors.copy_from_slice(&whole[..n]);
+        (whole[n], whole[n + 1])
+    }
+}
+
+impl Estimator for AreaToArea {
+    fn check(&self, surfaces: &Surfaces) -> Result<(), Error> {
+        check_rays("samples", self.samples)?;
+        check_rays("sky_rays", self.sky_rays)?;
+        check_outlines("AreaToArea", surfaces)
+    }
+
+    fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
+        let points = s.row_points(row);
+        for (j, out) in factors.iter_mut().enumerate() {
+            let sender = &s.polygons[j];
+            let shift = s.shift(row, j);
+            *out = match s.row_polygons.get(row) {
+                Some(receiver) => {
+                    let (Some(r), Some(t)) = cut(receiver, sender) else { continue };
+                    let visible = |a: DVec3, b: DVec3| s.sees(a, receiver.normal, b, sender.normal);
+                    area::patch_to_patch(&r, &t, receiver.area, self.samples, shift, &visible) as f32
+                }
+                None => {
+                    let each = (self.samples / points.len() as u32).max(1);
+                    weighted(points, |position, normal| {
+                        let Some(part) = sender.clip(position, normal) else { return 0.0 };
+                        let visible = |a: DVec3, b: DVec3| s.sees(a, normal, b, sender.normal);
+                        area::point_to_patch(position, normal, &part, each, shift, &visible)
+                    })
+                }
+            };
+        }
+        (sky_factor(s, row, self.sky_rays), 0.0)
+    }
+}
+
+impl Estimator for PointToPoint {
+    fn check(&self, _: &Surfaces) -> Result<(), Error> {
+        check_rays("sky_rays", self.sky_rays)
+    }
+
+    fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
+        let points = s.row_points(row);
+        for (patch, out) in s.patches.iter().zip(factors.iter_mut()) {
+            let (centre, there) = (patch.centroid.as_dvec3(), patch.normal.as_dvec3());
+            *out = weighted(points, |position, normal| {
+                let to = centre - position;
+                let squared = to.length_squared();
+                let (cos_here, cos_there) = (to.dot(normal), -to.dot(there));
+                if cos_here <= 0.0 || cos_there <= 0.0 || !s.sees(position, normal, centre, there) {
+                    return 0.0;
+                }
+                let area = f64::from(patch.area);
+                area * cos_here * cos_there / (squared * (core::f64::consts::PI * squared + area))
+            });
+        }
+        (sky_factor(s, row, self.sky_rays), 0.0)
+    }
+}
+
+impl Contour {
+    /// Share of the light between two surfaces that is not blocked, from weighted shadow rays.
+    fn visible_share(&self, s: &Surfaces, row: usize, j: usize, point: impl Fn(f64, f64) -> (DVec3, DVec3)) -> f64 {
+        let sender = &s.polygons[j];
+        let shift = s.shift(row, j);
+        let (mut seen, mut all) = (0.0, 0.0);
+        for k in 0..self.shadow_rays {
+            let x = area::recurrence(u64::from(k), shift);
+            let (from, normal) = point(x[0], x[1]);
+            let to = area::polygon_point(sender, x[2], x[3]);
+            let (here, there) = ((to - from).dot(normal), (from - to).dot(sender.normal));
+            if here <= 0.0 || there <= 0.0 {
+                continue;
+            }
+            let squared = (to - from).length_squared();
+            let weight = here * there / (squared * (core::f64::consts::PI * squared + sender.area));
+            all += weight;
+            if s.sees(from, normal, to, sender.normal) {
+                seen += weight;
+            }
+        }
+        if all > 0.0 { seen / all } else { 0.0 }
+    }
+}
+
+impl Estimator for Contour {
+    fn check(&self, surfaces: &Surfaces) -> Result<(), Error> {
+        check_rays("shadow_rays", self.shadow_rays)?;
+        check_rays("sky_rays", self.sky_rays)?;
+        check_outlines("Contour", surfaces)
+    }
+
+    fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
+        let points = s.row_points(row);
+        for (j, out) in factors.iter_mut().enumerate() {
+            let sender = &s.polygons[j];
+            *out = match s.row_polygons.get(row) {
+                Some(receiver) => {
+                    let (Some(r), Some(t)) = cut(receiver, sender) else { continue };
+                    let whole = contour::patch_to_patch(&r, &t, receiver.area);
+                    let point = |x, y| (area::polygon_point(&r, x, y), r.normal);
+                    (whole * self.visible_share(s, row, j, point)) as f32
+                }
+                None => {
+                    let share = self.visible_share(s, row, j, |x, _| {
+                        let p = points[((x * points.len() as f64) as usize).min(points.len() - 1)];
+                        (p.position.as_dvec3(), p.normal.as_dvec3())
+                    });
+                    let whole = weighted(points, |p, n| contour::point_to_polygon(p, n, sender));
+                    (f64::from(whole) * share) as f32
+                }
+            };
+        }
+        (sky_factor(s, row, self.sky_rays), 0.0)
+    }
+}
+
+/// Both polygons without what lies behind the other's plane.
+fn cut(receiver: &Polygon, sender: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
+    let r = receiver.clip(sender.centroid, sender.normal);
+    if r.is_none() {
+        return (None, None);
+    }
+    (r, sender.clip(receiver.centroid, receiver.normal))
+}
+
+/// Mean over the points of a row by their weights.
+fn weighted(points: &[SurfacePoint], value: impl Fn(DVec3, DVec3) -> f64) -> f32 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for p in points {
+        sum += f64::from(p.weight) * value(p.position.as_dvec3(), p.normal.as_dvec3());
+        weights += f64::from(p.weight);
+    }
+    (sum / weights) as f32
+}
+
+/// All rows of form factors, on all cores, the same bytes for any number of threads. `progress(done, total)` is called after
+/// every row, from any thread; breaking it cancels.
+///
+/// # Errors
+/// What is wrong with the surfaces or the settings, [`Error::Cancelled`].
+pub fn form_factors(
+    estimator: &dyn Estimator,
+    surfaces: &Surfaces,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<FactorRows, Error> {
+    let mut out = FactorRows::default();
+    form_factor_blocks(estimator, surfaces, surfaces.rows().max(1), progress, |_, block| {
+        out = block;
+        Ok(())
+    })?;
+    Ok(out)
+}
+
+/// As [`form_factors`], in blocks of `block_rows` rows that are handed to `sink(first_row, block)` in order, so that no more
+/// than one block is in memory.
+///
+/// # Errors
+/// As [`form_factors`], [`Error::Setting`] for blocks of no rows, and what `sink` returns.
+pub fn form_factor_blocks(
+    estimator: &dyn Estimator,
+    surfaces: &Surfaces,
+    block_rows: usize,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+    mut sink: impl FnMut(usize, FactorRows) -> Result<(), Error>,
+) -> Result<(), Error> {
+    surfaces.check()?;
+    estimator.check(surfaces)?;
+    if block_rows == 0 {
+        return Err(Error::Setting { name: "block_rows", value: 0.0, rule: "at least 1" });
+    }
+    let (total, columns) = (surfaces.rows(), surfaces.patches.len());
+    let (done, cancelled) = (AtomicUsize::new(0), AtomicBool::new(false));
+    for first in (0..total).step_by(block_rows) {
+        let rows = block_rows.min(total - first);
+        let mut block =
+            FactorRows { factors: Dense::zeros(rows, columns), sky_factor: vec![0.0; rows], lost: vec![0.0; rows] };
+        let mut lines: Vec<&mut [f32]> = match columns {
+            0 => (0..rows).map(|_| Default::default()).collect(),
+            _ => block.factors.values.chunks_mut(columns).collect(),
+        };
+        let shares = block.sky_factor.par_iter_mut().zip(block.lost.par_iter_mut());
+        lines.par_iter_mut().zip(shares).enumerate().for_each(|(k, (line, (sky, lost)))| {
+            if cancelled.load(Ordering::Relaxed) {
+                return;
+            }
+            (*sky, *lost) = estimator.row(surfaces, first + k, line);
+            let count = done.fetch_add(1, Ordering::Relaxed) + 1;
+            if progress(count, total).is_break() {
+                cancelled.store(true, Ordering::Relaxed);
+            }
+        });
+        if cancelled.load(Ordering::Relaxed) {
+            return Err(Error::Cancelled { done: done.load(Ordering::Relaxed), total });
+        }
+        sink(first, block)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,224 @@
+//! The products H = F B on the host: all cores, the widest vectors the machine has, several rows at a time.
+
+use glam::Vec4;
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use std::vec::Vec;
+
+use super::storage::{Csr, Dense, Half, check_length};
+use crate::error::Error;
+
+/// Rows that share each load of the exitance.
+const ROWS: usize = 4;
+
+/// Rows one task works through: enough to hide the cost of starting it, few enough to keep all cores busy to the end.
+const TASK_ROWS: usize = 8 * ROWS;
+
+/// Columns whose half-precision factors are widened at a time; they stay in the first cache.
+const PANEL: usize = 1024;
+
+/// Something that turns exitance into irradiance: H = F B.
+pub trait Operator: Sync {
+    /// Number of receivers.
+    fn rows(&self) -> usize;
+    /// Number of senders.
+    fn columns(&self) -> usize;
+    /// `irradiance[i] = Σ_j F_ij exitance[j]`, W/m²; the same bits for any number of threads. The fourth component is 0.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless `exitance` has one entry a column and `irradiance` one a row.
+    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error>;
+}
+
+/// Red, green and blue apart, so that vector lanes run along a row of F.
+struct Planes([Vec<f32>; 3]);
+
+impl Planes {
+    fn new(exitance: &[Vec4]) -> Self {
+        Self([0, 1, 2].map(|c| exitance.iter().map(|b| b[c]).collect()))
+    }
+}
+
+/// Sums of `ROWS` rows over the columns `start..start + rows[0].len()`.
+struct Gather<'a> {
+    rows: [&'a [f32]; ROWS],
+    planes: &'a Planes,
+    start: usize,
+}
+
+impl WithSimd for Gather<'_> {
+    type Output = [Vec4; ROWS];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let length = self.rows[0].len();
+        let plane = |c: usize| S::as_simd_f32s(&self.planes.0[c][self.start..self.start + length]);
+        let ((r, r_tail), (g, g_tail), (b, b_tail)) = (plane(0), plane(1), plane(2));
+        let split = |k: usize| S::as_simd_f32s(&self.rows[k][..length]);
+        let ((f0, t0), (f1, t1), (f2, t2), (f3, t3)) = (split(0), split(1), split(2), split(3));
+        let n = r.len();
+        let (g, b, f0, f1, f2, f3) = (&g[..n], &b[..n], &f0[..n], &f1[..n], &f2[..n], &f3[..n]);
+        let mut sums = [[simd.splat_f32s(0.0); 3]; ROWS];
+        for k in 0..n {
+            let color = [r[k], g[k], b[k]];
+            let factors = [f0[k], f1[k], f2[k], f3[k]];
+            for row in 0..ROWS {
+                for c in 0..3 {
+                    sums[row][c] = simd.mul_add_f32s(factors[row], color[c], sums[row][c]);
+                }
+            }
+        }
+        let tails = [t0, t1, t2, t3];
+        let mut out = [Vec4::ZERO; ROWS];
+        for row in 0..ROWS {
+            for (c, tail) in [r_tail, g_tail, b_tail].iter().enumerate() {
+                let mut sum = simd.reduce_sum_f32s(sums[row][c]);
+                for (f, e) in tails[row].iter().zip(tail.iter()) {
+                    sum += f * e;
+                }
+                out[row][c] = sum;
+            }
+        }
+        out
+    }
+}
+
+impl Operator for Dense {
+    fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn columns(&self) -> usize {
+        self.columns
+    }
+
+    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        check_shapes(self, exitance, irradiance)?;
+        check_length("values", self.rows * self.columns, self.values.len())?;
+        let (planes, arch) = (Planes::new(exitance), Arch::new());
+        irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
+            for (group, out) in out.chunks_mut(ROWS).enumerate() {
+                let first = task * TASK_ROWS + group * ROWS;
+                // A short last group repeats its last row; its sums are not used.
+                let rows = [0, 1, 2, 3].map(|k: usize| self.row(first + k.min(out.len() - 1)));
+                let sums = arch.dispatch(Gather { rows, planes: &planes, start: 0 });
+                out.copy_from_slice(&sums[..out.len()]);
+            }
+        });
+        Ok(())
+    }
+}
+
+impl Operator for Half {
+    fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn columns(&self) -> usize {
+        self.columns
+    }
+
+    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        check_shapes(self, exitance, irradiance)?;
+        check_length("words", self.rows * self.columns.div_ceil(2), self.words.len())?;
+        let (planes, arch) = (Planes::new(exitance), Arch::new());
+        irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
+            let mut panel = [[0.0f32; PANEL]; ROWS];
+            for (group, out) in out.chunks_mut(ROWS).enumerate() {
+                let first = task * TASK_ROWS + group * ROWS;
+                let mut sums = [Vec4::ZERO; ROWS];
+                let mut start = 0;
+                while start < self.columns {
+                    let length = PANEL.min(self.columns - start);
+                    for (k, row) in panel.iter_mut().enumerate().take(out.len()) {
+                        self.widen(first + k, start, &mut row[..length]);
+                    }
+                    let rows = [0, 1, 2, 3].map(|k: usize| &panel[k][..length]);
+                    let part = arch.dispatch(Gather { rows, planes: &planes, start });
+                    for (sum, part) in sums.iter_mut().zip(part) {
+                        *sum += part;
+                    }
+                    start += length;
+                }
+                out.copy_from_slice(&sums[..out.len()]);
+            }
+        });
+        Ok(())
+    }
+}
+
+impl Operator for Csr {
+    fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn columns(&self) -> usize {
+        self.columns
+    }
+
+    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        check_shapes(self, exitance, irradiance)?;
+        self.check()?;
+        irradiance.par_iter_mut().enumerate().with_min_len(TASK_ROWS).for_each(|(i, out)| {
+            let (first, end) = (self.row_start[i] as usize, self.row_start[i + 1] as usize);
+            // Two sums: an addition takes longer than the loads.
+            let (mut even, mut odd) = (Vec4::ZERO, Vec4::ZERO);
+            let (columns, values) = (&self.column_index[first..end], &self.values[first..end]);
+            for (c, v) in columns.chunks(2).zip(values.chunks(2)) {
+                even += exitance[c[0] as usize] * v[0];
+                if let (Some(&c), Some(&v)) = (c.get(1), v.get(1)) {
+                    odd += exitance[c as usize] * v;
+                }
+            }
+            let sum = even + odd;
+            *out = sum.truncate().extend(0.0);
+        });
+        Ok(())
+    }
+}
+
+fn check_shapes(operator: &impl Operator, exitance: &[Vec4], irradiance: &[Vec4]) -> Result<(), Error> {
+    check_length("exitance", operator.columns(), exitance.len())?;
+    check_length("irradiance", operator.rows(), irradiance.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::product::{gather_row, gather_row_packed, gather_row_sparse};
+    use glam::Vec2;
+    use half::f16;
+    use scene::sampling::{hash3, unit};
+
+    #[test]
+    fn products_agree_with_the_kernel_bodies() {
+        for (rows, columns) in [(1, 1), (3, 7), (37, 65), (70, 1030), (9, 2500)] {
+            let random = |k: usize, d: u32| unit(hash3(k as u32, d, 7));
+            let values = (0..rows * columns).map(|k| if k % 5 == 0 { 0.0 } else { random(k, 0) }).collect();
+            let dense = Dense::new(rows, columns, values).unwrap();
+            let b: Vec<Vec4> = (0..columns).map(|k| Vec4::new(random(k, 1), random(k, 2), random(k, 3), 0.0)).collect();
+            let (half, csr) = (dense.to_half(), dense.to_csr(0.0).unwrap());
+            let mut h = [vec![Vec4::ZERO; rows], vec![Vec4::ZERO; rows], vec![Vec4::ZERO; rows]];
+            dense.product(&b, &mut h[0]).unwrap();
+            half.product(&b, &mut h[1]).unwrap();
+            csr.product(&b, &mut h[2]).unwrap();
+            let unpack =
+                |w: u32| Vec2::new(f16::from_bits(w as u16).to_f32(), f16::from_bits((w >> 16) as u16).to_f32());
+            for i in 0..rows {
+                let (row, n) = (i as u32, columns as u32);
+                let expected = [
+                    gather_row(row, n, &dense.values, &b),
+                    gather_row_packed(row, n, &half.words, &b, unpack),
+                    gather_row_sparse(row, &csr.row_start, &csr.column_index, &csr.values, &b),
+                ];
+                for k in 0..3 {
+                    // Other order of the sums: a few roundings of a sum of up to 2500 terms.
+                    let difference = (h[k][i] - expected[k]).abs().max_element();
+                    assert!(difference <= 4e-6 * expected[k].max_element(), "form {k}, row {i}: {difference}");
+                }
+            }
+            assert!((h[0][0].x - 1.001 * h[0][0].x).abs() >= 4e-6 * h[0][0].x || h[0][0].x == 0.0);
+            assert!(dense.product(&b[1..], &mut h[0]).is_err());
+        }
+    }
+}

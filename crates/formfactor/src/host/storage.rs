@@ -1,0 +1,203 @@
+//! Matrices of form factors in memory: dense, half precision, compressed sparse rows.
+
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use rayon::prelude::*;
+use std::vec::Vec;
+
+use crate::error::Error;
+use crate::kernel::product::packed_row_words;
+
+/// A dense matrix, row-major.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Dense {
+    /// Rows (receivers).
+    pub rows: usize,
+    /// Columns (senders).
+    pub columns: usize,
+    /// `[rows · columns]`.
+    pub values: Vec<f32>,
+}
+
+/// A dense matrix of half-precision numbers, two a word as the GPU takes them: the lower half is the even column; rows of
+/// odd length end with an unused upper half of 0.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Half {
+    /// Rows (receivers).
+    pub rows: usize,
+    /// Columns (senders).
+    pub columns: usize,
+    /// `[rows · columns.div_ceil(2)]`.
+    pub words: Vec<u32>,
+}
+
+/// Compressed sparse rows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Csr {
+    /// Rows (receivers).
+    pub rows: usize,
+    /// Columns (senders).
+    pub columns: usize,
+    /// Row i owns the entries `row_start[i]..row_start[i + 1]`; `[rows + 1]`.
+    pub row_start: Vec<u32>,
+    /// Column of each entry, ascending within a row.
+    pub column_index: Vec<u32>,
+    /// Value of each entry.
+    pub values: Vec<f32>,
+}
+
+impl Dense {
+    /// A matrix of zeros.
+    pub fn zeros(rows: usize, columns: usize) -> Self {
+        Self { rows, columns, values: vec![0.0; rows * columns] }
+    }
+
+    /// A matrix over given values.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there are `rows · columns`.
+    pub fn new(rows: usize, columns: usize, values: Vec<f32>) -> Result<Self, Error> {
+        check_length("values", rows * columns, values.len())?;
+        Ok(Self { rows, columns, values })
+    }
+
+    /// Row `i`.
+    pub fn row(&self, i: usize) -> &[f32] {
+        &self.values[i * self.columns..(i + 1) * self.columns]
+    }
+
+    /// Row `i`, to be changed.
+    pub fn row_mut(&mut self, i: usize) -> &mut [f32] {
+        &mut self.values[i * self.columns..(i + 1) * self.columns]
+    }
+
+    /// Rounded to half precision.
+    pub fn to_half(&self) -> Half {
+        let width = packed_row_words(self.columns as u32) as usize;
+        let mut words = vec![0u32; self.rows * width];
+        if self.columns > 0 {
+            words.par_chunks_mut(width).zip(self.values.par_chunks(self.columns)).for_each(|(words, row)| {
+                let halves: &mut [f16] = bytemuck::cast_slice_mut(words);
+                halves[..row.len()].convert_from_f32_slice(row);
+                for word in words {
+                    *word = u32::from_le(*word);
+                }
+            });
+        }
+        Half { rows: self.rows, columns: self.columns, words }
+    }
+
+    /// Without the entries of magnitude ≤ `threshold`.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] when more than 2³² − 1 entries remain.
+    pub fn to_csr(&self, threshold: f32) -> Result<Csr, Error> {
+        let mut csr = Csr { rows: self.rows, columns: self.columns, row_start: vec![0], ..Csr::default() };
+        for i in 0..self.rows {
+            for (j, &value) in self.row(i).iter().enumerate() {
+                if value.abs() > threshold {
+                    csr.column_index.push(j as u32);
+                    csr.values.push(value);
+                }
+            }
+            let found = csr.values.len() as u64;
+            if found > u64::from(u32::MAX) {
+                return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+            }
+            csr.row_start.push(found as u32);
+        }
+        Ok(csr)
+    }
+}
+
+impl Half {
+    /// Widened to single precision.
+    pub fn to_dense(&self) -> Dense {
+        let mut dense = Dense::zeros(self.rows, self.columns);
+        for i in 0..self.rows {
+            self.widen(i, 0, dense.row_mut(i));
+        }
+        dense
+    }
+
+    /// Writes row `i` from the even column `first` on.
+    pub(super) fn widen(&self, i: usize, first: usize, out: &mut [f32]) {
+        let width = packed_row_words(self.columns as u32) as usize;
+        let words = &self.words[i * width + first / 2..(i + 1) * width];
+        if cfg!(target_endian = "little") {
+            let halves: &[f16] = bytemuck::cast_slice(words);
+            halves[..out.len()].convert_to_f32_slice(out);
+        } else {
+            for (k, value) in out.iter_mut().enumerate() {
+                *value = f16::from_bits((words[k / 2] >> (16 * (k % 2))) as u16).to_f32();
+            }
+        }
+    }
+}
+
+impl Csr {
+    /// Checks the tables.
+    ///
+    /// # Errors
+    /// [`Error::Length`] or [`Error::Value`] naming the first entry that is wrong.
+    pub fn check(&self) -> Result<(), Error> {
+        check_length("row_start", self.rows + 1, self.row_start.len())?;
+        for (index, pair) in self.row_start.windows(2).enumerate() {
+            if pair[0] > pair[1] {
+                let value = f64::from(pair[1]);
+                return Err(Error::Value {
+                    name: "row_start",
+                    index: index + 1,
+                    value,
+                    rule: "no less than the one before",
+                });
+            }
+        }
+        let count = self.row_start[self.rows] as usize;
+        check_length("column_index", count, self.column_index.len())?;
+        check_length("values", count, self.values.len())?;
+        match self.column_index.iter().position(|&j| j as usize >= self.columns) {
+            Some(index) => {
+                let value = f64::from(self.column_index[index]);
+                Err(Error::Value { name: "column_index", index, value, rule: "below the number of columns" })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// With all its zeros.
+    pub fn to_dense(&self) -> Dense {
+        let mut dense = Dense::zeros(self.rows, self.columns);
+        for i in 0..self.rows {
+            for k in self.row_start[i] as usize..self.row_start[i + 1] as usize {
+                dense.values[i * self.columns + self.column_index[k] as usize] += self.values[k];
+            }
+        }
+        dense
+    }
+}
+
+pub(super) fn check_length(name: &'static str, expected: usize, found: usize) -> Result<(), Error> {
+    if expected == found { Ok(()) } else { Err(Error::Length { name, expected, found }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conversions_return_what_went_in() {
+        let mut dense = Dense::zeros(3, 5);
+        for (k, value) in dense.values.iter_mut().enumerate() {
+            *value = if k % 3 == 0 { 0.0 } else { k as f32 / 16.0 };
+        }
+        assert_eq!(dense.to_half().to_dense(), dense);
+        let csr = dense.to_csr(0.0).unwrap();
+        csr.check().unwrap();
+        assert_eq!(csr.to_dense(), dense);
+        assert_eq!(dense.to_half().words[0], u32::from(f16::from_f32(1.0 / 16.0).to_bits()) << 16);
+        let mut bad = csr.clone();
+        bad.column_index[1] = 5;
+        assert!(matches!(bad.check(), Err(Error::Value { name: "column_index", index: 1, .. })));
+    }
+}

@@ -1,0 +1,401 @@
+//! Triangles of a scene cut into patches and receivers.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use scene::sampling::{hammersley, hash3, uniform_triangle};
+use scene::{Hit, NONE, Scene, SurfacePoint};
+use std::vec::Vec;
+
+use super::polygon::Polygon;
+use super::sides::{SidePolicy, Sides, find_sides};
+use super::storage::check_length;
+use crate::error::Error;
+use crate::kernel::grid::{cell_corners, cell_count, owner, vertex_count};
+use crate::types::{Patch, TriangleGrid};
+
+/// Most pieces along an edge.
+const MOST_DIVISIONS: u32 = 4096;
+/// Most patches or receivers: the last two indices stand for the sky and for lost hits, and words must count them.
+const MOST_ENTRIES: u64 = 1 << 31;
+/// Places at which a cell with holes is looked at.
+const MASK_PROBES: u32 = 64;
+
+/// How finely patches are cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PatchSize {
+    /// Patches of at most this area, m².
+    Area(f32),
+    /// About this many patches in all (never fewer than one a side).
+    Count(u32),
+}
+
+/// Settings of [`subdivide`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SubdivideSettings {
+    /// How finely.
+    pub size: PatchSize,
+    /// Which sides.
+    pub sides: SidePolicy,
+    /// Sample points a patch.
+    pub points: u32,
+    /// Changes the sample points.
+    pub seed: u32,
+}
+
+impl Default for SubdivideSettings {
+    fn default() -> Self {
+        Self { size: PatchSize::Count(4000), sides: SidePolicy::Lit, points: 32, seed: 0 }
+    }
+}
+
+/// The patches of a scene.
+#[derive(Clone, Debug, Default)]
+pub struct Subdivision {
+    /// Patches: triangle by triangle, front before back, cell by cell.
+    pub patches: Vec<Patch>,
+    /// Per triangle of the scene, the numbers of its patches.
+    pub grids: Vec<TriangleGrid>,
+    /// Stratified sample points, patch by patch, none in a hole.
+    pub points: Vec<SurfacePoint>,
+    /// Patch i owns `points[offsets[i]..offsets[i + 1]]`; `[n + 1]`.
+    pub offsets: Vec<u32>,
+    /// Corners of each patch, counter-clockwise from its side.
+    pub corners: Vec<[Vec3; 3]>,
+}
+
+/// Points at which irradiance is wanted: the vertices of a grid on each triangle.
+#[derive(Clone, Debug, Default)]
+pub struct Receivers {
+    /// Per triangle of the scene, the numbers of its vertices; see [`crate::kernel::grid::interpolate`].
+    pub grids: Vec<TriangleGrid>,
+    /// The vertices, moved a little into their triangle, with the normal of their side; `patch` is their own number.
+    pub points: Vec<SurfacePoint>,
+    /// Receiver i owns the point i: `0..=n`.
+    pub offsets: Vec<u32>,
+}
+
+fn triangle_area(scene: &Scene, triangle: usize) -> f32 {
+    let t = scene.triangles[triangle];
+    0.5 * t.edge_a.cross(t.edge_b).length()
+}
+
+fn pieces(ratio: f32) -> u32 {
+    (scene::math::sqrt(ratio) * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
+}
+
+fn check_positive(name: &'static str, value: f32) -> Result<(), Error> {
+    if value > 0.0 && value.is_finite() {
+        Ok(())
+    } else {
+        Err(Error::Setting { name, value: f64::from(value), rule: "positive and finite" })
+    }
+}
+
+/// Divisions of every triangle so that patches have at most `area` m²: `n = ⌈√(A / area)⌉`.
+///
+/// # Errors
+/// [`Error::Setting`] for an area that is not positive.
+pub fn divisions_for_area(scene: &Scene, area: f32) -> Result<Vec<u32>, Error> {
+    check_positive("area", area)?;
+    Ok((0..scene.triangles.len()).map(|t| pieces(triangle_area(scene, t) / area)).collect())
+}
+
+fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {
+    sides.iter().zip(divisions).map(|(s, &n)| (u64::from(s.front) + u64::from(s.back)) * u64::from(n).pow(2)).sum()
+}
+
+/// Divisions of every triangle for about `count` patches of like area.
+///
+/// # Errors
+/// [`Error::Setting`] for a count of 0, [`Error::Length`] unless there is one entry of `sides` a triangle.
+pub fn divisions_for_count(scene: &Scene, sides: &[Sides], count: u32) -> Result<Vec<u32>, Error> {
+    check_length("sides", scene.triangles.len(), sides.len())?;
+    check_positive("count", count as f32)?;
+    let total: f64 = (0..sides.len()).map(|t| f64::from(triangle_area(scene, t))).sum();
+    let (mut low, mut high) = ((total * 1e-12).ln(), (total * 4.0).ln());
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if total_cells(sides, &divisions_for_area(scene, middle.exp() as f32)?) > u64::from(count) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    // Both ends of the bracket: take the count that is nearer.
+    let (fine, coarse) = (divisions_for_area(scene, low.exp() as f32)?, divisions_for_area(scene, high.exp() as f32)?);
+    let miss = |d: &[u32]| total_cells(sides, d).abs_diff(u64::from(count));
+    Ok(if miss(&fine) < miss(&coarse) { fine } else { coarse })
+}
+
+/// Divisions of every triangle that follow an estimate of the light: from patches of `coarse_area` m² on, edges are halved
+/// while the estimate differs by more than `tolerance` between neighbouring grid vertices and patches stay above
+/// `fine_area` m². `estimate` is asked at points a little inside the triangle, on every side that has patches.
+///
+/// # Errors
+/// [`Error::Setting`] for an area or tolerance that is not positive, [`Error::Length`].
+pub fn divisions_for_gradient(
+    scene: &Scene,
+    sides: &[Sides],
+    coarse_area: f32,
+    fine_area: f32,
+    tolerance: f32,
+    estimate: impl Fn(&SurfacePoint) -> f32 + Sync,
+) -> Result<Vec<u32>, Error> {
+    check_length("sides", scene.triangles.len(), sides.len())?;
+    check_positive("fine_area", fine_area)?;
+    check_positive("tolerance", tolerance)?;
+    let start = divisions_for_area(scene, coarse_area)?;
+    Ok((0..sides.len())
+        .into_par_iter()
+        .map(|t| {
+            let mut n = start[t];
+            let area = triangle_area(scene, t);
+            while 2 * n <= MOST_DIVISIONS && area / (4 * n * n) as f32 >= fine_area {
+                let steep = [(true, sides[t].front), (false, sides[t].back)].iter().any(|&(front, alive)| {
+                    alive
+                        && largest_step(n, |i, j| estimate(&vertex_point(scene, t as u32, front, n, i, j))) > tolerance
+                });
+                if !steep {
+                    break;
+                }
+                n *= 2;
+            }
+            n
+        })
+        .collect())
+}
+
+/// Greatest difference of a function between neighbouring vertices of a grid.
+fn largest_step(n: u32, value: impl Fn(u32, u32) -> f32) -> f32 {
+    let (mut below, mut worst) = (Vec::new(), 0.0f32);
+    for j in 0..=n {
+        let row: Vec<f32> = (0..=n - j).map(|i| value(i, j)).collect();
+        for pair in row.windows(2) {
+            worst = worst.max((pair[1] - pair[0]).abs());
+        }
+        for (i, x) in row.iter().enumerate().take(below.len()) {
+            let (a, b): (f32, f32) = (below[i], below[i + 1]);
+            worst = worst.max((x - a).abs()).max((x - b).abs());
+        }
+        below = row;
+    }
+    worst
+}
+
+/// Grid vertex (i, j) of a triangle side, moved inwards by a twentieth of a cell.
+fn vertex_point(scene: &Scene, triangle: u32, front: bool, n: u32, i: u32, j: u32) -> SurfacePoint {
+    let inwards = 0.05 / n as f32;
+    let (u, v) = (i as f32 / n as f32, j as f32 / n as f32);
+    let third = 1.0 / 3.0;
+    let geometry = scene.geometry();
+    let normal = geometry.normal(triangle);
+    SurfacePoint {
+        position: geometry.position(triangle, u + (third - u) * inwards, v + (third - v) * inwards),
+        patch: NONE,
+        normal: if front { normal } else { -normal },
+        weight: 1.0,
+    }
+}
+
+fn table_start(next: &mut u64, alive: bool, count: u32) -> Result<u32, Error> {
+    if !alive {
+        return Ok(NONE);
+    }
+    let start = *next;
+    *next += u64::from(count);
+    if *next > MOST_ENTRIES {
+        return Err(Error::TooMany { found: *next, limit: MOST_ENTRIES });
+    }
+    Ok(start as u32)
+}
+
+fn number_entries(sides: &[Sides], divisions: &[u32], count: impl Fn(u32) -> u32) -> Result<Vec<TriangleGrid>, Error> {
+    let mut next = 0;
+    let mut grids = Vec::with_capacity(sides.len());
+    for (index, (side, &divisions)) in sides.iter().zip(divisions).enumerate() {
+        if divisions == 0 || divisions > MOST_DIVISIONS {
+            let value = f64::from(divisions);
+            return Err(Error::Value { name: "divisions", index, value, rule: "in 1..=4096" });
+        }
+        let front = table_start(&mut next, side.front, count(divisions))?;
+        let back = table_start(&mut next, side.back, count(divisions))?;
+        grids.push(TriangleGrid { front, back, divisions, reserved: 0 });
+    }
+    Ok(grids)
+}
+
+struct Cell {
+    patch: Patch,
+    corners: [Vec3; 3],
+    points: Vec<SurfacePoint>,
+}
+
+impl Subdivision {
+    /// Cuts each triangle into `divisions²` patches on each of its sides. A patch with holes counts only what is solid as
+    /// its area.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there is one entry of `sides` and `divisions` a triangle, [`Error::Value`] for divisions
+    /// outside 1..=4096, [`Error::Setting`] for no points, [`Error::TooMany`].
+    pub fn new(scene: &Scene, sides: &[Sides], divisions: &[u32], points: u32, seed: u32) -> Result<Self, Error> {
+        check_length("sides", scene.triangles.len(), sides.len())?;
+        check_length("divisions", scene.triangles.len(), divisions.len())?;
+        check_positive("points", points as f32)?;
+        let grids = number_entries(sides, divisions, cell_count)?;
+        let cells: Vec<Vec<Cell>> = grids
+            .par_iter()
+            .enumerate()
+            .map(|(triangle, grid)| {
+                let mut cells = Vec::new();
+                for (front, first) in [(true, grid.front), (false, grid.back)] {
+                    if first != NONE {
+                        for cell in 0..cell_count(grid.divisions) {
+                            let id = first + cell;
+                            cells.push(make_cell(
+                                scene,
+                                triangle as u32,
+                                front,
+                                grid.divisions,
+                                cell,
+                                id,
+                                points,
+                                seed,
+                            ));
+                        }
+                    }
+                }
+                cells
+            })
+            .collect();
+        let mut out = Self { grids, offsets: vec![0], ..Self::default() };
+        for cell in cells.into_iter().flatten() {
+            out.patches.push(cell.patch);
+            out.corners.push(cell.corners);
+            out.points.extend(cell.points);
+            let found = out.points.len() as u64;
+            if found > MOST_ENTRIES {
+                return Err(Error::TooMany { found, limit: MOST_ENTRIES });
+            }
+            out.offsets.push(found as u32);
+        }
+        Ok(out)
+    }
+
+    /// The patch that owns a hit, or [`NONE`].
+    pub fn owner(&self, scene: &Scene, hit: &Hit, direction: Vec3) -> u32 {
+        if hit.is_miss() {
+            return NONE;
+        }
+        let front = scene.geometry().normal(hit.triangle).dot(direction) < 0.0;
+        owner(self.grids[hit.triangle as usize], *hit, front)
+    }
+
+    /// Areas, m².
+    pub fn areas(&self) -> Vec<f32> {
+        self.patches.iter().map(|p| p.area).collect()
+    }
+
+    /// Outlines for the estimators that need them.
+    ///
+    /// # Errors
+    /// [`Error::PolygonShape`] for a patch without area.
+    pub fn polygons(&self) -> Result<Vec<Polygon>, Error> {
+        self.corners.iter().map(|c| Polygon::new(c)).collect()
+    }
+}
+
+#[allow(clippy::too_many_arguments)]
+fn make_cell(
+    scene: &Scene,
+    triangle: u32,
+    front: bool,
+    divisions: u32,
+    cell: u32,
+    id: u32,
+    points: u32,
+    seed: u32,
+) -> Cell {
+    let geometry = scene.geometry();
+    let (a, b, c) = cell_corners(divisions, cell);
+    // From behind, the corners run the other way.
+    let (b, c) = if front { (b, c) } else { (c, b) };
+    let place = |k: u32, count: u32| {
+        let shift = (hash3(id, 0x706f_696e, seed), hash3(id, 0x7473_0000, seed));
+        let (x, y) = uniform_triangle(hammersley(k, count, shift));
+        a + (b - a) * x + (c - a) * y
+    };
+    let normal = if front { geometry.normal(triangle) } else { -geometry.normal(triangle) };
+    let masked = scene.materials[scene.triangles[triangle as usize].material as usize].mask_texture != NONE;
+    let mut places: Vec<_> = (0..points).map(|k| place(k, points)).collect();
+    let mut solid = 1.0;
+    if masked {
+        let count = MASK_PROBES.max(points);
+        let mut kept: Vec<_> = (0..count).map(|k| place(k, count)).collect();
+        kept.retain(|p| !geometry.is_hole(triangle, p.x, p.y));
+        // A cell that is all hole keeps a trace of area, so that nothing divides by zero; no ray ever meets it.
+        solid = (kept.len() as f32).max(0.5) / count as f32;
+        if !kept.is_empty() {
+            places = (0..points as usize).map(|k| kept[k * kept.len() / points as usize]).collect();
+        }
+    }
+    let position = |p: glam::Vec2| geometry.position(triangle, p.x, p.y);
+    let area = triangle_area(scene, triangle as usize) / (divisions * divisions) as f32 * solid;
+    Cell {
+        patch: Patch { centroid: position((a + b + c) / 3.0), area, normal, triangle },
+        corners: [position(a), position(b), position(c)],
+        points: places
+            .iter()
+            .map(|&p| SurfacePoint { position: position(p), patch: id, normal, weight: 1.0 / points as f32 })
+            .collect(),
+    }
+}
+
+impl Receivers {
+    /// Grid vertices on each side in `sides`, edges at most `edge` m long.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
+    pub fn new(scene: &Scene, sides: &[Sides], edge: f32) -> Result<Self, Error> {
+        check_length("sides", scene.triangles.len(), sides.len())?;
+        check_positive("edge", edge)?;
+        let divisions: Vec<u32> = scene
+            .triangles
+            .iter()
+            .map(|t| {
+                let longest = t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length());
+                (longest / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
+            })
+            .collect();
+        let grids = number_entries(sides, &divisions, vertex_count)?;
+        let mut points = Vec::new();
+        for (triangle, grid) in grids.iter().enumerate() {
+            for (front, first) in [(true, grid.front), (false, grid.back)] {
+                if first == NONE {
+                    continue;
+                }
+                for j in 0..=grid.divisions {
+                    for i in 0..=grid.divisions - j {
+                        let patch = points.len() as u32;
+                        let point = vertex_point(scene, triangle as u32, front, grid.divisions, i, j);
+                        points.push(SurfacePoint { patch, ..point });
+                    }
+                }
+            }
+        }
+        let offsets = (0..=points.len() as u32).collect();
+        Ok(Self { grids, points, offsets })
+    }
+}
+
+/// Chooses sides and divisions and cuts: the usual way to the patches of a scene.
+///
+/// # Errors
+/// As [`Subdivision::new`] and the functions that choose the divisions.
+pub fn subdivide(scene: &Scene, settings: &SubdivideSettings) -> Result<Subdivision, Error> {
+    let sides = find_sides(scene, settings.sides);
+    let divisions = match settings.size {
+        PatchSize::Area(area) => divisions_for_area(scene, area)?,
+        PatchSize::Count(count) => divisions_for_count(scene, &sides, count)?,
+    };
+    Subdivision::new(scene, &sides, &divisions, settings.points, settings.seed)
+}
