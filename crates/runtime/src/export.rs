@@ -1,14 +1,257 @@
-//! A scene back into files: scene .toml, OBJ, MTL and textures.
+//! A scene back into files: scene .toml, OBJ, MTL, PNG textures, EXR sky.
 
+use std::collections::{BTreeMap, HashMap};
+use std::fmt::Write as _;
+use std::io::{Cursor, Write as _};
 use std::path::{Path, PathBuf};
 
-use crate::import::{ImportError, LoadedScene};
+use glam::{Vec2, Vec3};
+use image::{DynamicImage, ImageFormat};
+use scene::kernel::shade::encode_srgb;
+use scene::kernel::texture::texel;
+use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, NONE, Texture, Triangle};
 
-/// Writes `NAME.toml`, `NAME.obj`, `NAME.mtl` and the textures into a folder, each through a temporary file that is
-/// renamed. Returns the path of the scene file.
+use crate::import::{Animation, ImportError, LoadedScene, Target};
+
+/// Writes `NAME.toml`, `NAME.obj`, `NAME.mtl`, the textures `NAME-K.png` and masks `NAME-K-mask.png`, and `NAME-sky.exr`
+/// into a folder that is made when needed. Each file goes through a temporary one that is renamed, the scene file last.
+/// Lengths are in metres. Returns the path of the scene file.
 ///
 /// # Errors
 /// [`ImportError::Write`] names the file.
 pub fn write_scene(scene: &LoadedScene, folder: &Path) -> Result<PathBuf, ImportError> {
-    Ok(folder.join(format!("{}.toml", scene.name)))
+    std::fs::create_dir_all(folder).map_err(|source| ImportError::Write { path: folder.to_path_buf(), source })?;
+    let name = one_line(&scene.name).replace(['/', '\\'], "_");
+    let s = &scene.scene;
+    let mut pictures: BTreeMap<String, Vec<u8>> = BTreeMap::new();
+    let mtl = materials(scene, &name, &mut pictures, folder)?;
+    if s.sky.map_width > 0 {
+        let values: Vec<f32> = s.sky_map.iter().flat_map(|t| [t.x, t.y, t.z]).collect();
+        let map = image::Rgb32FImage::from_raw(s.sky.map_width, s.sky.map_height, values).map(DynamicImage::ImageRgb32F);
+        let file = format!("{name}-sky.exr");
+        pictures.insert(file.clone(), encode(map, ImageFormat::OpenExr, &folder.join(file))?);
+    }
+    for (file, bytes) in &pictures {
+        write_file(&folder.join(file), bytes)?;
+    }
+    write_file(&folder.join(format!("{name}.mtl")), mtl.as_bytes())?;
+    write_file(&folder.join(format!("{name}.obj")), mesh(scene, &name).as_bytes())?;
+    let path = folder.join(format!("{name}.toml"));
+    write_file(&path, settings(scene, &name).as_bytes())?;
+    Ok(path)
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImportError> {
+    let fault = |source| ImportError::Write { path: path.to_path_buf(), source };
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(fault)?;
+    file.write_all(bytes).map_err(fault)?;
+    file.persist(path).map_err(|e| fault(e.error))?;
+    Ok(())
+}
+
+/// A name as it may stand in an OBJ or MTL line.
+fn one_line(name: &str) -> String {
+    let line: String = name.chars().map(|c| if c.is_control() { '_' } else { c }).collect();
+    let line = line.trim().trim_end_matches('\\');
+    if line.is_empty() { String::from("unnamed") } else { line.to_owned() }
+}
+
+/// Names of the materials, each once.
+fn material_names(scene: &LoadedScene) -> Vec<String> {
+    let mut seen = BTreeMap::new();
+    let name = |(k, name): (usize, &String)| {
+        let name = one_line(name);
+        if seen.insert(name.clone(), k).is_some() { format!("{name} {k}") } else { name }
+    };
+    scene.materials.iter().enumerate().map(name).collect()
+}
+
+fn encode(picture: Option<DynamicImage>, format: ImageFormat, path: &Path) -> Result<Vec<u8>, ImportError> {
+    let mut bytes = Cursor::new(Vec::new());
+    let result = match picture {
+        Some(picture) => picture.write_to(&mut bytes, format).map_err(std::io::Error::other),
+        None => Err(std::io::Error::other("its size and its texels disagree")),
+    };
+    result.map_err(|source| ImportError::Write { path: path.to_path_buf(), source })?;
+    Ok(bytes.into_inner())
+}
+
+fn materials(
+    scene: &LoadedScene,
+    name: &str,
+    pictures: &mut BTreeMap<String, Vec<u8>>,
+    folder: &Path,
+) -> Result<String, ImportError> {
+    let s = &scene.scene;
+    let mut text = format!("# {name}, written by patchlight\n");
+    for (material, label) in s.materials.iter().zip(material_names(scene)) {
+        let (kd, ke) = (material.albedo, material.radiance);
+        let _ = write!(text, "\nnewmtl {label}\nKd {} {} {}\nKe {} {} {}\n", kd.x, kd.y, kd.z, ke.x, ke.y, ke.z);
+        for (key, index) in [("map_Kd", material.albedo_texture), ("map_Ke", material.radiance_texture)] {
+            if let Some(texture) = s.textures.get(index as usize).filter(|_| index != NONE) {
+                let file = format!("{name}-{index}.png");
+                let picture = picture(texture, &s.texels);
+                pictures.insert(file.clone(), encode(picture, ImageFormat::Png, &folder.join(&file))?);
+                let _ = writeln!(text, "{key} {file}");
+            }
+        }
+        if let Some(texture) = s.textures.get(material.mask_texture as usize).filter(|_| material.mask_texture != NONE) {
+            let file = format!("{name}-{}-mask.png", material.mask_texture);
+            // MTL knows only the threshold ½.
+            let picture = mask(texture, &s.texels, 0.5 / material.mask_cutoff.max(1e-6));
+            pictures.insert(file.clone(), encode(picture, ImageFormat::Png, &folder.join(&file))?);
+            let _ = writeln!(text, "map_d {file}");
+        }
+    }
+    Ok(text)
+}
+
+fn level_0<'a>(texture: &Texture, texels: &'a [u32]) -> impl Iterator<Item = glam::Vec4> + 'a {
+    let (first, count) = (texture.offset, texture.width * texture.height);
+    (first..first + count).map(|k| texel(texels, k))
+}
+
+fn byte(x: f32) -> u8 {
+    (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
+fn picture(texture: &Texture, texels: &[u32]) -> Option<DynamicImage> {
+    let bytes = level_0(texture, texels).flat_map(|t| [t.x, t.y, t.z].map(|c| byte(encode_srgb(c)))).collect();
+    image::RgbImage::from_raw(texture.width, texture.height, bytes).map(DynamicImage::ImageRgb8)
+}
+
+fn mask(texture: &Texture, texels: &[u32], factor: f32) -> Option<DynamicImage> {
+    let bytes = level_0(texture, texels).map(|t| byte(t.w * factor)).collect();
+    image::GrayImage::from_raw(texture.width, texture.height, bytes).map(DynamicImage::ImageLuma8)
+}
+
+fn mesh(scene: &LoadedScene, name: &str) -> String {
+    let s = &scene.scene;
+    let names = material_names(scene);
+    // The order of the file they came from, not that of the hierarchy.
+    let mut order: Vec<usize> = (0..s.triangles.len()).collect();
+    order.sort_by_key(|k| s.triangles[*k].source);
+    let mut text = format!("# {name}, written by patchlight, metres\nmtllib {name}.mtl\n");
+    let mut positions: HashMap<[u32; 3], usize> = HashMap::new();
+    let mut uvs: HashMap<[u32; 2], usize> = HashMap::new();
+    let (mut object, mut material) = (NONE, NONE);
+    for k in order {
+        let (t, uv) = (&s.triangles[k], &s.uvs[k]);
+        let mut face = String::from("f");
+        for (p, uv) in corners(t).into_iter().zip([uv.corner, uv.corner_a, uv.corner_b]) {
+            let v = number(&mut positions, p.to_array().map(f32::to_bits), || {
+                let _ = writeln!(text, "v {} {} {}", p.x, p.y, p.z);
+            });
+            let vt = number(&mut uvs, Vec2::to_array(&uv).map(f32::to_bits), || {
+                let _ = writeln!(text, "vt {} {}", uv.x, uv.y);
+            });
+            let _ = write!(face, " {v}/{vt}");
+        }
+        if t.object != object {
+            object = t.object;
+            let label = scene.objects.get(object as usize).map_or("object", String::as_str);
+            let _ = writeln!(text, "o {}", one_line(label));
+        }
+        if t.material != material {
+            material = t.material;
+            let _ = writeln!(text, "usemtl {}", names[material as usize]);
+        }
+        text.push_str(&face);
+        text.push('\n');
+    }
+    text
+}
+
+fn corners(t: &Triangle) -> [Vec3; 3] {
+    [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]
+}
+
+/// The number of a vertex, from 1; new ones are written first.
+fn number<K: std::hash::Hash + Eq>(known: &mut HashMap<K, usize>, key: K, mut write: impl FnMut()) -> usize {
+    let next = known.len() + 1;
+    *known.entry(key).or_insert_with(|| {
+        write();
+        next
+    })
+}
+
+fn settings(scene: &LoadedScene, name: &str) -> String {
+    let v = |v: Vec3| format!("[{:?}, {:?}, {:?}]", v.x, v.y, v.z);
+    let view = &scene.view;
+    let mut text = format!(
+        "# {name}, written by patchlight.\nversion = 1\nmesh = {:?}\nmetres_per_unit = 1.0\nexposure_stops = {:?}\n\n\
+         [camera]\neye = {}\ntarget = {}\nup = {}\nvertical_fov_degrees = {:?}\n",
+        format!("{name}.obj"),
+        scene.exposure_stops,
+        v(view.eye),
+        v(view.target),
+        v(view.up),
+        view.vertical_fov_degrees
+    );
+    for light in &scene.scene.lights {
+        text.push_str(&light_table(light, v));
+    }
+    let sky = &scene.scene.sky;
+    if sky.radiance.max_element() > 0.0 {
+        let _ = write!(text, "\n[sky]\nradiance = {}\n", v(sky.radiance));
+        if sky.map_width > 0 {
+            let _ = writeln!(text, "map = {:?}", format!("{name}-sky.exr"));
+        }
+    }
+    text.push_str(&animation_tables(&scene.animation, v));
+    text
+}
+
+fn light_table(light: &Light, v: impl Fn(Vec3) -> String) -> String {
+    let (kind, keys) = match light.kind {
+        LIGHT_DIRECTIONAL => ("directional", format!("direction = {}\nirradiance = {}\n", v(light.direction), v(light.color))),
+        LIGHT_POINT => ("point", format!("position = {}\nintensity = {}\n", v(light.position), v(light.color))),
+        LIGHT_SPOT => {
+            let degrees = |cosine: f32| f64::from(cosine).acos().to_degrees() as f32;
+            let keys = format!(
+                "position = {}\ndirection = {}\nintensity = {}\ninner_degrees = {:?}\nouter_degrees = {:?}\n",
+                v(light.position),
+                v(light.direction),
+                v(light.color),
+                degrees(light.cos_inner),
+                degrees(light.cos_outer)
+            );
+            ("spot", keys)
+        }
+        _ => {
+            let keys = format!(
+                "corner = {}\nedge_a = {}\nedge_b = {}\nradiance = {}\n",
+                v(light.position),
+                v(light.edge_a),
+                v(light.edge_b),
+                v(light.color)
+            );
+            ("rect", keys)
+        }
+    };
+    format!("\n[[light]]\ntype = \"{kind}\"\n{keys}")
+}
+
+fn animation_tables(animation: &Animation, v: impl Fn(Vec3) -> String) -> String {
+    let mut text = String::new();
+    for track in &animation.tracks {
+        let (target, index, property) = match track.target {
+            Target::LightPosition(k) => ("light", Some(k), "position"),
+            Target::LightDirection(k) => ("light", Some(k), "direction"),
+            Target::LightColor(k) => ("light", Some(k), "color"),
+            Target::CameraEye => ("camera", None, "eye"),
+            Target::CameraTarget => ("camera", None, "target"),
+        };
+        let _ = write!(text, "\n[[animation]]\ntarget = \"{target}\"\n");
+        if let Some(index) = index {
+            let _ = writeln!(text, "index = {index}");
+        }
+        let _ = write!(text, "property = \"{property}\"\nkeyframes = [\n");
+        for k in &track.keyframes {
+            let _ = writeln!(text, "    {{ time = {:?}, value = {} }},", k.time, v(k.value));
+        }
+        text.push_str("]\n");
+    }
+    text
 }
