@@ -1,0 +1,172 @@
+//! Native code: each pass by the host form of its kernel, on all cores. Needs no driver.
+
+use std::time::Instant;
+
+use gpu_kernels::host::{HostBinding, HostCall};
+
+use crate::executor::{DeviceInfo, DeviceKind, Executor, ExecutorError, PassTime};
+use crate::graph::Graph;
+use crate::plan::{Bound, BufferId, BufferKind, Pass, PassId, Plan};
+
+/// Runs plans as native code.
+#[derive(Debug)]
+pub struct Cpu {
+    info: DeviceInfo,
+    graph: Graph,
+    memory: Vec<Block>,
+}
+
+/// Bytes on a 16-byte boundary, as every table needs.
+#[derive(Debug, Default)]
+struct Block {
+    words: Vec<u128>,
+}
+
+impl Block {
+    fn new(bytes: u64) -> Option<Self> {
+        let count = usize::try_from(bytes.div_ceil(16)).ok()?;
+        let mut words = Vec::new();
+        words.try_reserve_exact(count).ok()?;
+        words.resize(count, 0);
+        Some(Self { words })
+    }
+
+    fn bytes(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.words)
+    }
+
+    fn bytes_mut(&mut self) -> &mut [u8] {
+        bytemuck::cast_slice_mut(&mut self.words)
+    }
+}
+
+impl Cpu {
+    /// An executor without a plan.
+    pub fn new() -> Self {
+        let info = DeviceInfo {
+            name: processor_name(),
+            kind: DeviceKind::Native,
+            index: None,
+            driver: format!("{} threads", rayon::current_num_threads()),
+            api_version: String::new(),
+            memory_bytes: 0,
+            max_storage_buffer_range: u64::MAX,
+            max_image_edge: u32::MAX,
+            shared_memory_bytes: 0,
+            subgroup_size: 1,
+            has_timestamps: false,
+            missing_feature: None,
+            has_validation: false,
+        };
+        Self { info, graph: Graph::default(), memory: Vec::new() }
+    }
+
+    fn run_pass(&mut self, id: PassId) -> Result<(), ExecutorError> {
+        let pass = &self.graph.plan().passes()[id.0];
+        if pass.elements == 0 {
+            return Ok(());
+        }
+        let mut bindings = borrow(&self.graph, pass, &mut self.memory);
+        let mut call = HostCall { elements: pass.elements, push: &pass.push, bindings: &mut bindings };
+        pass.kernel.run_on_host(&mut call).map_err(|source| ExecutorError::Host { pass: pass.name.clone(), source })
+    }
+}
+
+impl Default for Cpu {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Lends a pass its ranges: shared where it only reads a buffer, else cut out of it (a plan has no overlap there).
+fn borrow<'a>(graph: &Graph, pass: &Pass, memory: &'a mut [Block]) -> Vec<HostBinding<'a>> {
+    let mut lent: Vec<Option<HostBinding<'a>>> = pass.bound.iter().map(|_| None).collect();
+    for (slot, block) in memory.iter_mut().enumerate() {
+        let mut here: Vec<(usize, &Bound)> =
+            pass.bound.iter().enumerate().filter(|(_, b)| graph.slot_of(b.buffer) == slot).collect();
+        if here.iter().all(|(_, b)| !b.writes) {
+            let bytes = block.bytes();
+            for (k, bound) in here {
+                let part = &bytes[bound.offset as usize..(bound.offset + bound.bytes) as usize];
+                lent[k] = Some(match graph.plan().buffers()[bound.buffer.0].kind {
+                    BufferKind::Image { width, height, .. } => HostBinding::Image { width, height, texels: part },
+                    _ => HostBinding::Read(part),
+                });
+            }
+            continue;
+        }
+        here.sort_by_key(|(_, b)| b.offset);
+        let (mut rest, mut start) = (block.bytes_mut(), 0);
+        for (k, bound) in here {
+            let (_, after) = rest.split_at_mut((bound.offset - start) as usize);
+            let (part, after) = after.split_at_mut(bound.bytes as usize);
+            (rest, start) = (after, bound.offset + bound.bytes);
+            lent[k] = Some(if bound.writes { HostBinding::Write(part) } else { HostBinding::Read(part) });
+        }
+    }
+    lent.into_iter().flatten().collect()
+}
+
+impl Executor for Cpu {
+    fn device(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    fn load(&mut self, plan: Plan) -> Result<(), ExecutorError> {
+        self.memory.clear();
+        self.graph = Graph::default();
+        let graph = Graph::new(plan);
+        let mut memory = Vec::with_capacity(graph.slots().len());
+        for slot in graph.slots() {
+            memory.push(Block::new(slot.bytes).ok_or_else(|| ExecutorError::OutOfMemory {
+                buffer: graph.plan().buffers()[slot.buffer.0].name.clone(),
+                bytes: slot.bytes,
+            })?);
+        }
+        (self.graph, self.memory) = (graph, memory);
+        Ok(())
+    }
+
+    fn plan(&self) -> &Plan {
+        self.graph.plan()
+    }
+
+    fn upload_at(&mut self, buffer: BufferId, offset: u64, bytes: &[u8]) -> Result<(), ExecutorError> {
+        self.graph.note_upload(buffer, offset, bytes.len() as u64)?;
+        let offset = offset as usize;
+        self.memory[self.graph.slot_of(buffer)].bytes_mut()[offset..offset + bytes.len()].copy_from_slice(bytes);
+        Ok(())
+    }
+
+    fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError> {
+        Ok(self.graph.set_push(pass, push)?)
+    }
+
+    fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), ExecutorError> {
+        Ok(self.graph.set_elements(pass, elements)?)
+    }
+
+    fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError> {
+        self.graph.note_run(passes)?;
+        let mut times = Vec::with_capacity(passes.len());
+        for &id in passes {
+            let start = Instant::now();
+            self.run_pass(id)?;
+            let name = self.graph.plan().passes()[id.0].name.clone();
+            times.push(PassTime { name, milliseconds: start.elapsed().as_secs_f64() * 1e3 });
+        }
+        Ok(times)
+    }
+
+    fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError> {
+        let bytes = self.graph.check_download(buffer)? as usize;
+        Ok(self.memory[self.graph.slot_of(buffer)].bytes()[..bytes].to_vec())
+    }
+}
+
+/// The processor as Linux names it; elsewhere its architecture.
+fn processor_name() -> String {
+    let table = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = table.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(|| format!("{} CPU", std::env::consts::ARCH), |(_, name)| name.trim().to_owned())
+}

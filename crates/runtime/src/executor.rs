@@ -1,0 +1,309 @@
+//! Who runs a plan: [`Executor`], implemented by [`Cpu`] and [`Vulkan`] with the same results.
+
+use std::convert::Infallible;
+use std::fmt;
+use std::str::FromStr;
+
+use bytemuck::Pod;
+use gpu_kernels::host::HostError;
+
+use crate::cpu::Cpu;
+use crate::plan::{BufferId, PassId, Plan, PlanError};
+use crate::vulkan::{self, Validation, Vulkan};
+
+/// Why a device could not be opened or a plan could not be run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExecutorError {
+    /// A mistake in a plan or in its use.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// Vulkan, its driver or the device.
+    #[error(transparent)]
+    Vulkan(#[from] vulkan::Error),
+    /// Main memory does not suffice.
+    #[error("`{buffer}`, {bytes} bytes, does not fit into main memory; choose fewer patches or a smaller picture")]
+    OutOfMemory {
+        /// The buffer.
+        buffer: String,
+        /// Its size.
+        bytes: u64,
+    },
+    /// The host form of a kernel refuses its call.
+    #[error("pass `{pass}`: {source}")]
+    Host {
+        /// The pass.
+        pass: String,
+        /// Why.
+        source: HostError,
+    },
+    /// A buffer's bytes are not a whole number of the elements asked for.
+    #[error("`{buffer}` has {bytes} bytes, not a multiple of {stride}")]
+    ElementSize {
+        /// The buffer.
+        buffer: String,
+        /// Its size.
+        bytes: u64,
+        /// Bytes of an element.
+        stride: usize,
+    },
+}
+
+/// What kind of machine runs the kernels, best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DeviceKind {
+    /// A graphics card with its own memory.
+    Discrete,
+    /// Graphics in the processor.
+    Integrated,
+    /// A part of a graphics card in a virtual machine.
+    Virtual,
+    /// Vulkan emulated by the processor (lavapipe).
+    EmulatedOnCpu,
+    /// Something else that speaks Vulkan.
+    Other,
+    /// The processor itself, no Vulkan.
+    Native,
+}
+
+impl fmt::Display for DeviceKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::EmulatedOnCpu => "Vulkan on the CPU",
+            Self::Other => "other",
+            Self::Native => "native code",
+        })
+    }
+}
+
+/// A device with the limits that shape plans.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DeviceInfo {
+    /// Name as the driver gives it.
+    pub name: String,
+    /// What kind of machine it is.
+    pub kind: DeviceKind,
+    /// Its number for `--device`; `None` for native code.
+    pub index: Option<usize>,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// Vulkan version, empty for native code.
+    pub api_version: String,
+    /// Device memory, 0 if unknown.
+    pub memory_bytes: u64,
+    /// Greatest range of a buffer that one binding may show; larger matrices are bound in blocks of rows.
+    pub max_storage_buffer_range: u64,
+    /// Greatest width and height of a picture.
+    pub max_image_edge: u32,
+    /// Memory that a workgroup shares.
+    pub shared_memory_bytes: u32,
+    /// Invocations of a subgroup, 1 for native code.
+    pub subgroup_size: u32,
+    /// Whether the device measures each pass itself; otherwise the host's clock does.
+    pub has_timestamps: bool,
+    /// What the device lacks that every kernel needs; such a device is listed but not opened.
+    pub missing_feature: Option<&'static str>,
+    /// Whether the validation layer watches.
+    pub has_validation: bool,
+}
+
+/// What `--device` says.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub enum DeviceChoice {
+    /// The best Vulkan device that is not the processor, else native code.
+    #[default]
+    Auto,
+    /// Native code.
+    Cpu,
+    /// The best Vulkan device of any kind.
+    Vulkan,
+    /// The best Vulkan device of a kind: `discrete`, `integrated`, `virtual`.
+    Kind(DeviceKind),
+    /// The Vulkan device with this number in the list.
+    Index(usize),
+    /// The best Vulkan device whose name contains this, in any case of letters.
+    Name(String),
+}
+
+impl DeviceChoice {
+    /// Reads `auto`, `cpu`, `vulkan`, `discrete`, `integrated`, `virtual`, a number, or else a part of a name.
+    pub fn parse(text: &str) -> Self {
+        match text.trim().to_lowercase().as_str() {
+            "" | "auto" => Self::Auto,
+            "cpu" => Self::Cpu,
+            "vulkan" => Self::Vulkan,
+            "discrete" => Self::Kind(DeviceKind::Discrete),
+            "integrated" => Self::Kind(DeviceKind::Integrated),
+            "virtual" => Self::Kind(DeviceKind::Virtual),
+            other => other.parse().map_or_else(|_| Self::Name(text.trim().to_owned()), Self::Index),
+        }
+    }
+
+    /// Whether a Vulkan device answers to the choice.
+    pub fn admits(&self, device: &DeviceInfo) -> bool {
+        match self {
+            Self::Auto => device.kind < DeviceKind::EmulatedOnCpu,
+            Self::Cpu => device.kind == DeviceKind::Native,
+            Self::Vulkan => device.kind != DeviceKind::Native,
+            Self::Kind(kind) => device.kind == *kind,
+            Self::Index(index) => device.index == Some(*index),
+            Self::Name(name) => {
+                device.kind != DeviceKind::Native && device.name.to_lowercase().contains(&name.to_lowercase())
+            }
+        }
+    }
+}
+
+impl FromStr for DeviceChoice {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(Self::parse(text))
+    }
+}
+
+impl fmt::Display for DeviceChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Cpu => f.write_str("cpu"),
+            Self::Vulkan => f.write_str("vulkan"),
+            Self::Kind(kind) => kind.fmt(f),
+            Self::Index(index) => index.fmt(f),
+            Self::Name(name) => f.write_str(name),
+        }
+    }
+}
+
+/// How long a pass took.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PassTime {
+    /// Name of the pass.
+    pub name: String,
+    /// By the device's own clock where it has one. Passes that overlap share their time: the sum is that of the run.
+    pub milliseconds: f64,
+}
+
+/// Runs plans. Buffers stay on the device from frame to frame: load once, then for each frame upload what changed, set push
+/// constants, run, download what is wanted.
+pub trait Executor: Send {
+    /// What runs the kernels.
+    fn device(&self) -> &DeviceInfo;
+
+    /// Makes the buffers of a plan, all zeros, and prepares its passes; the plan before it and its buffers go.
+    ///
+    /// # Errors
+    /// Out of memory; a buffer or pass that exceeds a limit of the device. No plan is loaded then.
+    fn load(&mut self, plan: Plan) -> Result<(), ExecutorError>;
+
+    /// The loaded plan.
+    fn plan(&self) -> &Plan;
+
+    /// Puts bytes into a buffer from `offset` on; a picture takes all its bytes at once.
+    ///
+    /// # Errors
+    /// Bytes that do not fit, a scratch buffer, an unknown buffer; what the device says.
+    fn upload_at(&mut self, buffer: BufferId, offset: u64, bytes: &[u8]) -> Result<(), ExecutorError>;
+
+    /// Replaces a pass's push constants.
+    ///
+    /// # Errors
+    /// Wrong length, unknown pass.
+    fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError>;
+
+    /// Replaces a pass's number of elements.
+    ///
+    /// # Errors
+    /// Unknown pass; more workgroups than the device takes.
+    fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), ExecutorError>;
+
+    /// Runs passes in the order given and waits for them.
+    ///
+    /// # Errors
+    /// A pass that reads what nothing was put into; what the device says.
+    fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError>;
+
+    /// All bytes of a buffer.
+    ///
+    /// # Errors
+    /// A scratch buffer, an unknown buffer; what the device says.
+    fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError>;
+
+    /// Runs the whole plan.
+    ///
+    /// # Errors
+    /// As [`Executor::run_passes`].
+    fn run(&mut self) -> Result<Vec<PassTime>, ExecutorError> {
+        let passes = self.plan().all_passes();
+        self.run_passes(&passes)
+    }
+}
+
+impl dyn Executor + '_ {
+    /// Puts a whole table into a buffer.
+    ///
+    /// # Errors
+    /// As [`Executor::upload_at`].
+    pub fn upload<T: Pod>(&mut self, buffer: BufferId, table: &[T]) -> Result<(), ExecutorError> {
+        self.upload_at(buffer, 0, bytemuck::cast_slice(table))
+    }
+
+    /// A buffer as a table.
+    ///
+    /// # Errors
+    /// As [`Executor::download`], and [`ExecutorError::ElementSize`].
+    pub fn download_table<T: Pod>(&mut self, buffer: BufferId) -> Result<Vec<T>, ExecutorError> {
+        let bytes = self.download(buffer)?;
+        if size_of::<T>() == 0 || bytes.len() % size_of::<T>() != 0 {
+            let name = self.plan().buffer(buffer)?.name.clone();
+            return Err(ExecutorError::ElementSize { buffer: name, bytes: bytes.len() as u64, stride: size_of::<T>() });
+        }
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
+    }
+
+    /// Replaces a pass's push constants.
+    ///
+    /// # Errors
+    /// As [`Executor::set_push`].
+    pub fn push<P: Pod>(&mut self, pass: PassId, push: &P) -> Result<(), ExecutorError> {
+        self.set_push(pass, bytemuck::bytes_of(push))
+    }
+}
+
+/// Opens what `--device` says. `auto` falls back to native code, with a note that says why.
+///
+/// # Errors
+/// A device that was asked for and is not there, or lacks a feature.
+pub fn open(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
+    match choice {
+        DeviceChoice::Cpu => Ok((Box::new(Cpu::new()), None)),
+        DeviceChoice::Auto => match Vulkan::open(choice, Validation::from_environment()) {
+            Ok(vulkan) => Ok((Box::new(vulkan), None)),
+            Err(vulkan::Error::UnknownDevice { available, .. }) => {
+                let note = format!(
+                    "no graphics processor (Vulkan offers only {}): running as native code on the CPU",
+                    available.join(", ")
+                );
+                Ok((Box::new(Cpu::new()), Some(note)))
+            }
+            Err(error @ vulkan::Error::NoValidationLayer) => Err(error.into()),
+            Err(error) => Ok((Box::new(Cpu::new()), Some(format!("{error}; running as native code on the CPU")))),
+        },
+        _ => Ok((Box::new(Vulkan::open(choice, Validation::from_environment())?), None)),
+    }
+}
+
+/// Native code and all Vulkan devices, with a note where Vulkan cannot be asked.
+pub fn devices() -> (Vec<DeviceInfo>, Option<String>) {
+    let mut devices = vec![Cpu::new().device().clone()];
+    match vulkan::devices() {
+        Ok(found) => {
+            devices.extend(found);
+            (devices, None)
+        }
+        Err(error) => (devices, Some(error.to_string())),
+    }
+}

@@ -1,0 +1,238 @@
+//! What follows from a plan: which memory buffers share, where barriers stand, whether every read has something to read.
+
+use std::fmt::Write as _;
+
+use crate::plan::{Bound, BufferId, BufferKind, PassId, Plan, PlanError, check_push};
+
+/// Memory that one storage buffer or picture, or several scratch buffers of separate lifetimes, lie in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// The buffer, the largest one where several share.
+    pub buffer: BufferId,
+    /// Size; never 0.
+    pub bytes: u64,
+}
+
+/// A plan with what is derived from it, and what is known of its buffers' contents.
+#[derive(Debug, Default)]
+pub struct Graph {
+    plan: Plan,
+    slots: Vec<Slot>,
+    slot_of: Vec<usize>,
+    written: Vec<bool>,
+}
+
+/// Bytes that an empty storage buffer really has: room for one element of any table.
+const EMPTY_BYTES: u64 = 256;
+
+impl Graph {
+    /// Derives the slots of a plan.
+    pub fn new(plan: Plan) -> Self {
+        let lifetimes = lifetimes(&plan);
+        let mut slots: Vec<Slot> = Vec::new();
+        let mut slot_of = vec![0; plan.buffers().len()];
+        // Scratch buffers in order of their first use take the first slot that is free again.
+        let mut order: Vec<usize> = (0..plan.buffers().len()).collect();
+        order.sort_by_key(|&k| lifetimes[k].map_or(0, |(first, _)| first));
+        let mut busy_until: Vec<Option<usize>> = Vec::new();
+        for k in order {
+            let spec = &plan.buffers()[k];
+            let bytes = if spec.bytes == 0 { EMPTY_BYTES } else { spec.bytes };
+            let scratch = spec.kind == BufferKind::Scratch;
+            let (first, last) = lifetimes[k].unwrap_or((0, 0));
+            let free = busy_until.iter().position(|end| scratch && end.is_some_and(|end| end < first));
+            let slot = free.unwrap_or_else(|| {
+                slots.push(Slot { buffer: BufferId(k), bytes: 0 });
+                busy_until.push(None);
+                slots.len() - 1
+            });
+            if bytes > slots[slot].bytes {
+                slots[slot] = Slot { buffer: BufferId(k), bytes };
+            }
+            busy_until[slot] = scratch.then_some(last);
+            slot_of[k] = slot;
+        }
+        let written = plan.buffers().iter().map(|b| b.bytes == 0).collect();
+        Self { plan, slots, slot_of, written }
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Memory to allocate.
+    pub fn slots(&self) -> &[Slot] {
+        &self.slots
+    }
+
+    /// Where a buffer lies.
+    pub fn slot_of(&self, buffer: BufferId) -> usize {
+        self.slot_of[buffer.0]
+    }
+
+    /// Replaces a pass's push constants.
+    ///
+    /// # Errors
+    /// Wrong length, unknown pass.
+    pub fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), PlanError> {
+        let pass = self.plan.pass_mut(pass)?;
+        check_push(&pass.name, pass.kernel, push)?;
+        pass.push.copy_from_slice(push);
+        Ok(())
+    }
+
+    /// Replaces a pass's number of elements.
+    ///
+    /// # Errors
+    /// Unknown pass.
+    pub fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), PlanError> {
+        self.plan.pass_mut(pass)?.elements = elements;
+        Ok(())
+    }
+
+    /// Checks an upload of `length` bytes at `offset` and notes that the buffer has contents.
+    ///
+    /// # Errors
+    /// Unknown or scratch buffer, bytes that do not fit; a picture takes all its bytes at once.
+    pub fn note_upload(&mut self, id: BufferId, offset: u64, length: u64) -> Result<(), PlanError> {
+        let spec = self.plan.buffer(id)?;
+        let whole = offset == 0 && length == spec.bytes;
+        let fits = match spec.kind {
+            BufferKind::Scratch => return Err(PlanError::Scratch { buffer: spec.name.clone() }),
+            BufferKind::Image { .. } => whole,
+            BufferKind::Storage => offset.checked_add(length).is_some_and(|end| end <= spec.bytes),
+        };
+        if !fits {
+            let (buffer, size) = (spec.name.clone(), spec.bytes);
+            return Err(PlanError::UploadLength { buffer, size, offset, found: length });
+        }
+        self.written[id.0] = true;
+        Ok(())
+    }
+
+    /// Checks that a buffer may be downloaded; gives its size.
+    ///
+    /// # Errors
+    /// Unknown or scratch buffer.
+    pub fn check_download(&self, id: BufferId) -> Result<u64, PlanError> {
+        let spec = self.plan.buffer(id)?;
+        match spec.kind {
+            BufferKind::Scratch => Err(PlanError::Scratch { buffer: spec.name.clone() }),
+            _ => Ok(spec.bytes),
+        }
+    }
+
+    /// Checks that each pass of a run finds contents in what it reads, and notes what the run writes.
+    ///
+    /// # Errors
+    /// Unknown pass; a buffer that nothing was uploaded to and no earlier pass has written. Contents stay as they were noted.
+    pub fn note_run(&mut self, passes: &[PassId]) -> Result<(), PlanError> {
+        let mut written = self.written.clone();
+        for id in passes {
+            let count = self.plan.passes().len();
+            let pass = self.plan.passes().get(id.0).ok_or(PlanError::Unknown { what: "pass", index: id.0, count })?;
+            for bound in pass.bound.iter().filter(|b| b.reads) {
+                if !written[bound.buffer.0] {
+                    let buffer = self.plan.buffers()[bound.buffer.0].name.clone();
+                    return Err(PlanError::NeverWritten { pass: pass.name.clone(), buffer });
+                }
+            }
+            for bound in pass.bound.iter().filter(|b| b.writes) {
+                for (other, slot) in self.slot_of.iter().enumerate() {
+                    if *slot == self.slot_of[bound.buffer.0] {
+                        written[other] = other == bound.buffer.0;
+                    }
+                }
+            }
+        }
+        // Scratch ends with the frame.
+        for (k, spec) in self.plan.buffers().iter().enumerate() {
+            self.written[k] = written[k] && spec.kind != BufferKind::Scratch;
+        }
+        Ok(())
+    }
+
+    /// For each pass of a run whether it must wait for those before it: because it reads what they write, or writes what
+    /// they read or write. Passes without a barrier between them may overlap.
+    pub fn barriers(&self, passes: &[PassId]) -> Vec<bool> {
+        let mut open: Vec<(usize, Bound)> = Vec::new();
+        passes
+            .iter()
+            .map(|id| {
+                let bound = &self.plan.passes()[id.0].bound;
+                let conflict = |b: &Bound| {
+                    open.iter().any(|(slot, a)| {
+                        *slot == self.slot_of[b.buffer.0]
+                            && (a.writes || b.writes)
+                            && (a.buffer != b.buffer || a.overlaps(b))
+                    })
+                };
+                let waits = bound.iter().any(conflict);
+                if waits {
+                    open.clear();
+                }
+                open.extend(bound.iter().map(|b| (self.slot_of[b.buffer.0], *b)));
+                waits
+            })
+            .collect()
+    }
+
+    /// The frame graph in Graphviz' language: passes as boxes in their order, buffers as ellipses with size and lifetime,
+    /// reads and writes as arrows, a dashed arrow where a pass waits at a barrier.
+    pub fn graphviz(&self) -> String {
+        let mut text = String::from("digraph frame {\n  rankdir = LR;\n  node [fontname = \"sans-serif\"];\n");
+        let lifetimes = lifetimes(&self.plan);
+        let quote = |name: &str| name.replace('\\', "\\\\").replace('"', "\\\"");
+        // Writing to a String cannot fail.
+        for (k, spec) in self.plan.buffers().iter().enumerate() {
+            let life = match lifetimes[k] {
+                Some((first, last)) => format!("passes {first} to {last}"),
+                None => "unused".into(),
+            };
+            let style = if spec.kind == BufferKind::Scratch { "dotted" } else { "solid" };
+            let _ = writeln!(
+                text,
+                "  b{k} [label = \"{}\\n{} bytes, {life}\", style = {style}];",
+                quote(&spec.name),
+                spec.bytes
+            );
+        }
+        let barriers = self.barriers(&self.plan.all_passes());
+        for (k, pass) in self.plan.passes().iter().enumerate() {
+            let _ = writeln!(
+                text,
+                "  p{k} [shape = box, label = \"{k}: {}\\n{}, {} elements\"];",
+                quote(&pass.name),
+                pass.kernel.name,
+                pass.elements
+            );
+            for bound in &pass.bound {
+                let b = bound.buffer.0;
+                if bound.reads {
+                    let _ = writeln!(text, "  b{b} -> p{k};");
+                }
+                if bound.writes {
+                    let _ = writeln!(text, "  p{k} -> b{b};");
+                }
+            }
+            if k > 0 && barriers[k] {
+                let _ = writeln!(text, "  p{} -> p{k} [style = dashed, label = \"barrier\"];", k - 1);
+            }
+        }
+        text.push_str("}\n");
+        text
+    }
+}
+
+/// First and last pass that binds each buffer.
+pub fn lifetimes(plan: &Plan) -> Vec<Option<(usize, usize)>> {
+    let mut lifetimes = vec![None; plan.buffers().len()];
+    for (k, pass) in plan.passes().iter().enumerate() {
+        for bound in &pass.bound {
+            let life: &mut Option<(usize, usize)> = &mut lifetimes[bound.buffer.0];
+            *life = Some((life.map_or(k, |(first, _)| first), k));
+        }
+    }
+    lifetimes
+}

@@ -1,0 +1,251 @@
+//! Owned buffers and pictures with their memory, freed on drop.
+
+use std::sync::{Arc, PoisonError};
+
+use ash::vk;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+use gpu_allocator::{AllocationError, MemoryLocation};
+use gpu_kernels::table::ImageFormat;
+
+use super::device::Device;
+use super::error::Error;
+use crate::plan::texel_bytes;
+
+/// Device memory behind a buffer or a picture.
+struct Memory {
+    device: Arc<Device>,
+    allocation: Option<Allocation>,
+}
+
+impl Memory {
+    fn new(
+        device: &Arc<Device>,
+        name: &str,
+        bytes: u64,
+        requirements: vk::MemoryRequirements,
+        location: MemoryLocation,
+        linear: bool,
+    ) -> Result<Self, Error> {
+        let mut allocator = device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+        let allocation_scheme = AllocationScheme::GpuAllocatorManaged;
+        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme };
+        let allocation = allocator.allocate(&desc).map_err(|error| match error {
+            AllocationError::OutOfMemory => {
+                let reason = error.to_string();
+                Error::OutOfMemory { call: "vkAllocateMemory", what: name.into(), bytes, reason }
+            }
+            other => Error::Allocator { what: name.into(), bytes, reason: other.to_string() },
+        })?;
+        drop(allocator);
+        Ok(Self { device: Arc::clone(device), allocation: Some(allocation) })
+    }
+
+    fn handle(&self) -> (vk::DeviceMemory, u64) {
+        match &self.allocation {
+            // SAFETY: the handle is only used to bind it to the resource that owns this allocation.
+            Some(allocation) => (unsafe { allocation.memory() }, allocation.offset()),
+            None => (vk::DeviceMemory::null(), 0),
+        }
+    }
+}
+
+impl Drop for Memory {
+    fn drop(&mut self) {
+        if let Some(allocation) = self.allocation.take() {
+            let mut allocator = self.device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
+            // Fails only for an allocation of another allocator.
+            let _ = allocator.free(allocation);
+        }
+    }
+}
+
+/// More than the device can ever give is refused before the driver is asked: some wrap around instead of refusing.
+fn check_size(device: &Device, call: &'static str, name: &str, bytes: u64) -> Result<(), Error> {
+    let limit = device.info.memory_bytes.min(device.max_allocation_bytes);
+    if bytes <= limit {
+        return Ok(());
+    }
+    let reason = format!("{} gives at most {limit} bytes at once", device.info.name);
+    Err(Error::OutOfMemory { call, what: name.into(), bytes, reason })
+}
+
+/// Makes an error of a failed creation call: out of memory with the resource's name, or the call.
+fn creation_error(call: &'static str, name: &str, bytes: u64) -> impl FnOnce(vk::Result) -> Error {
+    move |result| match result {
+        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
+            Error::OutOfMemory { call, what: name.into(), bytes, reason: format!("{result:?}") }
+        }
+        result => Error::Call { call, result },
+    }
+}
+
+/// A buffer and its memory.
+pub(super) struct Buffer {
+    pub raw: vk::Buffer,
+    memory: Option<Memory>,
+    device: Arc<Device>,
+}
+
+impl Buffer {
+    /// A buffer that kernels use.
+    pub fn storage(device: &Arc<Device>, name: &str, bytes: u64) -> Result<Self, Error> {
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST;
+        Self::new(device, name, bytes, usage, MemoryLocation::GpuOnly)
+    }
+
+    /// A buffer that the host writes and copies read.
+    pub fn to_device(device: &Arc<Device>, bytes: u64) -> Result<Self, Error> {
+        Self::new(device, "upload", bytes, vk::BufferUsageFlags::TRANSFER_SRC, MemoryLocation::CpuToGpu)
+    }
+
+    /// A buffer that copies write and the host reads.
+    pub fn to_host(device: &Arc<Device>, bytes: u64) -> Result<Self, Error> {
+        Self::new(device, "download", bytes, vk::BufferUsageFlags::TRANSFER_DST, MemoryLocation::GpuToCpu)
+    }
+
+    fn new(
+        device: &Arc<Device>,
+        name: &str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+        location: MemoryLocation,
+    ) -> Result<Self, Error> {
+        check_size(device, "vkCreateBuffer", name, bytes)?;
+        let create = vk::BufferCreateInfo::default().size(bytes).usage(usage).sharing_mode(vk::SharingMode::EXCLUSIVE);
+        // SAFETY: the device is alive; the size is not 0.
+        let raw = unsafe { device.raw.create_buffer(&create, None) }.map_err(creation_error(
+            "vkCreateBuffer",
+            name,
+            bytes,
+        ))?;
+        let mut buffer = Self { raw, memory: None, device: Arc::clone(device) };
+        // SAFETY: the buffer was made from this device.
+        let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
+        let memory = Memory::new(device, name, bytes, requirements, location, true)?;
+        let (handle, offset) = memory.handle();
+        // SAFETY: the memory was allocated for this buffer's requirements and is bound once.
+        unsafe { device.raw.bind_buffer_memory(raw, handle, offset) }.map_err(creation_error(
+            "vkBindBufferMemory",
+            name,
+            bytes,
+        ))?;
+        buffer.memory = Some(memory);
+        Ok(buffer)
+    }
+
+    /// The bytes of a buffer that the host sees; empty for others.
+    pub fn mapped(&self) -> &[u8] {
+        let allocation = self.memory.as_ref().and_then(|m| m.allocation.as_ref());
+        allocation.and_then(Allocation::mapped_slice).unwrap_or_default()
+    }
+
+    /// As [`Buffer::mapped`], to write.
+    pub fn mapped_mut(&mut self) -> &mut [u8] {
+        let allocation = self.memory.as_mut().and_then(|m| m.allocation.as_mut());
+        allocation.and_then(Allocation::mapped_slice_mut).unwrap_or_default()
+    }
+}
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        // SAFETY: every submission is waited for before it returns, so no command uses the buffer; its memory goes after
+        // it (field drop).
+        unsafe { self.device.raw.destroy_buffer(self.raw, None) };
+    }
+}
+
+/// A sampled picture, its view and its memory.
+pub(super) struct Image {
+    pub raw: vk::Image,
+    pub view: vk::ImageView,
+    pub extent: vk::Extent3D,
+    texel_bytes: u64,
+    _memory: Option<Memory>,
+    device: Arc<Device>,
+}
+
+impl Image {
+    /// A picture that kernels fetch from, contents undefined.
+    pub fn new(
+        device: &Arc<Device>,
+        name: &str,
+        format: ImageFormat,
+        width: u32,
+        height: u32,
+        bytes: u64,
+    ) -> Result<Self, Error> {
+        check_size(device, "vkCreateImage", name, bytes)?;
+        let texel_bytes = texel_bytes(format);
+        let format = match format {
+            ImageFormat::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
+            ImageFormat::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
+        };
+        let extent = vk::Extent3D { width, height, depth: 1 };
+        let create = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(format)
+            .extent(extent)
+            .mip_levels(1)
+            .array_layers(1)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .tiling(vk::ImageTiling::OPTIMAL)
+            .usage(vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST | vk::ImageUsageFlags::TRANSFER_SRC)
+            .sharing_mode(vk::SharingMode::EXCLUSIVE)
+            .initial_layout(vk::ImageLayout::UNDEFINED);
+        // SAFETY: the device is alive; the caller keeps width and height within the device's limits and above 0.
+        let raw =
+            unsafe { device.raw.create_image(&create, None) }.map_err(creation_error("vkCreateImage", name, bytes))?;
+        let mut image =
+            Self { raw, view: vk::ImageView::null(), extent, texel_bytes, _memory: None, device: Arc::clone(device) };
+        // SAFETY: the image was made from this device.
+        let requirements = unsafe { device.raw.get_image_memory_requirements(raw) };
+        let memory = Memory::new(device, name, bytes, requirements, MemoryLocation::GpuOnly, false)?;
+        let (handle, offset) = memory.handle();
+        // SAFETY: the memory was allocated for this image's requirements and is bound once.
+        unsafe { device.raw.bind_image_memory(raw, handle, offset) }.map_err(creation_error(
+            "vkBindImageMemory",
+            name,
+            bytes,
+        ))?;
+        image._memory = Some(memory);
+        let create = vk::ImageViewCreateInfo::default()
+            .image(raw)
+            .view_type(vk::ImageViewType::TYPE_2D)
+            .format(format)
+            .subresource_range(WHOLE_IMAGE);
+        // SAFETY: the image is bound to memory and has the format and the one level that the view names.
+        image.view = unsafe { device.raw.create_image_view(&create, None) }.map_err(creation_error(
+            "vkCreateImageView",
+            name,
+            bytes,
+        ))?;
+        Ok(image)
+    }
+
+    /// Bytes of a row of texels.
+    pub fn row_bytes(&self) -> u64 {
+        u64::from(self.extent.width) * self.texel_bytes
+    }
+}
+
+impl Drop for Image {
+    fn drop(&mut self) {
+        // SAFETY: every submission is waited for before it returns; the view goes before its image, the memory after it
+        // (field drop). A null view is allowed.
+        unsafe {
+            self.device.raw.destroy_image_view(self.view, None);
+            self.device.raw.destroy_image(self.raw, None);
+        }
+    }
+}
+
+/// The one level and layer of every picture.
+pub(super) const WHOLE_IMAGE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    base_mip_level: 0,
+    level_count: 1,
+    base_array_layer: 0,
+    layer_count: 1,
+};

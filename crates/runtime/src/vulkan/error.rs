@@ -1,0 +1,129 @@
+//! The call that failed, its result, and what to do about it.
+
+use ash::vk;
+
+/// Why Vulkan cannot be used, or stopped working.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// There is no Vulkan loader on this machine.
+    #[error("no Vulkan loader: {0}; install a graphics driver, or choose --device cpu")]
+    NoLoader(#[from] ash::LoadingError),
+    /// The loader works but no driver offers a device.
+    #[error("no Vulkan device: {reason}; install a graphics driver, or choose --device cpu")]
+    NoDevice {
+        /// What the loader says.
+        reason: String,
+    },
+    /// No device answers to the name, the number or the kind.
+    #[error("no Vulkan device `{wanted}`; there are: {}", list(available))]
+    UnknownDevice {
+        /// What was asked for.
+        wanted: String,
+        /// The devices with their numbers.
+        available: Vec<String>,
+    },
+    /// A device lacks what every kernel needs.
+    #[error("{device} lacks {feature}; update its driver, choose another device, or --device cpu")]
+    MissingFeature {
+        /// Name of the device.
+        device: String,
+        /// The feature as the Vulkan specification names it.
+        feature: &'static str,
+    },
+    /// The validation layer was asked for by `PATCHLIGHT_VALIDATION=1` and is not installed.
+    #[error(
+        "PATCHLIGHT_VALIDATION is set but there is no VK_LAYER_KHRONOS_validation; install the Vulkan validation layers \
+         or unset the variable"
+    )]
+    NoValidationLayer,
+    /// The validation layer found a mistake of ours.
+    #[error("the Vulkan validation layer reports {}: {}", messages.len(), messages.join("; "))]
+    Validation {
+        /// Its messages.
+        messages: Vec<String>,
+    },
+    /// A buffer or picture does not fit on the device.
+    #[error(
+        "{call} for `{what}`, {bytes} bytes: out of device memory ({reason}); choose fewer patches, a smaller picture, or \
+         --device cpu"
+    )]
+    OutOfMemory {
+        /// The call.
+        call: &'static str,
+        /// Name of the buffer.
+        what: String,
+        /// Its size.
+        bytes: u64,
+        /// What the driver or the allocator says.
+        reason: String,
+    },
+    /// The allocator failed for another reason than lack of memory.
+    #[error("memory for `{what}`, {bytes} bytes: {reason}")]
+    Allocator {
+        /// Name of the buffer.
+        what: String,
+        /// Its size.
+        bytes: u64,
+        /// What the allocator says.
+        reason: String,
+    },
+    /// A plan asks for more than the device can do.
+    #[error("{what}: {name} of {device} is {limit}, {asked} asked for; {remedy}")]
+    Limit {
+        /// Pass, buffer or kernel.
+        what: String,
+        /// The limit as the Vulkan specification names it.
+        name: &'static str,
+        /// Name of the device.
+        device: String,
+        /// What the device can do.
+        limit: u64,
+        /// What the plan asks for.
+        asked: u64,
+        /// What to do about it.
+        remedy: &'static str,
+    },
+    /// A committed module is not SPIR-V.
+    #[error("kernel `{kernel}`: its module is not SPIR-V ({reason}); build the kernels again")]
+    Module {
+        /// Name of the kernel.
+        kernel: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Any other call.
+    #[error("{call}: {result:?}; {}", remedy(*result))]
+    Call {
+        /// The call.
+        call: &'static str,
+        /// Its result.
+        result: vk::Result,
+    },
+}
+
+impl Error {
+    /// Makes the error of a call: `.map_err(Error::call("vkQueueSubmit"))`.
+    pub(super) fn call(call: &'static str) -> impl FnOnce(vk::Result) -> Self {
+        move |result| Self::Call { call, result }
+    }
+}
+
+fn list(names: &[String]) -> String {
+    if names.is_empty() { "none".into() } else { names.join(", ") }
+}
+
+fn remedy(result: vk::Result) -> &'static str {
+    match result {
+        vk::Result::ERROR_DEVICE_LOST => {
+            "the device was reset, often because one pass ran too long: try again with fewer patches or rays a pass, or \
+             --device cpu"
+        }
+        vk::Result::ERROR_OUT_OF_HOST_MEMORY => "main memory is full: close programs or choose fewer patches",
+        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => "device memory is full: choose fewer patches, or --device cpu",
+        vk::Result::ERROR_INITIALIZATION_FAILED | vk::Result::ERROR_INCOMPATIBLE_DRIVER => {
+            "the driver does not work: update it, choose another device, or --device cpu"
+        }
+        _ => "update the driver, choose another device, or --device cpu",
+    }
+}
