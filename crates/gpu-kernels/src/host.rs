@@ -1,7 +1,8 @@
 //! The host form of the kernels: the same bodies, run over all elements on all cores. Every element is computed by itself,
 //! so the result does not depend on the number of threads.
 
-pub mod scene;
+pub(crate) mod formfactor;
+pub(crate) mod scene;
 
 use std::vec::Vec;
 
@@ -92,6 +93,16 @@ pub enum HostError {
         /// Elements there are.
         found: usize,
     },
+    /// An image with fewer texels than the dispatch covers.
+    #[error("{binding} has {found:?} texels, the dispatch needs {needed:?}")]
+    ImageSize {
+        /// The binding.
+        binding: &'static str,
+        /// Columns and rows needed.
+        needed: (u32, u32),
+        /// Columns and rows there are.
+        found: (u32, u32),
+    },
     /// The push constants count other elements than the dispatch.
     #[error("the dispatch covers {elements} elements, its push constants say {count}")]
     Elements {
@@ -176,6 +187,27 @@ impl<'s> Bound<'s, '_> {
         let elements: &[T] = bytemuck::try_cast_slice(bytes).map_err(|_| layout)?;
         long_enough(self.name, elements.len(), needed)?;
         Ok(elements)
+    }
+
+    /// Whether the image has at least so many texels each way.
+    fn covers(&self, width: u32, height: u32) -> Result<(), HostError> {
+        let found = match &*self.data {
+            HostBinding::Image { width, height, .. } => (*width, *height),
+            _ => (0, 0),
+        };
+        if found.0 < width || found.1 < height {
+            return Err(HostError::ImageSize { binding: self.name, needed: (width, height), found });
+        }
+        Ok(())
+    }
+
+    /// The texels of an image and the length of its rows.
+    fn texels<T: AnyBitPattern>(self) -> Result<(&'s [T], usize), HostError> {
+        let (width, height) = match self.data {
+            HostBinding::Image { width, height, .. } => (*width as usize, *height as usize),
+            _ => (0, 0),
+        };
+        Ok((self.read(width * height)?, width))
     }
 
     /// The elements that are written: the first `needed`.

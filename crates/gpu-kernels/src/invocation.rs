@@ -11,3 +11,9 @@ pub const WORKGROUP: u32 = 64;
 pub fn element(id: UVec3, groups: UVec3) -> u32 {
     id.x + id.y * groups.x * WORKGROUP
 }
+
+/// Number of this workgroup in the same order, for kernels whose workgroups share the work.
+#[inline]
+pub fn group_index(group: UVec3, groups: UVec3) -> u32 {
+    group.x + group.y * groups.x
+}

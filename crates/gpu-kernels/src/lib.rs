@@ -3,6 +3,8 @@
 #[cfg(feature = "std")]
 extern crate std;
 
+pub mod formfactor;
+mod half;
 mod invocation;
 pub mod params;
 pub mod scene;

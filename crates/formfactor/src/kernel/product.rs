@@ -2,7 +2,8 @@
 //! irradiance in W/m²; the fourth component is not used.
 
 use glam::{Vec2, Vec3, Vec4};
-use scene::{Hit, NONE};
+use scene::kernel::shade::source_exitance;
+use scene::{Hit, NONE, SurfacePoint, Triangle};
 
 use super::grid::interpolate;
 use crate::types::{GatherParams, TriangleGrid};
@@ -77,8 +78,7 @@ impl RowSums {
     /// senders are one vector, `exitance` is that of the four senders.
     #[inline]
     pub fn add(self, a: Vec4, b: Vec4, c: Vec4, d: Vec4, exitance: (Vec4, Vec4, Vec4, Vec4)) -> Self {
-        let (p, q, r, s) =
-            (exitance.0.truncate(), exitance.1.truncate(), exitance.2.truncate(), exitance.3.truncate());
+        let (p, q, r, s) = (exitance.0.truncate(), exitance.1.truncate(), exitance.2.truncate(), exitance.3.truncate());
         Self {
             a: self.a + p * a.x + q * a.y + r * a.z + s * a.w,
             b: self.b + p * b.x + q * b.y + r * b.z + s * b.w,
@@ -134,6 +134,42 @@ pub fn gather_row_sparse(i: u32, row_start: &[u32], columns: &[u32], values: &[f
 #[inline]
 pub fn bounce(source: Vec4, albedo: Vec4, irradiance: Vec4) -> Vec4 {
     source + albedo * irradiance
+}
+
+/// First exitance of patch `i`, `E = M_e + ρ Σ_k w_k H_d,k` over its points, W/m².
+///
+/// Shapes: `points` and `direct` by point, row `i` has `offsets[i]..offsets[i + 1]`; `emission` and `albedo` by patch.
+#[inline]
+pub fn assemble_source(
+    i: u32,
+    offsets: &[u32],
+    points: &[SurfacePoint],
+    direct: &[Vec4],
+    emission: &[Vec4],
+    albedo: &[Vec4],
+) -> Vec4 {
+    let mut mean = Vec4::ZERO;
+    for k in offsets[i as usize]..offsets[i as usize + 1] {
+        mean += direct[k as usize] * points[k as usize].weight;
+    }
+    source_exitance(emission[i as usize], albedo[i as usize], mean)
+}
+
+/// Irradiance of the side of a surface that a pixel shows, W/m²: [`interpolate_receivers`] at its hit, on the side on
+/// which its point's normal stands.
+#[inline]
+pub fn interpolate_pixel(
+    grids: &[TriangleGrid],
+    triangles: &[Triangle],
+    values: &[Vec4],
+    hit: Hit,
+    point: SurfacePoint,
+) -> Vec4 {
+    if hit.triangle == NONE {
+        return Vec4::ZERO;
+    }
+    let t = triangles[hit.triangle as usize];
+    interpolate_receivers(grids, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
 }
 
 /// Irradiance at a hit, W/m²: linear between the three grid vertices of its triangle round it, zero where that side has

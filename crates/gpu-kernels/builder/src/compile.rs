@@ -22,12 +22,14 @@ const PUBLIC_TOOLCHAIN: &str = "nightly-2026-04-11";
 pub struct Compiled {
     /// Modules by file name, `<entry point>.spv`.
     pub modules: Modules,
-    /// Every source file of this workspace that went in.
+    /// Compiler that was used.
+    pub toolchain: &'static str,
+    /// Every source file of this workspace that went in, relative to its root.
     pub sources: BTreeSet<PathBuf>,
 }
 
 /// Compiles the kernel crate, one module per entry point, decorated and optimised.
-pub fn compile(kernels: &Path) -> Result<Compiled> {
+pub fn compile(kernels: &Path, root: &Path) -> Result<Compiled> {
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| kernels.join("builder/target"), PathBuf::from);
     let mut builder = SpirvBuilder::new(kernels, TARGET);
     builder.multimodule = true;
@@ -38,19 +40,19 @@ pub fn compile(kernels: &Path) -> Result<Compiled> {
     // The optimiser runs after the decorations: see forbid_contraction.
     builder.extra_args.push("--no-spirv-opt".into());
     builder.target_dir_path = Some(target.join("spirv"));
-    if cfg!(feature = "public-toolchain") {
-        builder.toolchain_overwrite = Some(PUBLIC_TOOLCHAIN.into());
-    } else {
+    // Other bytes may come out of another compiler: the manifest names it.
+    let toolchain = if cfg!(feature = "public-toolchain") { PUBLIC_TOOLCHAIN } else { LOCAL_TOOLCHAIN };
+    builder.toolchain_overwrite = Some(toolchain.into());
+    if !cfg!(feature = "public-toolchain") {
         let home = std::env::var_os("HOME").context("HOME is not set")?;
         let backend = Path::new(&home).join(".cache").join(LOCAL_TOOLCHAIN).join("lib/librustc_codegen_spirv.so");
         ensure!(
             backend.is_file(),
-            "the backend {} is missing: run ../shared/rust-gpu/install, or use the feature public-toolchain (see --help \
-             text at the top of builder/src/main.rs)",
+            "the backend {} is missing: run ../shared/rust-gpu/install, or use the feature public-toolchain \
+             (builder/src/main.rs says how)",
             backend.display()
         );
         builder.rustc_codegen_spirv_location = Some(backend);
-        builder.toolchain_overwrite = Some(LOCAL_TOOLCHAIN.into());
     }
     let result = builder.build().context("compiling the kernels")?;
     let ModuleResult::MultiModule(files) = &result.module else { bail!("the compiler gave a single module") };
@@ -60,7 +62,8 @@ pub fn compile(kernels: &Path) -> Result<Compiled> {
     for (entry, path) in files {
         modules.insert(format!("{entry}.spv"), finish(work.path(), entry, &fs::read(path)?)?);
     }
-    Ok(Compiled { modules, sources: sources(&target.join("spirv"), kernels)? })
+    let depfile = target.join("spirv").join(TARGET).join("release/gpu_kernels.spv.d");
+    Ok(Compiled { modules, toolchain, sources: sources(&depfile, root)? })
 }
 
 /// Decorates, strips, optimises and validates one module.
@@ -82,8 +85,22 @@ fn run(command: &mut Command, entry: &str) -> Result<()> {
     Ok(())
 }
 
-/// The files of this workspace that the compiler read, from its dependency files, and the manifests beside them.
-fn sources(target: &Path, kernels: &Path) -> Result<BTreeSet<PathBuf>> {
-    let _ = (target, kernels);
-    Ok(BTreeSet::new())
+/// The files of this workspace that the compiler read, from the dependency file beside its output, and the manifests of
+/// their crates.
+fn sources(depfile: &Path, root: &Path) -> Result<BTreeSet<PathBuf>> {
+    let text = fs::read_to_string(depfile).with_context(|| depfile.display().to_string())?;
+    let (_, files) = text.split_once(": ").context("the dependency file names no files")?;
+    let mut sources = BTreeSet::new();
+    // Paths with blanks are written with a backslash before each.
+    for file in files.replace("\\ ", "\0").split_whitespace() {
+        let file = PathBuf::from(file.replace('\0', " "));
+        let Ok(file) = file.strip_prefix(root) else { continue };
+        if file.extension().is_none_or(|e| e != "rs") || !file.starts_with("crates") {
+            continue;
+        }
+        let manifest: PathBuf = file.components().take(2).collect::<PathBuf>().join("Cargo.toml");
+        sources.extend([file.to_path_buf(), manifest]);
+    }
+    ensure!(!sources.is_empty(), "{} names no source of this workspace", depfile.display());
+    Ok(sources)
 }

@@ -46,11 +46,13 @@ fn run() -> Result<bool> {
         [flag] if flag == "--check" => true,
         other => bail!("unknown arguments {other:?}; the only one is --check"),
     };
-    let kernels = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the builder has no parent folder")?;
+    // At run time: a binary from a shared target folder may have been compiled elsewhere.
+    let builder = std::env::var_os("CARGO_MANIFEST_DIR").context("start the builder with cargo run")?;
+    let kernels = Path::new(&builder).parent().context("the builder has no parent folder")?;
     let root: PathBuf = kernels.join("../..").canonicalize()?;
     let folder = kernels.join("spv");
 
-    let compiled = compile::compile(kernels)?;
+    let compiled = compile::compile(kernels, &root)?;
     let manifest = manifest::write(&root, &compiled)?;
     if check {
         return Ok(compare(&folder, &compiled.modules, &manifest)?.is_empty());

@@ -5,6 +5,7 @@ use core::f32::consts::FRAC_1_PI;
 use glam::{Vec3, Vec4};
 
 use super::bvh::{FAR, Geometry};
+use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
 use crate::math::{clamp, pow};
 use crate::types::{Camera, Hit, NONE};
@@ -45,6 +46,27 @@ pub fn pixel_radiance(
         }
     }
     radiance
+}
+
+/// Sum of a pixel's radiance after one more sub-frame, W/m²/sr: what its primary ray of sub-frame `seed` met, lit by the
+/// direct and the indirect irradiance there. The fourth component counts the sub-frames.
+#[inline]
+#[allow(clippy::too_many_arguments)]
+pub fn add_sub_frame(
+    g: &Geometry,
+    lights: &Lights,
+    light_count: u32,
+    camera: &Camera,
+    seed: u32,
+    index: u32,
+    hit: Hit,
+    direct: Vec4,
+    indirect: Vec4,
+    sum: Vec4,
+) -> Vec4 {
+    let direction = primary_direction(camera, index, seed);
+    let irradiance = (direct + indirect).truncate();
+    sum + pixel_radiance(g, lights, light_count, camera, direction, hit, irradiance).extend(1.0)
 }
 
 /// sRGB code value in [0, 1] of a linear one in [0, 1] (IEC 61966-2-1).

@@ -1,0 +1,19 @@
+//! Half-precision numbers: the unpacking that the device has and its equal on the host.
+
+use glam::{UVec2, Vec4};
+
+/// Four half-precision numbers in two words, lower half first. Exact, for subnormals too.
+#[cfg(target_arch = "spirv")]
+#[inline]
+pub fn unpack_half4(words: UVec2) -> Vec4 {
+    let (low, high) = (spirv_std::float::f16x2_to_vec2(words.x), spirv_std::float::f16x2_to_vec2(words.y));
+    Vec4::new(low.x, low.y, high.x, high.y)
+}
+
+/// Four half-precision numbers in two words, lower half first. Exact, for subnormals too.
+#[cfg(all(not(target_arch = "spirv"), feature = "std"))]
+#[inline]
+pub fn unpack_half4(words: UVec2) -> Vec4 {
+    let number = |bits: u32| ::half::f16::from_bits(bits as u16).to_f32();
+    Vec4::new(number(words.x), number(words.x >> 16), number(words.y), number(words.y >> 16))
+}

@@ -1,0 +1,186 @@
+//! Host forms of the form-factor kernels and of the products.
+
+use ::formfactor::kernel::hemisphere::{self, EXTRA_COLUMNS};
+use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums, VECTOR_IMAGE_WIDTH};
+use ::formfactor::{GatherParams, HemisphereParams};
+use ::half::f16;
+use ::scene::kernel::bvh;
+use ::scene::{Hit, Rgb, SurfacePoint};
+use glam::{UVec2, Vec4};
+use rayon::prelude::*;
+
+use super::scene::geometry;
+use super::{Bound, HostCall, HostError, agreed, fill};
+use crate::half::unpack_half4;
+use crate::params::CountParams;
+use crate::table::Kernel;
+
+pub(crate) fn hemisphere_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [offsets, points, grids, a, b, c, d, e, f, ids]) = call.parts::<HemisphereParams, 10>(kernel)?;
+    let n = agreed(elements, p.row_count.saturating_mul(p.rays))?;
+    let offsets = offsets.read::<u32>((p.first_row + p.row_count) as usize + 1)?;
+    let geometry = geometry([a, b, c, d, e, f])?;
+    let (points, grids) = (points.read::<SurfacePoint>(0)?, grids.read(geometry.triangles.len())?);
+    fill(ids.write(n)?, |k| {
+        let (row, ray) = (p.first_row + k / p.rays, k % p.rays);
+        let (origin, direction) = hemisphere::hemisphere_ray(&p, offsets, points, row, ray);
+        let hit = bvh::closest_hit(&geometry, origin, direction, bvh::FAR);
+        hemisphere::classify_hit(&p, grids, &geometry, direction, hit)
+    });
+    Ok(())
+}
+
+pub(crate) fn hemisphere_row(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [offsets, points, ids, factors]) = call.parts::<HemisphereParams, 4>(kernel)?;
+    let (rows, rays) = (agreed(elements, p.row_count)?, p.rays as usize);
+    let columns = (p.patch_count + EXTRA_COLUMNS) as usize;
+    let offsets = offsets.read::<u32>((p.first_row + p.row_count) as usize + 1)?;
+    let (points, ids) = (points.read::<SurfacePoint>(0)?, ids.read::<u32>(rows * rays)?);
+    factors.write::<f32>(rows * columns)?.par_chunks_mut(columns).enumerate().for_each(|(k, row)| {
+        // The row as a block of its own.
+        let block = HemisphereParams { first_row: p.first_row + k as u32, row_count: 1, ..p };
+        hemisphere::hemisphere_row(&block, offsets, points, &ids[k * rays..], 0, row);
+    });
+    Ok(())
+}
+
+pub(crate) fn assemble_source(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [offsets, points, direct, emission, albedo, source]) = call.parts::<CountParams, 6>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let offsets = offsets.read::<u32>(n + 1)?;
+    let points = points.read::<SurfacePoint>(0)?;
+    let direct = direct.read::<Rgb>(0)?;
+    let (emission, albedo) = (emission.read::<Rgb>(n)?, albedo.read::<Rgb>(n)?);
+    fill(source.write(n)?, |k| product::assemble_source(k, offsets, points, direct, emission, albedo));
+    Ok(())
+}
+
+/// Parts of a dense product: settings, factors, exitance, and the rows of the result.
+type Dense<'s, 'a> = (GatherParams, Bound<'s, 'a>, Bound<'s, 'a>, &'s mut [Rgb]);
+
+fn dense<'s, 'a>(kernel: &Kernel, call: &'s mut HostCall<'_, 'a>) -> Result<Dense<'s, 'a>, HostError> {
+    let elements = call.elements;
+    let (p, [factors, exitance, irradiance]) = call.parts::<GatherParams, 3>(kernel)?;
+    let (first, rows) = (p.first_row as usize, agreed(elements, p.rows)?);
+    Ok((p, factors, exitance, &mut irradiance.write::<Rgb>(first + rows)?[first..]))
+}
+
+/// Four rows by [`LANES`] lanes and the tree over them: the additions of a workgroup, lane by lane, but with the vectors in
+/// the order in which they lie in memory.
+fn gather_together(p: &GatherParams, rows: &mut [Rgb], first: u32, factors: impl Fn(u32, u32) -> Vec4, light: &[Rgb]) {
+    let row = |k: u32| product::clamp_row(first + k, p.rows);
+    let (a, b, c, d) = (row(0), row(1), row(2), row(3));
+    let mut lanes = [RowSums::default(); LANES as usize];
+    for vector in 0..p.vectors {
+        let lane = &mut lanes[(vector % LANES) as usize];
+        let j = 4 * vector as usize;
+        *lane = lane.add(
+            factors(a, vector),
+            factors(b, vector),
+            factors(c, vector),
+            factors(d, vector),
+            (light[j], light[j + 1], light[j + 2], light[j + 3]),
+        );
+    }
+    for (k, result) in rows.iter_mut().enumerate() {
+        let mut sums = lanes.map(|lane| [lane.a, lane.b, lane.c, lane.d][k].extend(0.0));
+        let mut stride = LANES as usize / 2;
+        while stride > 0 {
+            for lane in 0..stride {
+                sums[lane] = product::combine(sums[lane], sums[lane + stride]);
+            }
+            stride /= 2;
+        }
+        *result = sums[0];
+    }
+}
+
+pub(crate) fn gather(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let (p, factors, exitance, rows) = dense(kernel, call)?;
+    let factors = factors.read::<Vec4>(p.rows as usize * p.vectors as usize)?;
+    let light = exitance.read::<Rgb>(4 * p.vectors as usize)?;
+    let load = |row: u32, vector: u32| factors[row as usize * p.vectors as usize + vector as usize];
+    rows.par_chunks_mut(ROWS_TOGETHER as usize)
+        .enumerate()
+        .for_each(|(k, rows)| gather_together(&p, rows, k as u32 * ROWS_TOGETHER, load, light));
+    Ok(())
+}
+
+pub(crate) fn gather_half(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let (p, factors, exitance, rows) = dense(kernel, call)?;
+    let factors = factors.read::<UVec2>(p.rows as usize * p.vectors as usize)?;
+    let light = exitance.read::<Rgb>(4 * p.vectors as usize)?;
+    let load = |row: u32, vector: u32| unpack_half4(factors[row as usize * p.vectors as usize + vector as usize]);
+    rows.par_chunks_mut(ROWS_TOGETHER as usize)
+        .enumerate()
+        .for_each(|(k, rows)| gather_together(&p, rows, k as u32 * ROWS_TOGETHER, load, light));
+    Ok(())
+}
+
+/// Rows from images, four an invocation.
+fn gather_images<T: bytemuck::Pod + Sync>(
+    kernel: &Kernel,
+    call: &mut HostCall,
+    unpack: impl Fn(T) -> Vec4 + Sync,
+) -> Result<(), HostError> {
+    let (p, factors, exitance, rows) = dense(kernel, call)?;
+    factors.covers(p.vectors, p.rows)?;
+    exitance.covers(VECTOR_IMAGE_WIDTH.min(4 * p.vectors), (4 * p.vectors).div_ceil(VECTOR_IMAGE_WIDTH))?;
+    let (factors, factor_width) = factors.texels::<T>()?;
+    let (light, light_width) = exitance.texels::<Rgb>()?;
+    let load = |row: u32, vector: u32| unpack(factors[row as usize * factor_width + vector as usize]);
+    let light = |j: u32| light[(j / VECTOR_IMAGE_WIDTH) as usize * light_width + (j % VECTOR_IMAGE_WIDTH) as usize];
+    rows.par_chunks_mut(ROWS_TOGETHER as usize).enumerate().for_each(|(k, rows)| {
+        let sums = product::gather_lane(k as u32 * ROWS_TOGETHER, &p, 0, 1, load, light);
+        let sums = [sums.a, sums.b, sums.c, sums.d];
+        for (row, sum) in rows.iter_mut().zip(sums) {
+            *row = sum.extend(0.0);
+        }
+    });
+    Ok(())
+}
+
+pub(crate) fn gather_image(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    gather_images(kernel, call, |texel: Vec4| texel)
+}
+
+pub(crate) fn gather_half_image(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    gather_images(kernel, call, |texel: [f16; 4]| Vec4::from_array(texel.map(f16::to_f32)))
+}
+
+pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [row_start, columns, values, exitance, irradiance]) = call.parts::<CountParams, 5>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let row_start = row_start.read::<u32>(n + 1)?;
+    let entries = row_start[n] as usize;
+    let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
+    let exitance = exitance.read::<Rgb>(0)?;
+    fill(irradiance.write(n)?, |k| product::gather_row_sparse(k, row_start, columns, values, exitance));
+    Ok(())
+}
+
+pub(crate) fn bounce(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [source, albedo, irradiance, exitance]) = call.parts::<CountParams, 4>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let (source, albedo, irradiance) = (source.read::<Rgb>(n)?, albedo.read::<Rgb>(n)?, irradiance.read::<Rgb>(n)?);
+    fill(exitance.write(n)?, |k| product::bounce(source[k as usize], albedo[k as usize], irradiance[k as usize]));
+    Ok(())
+}
+
+pub(crate) fn interpolate(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [hits, points, triangles, grids, values, irradiance]) = call.parts::<CountParams, 6>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let (hits, points) = (hits.read::<Hit>(n)?, points.read::<SurfacePoint>(n)?);
+    let triangles = triangles.read(1)?;
+    let (grids, values) = (grids.read(triangles.len())?, values.read::<Rgb>(0)?);
+    fill(irradiance.write(n)?, |k| {
+        product::interpolate_pixel(grids, triangles, values, hits[k as usize], points[k as usize])
+    });
+    Ok(())
+}
