@@ -88,7 +88,6 @@ pub enum Error {
         patch: usize,
     },
     /// A file could not be read or written.
-    #[cfg(feature = "std")]
     #[error("{path}: {reason}")]
     File {
         /// The file.
@@ -97,7 +96,6 @@ pub enum Error {
         reason: alloc::string::String,
     },
     /// A file of rows is not what it should be.
-    #[cfg(feature = "std")]
     #[error("{path}: {reason} (expected {expected}, found {found})")]
     FileContent {
         /// The file.

@@ -14,6 +14,9 @@ const DEEPEST: u32 = 5;
 /// Beyond this many radii a sender is sampled by area, nearer by solid angle.
 const FAR_RADII: f64 = 3.0;
 
+/// All pairs of points are used up to a distance of this many radii (squared) of both patches, fewer beyond.
+const PAIRS_NEARBY: f64 = 1.0;
+
 /// Point `k` of the additive recurrence in four dimensions whose steps are the powers of 1/φ₄, φ₄⁵ = φ₄ + 1 (Roberts 2018),
 /// shifted by `shift` on the torus.
 pub(super) fn recurrence(k: u64, shift: [f64; 4]) -> [f64; 4] {
@@ -135,7 +138,7 @@ pub(super) fn patch_to_patch(
     }
     let total: f64 = expected.iter().sum();
     let ratio = (receiver.radius + sender.radius) / receiver.centroid.distance(sender.centroid).max(f64::MIN_POSITIVE);
-    let pairs = (f64::from(samples) * (0.5 * ratio * ratio).min(1.0)).max(4.0);
+    let pairs = (f64::from(samples) * (PAIRS_NEARBY * ratio * ratio).min(1.0)).max(4.0);
     let (mut sum, mut k) = (0.0, 0u64);
     let mut owed = 0.0;
     for (&t, e) in leaves.iter().zip(&expected) {
@@ -167,11 +170,12 @@ pub(super) fn point_to_patch(
     let distance = sender.distance(point);
     let near = distance < FAR_RADII * sender.radius;
     let ratio = sender.radius / distance.max(f64::MIN_POSITIVE);
-    let count = (f64::from(samples) * (0.5 * ratio * ratio).min(1.0)).max(4.0) as u64;
+    let count = (f64::from(samples) * (PAIRS_NEARBY * ratio * ratio).min(1.0)).max(4.0) as u64;
     let mut sum = 0.0;
     for k in 0..count {
-        let x = recurrence(k, shift);
-        sum += sample_sender(point, normal, sender, near, x[0], x[1], visible);
+        let y = recurrence(k, shift)[0];
+        let x = (shift[3] + (k as f64 + 0.5) / count as f64).fract();
+        sum += sample_sender(point, normal, sender, near, x, y, visible);
     }
     sum / count as f64
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use rayon::prelude::*;
-use scene::sampling::{hammersley, hash3, uniform_triangle};
+use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{Hit, NONE, Scene, SurfacePoint};
 use std::vec::Vec;
 
@@ -319,18 +319,19 @@ fn make_cell(
     let (a, b, c) = cell_corners(divisions, cell);
     // From behind, the corners run the other way.
     let (b, c) = if front { (b, c) } else { (c, b) };
-    let place = |k: u32, count: u32| {
-        let shift = (hash3(id, 0x706f_696e, seed), hash3(id, 0x7473_0000, seed));
-        let (x, y) = uniform_triangle(hammersley(k, count, shift));
+    // An additive recurrence (Roberts 2018). A base-2 sequence would go in step with the Sobol blocks of the rays.
+    let word = |k: u32, step: u32, salt: u32| unit(k.wrapping_mul(step).wrapping_add(hash3(id, salt, seed)));
+    let place = |k: u32| {
+        let (x, y) = uniform_triangle((word(k, 0xc13f_a9a9, 0x706f_696e), word(k, 0x91e1_0da6, 0x7473_0000)));
         a + (b - a) * x + (c - a) * y
     };
     let normal = if front { geometry.normal(triangle) } else { -geometry.normal(triangle) };
     let masked = scene.materials[scene.triangles[triangle as usize].material as usize].mask_texture != NONE;
-    let mut places: Vec<_> = (0..points).map(|k| place(k, points)).collect();
+    let mut places: Vec<_> = (0..points).map(place).collect();
     let mut solid = 1.0;
     if masked {
         let count = MASK_PROBES.max(points);
-        let mut kept: Vec<_> = (0..count).map(|k| place(k, count)).collect();
+        let mut kept: Vec<_> = (0..count).map(place).collect();
         kept.retain(|p| !geometry.is_hole(triangle, p.x, p.y));
         // A cell that is all hole keeps a trace of area, so that nothing divides by zero; no ray ever meets it.
         solid = (kept.len() as f32).max(0.5) / count as f32;

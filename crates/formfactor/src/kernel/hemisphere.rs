@@ -11,11 +11,18 @@ use crate::types::{HemisphereParams, TriangleGrid};
 /// Columns of a row beyond the patches: the sky, and hits that no patch owns.
 pub const EXTRA_COLUMNS: u32 = 2;
 
-/// Which point of its row ray `k` starts from: contiguous blocks of rays, equal up to rounding. Needs
-/// `rays · count < 2³²`.
+/// Which point of its row ray `k` starts from, and how many rays start there. Contiguous blocks, the first
+/// `rays % count` of them one longer; a row with more points than rays uses every (count / rays)-th.
 #[inline]
-fn point_of_ray(rays: u32, count: u32, k: u32) -> u32 {
-    ((k + 1) * count - 1) / rays
+fn point_of_ray(rays: u32, count: u32, k: u32) -> (u32, u32) {
+    let (block, longer) = (rays / count, rays % count);
+    if block == 0 {
+        (k * (count / rays), 1)
+    } else if k < longer * (block + 1) {
+        (k / (block + 1), block + 1)
+    } else {
+        (longer + (k - longer * (block + 1)) / block, block)
+    }
 }
 
 /// Origin and unit direction of ray `k` of row `row`: density cosθ/π round the point's normal, Sobol points in contiguous
@@ -31,7 +38,7 @@ pub fn hemisphere_ray(
 ) -> (Vec3, Vec3) {
     let first = offsets[row as usize];
     let count = offsets[row as usize + 1] - first;
-    let point = points[(first + point_of_ray(p.rays, count, k)) as usize];
+    let point = points[(first + point_of_ray(p.rays, count, k).0) as usize];
     let (x, y) = sobol2(k);
     let u = unit(x.wrapping_add(hash3(row, 0x6865_6d69, p.seed)));
     let v = unit(y.wrapping_add(hash3(row, 0x7370_6865, p.seed)));
@@ -47,8 +54,7 @@ pub fn ray_share(p: &HemisphereParams, offsets: &[u32], points: &[SurfacePoint],
     if count > p.rays {
         return 1.0 / p.rays as f32;
     }
-    let s = point_of_ray(p.rays, count, k);
-    let block = (s + 1) * p.rays / count - s * p.rays / count;
+    let (s, block) = point_of_ray(p.rays, count, k);
     points[(first + s) as usize].weight / block as f32
 }
 
