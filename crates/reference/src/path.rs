@@ -2,8 +2,9 @@
 //!
 //! `L = L_e + ρ/π · E`, and the irradiance E of a point is estimated by a path: at every vertex shadow rays to each light,
 //! to one emissive triangle and to one direction of the sky map, then one cosine-weighted ray; emitters and sky map are
-//! weighted by the balance heuristic (Veach and Guibas 1995), Russian roulette ends dark paths. Rectangle lights are no
-//! geometry: only shadow rays and the camera see them.
+//! weighted by the balance heuristic (Veach and Guibas 1995), Russian roulette ends dark paths. Every vertex is also connected
+//! with a point in parallel light, so that rooms lit through an opening have little noise. Rectangle lights are no geometry:
+//! only shadow rays and the camera see them.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::ops::ControlFlow;
@@ -14,18 +15,19 @@ use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::kernel::light::{meet_rect, pick_emitter, sky_radiance, spot_falloff};
 use scene::math::clamp;
-use scene::sampling::{cosine_hemisphere, uniform_triangle};
+use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle};
 use scene::{Camera, Geometry, Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Lights, Scene, SurfacePoint};
 
 use crate::accumulation::Accumulation;
 use crate::error::Error;
 use crate::sampler::Sampler;
 use crate::sky::SkyDistribution;
+use crate::sun::{LitPoint, SunGuide, pilot};
 
-/// How light of emissive triangles and of a sky map is found. All agree in the mean; the others exist to show that.
+/// How light of emissive triangles, of a sky map and of spots in parallel light is found. All agree in the mean; the others exist to show that.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
-    /// Shadow rays and bounces, weighted.
+    /// Shadow rays, connections with points in parallel light, and bounces, weighted.
     #[default]
     Both = 0,
     /// Shadow rays only.
@@ -71,6 +73,10 @@ const GROUPS: u32 = 16;
 const BAND_ROWS: usize = 4;
 /// Vertices before Russian roulette begins.
 const SURE_VERTICES: u32 = 2;
+/// Pilot paths that find out where parallel light matters.
+const PILOT_PATHS: u32 = 1 << 16;
+/// Least and greatest number of points in parallel light that one sample of a whole picture shares.
+const LIT_POINTS: (u32, u32) = (1 << 10, 1 << 16);
 
 /// A scene prepared for path tracing.
 pub struct PathTracer<'a> {
@@ -80,6 +86,12 @@ pub struct PathTracer<'a> {
     /// Density of emitter samples per m², `[triangles]`; empty without emitters.
     emitter_density: Vec<f32>,
     sky: Option<SkyDistribution>,
+}
+
+/// What all paths of one sample of a picture share.
+struct Shared<'g> {
+    settings: PathSettings,
+    sun: Option<(&'g SunGuide, Vec<LitPoint>)>,
 }
 
 /// Light that reaches a point, as E/π: straight from lights, and after reflections.
@@ -123,15 +135,23 @@ impl<'a> PathTracer<'a> {
             });
         }
         let (width, settings) = (camera.width as usize, accumulation.settings);
+        let guide = self.guide(settings, |k, sampler| {
+            let pixel =
+                (f64::from(hash3(k, 0, settings.seed)) / 2f64.powi(32) * accumulation.pixels.len() as f64) as u32;
+            let (hit, direction) = self.camera_hit(camera, pixel, sampler);
+            (!hit.is_miss()).then(|| surface_point(&self.geometry, hit, direction))
+        });
+        let lit_points = (accumulation.pixels.len() as u32 / 8).clamp(LIT_POINTS.0, LIT_POINTS.1);
         while accumulation.samples < target {
             let sample = accumulation.samples;
+            let shared = self.shared(settings, &guide, lit_points, sample);
             accumulation.pixels.par_chunks_mut((width * BAND_ROWS).max(1)).enumerate().for_each(|(band, pixels)| {
                 let (first, rows) = (band * width * BAND_ROWS, pixels.len() / width);
                 // Column by column, so that neighbouring rays follow each other.
                 for x in 0..width {
                     for y in 0..rows {
                         let k = y * width + x;
-                        let light = self.pixel_sample(camera, &settings, (first + k) as u32, sample);
+                        let light = self.pixel_sample(camera, &shared, (first + k) as u32, sample);
                         pixels[k].add(sample, light.direct, light.indirect);
                     }
                 }
@@ -147,46 +167,79 @@ impl<'a> PathTracer<'a> {
     /// Irradiance at points by `samples` paths each (rounded up to a multiple of 16), on all cores.
     pub fn irradiance(&self, points: &[SurfacePoint], samples: u32, settings: &PathSettings) -> Vec<PointIrradiance> {
         let group_samples = samples.div_ceil(GROUPS).max(1);
-        let estimate = |(stream, point): (usize, &SurfacePoint)| {
-            let mut sums = [[Vec3::ZERO; 2]; 2];
-            for group in 0..GROUPS {
+        let guide = self.guide(*settings, |k, _| points.get(k as usize % points.len().max(1)).copied());
+        let mut sums = vec![[[Vec3::ZERO; 2]; 2]; points.len()];
+        for group in 0..GROUPS {
+            // A group is a sequence of its own with its own lit points, so that the groups are independent.
+            let seed = hash3(settings.seed, group, 0x706f_696e);
+            let shared = self.shared(PathSettings { seed, ..*settings }, &guide, LIT_POINTS.1, group);
+            sums.par_iter_mut().zip(points).enumerate().for_each(|(stream, (sums, point))| {
                 let mut mean = [Vec3::ZERO; 2];
-                // A group is a sequence of its own, so that the groups are independent.
-                let seed = scene::sampling::hash3(settings.seed, group, 0x706f_696e);
                 for sample in 0..group_samples {
-                    let mut sampler = Sampler::new(stream as u32, sample, seed);
-                    let light = self.gather(point.position, point.normal, settings, &mut sampler);
+                    let light = self.gather(*point, &shared, &mut Sampler::new(stream as u32, sample, seed));
                     mean[0] += light.direct;
                     mean[1] += light.indirect;
                 }
-                for part in 0..2 {
-                    let mean = mean[part] * (PI / group_samples as f32);
+                for (part, mean) in mean.iter().enumerate() {
+                    let mean = *mean * (PI / group_samples as f32);
                     sums[0][part] += mean;
                     sums[1][part] += mean * mean;
                 }
-            }
-            let n = GROUPS as f32;
-            let error = |part: usize| {
-                let mean = sums[0][part] / n;
-                ((sums[1][part] / n - mean * mean).max(Vec3::ZERO) / (n - 1.0)).map(f32::sqrt)
-            };
-            PointIrradiance {
-                direct: sums[0][0] / n,
-                indirect: sums[0][1] / n,
-                direct_error: error(0),
-                indirect_error: error(1),
-            }
+            });
+        }
+        let n = GROUPS as f32;
+        sums.iter()
+            .map(|sums| {
+                let error = |part: usize| {
+                    let mean = sums[0][part] / n;
+                    ((sums[1][part] / n - mean * mean).max(Vec3::ZERO) / (n - 1.0)).map(f32::sqrt)
+                };
+                PointIrradiance {
+                    direct: sums[0][0] / n,
+                    indirect: sums[0][1] / n,
+                    direct_error: error(0),
+                    indirect_error: error(1),
+                }
+            })
+            .collect()
+    }
+
+    /// Learns where parallel light matters for paths that start at `start(path, sampler)`.
+    fn guide(
+        &self,
+        settings: PathSettings,
+        start: impl Fn(u32, &mut Sampler) -> Option<SurfacePoint> + Sync,
+    ) -> Option<SunGuide> {
+        let has_sun = self.lights.lights.iter().any(|l| l.kind == LIGHT_DIRECTIONAL);
+        if !has_sun || settings.strategy != Strategy::Both || settings.bounces == 0 {
+            return None;
+        }
+        let seed = hash3(settings.seed, 0, 0x7069_6c6f);
+        let path = |k: u32| {
+            let mut sampler = Sampler::new(k, 0, seed);
+            start(k, &mut sampler).map(|point| pilot(self.scene, point, &mut sampler)).unwrap_or_default()
         };
-        points.par_iter().enumerate().map(estimate).collect()
+        // Collected in order: the sums do not depend on the number of threads.
+        let landings: Vec<_> = (0..PILOT_PATHS).into_par_iter().map(path).flatten_iter().collect();
+        SunGuide::new(self.scene, &landings)
+    }
+
+    /// New lit points for sample `sample`.
+    fn shared<'g>(
+        &self,
+        settings: PathSettings,
+        guide: &'g Option<SunGuide>,
+        lit_points: u32,
+        sample: u32,
+    ) -> Shared<'g> {
+        let seed = hash3(settings.seed, sample, 0x6c69_7470);
+        Shared { settings, sun: guide.as_ref().map(|guide| (guide, guide.lit_points(self.scene, lit_points, seed))) }
     }
 
     /// One sample of the radiance of a pixel, split at the visible surface.
-    fn pixel_sample(&self, camera: &Camera, settings: &PathSettings, pixel: u32, sample: u32) -> Gathered {
-        let mut sampler = Sampler::new(pixel, sample, settings.seed);
-        let (dx, dy) = sampler.next();
-        let (x, y) = ((pixel % camera.width) as f32 + dx, (pixel / camera.width) as f32 + dy);
-        let direction = camera_direction(camera, x, y).normalize();
-        let hit = self.scene.closest_before(camera.eye, direction, FAR);
+    fn pixel_sample(&self, camera: &Camera, shared: &Shared, pixel: u32, sample: u32) -> Gathered {
+        let mut sampler = Sampler::new(pixel, sample, shared.settings.seed);
+        let (hit, direction) = self.camera_hit(camera, pixel, &mut sampler);
 
         let mut nearest = if hit.is_miss() { FAR } else { hit.t };
         let mut light_seen = None;
@@ -206,19 +259,35 @@ impl<'a> PathTracer<'a> {
         }
         let point = surface_point(&self.geometry, hit, direction);
         let albedo = self.geometry.albedo(hit.triangle, hit.u, hit.v);
-        let light = self.gather(point.position, point.normal, settings, &mut sampler);
+        let light = self.gather(point, shared, &mut sampler);
         Gathered { direct: self.emitted(hit, direction) + albedo * light.direct, indirect: albedo * light.indirect }
     }
 
-    /// One sample of E/π at a point, on the side of `normal`.
-    fn gather(&self, position: Vec3, normal: Vec3, settings: &PathSettings, sampler: &mut Sampler) -> Gathered {
+    /// What a ray through a random place of the pixel meets, and its unit direction.
+    fn camera_hit(&self, camera: &Camera, pixel: u32, sampler: &mut Sampler) -> (Hit, Vec3) {
+        let (dx, dy) = sampler.next();
+        let (x, y) = ((pixel % camera.width) as f32 + dx, (pixel / camera.width) as f32 + dy);
+        let direction = camera_direction(camera, x, y).normalize();
+        (self.scene.closest_before(camera.eye, direction, FAR), direction)
+    }
+
+    /// One sample of E/π at a point, on the side of its normal.
+    fn gather(&self, start: SurfacePoint, shared: &Shared, sampler: &mut Sampler) -> Gathered {
+        let settings = &shared.settings;
         let mut gathered = Gathered::default();
         let mut throughput = Vec3::ONE;
-        let mut point = SurfacePoint { position, normal, ..SurfacePoint::default() };
+        let mut point = start;
         let mut vertex = 0u32;
+        // Density per m² with which the bounce found this vertex.
+        let mut arrival = 0.0;
         loop {
             let origin = point.position + point.normal * self.scene.ray_offset;
-            let mut light = self.light_by_shadow_rays(origin, point.normal, settings.strategy, sampler);
+            let mut light = self.light_by_shadow_rays(origin, point, arrival, shared, sampler);
+            if let Some((_, lit)) = &shared.sun
+                && vertex < settings.bounces
+            {
+                gathered.indirect += throughput * self.light_by_connection(origin, point.normal, lit, sampler);
+            }
             let direction = cosine_hemisphere(point.normal, sampler.next());
             let hit = self.scene.closest_before(origin, direction, FAR);
             light += self.light_by_bounce(hit, direction, point.normal, settings.strategy);
@@ -242,8 +311,25 @@ impl<'a> PathTracer<'a> {
                 }
                 throughput *= 1.0 / chance;
             }
+            let cosine = direction.dot(point.normal);
             point = surface_point(&self.geometry, hit, direction);
+            arrival = cosine * -direction.dot(point.normal) * FRAC_1_PI / (hit.t * hit.t);
         }
+    }
+
+    /// E/π of light that parallel lights send to a point over one reflection, by a connection with one of the lit points.
+    #[inline]
+    fn light_by_connection(&self, origin: Vec3, normal: Vec3, lit: &[LitPoint], sampler: &mut Sampler) -> Vec3 {
+        let k = (sampler.next().0 * lit.len() as f32) as usize;
+        let y = &lit[k.min(lit.len() - 1)];
+        let to = y.position + y.normal * self.scene.ray_offset - origin;
+        let squared = to.length_squared();
+        let (here, there) = (to.dot(normal), -to.dot(y.normal));
+        if !(here > 0.0 && there > 0.0) || y.flux == Vec3::ZERO || self.scene.occluded(origin, to, 1.0) {
+            return Vec3::ZERO;
+        }
+        let cosine_density = here * there * FRAC_1_PI / (squared * squared);
+        y.flux * (cosine_density * y.density / (y.density + cosine_density))
     }
 
     /// Emitted radiance of what a ray met, from the front only.
@@ -279,10 +365,28 @@ impl<'a> PathTracer<'a> {
     }
 
     /// E/π of all lights by shadow rays: one to each light, one to an emissive triangle, one to the sky map.
-    fn light_by_shadow_rays(&self, origin: Vec3, normal: Vec3, strategy: Strategy, sampler: &mut Sampler) -> Vec3 {
+    /// `arrival` is the density per m² with which a bounce found the point, 0 for the first one of a path.
+    fn light_by_shadow_rays(
+        &self,
+        origin: Vec3,
+        point: SurfacePoint,
+        arrival: f32,
+        shared: &Shared,
+        sampler: &mut Sampler,
+    ) -> Vec3 {
+        let (normal, strategy) = (point.normal, shared.settings.strategy);
         let mut sum = Vec3::ZERO;
-        for light in self.lights.lights {
-            sum += self.single_light(light, origin, normal, sampler);
+        for (slot, light) in self.lights.lights.iter().enumerate() {
+            let mut irradiance = self.single_light(light, origin, normal, sampler);
+            if light.kind == LIGHT_DIRECTIONAL
+                && arrival > 0.0
+                && irradiance != Vec3::ZERO
+                && let Some((guide, _)) = &shared.sun
+            {
+                let density = guide.density(slot, point.position) * -normal.dot(light.direction);
+                irradiance *= arrival / (arrival + density);
+            }
+            sum += irradiance;
         }
         if strategy == Strategy::Bounces {
             return sum * FRAC_1_PI;

@@ -58,7 +58,9 @@ fn unreadable_pictures_name_the_file() {
     let garbage = folder.path().join("garbage.exr");
     fs::write(&garbage, b"v/1\x01 but nothing else").expect("written");
     let error = Picture::read(&garbage).expect_err("not a picture");
-    assert!(matches!(&error, Error::Decode { path, .. } if *path == garbage) && error.to_string().contains("garbage.exr"));
+    assert!(
+        matches!(&error, Error::Decode { path, .. } if *path == garbage) && error.to_string().contains("garbage.exr")
+    );
     let whole = folder.path().join("whole.exr");
     gradient(1.0).write_exr(&whole, Precision::Half).expect("written");
     let bytes = fs::read(&whole).expect("read");

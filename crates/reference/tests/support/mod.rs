@@ -5,7 +5,9 @@ use std::ops::ControlFlow;
 
 use glam::Vec3;
 use reference::{Accumulation, PathSettings, PathTracer};
-use scene::{Camera, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint, Triangle, TriangleUv};
+use scene::{
+    Camera, LIGHT_DIRECTIONAL, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint, Triangle, TriangleUv,
+};
 
 /// Collects quads into a scene.
 #[derive(Default)]
@@ -71,6 +73,25 @@ pub fn room(albedo: f32) -> Scene {
     b.quad(Vec3::new(0.7, 1.7, 0.7), 0.5 * Vec3::X, 0.5 * Vec3::Z, panel);
     b.quad(Vec3::new(1.2, 0.0, 0.4), 0.7 * Vec3::Y, Vec3::new(0.4, 0.0, 0.3), white);
     b.sky(Vec3::new(0.2, 0.3, 0.5));
+    b.build()
+}
+
+/// A room that two suns shine into through a hole in the ceiling.
+pub fn sunny_room(albedo: f32) -> Scene {
+    let mut b = Builder::default();
+    let white = b.material(Vec3::splat(albedo), Vec3::ZERO);
+    let red = b.material(Vec3::new(albedo, 0.1, 0.1), Vec3::ZERO);
+    let (x, y, z) = (2.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
+    b.quad(Vec3::ZERO, z, x, white).quad(Vec3::ZERO, y, z, red).quad(x, z, y, white);
+    b.quad(Vec3::ZERO, x, y, white).quad(z, y, x, white);
+    b.quad(y, 0.8 * x, z, white).quad(y + 0.9 * x, 0.1 * x, z, white);
+    for (direction, color) in [
+        (Vec3::new(0.2, -1.0, 0.1), Vec3::new(30.0, 25.0, 20.0)),
+        (Vec3::new(-0.6, -1.0, -0.2), Vec3::new(2.0, 4.0, 8.0)),
+    ] {
+        let direction = direction.normalize();
+        b.light(Light { kind: LIGHT_DIRECTIONAL, direction, color, ..Light::default() });
+    }
     b.build()
 }
 
