@@ -123,7 +123,7 @@ fn errors(case: &Case) -> [f64; 3] {
     let found = [
         estimate(case, &contour, 1, 1),
         estimate(case, &area, 1, 1),
-        estimate(case, &Hemisphere { rays }, 32, rays / 64),
+        estimate(case, &Hemisphere { rays }, 32, rays / 16),
     ];
     found.map(|f| f / case.expected - 1.0)
 }
