@@ -99,16 +99,6 @@ impl Method {
     }
 }
 
-/// Where the indirect light is evaluated.
-#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Receivers {
-    /// Each patch is its own receiver: flat patches.
-    #[value(name = "self")]
-    Own,
-    /// Grid vertices of the mesh, gathered exactly and interpolated.
-    Mesh,
-}
-
 /// Estimator of the form factors.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FormFactors {
@@ -145,9 +135,9 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
-    /// Where the indirect light is evaluated.
-    #[arg(long, value_enum, default_value_t = Receivers::Mesh)]
-    pub receivers: Receivers,
+    /// Longest distance between the mesh points at which indirect light is evaluated, m [default: 0.7 patch edges].
+    #[arg(long)]
+    pub receiver_edge: Option<f32>,
     /// Estimator of the form factors.
     #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
     pub form_factors: FormFactors,

@@ -1,0 +1,55 @@
+//! The command line `patchlight`.
+
+mod args;
+mod compare;
+mod demo;
+mod devices;
+mod info;
+mod output;
+mod render;
+mod report;
+mod write_scene;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use crate::error::Error;
+use crate::progress;
+use args::{Cli, Command};
+
+/// Runs the command that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after Ctrl-C.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    if let Err(e) = progress::watch_for_cancel() {
+        eprintln!("warning: Ctrl-C will stop at once: {e}");
+    }
+    match dispatch(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Error::Cancelled) => {
+            eprintln!("stopped; nothing was left half-written");
+            ExitCode::from(130)
+        }
+        Err(e) => {
+            eprintln!("error: {e}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn dispatch(cli: Cli) -> Result<(), Error> {
+    let threads = cli.common.threads;
+    // The pool of the whole process, so that no work starts threads of its own.
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .map_err(|e| Error::Threads { threads, reason: e.to_string() })?;
+    match cli.command {
+        None => demo::run(&cli.common, cli.fast),
+        Some(Command::Render(args)) => render::run(&cli.common, &args),
+        Some(Command::Compare(args)) => compare::run(&cli.common, &args),
+        Some(Command::Devices) => devices::run(&cli.common),
+        Some(Command::Info { scene }) => info::run(&cli.common, &scene),
+        Some(Command::Scene { name }) => write_scene::run(&cli.common, &name),
+    }
+}

@@ -1,0 +1,282 @@
+//! `patchlight render`.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use glam::Vec3;
+use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
+use reference::path::{PathSettings, PathTracer};
+use reference::{BlockErrors, Precision, ReferenceData, stops_to_scale};
+
+use super::args::{Bounces, Common, FormFactors, Method, Render};
+use super::output;
+use super::report::significant;
+use crate::error::Error;
+use crate::executor::{DeviceChoice, open};
+use crate::import::{Animation, LoadedScene, load_or_build};
+use crate::progress::Progress;
+use crate::render::classic::{Classic, ClassicSettings, Estimator};
+use crate::render::{Pictures, path};
+use crate::summary::{PassTimes, Summary, peak_memory_bytes};
+
+/// Paths a point when a reference asks for irradiance at points.
+const POINT_PATHS: u32 = 4096;
+
+pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
+    let mut progress = Progress::new(common.quiet);
+    let loaded = progress.phase("import", |_| load_or_build(&args.scene))?;
+    for line in &loaded.warnings {
+        progress.warn(line);
+    }
+    let data = args.reference.as_deref().map(ReferenceData::load).transpose()?;
+    let size = args.size.or(data.as_ref().map(|d| (d.full.width, d.full.height))).unwrap_or((960, 540));
+    if args.frames > 1 && data.is_some() {
+        progress.warn("the reference is for lights at rest; no errors are computed for moving ones");
+    }
+    let data = data.filter(|_| args.frames == 1);
+    let out = output::folder_or(&common.out, &format!("{}-{}", loaded.name, args.method.name()));
+    output::make_folder(&out)?;
+
+    let mut summary = Summary {
+        scene: loaded.name.clone(),
+        method: args.method.name().into(),
+        frames: args.frames,
+        seed: common.seed,
+        ..Summary::default()
+    };
+    let (pictures, points) = match args.method {
+        Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
+        Method::Classic => classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
+    };
+    if args.frames == 1 {
+        write_pictures(&out, &pictures, loaded.exposure_stops)?;
+    }
+    if let Some(data) = &data {
+        compare_with(data, &pictures, points.as_deref(), loaded.exposure_stops, &out, &mut summary)?;
+    }
+    summary.peak_memory_bytes = peak_memory_bytes();
+    let text = output::json(&summary);
+    output::write_text(&out.join("summary.json"), &text)?;
+    if common.json {
+        println!("{text}");
+    } else {
+        print(&summary);
+        progress.note(&format!("written to {}", out.display()));
+    }
+    Ok(())
+}
+
+type Frames = (Pictures, Option<Vec<Vec3>>);
+
+#[allow(clippy::too_many_arguments)]
+fn path_frames(
+    common: &Common,
+    args: &Render,
+    loaded: &LoadedScene,
+    size: (u32, u32),
+    out: &Path,
+    data: Option<&ReferenceData>,
+    summary: &mut Summary,
+    progress: &mut Progress,
+) -> Result<Frames, Error> {
+    summary.device = format!("CPU, {} threads", rayon::current_num_threads());
+    let bounces = match args.bounces {
+        Bounces::All => u32::MAX,
+        Bounces::Count(k) => k,
+    };
+    let settings = PathSettings { seed: common.seed, bounces, ..PathSettings::default() };
+    let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
+    let mut scene = loaded.scene.clone();
+    let animation = Animation::or_default_path(loaded);
+    let mut last = None;
+    for frame in 0..args.frames {
+        let mut view = loaded.view;
+        if args.frames > 1 {
+            (scene.lights, view) = animation.at(frame_time(&animation, frame, args.frames));
+        }
+        let camera = view.camera(size.0, size.1);
+        let spp = args.spp.unwrap_or(64);
+        let traced = path::render(&scene, &camera, settings, spp, saved.as_deref(), args.resume, progress)?;
+        if args.frames > 1 {
+            traced.pictures.full.write_png(&out.join(format!("frame-{frame:04}.png")), loaded.exposure_stops)?;
+        }
+        print_noise(progress, "full", traced.full_errors);
+        print_noise(progress, "indirect", traced.indirect_errors);
+        last = Some(traced.pictures);
+    }
+    summary.passes.extend(PassTimes::of(&phase_ms(progress, "path tracing")).map(|t| ("method".to_owned(), t)));
+    let points = data.filter(|d| !d.points.is_empty()).map(|d| {
+        let points = d.surface_points(loaded.metres_per_unit);
+        let found = progress.phase("points", |_| PathTracer::new(&scene).irradiance(&points, POINT_PATHS, &settings));
+        found.iter().map(|p| p.indirect).collect()
+    });
+    summary.bake.insert("import".into(), progress.seconds("import"));
+    last.map(|pictures| (pictures, points)).ok_or(Error::Cancelled)
+}
+
+#[allow(clippy::too_many_arguments)]
+fn classic_frames(
+    common: &Common,
+    args: &Render,
+    loaded: &LoadedScene,
+    size: (u32, u32),
+    out: &Path,
+    data: Option<&ReferenceData>,
+    summary: &mut Summary,
+    progress: &mut Progress,
+) -> Result<Frames, Error> {
+    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
+    if let Some(note) = note {
+        progress.note(&note);
+    }
+    summary.device = executor.device().name.clone();
+    let settings = ClassicSettings {
+        patch_count: args.patch_count as usize,
+        estimator: match args.form_factors {
+            FormFactors::Hemisphere => Estimator::Hemisphere { rays: args.rays },
+            FormFactors::Contour => Estimator::Contour,
+            FormFactors::Area => Estimator::Area,
+            FormFactors::Point => Estimator::Point,
+        },
+        bounces: match args.bounces {
+            Bounces::All => None,
+            Bounces::Count(k) => Some(k),
+        },
+        receiver_edge: args.receiver_edge,
+        sub_frames: args.spp.unwrap_or(16),
+        seed: common.seed,
+        size,
+    };
+    let mut classic = Classic::bake(loaded, settings, executor, progress)?;
+    summary.patches = Some(classic.patch_count());
+    summary.receivers = Some(classic.receiver_count());
+    summary.bytes = classic.bytes();
+    for phase in ["import", "sample", "form_factors", "receivers"] {
+        summary.bake.insert(phase.into(), progress.seconds(phase));
+    }
+    let animation = Animation::or_default_path(loaded);
+    let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    let mut last = None;
+    for frame in 0..args.frames {
+        let (mut lights, mut view) = (loaded.scene.lights.clone(), loaded.view);
+        if args.frames > 1 {
+            (lights, view) = animation.at(frame_time(&animation, frame, args.frames));
+        }
+        let camera = view.camera(size.0, size.1);
+        let done = progress.phase("frame", |_| classic.frame(&lights, &camera, frame))?;
+        if crate::progress::is_cancelled() {
+            return Err(Error::Cancelled);
+        }
+        for (name, ms) in done.times {
+            times.entry(name).or_default().push(ms);
+        }
+        if args.frames > 1 {
+            done.pictures.full.write_png(&out.join(format!("frame-{frame:04}.png")), loaded.exposure_stops)?;
+        }
+        last = Some(done.pictures);
+    }
+    summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
+    let points = match data.filter(|d| !d.points.is_empty()) {
+        None => None,
+        Some(data) => {
+            let points = data.surface_points(loaded.metres_per_unit);
+            Some(progress.phase("points", |_| classic.irradiance_at(&points))?)
+        }
+    };
+    last.map(|pictures| (pictures, points)).ok_or(Error::Cancelled)
+}
+
+/// Time of a frame: the animation's length spread over the frames.
+pub fn frame_time(animation: &Animation, frame: u32, frames: u32) -> f32 {
+    animation.duration() * frame as f32 / (frames.max(2) - 1) as f32
+}
+
+/// Times of a phase, one a frame, ms.
+fn phase_ms(progress: &Progress, name: &str) -> Vec<f64> {
+    progress.phases.iter().filter(|(n, _)| n == name).map(|(_, s)| s * 1e3).collect()
+}
+
+fn print_noise(progress: &Progress, name: &str, errors: Option<BlockErrors>) {
+    if let Some(e) = errors {
+        progress.note(&format!(
+            "standard error of {name} block means: median {:.2} %, 90th percentile {:.2} %",
+            100.0 * e.median,
+            100.0 * e.p90
+        ));
+    }
+}
+
+/// Writes the parts as EXR and as displayed.
+pub fn write_pictures(out: &Path, pictures: &Pictures, stops: f32) -> Result<(), Error> {
+    output::make_folder(out)?;
+    let indirect_stops = indirect_scale(&pictures.indirect).log2();
+    for (name, picture, stops) in [
+        ("full", &pictures.full, stops),
+        ("direct", &pictures.direct, stops),
+        ("indirect", &pictures.indirect, indirect_stops),
+    ] {
+        picture.write_exr(&out.join(format!("{name}.exr")), Precision::Half)?;
+        picture.write_png(&out.join(format!("{name}.png")), stops)?;
+    }
+    Ok(())
+}
+
+fn compare_with(
+    data: &ReferenceData,
+    pictures: &Pictures,
+    points: Option<&[Vec3]>,
+    stops: f32,
+    out: &Path,
+    summary: &mut Summary,
+) -> Result<(), Error> {
+    summary.full = Some(compare_pictures(&pictures.full, &data.full, stops_to_scale(stops), None)?);
+    if let Some(expected) = &data.indirect {
+        summary.indirect = Some(compare_pictures(&pictures.indirect, expected, indirect_scale(expected), None)?);
+        let blocks = (pictures.indirect.block_means(8), expected.block_means(8));
+        difference_picture(&blocks.0, &blocks.1, 0.5)?.write_png(&out.join("difference-indirect.png"), 0.0)?;
+    }
+    difference_picture(&pictures.full, &data.full, 0.5)?.write_png(&out.join("difference-full.png"), 0.0)?;
+    if let Some(points) = points {
+        summary.points = Some(compare_points(points, &data.point_indirect())?);
+    }
+    Ok(())
+}
+
+fn print(s: &Summary) {
+    println!("{:14} {} by {} on {}", "scene", s.scene, s.method, s.device);
+    if let Some(n) = s.patches {
+        println!("{:14} {n}, receivers {}", "patches", s.receivers.unwrap_or(0));
+    }
+    for (name, seconds) in &s.bake {
+        println!("{:14} {seconds:.2} s", format!("bake {name}"));
+    }
+    for (name, t) in &s.passes {
+        println!("{:14} median {:.2} ms, max {:.2} ms", format!("pass {name}"), t.median_ms, t.max_ms);
+    }
+    for (name, count) in &s.bytes {
+        println!("{:14} {}", format!("bytes {name}"), output::bytes(*count));
+    }
+    for (name, errors) in [("full", &s.full), ("indirect", &s.indirect)] {
+        if let Some(e) = errors {
+            println!(
+                "{name:14} block median {:.2} %, block PSNR {:.1} dB, mean ratio {:.4}, MSE {}, PSNR {:.2} dB, SSIM {:.4}, FLIP {}",
+                100.0 * e.block_median_relative_error,
+                e.block_psnr_db,
+                e.mean_ratio,
+                significant(e.mse),
+                e.psnr_db,
+                e.ssim,
+                significant(e.flip)
+            );
+        }
+    }
+    if let Some(p) = &s.points {
+        println!(
+            "{:14} median {:.2} %, 95th percentile {:.2} %, mean ratio {:.4}",
+            "points",
+            100.0 * p.median_relative_error,
+            100.0 * p.p95_relative_error,
+            p.mean_ratio
+        );
+    }
+}

@@ -1,0 +1,54 @@
+//! What can go wrong, as the user sees it.
+
+use std::path::PathBuf;
+
+/// Why a command failed. Messages name the file, the place and the remedy; the exit code is 1, or 130 after Ctrl-C.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A scene file.
+    #[error(transparent)]
+    Import(#[from] crate::import::ImportError),
+    /// A device or a plan.
+    #[error(transparent)]
+    Executor(#[from] crate::executor::ExecutorError),
+    /// A picture, a comparison, a saved accumulation.
+    #[error(transparent)]
+    Reference(#[from] reference::Error),
+    /// Patches or form factors.
+    #[error("form factors: {0}")]
+    FormFactor(#[from] formfactor::Error),
+    /// A result could not be written.
+    #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The scene has too many triangles for polygon patches.
+    #[error(
+        "{scene}: {triangles} triangles give at least {needed} polygon patches, classic radiosity takes at most {limit}; \
+         choose --method path, or a scene with fewer triangles"
+    )]
+    TooManyPatches {
+        /// The scene.
+        scene: String,
+        /// Its triangles.
+        triangles: usize,
+        /// Patches they give.
+        needed: usize,
+        /// Patches there may be.
+        limit: usize,
+    },
+    /// The thread pool could not be made.
+    #[error("cannot start {threads} threads: {reason}; choose fewer with --threads")]
+    Threads {
+        /// Threads asked for.
+        threads: usize,
+        /// What the system says.
+        reason: String,
+    },
+    /// The user asked to stop.
+    #[error("stopped")]
+    Cancelled,
+}

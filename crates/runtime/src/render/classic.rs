@@ -1,0 +1,366 @@
+//! Classic radiosity: polygon patches, the full matrix, one product a bounce; receivers on the mesh.
+
+use std::collections::BTreeMap;
+use std::f32::consts::PI;
+use std::ops::ControlFlow;
+
+use formfactor::{
+    AreaToArea, Contour, Csr, Dense, FactorRows, Hemisphere, PatchSize, PointToPoint, Proceed, Receivers, Stop,
+    SubdivideSettings, Subdivision, Surfaces, balance, find_sides, form_factor_blocks, form_factors, jacobi,
+    normalise_rows, subdivide,
+};
+use glam::{Vec3, Vec4};
+use reference::Picture;
+use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
+
+use super::Pictures;
+use super::frame::{Frame, FrameParts};
+use crate::error::Error;
+use crate::executor::Executor;
+use crate::import::LoadedScene;
+use crate::progress::Progress;
+
+/// Largest number of patches: F is dense, 17 GB at this size.
+const MOST_PATCHES: usize = 65_535;
+/// Rows of receivers whose dense form is in memory at a time.
+const RECEIVER_BLOCK: usize = 512;
+/// Sample points a patch: origins of its form-factor rays, and where its direct light is measured.
+const PATCH_POINTS: u32 = 16;
+/// Shadow rays to area lights at each sample point of a patch.
+const PATCH_AREA_RAYS: u32 = 8;
+/// Rays to a sky map at each sample point of a patch.
+const PATCH_SKY_RAYS: u32 = 8;
+/// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
+const TOLERANCE: f32 = 1e-4;
+/// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
+const MOST_BOUNCES: u32 = 200;
+
+/// Estimator of the form factors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Estimator {
+    /// Cosine-weighted rays.
+    Hemisphere {
+        /// Rays a row.
+        rays: u32,
+    },
+    /// Lambert's contour formula with shadow rays.
+    Contour,
+    /// Pairs of points on both patches.
+    Area,
+    /// One point a patch.
+    Point,
+}
+
+/// Settings of [`Classic::bake`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClassicSettings {
+    /// About how many patches.
+    pub patch_count: usize,
+    /// Estimator of the form factors between patches.
+    pub estimator: Estimator,
+    /// Bounces; `None` for all.
+    pub bounces: Option<u32>,
+    /// Longest distance between receivers, m; `None` takes 0.7 of the patches' edge.
+    pub receiver_edge: Option<f32>,
+    /// Sub-frames a picture: positions in each pixel, and shadow rays of area lights.
+    pub sub_frames: u32,
+    /// Changes every random number.
+    pub seed: u32,
+    /// Picture size, pixels.
+    pub size: (u32, u32),
+}
+
+impl Default for ClassicSettings {
+    /// 4,000 patches, 4,096 rays a row, all bounces, 16 sub-frames of 960 × 540.
+    fn default() -> Self {
+        Self {
+            patch_count: 4000,
+            estimator: Estimator::Hemisphere { rays: 4096 },
+            bounces: None,
+            receiver_edge: None,
+            sub_frames: 16,
+            seed: 0,
+            size: (960, 540),
+        }
+    }
+}
+
+/// A rendered frame.
+pub struct FrameResult {
+    /// The picture.
+    pub pictures: Pictures,
+    /// Milliseconds of each pass: direct, gather, method, lookup, shade.
+    pub times: Vec<(String, f64)>,
+}
+
+/// What the sides of the scene exchange, ready for frames.
+pub struct Classic {
+    scene: Scene,
+    subdivision: Subdivision,
+    receivers: usize,
+    frame: Frame,
+    settings: ClassicSettings,
+    bytes: BTreeMap<String, u64>,
+}
+
+impl Classic {
+    /// Cuts the scene into patches, estimates and balances their form factors and the receivers' rows, and loads the frame's
+    /// plan into the executor.
+    ///
+    /// # Errors
+    /// Too many triangles, a device that is too small, cancellation.
+    pub fn bake(
+        loaded: &LoadedScene,
+        settings: ClassicSettings,
+        executor: Box<dyn Executor>,
+        progress: &mut Progress,
+    ) -> Result<Self, Error> {
+        let scene = loaded.scene.clone();
+        let too_many = |needed: usize| Error::TooManyPatches {
+            scene: loaded.name.clone(),
+            triangles: scene.triangles.len(),
+            needed,
+            limit: MOST_PATCHES,
+        };
+        if scene.triangles.len() > MOST_PATCHES {
+            return Err(too_many(scene.triangles.len()));
+        }
+        let (subdivision, receivers) = progress.phase("sample", |_| -> Result<_, Error> {
+            let cut = SubdivideSettings {
+                size: PatchSize::Count(settings.patch_count as u32),
+                points: PATCH_POINTS,
+                seed: settings.seed,
+                ..SubdivideSettings::default()
+            };
+            let subdivision = subdivide(&scene, &cut)?;
+            let area: f32 = subdivision.areas().iter().sum();
+            let patch_edge = (area / subdivision.patches.len().max(1) as f32).sqrt();
+            let edge = settings.receiver_edge.unwrap_or(0.7 * patch_edge);
+            let sides = find_sides(&scene, cut.sides);
+            Ok((subdivision, Receivers::new(&scene, &sides, edge)?))
+        })?;
+        let count = subdivision.patches.len();
+        if count > MOST_PATCHES {
+            return Err(too_many(count));
+        }
+        progress.note(&format!("{count} patches, {} receivers", receivers.points.len()));
+
+        let rows = progress.phase("form_factors", |report| factors(&scene, &subdivision, &settings, report))?;
+        let receiver_rows = progress.phase("receivers", |report| {
+            let surfaces = Surfaces {
+                seed: settings.seed ^ 0x7265_6365,
+                ..Surfaces::of_points(&scene, &subdivision, &[], &receivers.points, &receivers.offsets)
+            };
+            sparse_rows(&surfaces, settings.rays(), report)
+        })?;
+
+        let albedo = patch_albedo(&scene, &subdivision);
+        // A constant sky's share of the direct light is known once and for all.
+        let constant_sky = if scene.sky.map_width == 0 { scene.sky.radiance * PI } else { Vec3::ZERO };
+        let sky_exitance: Vec<Vec4> =
+            (0..count).map(|i| albedo[i] * (constant_sky * rows.sky_factor[i]).extend(0.0)).collect();
+        let bounces = match settings.bounces {
+            Some(bounces) => bounces,
+            None => progress.phase("bounces", |_| enough_bounces(&rows.factors, &albedo))?,
+        };
+        let bytes = BTreeMap::from([
+            ("form_factors".to_owned(), size_of_val(&rows.factors.values[..]) as u64),
+            ("samples".to_owned(), size_of_val(&subdivision.points[..]) as u64),
+            ("receivers".to_owned(), csr_bytes(&receiver_rows)),
+        ]);
+        let frame = Frame::load(
+            executor,
+            &FrameParts {
+                scene: &scene,
+                subdivision: &subdivision,
+                receivers: &receivers,
+                factors: &rows.factors,
+                receiver_rows: &receiver_rows,
+                albedo: &albedo,
+                base_exitance: &sky_exitance,
+                bounces,
+                direct: DirectParams {
+                    count: subdivision.points.len() as u32,
+                    area_rays: PATCH_AREA_RAYS,
+                    sky_rays: if scene.sky.map_width == 0 { 0 } else { PATCH_SKY_RAYS },
+                    seed: settings.seed,
+                    ..direct_params(&scene)
+                },
+                size: settings.size,
+                sub_frames: settings.sub_frames,
+                seed: settings.seed,
+            },
+        )?;
+        let receivers = receivers.points.len();
+        Ok(Self { scene, subdivision, receivers, frame, settings, bytes })
+    }
+
+    /// Patches that send light.
+    pub fn patch_count(&self) -> usize {
+        self.subdivision.patches.len()
+    }
+
+    /// Points that receive it.
+    pub fn receiver_count(&self) -> usize {
+        self.receivers
+    }
+
+    /// Bytes of each part.
+    pub fn bytes(&self) -> BTreeMap<String, u64> {
+        self.bytes.clone()
+    }
+
+    /// Renders a frame with these lights from this camera.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn frame(&mut self, lights: &[Light], camera: &Camera, number: u32) -> Result<FrameResult, Error> {
+        self.scene.lights = lights.to_vec();
+        let (full, direct, times) = self.frame.render(lights, camera, number)?;
+        let (width, height) = self.settings.size;
+        let full = Picture::from_pixels(width, height, full)?;
+        let direct = Picture::from_pixels(width, height, direct)?;
+        let indirect = full.minus(&direct)?;
+        Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
+    }
+
+    /// Indirect irradiance of the last frame at any points, W/m²: their own rows, gathered exactly from the patches.
+    ///
+    /// # Errors
+    /// What the device says; cancellation.
+    pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
+        let exitance = self.frame.exitance()?;
+        let offsets: Vec<u32> = (0..=points.len() as u32).collect();
+        let surfaces = Surfaces {
+            seed: self.settings.seed ^ 0x706f_696e,
+            ..Surfaces::of_points(&self.scene, &self.subdivision, &[], points, &offsets)
+        };
+        let rows = sparse_rows(&surfaces, self.settings.rays(), &|_| !crate::progress::is_cancelled())?;
+        let sum = |i: usize| formfactor::kernel::product::gather_row_sparse(
+            i as u32,
+            &rows.row_start,
+            &rows.column_index,
+            &rows.values,
+            &exitance,
+        );
+        Ok((0..points.len()).map(|i| sum(i).truncate()).collect())
+    }
+}
+
+impl ClassicSettings {
+    /// Rays of a receiver's row.
+    fn rays(&self) -> u32 {
+        match self.estimator {
+            Estimator::Hemisphere { rays } => rays,
+            _ => Hemisphere::default().rays,
+        }
+    }
+}
+
+/// Direct-light settings that follow from the scene.
+pub fn direct_params(scene: &Scene) -> DirectParams {
+    DirectParams {
+        light_count: scene.lights.len() as u32,
+        emitter_count: scene.emitters.len() as u32,
+        ray_offset: scene.ray_offset,
+        ..DirectParams::default()
+    }
+}
+
+fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> Proceed {
+    if report(done as f32 / total.max(1) as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+}
+
+fn factors(
+    scene: &Scene,
+    subdivision: &Subdivision,
+    settings: &ClassicSettings,
+    report: &(dyn Fn(f32) -> bool + Sync),
+) -> Result<FactorRows, Error> {
+    let polygons = subdivision.polygons()?;
+    let surfaces = Surfaces { seed: settings.seed, ..Surfaces::of_patches(scene, subdivision, &polygons) };
+    let estimator: Box<dyn formfactor::Estimator> = match settings.estimator {
+        Estimator::Hemisphere { rays } => Box::new(Hemisphere { rays }),
+        Estimator::Contour => Box::new(Contour::default()),
+        Estimator::Area => Box::new(AreaToArea::default()),
+        Estimator::Point => Box::new(PointToPoint::default()),
+    };
+    let mut rows = form_factors(&*estimator, &surfaces, &|done, total| proceed(report, done, total))?;
+    balance(&mut rows.factors, &mut rows.sky_factor, &subdivision.areas(), None)?;
+    Ok(rows)
+}
+
+/// Rows of any points over the patches, sparse and closed.
+fn sparse_rows(surfaces: &Surfaces, rays: u32, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<Csr, Error> {
+    let mut all = Csr { rows: 0, columns: surfaces.patches.len(), row_start: vec![0], ..Csr::default() };
+    let progress = |done: usize, total: usize| proceed(report, done, total);
+    form_factor_blocks(&Hemisphere { rays }, surfaces, RECEIVER_BLOCK, &progress, |_, block| {
+        let mut factors: Dense = block.factors;
+        normalise_rows(&mut factors, &block.sky_factor)?;
+        let part = factors.to_csr(0.0)?;
+        let base = all.values.len() as u32;
+        all.rows += part.rows;
+        all.row_start.extend(part.row_start[1..].iter().map(|k| k + base));
+        all.column_index.extend(part.column_index);
+        all.values.extend(part.values);
+        Ok(())
+    })?;
+    Ok(all)
+}
+
+fn csr_bytes(rows: &Csr) -> u64 {
+    (size_of_val(&rows.row_start[..]) + size_of_val(&rows.column_index[..]) + size_of_val(&rows.values[..])) as u64
+}
+
+/// Mean albedo of each patch: over its sample points, from the mip level at which a texel covers a point's share.
+fn patch_albedo(scene: &Scene, subdivision: &Subdivision) -> Vec<Vec4> {
+    let geometry = scene.geometry();
+    (0..subdivision.patches.len())
+        .map(|i| {
+            let (first, end) = (subdivision.offsets[i] as usize, subdivision.offsets[i + 1] as usize);
+            let patch = &subdivision.patches[i];
+            let level = mip_level(scene, patch.triangle, patch.area / (end - first).max(1) as f32);
+            let t = scene.triangles[patch.triangle as usize];
+            let sum: Vec3 = subdivision.points[first..end]
+                .iter()
+                .map(|p| {
+                    let (u, v) = shares(&t, p.position);
+                    geometry.albedo_at_level(patch.triangle, u, v, level) * p.weight
+                })
+                .sum();
+            sum.extend(0.0)
+        })
+        .collect()
+}
+
+/// Shares (u, v) of a triangle's edges at a point of it.
+fn shares(t: &scene::Triangle, position: Vec3) -> (f32, f32) {
+    let d = position - t.corner;
+    let (aa, ab, bb) = (t.edge_a.dot(t.edge_a), t.edge_a.dot(t.edge_b), t.edge_b.dot(t.edge_b));
+    let (da, db) = (d.dot(t.edge_a), d.dot(t.edge_b));
+    let inverse = 1.0 / (aa * bb - ab * ab);
+    ((da * bb - db * ab) * inverse, (db * aa - da * ab) * inverse)
+}
+
+/// The mip level of the triangle's albedo texture at which one texel covers `area` m².
+fn mip_level(scene: &Scene, triangle: u32, area: f32) -> u32 {
+    let t = scene.triangles[triangle as usize];
+    let material = scene.materials[t.material as usize];
+    let Some(texture) = scene.textures.get(material.albedo_texture as usize) else { return 0 };
+    let uv = scene.uvs[triangle as usize];
+    let texels = 0.5
+        * (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs()
+        * texture.width as f32
+        * texture.height as f32;
+    let covered = texels * area / (0.5 * t.edge_a.cross(t.edge_b).length());
+    // A level quarters the number of texels.
+    (0..texture.levels).take_while(|&k| covered > f32::from(4u16.saturating_pow(k + 1))).count() as u32
+}
+
+/// Bounces until a uniform source changes no patch by more than the tolerance, and a quarter more for sources that are not
+/// uniform.
+fn enough_bounces(factors: &Dense, albedo: &[Vec4]) -> Result<u32, Error> {
+    let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
+    let steps = jacobi(factors, &source, albedo, Stop::Tolerance(TOLERANCE))?.iterations;
+    Ok((steps + steps / 4).clamp(1, MOST_BOUNCES))
+}

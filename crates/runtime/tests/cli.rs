@@ -1,0 +1,229 @@
+//! The program as a user meets it: exit codes, messages, files, interruption.
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn patchlight(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_patchlight")).args(arguments).stdin(Stdio::null()).output().expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn succeeds(arguments: &[&str]) -> String {
+    let output = patchlight(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// Runs a command that must fail with `code`, and returns its message.
+fn fails(code: i32, arguments: &[&str]) -> String {
+    let output = patchlight(arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    assert!(!message.contains("panicked"), "{arguments:?}: {message}");
+    message
+}
+
+fn leftovers(folder: &Path) -> Vec<String> {
+    let names = std::fs::read_dir(folder).map(|d| d.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()));
+    names.map(|n| n.filter(|n| n.contains("part") || n.contains("tmp")).collect()).unwrap_or_default()
+}
+
+const SMALL: [&str; 10] =
+    ["--size", "32x24", "--device", "cpu", "--quiet", "--spp", "2", "--rays", "64", "--patch-count=100"];
+
+#[test]
+fn help_and_version_succeed_and_wrong_usage_is_2() {
+    let help = succeeds(&["--help"]);
+    for word in ["render", "compare", "devices", "info", "scene", "Examples", "--device", "--json"] {
+        assert!(help.contains(word), "{word}");
+    }
+    for command in ["render", "compare", "info", "scene"] {
+        assert!(succeeds(&[command, "--help"]).contains("Example"), "{command}");
+    }
+    assert!(succeeds(&["--version"]).contains(env!("CARGO_PKG_VERSION")));
+    fails(2, &["paint"]);
+    fails(2, &["render"]);
+    assert!(fails(2, &["render", "cornell", "--size", "10"]).contains("WIDTHxHEIGHT"));
+    assert!(fails(2, &["render", "cornell", "--bounces", "0"]).contains("all"));
+    fails(2, &["render", "cornell", "--patch-count", "100000000"]);
+}
+
+#[test]
+fn a_scene_that_is_not_there_is_named() {
+    let message = fails(1, &["render", "no/such/scene.toml", "--quiet"]);
+    assert!(message.contains("no/such/scene.toml"), "{message}");
+    fails(1, &["info", "no/such/scene.obj"]);
+    let message = fails(1, &["scene", "castle"]);
+    assert!(message.contains("castle") && message.contains("atrium"), "{message}");
+}
+
+#[test]
+fn classic_and_path_write_their_pictures_and_summary() {
+    let folder = tempfile::tempdir().unwrap();
+    for method in ["classic", "path"] {
+        let out = folder.path().join(method);
+        let mut arguments = vec!["render", "cornell", "--method", method, "--json", "--out", out.to_str().unwrap()];
+        arguments.extend(SMALL);
+        let printed: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();
+        let written: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(out.join("summary.json")).unwrap()).unwrap();
+        assert_eq!(printed, written);
+        assert_eq!(written["method"], method);
+        assert_eq!(written["patches"].is_number(), method == "classic");
+        assert!(written.get("full").is_none(), "no reference, no errors");
+        for name in ["full", "direct", "indirect"] {
+            assert!(out.join(format!("{name}.exr")).is_file() && out.join(format!("{name}.png")).is_file());
+        }
+        assert!(leftovers(&out).is_empty());
+    }
+    let (a, b) = (folder.path().join("classic/full.exr"), folder.path().join("path/full.exr"));
+    let printed = succeeds(&["compare", a.to_str().unwrap(), b.to_str().unwrap(), "--json"]);
+    let printed: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    let ratio = printed["full"]["mean_ratio"].as_f64().unwrap();
+    assert!((ratio - 1.0).abs() < 0.2, "{printed}");
+    let same = succeeds(&["compare", a.to_str().unwrap(), a.to_str().unwrap()]);
+    assert!(same.contains("mean_ratio") && same.contains("1.0000"), "{same}");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_for_any_thread_count() {
+    let folder = tempfile::tempdir().unwrap();
+    for method in ["classic", "path"] {
+        let render = |threads: &str, seed: &str| {
+            let out = folder.path().join(format!("{method}-{threads}-{seed}"));
+            let mut arguments = vec!["render", "atrium:400", "--method", method, "--threads", threads, "--seed", seed];
+            arguments.extend(SMALL);
+            let out_text = out.to_str().unwrap().to_owned();
+            arguments.extend(["--out", &out_text]);
+            succeeds(&arguments);
+            std::fs::read(out.join("full.exr")).unwrap()
+        };
+        assert!(render("1", "7") == render("2", "7"), "{method}: threads change the picture");
+        assert!(render("2", "7") != render("2", "8"), "{method}: the seed changes nothing");
+    }
+}
+
+#[test]
+fn an_interrupted_path_tracing_resumes_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = |out: &Path, more: &[&str]| {
+        let out = out.to_str().unwrap();
+        let fixed = ["render", "cornell", "--method", "path", "--size", "64x48", "--quiet", "--out", out];
+        fixed.iter().chain(more).map(|s| (*s).to_owned()).collect::<Vec<_>>()
+    };
+    let (whole, stopped) = (folder.path().join("whole"), folder.path().join("stopped"));
+    let started = Instant::now();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_patchlight"))
+        .args(arguments(&stopped, &["--spp", "1000000"]))
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_millis(1500));
+    let interrupted = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(interrupted.success());
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        assert!(started.elapsed() < Duration::from_secs(60), "it does not stop");
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(status.code(), Some(130));
+    assert!(stopped.join("accumulation.bin").is_file() && leftovers(&stopped).is_empty());
+    assert!(!stopped.join("full.exr").exists());
+
+    // On to a target beyond what was reached, in one go and resumed.
+    let header = std::fs::read(stopped.join("accumulation.bin")).unwrap();
+    let samples = u32::from_le_bytes(header[20..24].try_into().unwrap());
+    let target = (samples + 3).to_string();
+    let run = |out: &Path, more: &[&str]| {
+        let all = arguments(out, more);
+        succeeds(&all.iter().map(String::as_str).collect::<Vec<_>>());
+        std::fs::read(out.join("full.exr")).unwrap()
+    };
+    let resumed = run(&stopped, &["--spp", &target, "--resume"]);
+    let at_once = run(&whole, &["--spp", &target]);
+    assert!(resumed == at_once, "resumed and whole differ");
+
+    // Another seed is not what was saved.
+    let other = arguments(&stopped, &["--spp", &target, "--resume", "--seed", "5"]);
+    let message = fails(1, &other.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(message.contains("accumulation.bin") && message.contains("settings"), "{message}");
+}
+
+#[test]
+fn a_bad_output_folder_is_named_and_nothing_is_left() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "x").unwrap();
+    let inside = file.join("out");
+    let mut arguments = vec!["render", "cornell", "--out", inside.to_str().unwrap()];
+    arguments.extend(SMALL);
+    let message = fails(1, &arguments);
+    assert!(message.contains("file/out") && message.contains("check that the folder"), "{message}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_an_error_and_leaves_no_half_file() {
+    let folder = tempfile::tempdir().unwrap();
+    // A limit on file sizes stands for the full disk: writes fail in the middle.
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 2; exec '{}' render cornell --out '{}' {}",
+        env!("CARGO_BIN_EXE_patchlight"),
+        folder.path().display(),
+        SMALL.join(" ").replace("32x24", "200x150")
+    );
+    let output = Command::new("bash").args(["-c", &script]).output().unwrap();
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("cannot write") && message.contains("full.exr"), "{message}");
+    assert!(leftovers(folder.path()).is_empty());
+    assert!(!folder.path().join("full.exr").exists());
+}
+
+#[test]
+fn an_unknown_device_is_named() {
+    let message = fails(1, &["render", "cornell", "--device", "no such card", "--quiet"]);
+    assert!(message.contains("no such card"), "{message}");
+    succeeds(&["devices"]);
+}
+
+#[test]
+fn too_many_triangles_for_classic_is_said_with_a_remedy() {
+    let message = fails(1, &["render", "atrium:120000", "--method", "classic", "--quiet", "--size", "32x24"]);
+    assert!(message.contains("--method path"), "{message}");
+}
+
+#[test]
+fn the_demo_writes_a_report_that_needs_no_other_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    succeeds(&["--fast", "--quiet", "--device", "cpu", "--out", out]);
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    for word in ["cornell", "atrium", "data:image/png;base64,", "median ms", "Against the path tracer", "CPU"] {
+        assert!(report.contains(word), "{word}");
+    }
+    assert!(!report.contains("src=\"http") && !report.contains("<script"));
+    for name in ["cornell/frame-0000.png", "atrium/classic/full.exr", "summary.json"] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn info_and_scene_agree_about_a_built_in_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    succeeds(&["scene", "cornell", "--out", folder.path().to_str().unwrap()]);
+    let written = folder.path().join("cornell.toml");
+    let info = |spec: &str| -> serde_json::Value { serde_json::from_str(&succeeds(&["info", spec, "--json"])).unwrap() };
+    let (built, read) = (info("cornell"), info(written.to_str().unwrap()));
+    for key in ["triangles", "materials", "emissive_materials"] {
+        assert_eq!(built[key], read[key], "{key}");
+    }
+    let ratio = built["area_m2"].as_f64().unwrap() / read["area_m2"].as_f64().unwrap();
+    assert!((ratio - 1.0).abs() < 1e-4, "{ratio}");
+}

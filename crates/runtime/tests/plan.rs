@@ -1,0 +1,182 @@
+//! Plans without a device: what is refused, and what is derived.
+
+use gpu_kernels::params::CountParams;
+use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, FORMFACTOR_GATHER_IMAGE, ImageFormat};
+use runtime::cpu::Cpu;
+use runtime::executor::{Executor, ExecutorError};
+use runtime::graph::Graph;
+use runtime::plan::{BufferId, PassId, Plan, PlanError, Range};
+
+const COUNT: u32 = 64;
+const BYTES: u64 = 64 * 16;
+
+fn bounce(plan: &mut Plan, buffers: [BufferId; 4]) -> Result<PassId, PlanError> {
+    plan.pass("bounce", &FORMFACTOR_BOUNCE, &buffers.map(Range::from), &CountParams { count: COUNT }, COUNT)
+}
+
+fn storage<const N: usize>(plan: &mut Plan) -> [BufferId; N] {
+    std::array::from_fn(|k| plan.storage(format!("buffer {k}"), BYTES))
+}
+
+#[test]
+fn wrong_bindings_are_refused_with_pass_and_buffer() {
+    let mut plan = Plan::new();
+    let [a, b, c, d] = storage(&mut plan);
+    let odd = plan.storage("odd", 40);
+    let picture = plan.image("picture", ImageFormat::Rgba16Float, 8, 8);
+    let push = CountParams { count: COUNT };
+    let mut attempt = |ranges: &[Range], push: CountParams| plan.pass("p", &FORMFACTOR_BOUNCE, ranges, &push, COUNT);
+    let ranges = [a, b, c, d].map(Range::from);
+    assert!(attempt(&ranges, push).is_ok());
+
+    let error = attempt(&ranges[..3], push).expect_err("a binding is missing");
+    assert!(matches!(error, PlanError::BindingCount { expected: 4, found: 3, missing: "exitance", .. }), "{error}");
+    let error = attempt(&[odd.into(), ranges[1], ranges[2], ranges[3]], push).expect_err("40 is no multiple of 16");
+    assert!(matches!(&error, PlanError::Length { buffer, stride: 16, .. } if buffer == "odd"), "{error}");
+    let error = attempt(&[picture.into(), ranges[1], ranges[2], ranges[3]], push).expect_err("a picture");
+    assert!(matches!(&error, PlanError::BindingKind { buffer, .. } if buffer == "picture"), "{error}");
+    for range in [a.range(256, BYTES), a.range(16, 16), a.range(0, 0), a.range(u64::MAX - 255, 16), a.range(1 << 40, 16)] {
+        let error = attempt(&[range, ranges[1], ranges[2], ranges[3]], push).expect_err("not in the buffer");
+        assert!(matches!(error, PlanError::Range { .. }), "{error}");
+    }
+    let error = attempt(&[ranges[0], ranges[1], ranges[3], ranges[3]], push).expect_err("read and written");
+    assert!(matches!(error, PlanError::Overlap { .. }), "{error}");
+    // Halves of one buffer may be read and written.
+    let (low, high) = (d.range(0, BYTES / 2), d.range(BYTES / 2, BYTES / 2));
+    assert!(attempt(&[low, low, low, high], push).is_ok());
+    assert!(attempt(&[low, low, high, high], push).is_err());
+}
+
+#[test]
+fn wrong_push_constants_and_formats_are_refused() {
+    let mut plan = Plan::new();
+    let buffers: [BufferId; 4] = storage(&mut plan);
+    let error = plan.pass("p", &FORMFACTOR_BOUNCE, &buffers.map(Range::from), &[0u32; 2], 1).expect_err("too long");
+    assert!(matches!(error, PlanError::PushLength { expected: 4, found: 8, .. }), "{error}");
+    let half = plan.image("half", ImageFormat::Rgba16Float, 8, 8);
+    let ranges = [half, half, buffers[0]].map(Range::from);
+    let push = formfactor::GatherParams::default();
+    let error = plan.pass("p", &FORMFACTOR_GATHER_IMAGE, &ranges, &push, 1).expect_err("half for float");
+    assert!(matches!(error, PlanError::BindingKind { expected: "a picture of 32-bit floats", .. }), "{error}");
+}
+
+#[test]
+fn what_nobody_wrote_is_not_read() {
+    let mut plan = Plan::new();
+    let [a, b, c, d] = storage(&mut plan);
+    let first = bounce(&mut plan, [a, a, a, b]).expect("valid");
+    let second = bounce(&mut plan, [b, b, c, d]).expect("valid");
+    let mut cpu = Cpu::new();
+    cpu.load(plan).expect("loads");
+    let unwritten = |result: Result<Vec<_>, ExecutorError>| match result {
+        Err(ExecutorError::Plan(PlanError::NeverWritten { pass, buffer })) => (pass, buffer),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(unwritten(cpu.run()), ("bounce".into(), "buffer 0".into()));
+    cpu.upload_at(a, 0, &[0; 16]).expect("fits");
+    assert_eq!(unwritten(cpu.run()), ("bounce".into(), "buffer 2".into()));
+    cpu.run_passes(&[first]).expect("reads what was uploaded");
+    cpu.upload_at(c, 0, &[0; 16]).expect("fits");
+    cpu.run_passes(&[second]).expect("reads what an earlier run wrote");
+}
+
+#[test]
+fn uploads_that_do_not_fit_are_refused() {
+    let mut plan = Plan::new();
+    let [a] = storage(&mut plan);
+    let scratch = plan.scratch("scratch", 16);
+    let picture = plan.image("picture", ImageFormat::Rgba32Float, 2, 2);
+    let mut cpu = Cpu::new();
+    cpu.load(plan).expect("loads");
+    let refused = |result: Result<(), ExecutorError>| assert!(matches!(result, Err(ExecutorError::Plan(_))), "{result:?}");
+    refused(cpu.upload_at(a, 1, &[0; 1024]));
+    refused(cpu.upload_at(a, u64::MAX, &[0; 2]));
+    refused(cpu.upload_at(scratch, 0, &[0; 16]));
+    refused(cpu.upload_at(picture, 0, &[0; 16]));
+    assert!(cpu.download(scratch).is_err());
+    // Ids of a larger plan.
+    let mut other = Plan::new();
+    let foreign: [BufferId; 9] = storage(&mut other);
+    let foreign_pass = bounce(&mut other, [foreign[0], foreign[1], foreign[2], foreign[3]]).expect("valid");
+    refused(cpu.upload_at(foreign[8], 0, &[]));
+    refused(cpu.set_push(foreign_pass, &[0; 4]));
+    refused(cpu.set_elements(foreign_pass, 1));
+    assert!(cpu.run_passes(&[foreign_pass]).is_err() && cpu.download(foreign[8]).is_err());
+}
+
+#[test]
+fn passes_wait_exactly_where_they_must() {
+    let mut plan = Plan::new();
+    let [a, b, c, d, e] = storage(&mut plan);
+    let passes = [
+        bounce(&mut plan, [a, a, a, b]),
+        // Reads the same, writes another: side by side.
+        bounce(&mut plan, [a, a, a, c]),
+        // Reads what the first wrote.
+        bounce(&mut plan, [b, a, a, d]),
+        // Independent of the third; the barrier before it served the first two.
+        bounce(&mut plan, [c, a, a, e]),
+        // Writes what the fourth reads.
+        bounce(&mut plan, [a, a, a, c]),
+        // Writes what the fifth wrote.
+        bounce(&mut plan, [a, a, a, c]),
+    ]
+    .map(|pass| pass.expect("valid"));
+    let graph = Graph::new(plan);
+    assert_eq!(graph.barriers(&passes), [false, false, true, false, true, true]);
+    assert_eq!(graph.barriers(&passes[3..]), [false, true, true]);
+}
+
+#[test]
+fn disjoint_blocks_of_rows_do_not_wait() {
+    let mut plan = Plan::new();
+    let [factors, exitance, irradiance] = storage(&mut plan);
+    let push = formfactor::GatherParams { rows: 16, vectors: 1, ..Default::default() };
+    let passes = [0, 256, 512].map(|at| {
+        let ranges = [factors.range(at, 256), exitance.into(), irradiance.range(at, 256)];
+        plan.pass("block", &FORMFACTOR_GATHER, &ranges, &push, 16).expect("valid")
+    });
+    assert_eq!(Graph::new(plan).barriers(&passes), [false, false, false]);
+}
+
+#[test]
+fn scratch_buffers_of_separate_lifetimes_share_memory() {
+    let mut plan = Plan::new();
+    let [a, d] = storage(&mut plan);
+    let scratch: [BufferId; 3] = std::array::from_fn(|k| plan.scratch(format!("scratch {k}"), BYTES * (k as u64 + 1)));
+    bounce(&mut plan, [a, a, a, scratch[0]]).expect("valid");
+    bounce(&mut plan, [scratch[0], a, a, scratch[1]]).expect("valid");
+    let third = bounce(&mut plan, [scratch[1], a, a, scratch[2]]).expect("valid");
+    bounce(&mut plan, [scratch[2], a, a, d]).expect("valid");
+    let graph = Graph::new(plan.clone());
+    let slots = scratch.map(|id| graph.slot_of(id));
+    assert!(slots[0] == slots[2] && slots[0] != slots[1], "{slots:?}");
+    assert_eq!(graph.slots()[slots[0]].bytes, 3 * BYTES, "room for the larger one");
+    assert_eq!(graph.slots().len(), 4);
+
+    let mut cpu = Cpu::new();
+    cpu.load(plan).expect("loads");
+    cpu.upload_at(a, 0, bytemuck::cast_slice(&[1.0f32; 256])).expect("fits");
+    cpu.run().expect("runs");
+    let executor: &mut dyn Executor = &mut cpu;
+    let found: Vec<f32> = executor.download_table(d).expect("readable");
+    // E + ρ H with all ones, four times: the first is 2, each of the others adds 1.
+    assert!(found.iter().all(|&v| v == 5.0), "{found:?}");
+    // Scratch ends with the frame.
+    assert!(cpu.run_passes(&[third]).is_err());
+}
+
+#[test]
+fn the_graph_prints() {
+    let mut plan = Plan::new();
+    let [a, b] = storage(&mut plan);
+    let push = CountParams { count: 1 };
+    plan.pass("first \"quoted\"", &FORMFACTOR_BOUNCE, &[a, a, a, b].map(Range::from), &push, 1).expect("valid");
+    let c = plan.storage("c", 16);
+    plan.pass("second", &FORMFACTOR_BOUNCE, &[b.into(), a.into(), a.into(), c.into()], &push, 1).expect("valid");
+    let text = Graph::new(plan).graphviz();
+    for part in ["digraph", "first \\\"quoted\\\"", "b0 -> p0", "p0 -> b1", "b1 -> p1", "barrier", "passes 0 to 1"] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    assert_eq!(text.matches('{').count(), text.matches('}').count());
+}

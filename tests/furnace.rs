@@ -1,0 +1,135 @@
+//! The whole pipeline on scenes whose answer is known, on the CPU and, where there is a device, on Vulkan.
+
+use formfactor::{
+    Hemisphere, PatchSize, Stop, SubdivideSettings, Surfaces, balance, closure_residual, form_factors, jacobi,
+    reciprocity_residual, subdivide,
+};
+use glam::{Vec3, Vec4};
+use integration_tests::vulkan_or_skip;
+use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::import::LoadedScene;
+use runtime::procedural;
+use runtime::progress::Progress;
+use runtime::render::Pictures;
+use runtime::render::classic::{Classic, ClassicSettings, Estimator};
+use scene::math::luminance;
+use std::ops::ControlFlow;
+
+const SIZE: (u32, u32) = (48, 36);
+
+fn settings(patches: usize) -> ClassicSettings {
+    ClassicSettings {
+        patch_count: patches,
+        estimator: Estimator::Hemisphere { rays: 1024 },
+        bounces: None,
+        receiver_edge: None,
+        sub_frames: 8,
+        seed: 3,
+        size: SIZE,
+    }
+}
+
+fn render(loaded: &LoadedScene, executor: Box<dyn Executor>) -> Pictures {
+    let mut progress = Progress::new(true);
+    let mut classic = Classic::bake(loaded, settings(300), executor, &mut progress).unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures
+}
+
+fn cpu() -> Box<dyn Executor> {
+    open(&DeviceChoice::Cpu).unwrap().0
+}
+
+fn mean(picture: &reference::Picture) -> f32 {
+    picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>() / picture.pixels.len() as f32
+}
+
+/// A closed box of uniform emission and albedo: L = Le + ρ/π · Me/(1 − ρ) = Le / (1 − ρ) in every direction.
+fn check_furnace(loaded: &LoadedScene, pictures: &Pictures) -> Result<(), String> {
+    let material = loaded.scene.materials[loaded.scene.triangles[0].material as usize];
+    for channel in 0..3 {
+        let expected = material.radiance[channel] / (1.0 - material.albedo[channel]);
+        let found = pictures.full.pixels.iter().map(|p| p[channel]).sum::<f32>() / pictures.full.pixels.len() as f32;
+        if (found / expected - 1.0).abs() > 0.01 {
+            return Err(format!("channel {channel}: {found} instead of {expected}"));
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn white_furnace() {
+    let loaded = procedural::build("furnace").unwrap();
+    check_furnace(&loaded, &render(&loaded, cpu())).unwrap();
+    if let Some(vulkan) = vulkan_or_skip("the furnace on Vulkan") {
+        check_furnace(&loaded, &render(&loaded, vulkan)).unwrap();
+    }
+    // A slightly darker box must be noticed.
+    let mut darker = procedural::build("furnace").unwrap();
+    for m in &mut darker.scene.materials {
+        m.albedo *= 0.93;
+    }
+    assert!(check_furnace(&loaded, &render(&darker, cpu())).is_err());
+}
+
+#[test]
+fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
+    let loaded = procedural::build("sealed-box").unwrap();
+    let pictures = render(&loaded, cpu());
+    let outside = loaded.scene.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
+    assert!(outside > 0.0);
+    let inside = mean(&pictures.full);
+    assert!(inside < 1e-4 * outside, "inside {inside}, outside {outside}");
+    // With a wall taken away it is not dark.
+    let mut open_box = loaded;
+    let keep: Vec<usize> = (2..open_box.scene.triangles.len()).collect();
+    let parts = scene::SceneParts {
+        triangles: keep.iter().map(|&k| open_box.scene.triangles[k]).collect(),
+        uvs: keep.iter().map(|&k| open_box.scene.uvs[k]).collect(),
+        materials: open_box.scene.materials.clone(),
+        textures: open_box.scene.textures.clone(),
+        texels: open_box.scene.texels.clone(),
+        lights: open_box.scene.lights.clone(),
+        sky: scene::Sky { radiance: Vec3::ONE, ..open_box.scene.sky },
+        sky_map: Vec::new(),
+    };
+    open_box.scene = scene::Scene::new(parts).unwrap();
+    let lit = mean(&render(&open_box, cpu()).full);
+    assert!(lit > 1e-3 * outside, "a box with a hole is as dark: {lit}");
+}
+
+#[test]
+fn operator_keeps_energy_reciprocity_and_closure_in_the_atrium() {
+    let scene = procedural::build("atrium:600").unwrap().scene;
+    let cut = SubdivideSettings { size: PatchSize::Count(900), ..SubdivideSettings::default() };
+    let subdivision = subdivide(&scene, &cut).unwrap();
+    let area = subdivision.areas();
+    let surfaces = Surfaces::of_patches(&scene, &subdivision, &[]);
+    let mut rows =
+        form_factors(&Hemisphere { rays: 512 }, &surfaces, &|_, _| ControlFlow::Continue(())).unwrap();
+    let noisy = reciprocity_residual(&rows.factors, &area);
+    balance(&mut rows.factors, &mut rows.sky_factor, &area, None).unwrap();
+    let (reciprocity, closure) =
+        (reciprocity_residual(&rows.factors, &area), closure_residual(&rows.factors, &rows.sky_factor));
+    println!("reciprocity {noisy:.1e} before, {reciprocity:.1e} after; closure {closure:.1e}");
+    assert!(reciprocity <= 1e-5 && closure <= 1e-5 && noisy > 1e-5);
+
+    let n = area.len();
+    let albedo = vec![Vec4::new(0.7, 0.5, 0.2, 0.0); n];
+    let source: Vec<Vec4> = (0..n).map(|i| Vec4::splat(f32::from(i % 7 == 0))).collect();
+    let light = jacobi(&rows.factors, &source, &albedo, Stop::Tolerance(1e-7)).unwrap();
+    let balance_of = |absorbing: &[Vec4]| {
+        let (mut emitted, mut spent) = (0.0f64, 0.0f64);
+        for i in 0..n {
+            let a = f64::from(area[i]);
+            emitted += a * f64::from(source[i].x);
+            spent += a * f64::from((1.0 - absorbing[i].x) * light.irradiance[i].x);
+            spent += a * f64::from(light.exitance[i].x * rows.sky_factor[i]);
+        }
+        (spent / emitted - 1.0).abs()
+    };
+    let error = balance_of(&albedo);
+    println!("absorbed + escaped differ from emitted by {error:.1e}");
+    assert!(error < 1e-3);
+    assert!(balance_of(&vec![Vec4::splat(0.65); n]) > 1e-3, "a wrong albedo goes unnoticed");
+}
