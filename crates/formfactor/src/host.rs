@@ -15,7 +15,7 @@ mod subdivide;
 pub use balance::{Balance, balance, closure_residual, normalise_rows, reciprocity_residual};
 pub use contour::point_to_polygon;
 pub use estimate::{
-    AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, Proceed, Surfaces, form_factor_blocks,
+    AreaToArea, Contour, Estimator, FactorRows, Hemisphere, Owner, PointToPoint, Proceed, Surfaces, form_factor_blocks,
     form_factors,
 };
 pub use file::{RowFile, RowFileWriter};

@@ -221,7 +221,7 @@ fn sides_nobody_sees_and_dark_insides_have_no_patches() {
     let closed = find_sides(&room(1.0, Quat::IDENTITY, true), SidePolicy::Lit);
     assert!(closed.iter().all(|s| !s.front && !s.back));
     // Adaptive: cells are halved only where the estimate bends.
-    let steep = divisions_for_gradient(&open, &sides, 1.0, 0.01, 0.1, |p| (8.0 * p.position.x).sin()).unwrap();
+    let steep = divisions_for_gradient(&open, &sides, 1.0, 0.01, 0.1, |p| 4.0 * p.position.x * p.position.x).unwrap();
     let flat = divisions_for_gradient(&open, &sides, 1.0, 0.01, 0.1, |_| 1.0).unwrap();
     assert!(steep.iter().zip(&flat).any(|(s, f)| s > f) && flat == divisions_for_area(&open, 1.0).unwrap());
 }
@@ -266,16 +266,15 @@ proptest! {
             let s = factors(scene, 60, 8192);
             let n = s.area.len();
             let total: f32 = s.area.iter().sum();
-            let source: Vec<Vec4> = s.area.iter().map(|a| Vec4::splat(a / total)).collect();
+            let source = vec![Vec4::ONE; n];
             let light = jacobi(&s.rows.factors, &source, &vec![Vec4::splat(0.5); n], Stop::Tolerance(1e-6)).unwrap();
             let sky: f32 = s.rows.sky_factor.iter().zip(&s.area).map(|(f, a)| f * a / total).sum();
             let h: f32 = light.irradiance.iter().zip(&s.area).map(|(h, a)| h.x * a / total).sum();
-            (n, sky, h)
+            (sky, h)
         };
         let plain = row_mean(&room(1.0, Quat::IDENTITY, false));
-        let other = row_mean(&room(10f32.powf(exponent), Quat::from_axis_angle(axis, angle), false));
-        prop_assert_eq!(plain.0, other.0);
-        prop_assert!((plain.1 / other.1 - 1.0).abs() < 1e-2, "sky {} {}", plain.1, other.1);
-        prop_assert!((plain.2 / other.2 - 1.0).abs() < 1e-2, "light {} {}", plain.2, other.2);
+        let other = row_mean(&room(scene::math::pow(10.0, exponent), Quat::from_axis_angle(axis, angle), false));
+        prop_assert!((plain.0 / other.0 - 1.0).abs() < 1e-2, "sky {} {}", plain.0, other.0);
+        prop_assert!((plain.1 / other.1 - 1.0).abs() < 1e-2, "light {} {}", plain.1, other.1);
     }
 }

@@ -22,6 +22,9 @@ use crate::types::{HemisphereParams, Patch};
 /// Whether a long computation goes on: `Break(())` cancels it.
 pub type Proceed = ControlFlow<()>;
 
+/// Finds the patch that owns a hit of a ray in a direction, or [`scene::NONE`].
+pub type Owner<'a> = Box<dyn Fn(&Hit, Vec3) -> u32 + Sync + 'a>;
+
 /// Who exchanges light with whom. Columns are patches; rows are the same patches or any points.
 pub struct Surfaces<'a> {
     /// The senders.
@@ -37,7 +40,7 @@ pub struct Surfaces<'a> {
     /// Who sees whom.
     pub visibility: &'a dyn Visibility,
     /// The patch that owns a hit of a ray in a direction, or [`scene::NONE`].
-    pub owner: Box<dyn Fn(&Hit, Vec3) -> u32 + Sync + 'a>,
+    pub owner: Owner<'a>,
     /// Distance by which rays start above a surface, m.
     pub ray_offset: f32,
     /// Changes every random number.

@@ -96,7 +96,7 @@ impl RowFileWriter {
             self.checksum.update(&bytes);
             self.write(&bytes)?;
             self.written += 1;
-            if self.written % block_rows(self.columns) == 0 || self.written == self.rows {
+            if self.written.is_multiple_of(block_rows(self.columns)) || self.written == self.rows {
                 let sum = std::mem::take(&mut self.checksum).finalize();
                 self.write(&sum.to_le_bytes())?;
             }

@@ -94,10 +94,10 @@ impl Polygon {
         let margin = 1e-7 * (self.centroid - origin).abs().max_element().max(self.radius);
         let mut heights = [0.0; CAPACITY];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for k in 0..self.count {
-            heights[k] = (self.corners[k] - origin).dot(normal);
-            low = low.min(heights[k]);
-            high = high.max(heights[k]);
+        for (height, corner) in heights.iter_mut().zip(self.corners()) {
+            *height = (*corner - origin).dot(normal);
+            low = low.min(*height);
+            high = high.max(*height);
         }
         if high <= margin {
             return None;

@@ -114,24 +114,13 @@ impl Half {
     /// Widened to single precision.
     pub fn to_dense(&self) -> Dense {
         let mut dense = Dense::zeros(self.rows, self.columns);
-        for i in 0..self.rows {
-            self.widen(i, 0, dense.row_mut(i));
-        }
-        dense
-    }
-
-    /// Writes row `i` from the even column `first` on.
-    pub(super) fn widen(&self, i: usize, first: usize, out: &mut [f32]) {
         let width = packed_row_words(self.columns as u32) as usize;
-        let words = &self.words[i * width + first / 2..(i + 1) * width];
-        if cfg!(target_endian = "little") {
-            let halves: &[f16] = bytemuck::cast_slice(words);
-            halves[..out.len()].convert_to_f32_slice(out);
-        } else {
-            for (k, value) in out.iter_mut().enumerate() {
-                *value = f16::from_bits((words[k / 2] >> (16 * (k % 2))) as u16).to_f32();
+        for i in 0..self.rows {
+            for (j, value) in dense.row_mut(i).iter_mut().enumerate() {
+                *value = f16::from_bits((self.words[i * width + j / 2] >> (16 * (j % 2))) as u16).to_f32();
             }
         }
+        dense
     }
 }
 
