@@ -14,9 +14,6 @@ const ROWS: usize = 4;
 /// Rows one task works through: enough to hide the cost of starting it, few enough to keep all cores busy to the end.
 const TASK_ROWS: usize = 8 * ROWS;
 
-/// Columns whose half-precision factors are widened at a time; they stay in the first cache.
-const PANEL: usize = 1024;
-
 /// Something that turns exitance into irradiance: H = F B.
 pub trait Operator: Sync {
     /// Number of receivers.
@@ -39,12 +36,7 @@ impl Planes {
     }
 }
 
-/// Half-precision words to single precision, exact for every finite half.
-struct Widen<'a> {
-    words: &'a [u32],
-    out: &'a mut [f32],
-}
-
+/// The half in the low 16 bits to single precision, exact for every finite half.
 #[inline(always)]
 fn widen(bits: u32) -> f32 {
     let magnitude = (bits & 0x7fff) << 13;
@@ -56,24 +48,82 @@ fn widen(bits: u32) -> f32 {
     f32::from_bits(value | (bits & 0x8000) << 16)
 }
 
-impl WithSimd for Widen<'_> {
-    type Output = ();
+/// As [`widen`] for a vector of words: their upper half by `HIGH`, else the lower.
+#[inline(always)]
+fn widen_simd<S: Simd, const HIGH: bool>(simd: S, words: S::u32s) -> S::f32s {
+    let set = |x: u32| simd.splat_u32s(x);
+    let (bits, sign) = if HIGH {
+        (simd.wrapping_dyn_shr_u32s(words, set(3)), simd.and_u32s(words, set(0x8000_0000)))
+    } else {
+        let sign = simd.wrapping_dyn_shl_u32s(words, set(16));
+        (simd.wrapping_dyn_shl_u32s(words, set(13)), simd.and_u32s(sign, set(0x8000_0000)))
+    };
+    let magnitude = simd.and_u32s(bits, set(0x7fff << 13));
+    let normal = simd.add_u32s(magnitude, set(112 << 23));
+    let shifted = simd.transmute_f32s_u32s(simd.add_u32s(magnitude, set(113 << 23)));
+    let subnormal = simd.sub_f32s(shifted, simd.splat_f32s(f32::from_bits(113 << 23)));
+    let small = simd.less_than_u32s(magnitude, set(1 << 23));
+    let value = simd.select_u32s(small, simd.transmute_u32s_f32s(subnormal), normal);
+    simd.transmute_f32s_u32s(simd.or_u32s(value, sign))
+}
+
+/// Sums of `ROWS` rows of half-precision words; `even` and `odd` hold the exitance of the lower and upper halves' columns.
+struct GatherHalf<'a> {
+    rows: [&'a [u32]; ROWS],
+    even: &'a Planes,
+    odd: &'a Planes,
+}
+
+impl WithSimd for GatherHalf<'_> {
+    type Output = [Vec4; ROWS];
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        // Plain loop: inlined here it is compiled for the widest vectors.
-        for (pair, &word) in self.out.chunks_exact_mut(2).zip(self.words) {
-            pair[0] = widen(word & 0xffff);
-            pair[1] = widen(word >> 16);
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let length = self.rows[0].len();
+        let (e, o) = (&self.even.0, &self.odd.0);
+        let (er, er_tail) = S::as_simd_f32s(&e[0][..length]);
+        let (eg, eg_tail) = S::as_simd_f32s(&e[1][..length]);
+        let (eb, eb_tail) = S::as_simd_f32s(&e[2][..length]);
+        let (or, or_tail) = S::as_simd_f32s(&o[0][..length]);
+        let (og, og_tail) = S::as_simd_f32s(&o[1][..length]);
+        let (ob, ob_tail) = S::as_simd_f32s(&o[2][..length]);
+        let split = |k: usize| S::as_simd_u32s(&self.rows[k][..length]);
+        let ((w0, t0), (w1, t1), (w2, t2), (w3, t3)) = (split(0), split(1), split(2), split(3));
+        let n = er.len();
+        let (eg, eb, or, og, ob) = (&eg[..n], &eb[..n], &or[..n], &og[..n], &ob[..n]);
+        let (w0, w1, w2, w3) = (&w0[..n], &w1[..n], &w2[..n], &w3[..n]);
+        let mut sums = [[simd.splat_f32s(0.0); 3]; ROWS];
+        for k in 0..n {
+            let (even, odd) = ([er[k], eg[k], eb[k]], [or[k], og[k], ob[k]]);
+            let words = [w0[k], w1[k], w2[k], w3[k]];
+            for row in 0..ROWS {
+                let low = widen_simd::<S, false>(simd, words[row]);
+                let high = widen_simd::<S, true>(simd, words[row]);
+                for c in 0..3 {
+                    let sum = simd.mul_add_f32s(low, even[c], sums[row][c]);
+                    sums[row][c] = simd.mul_add_f32s(high, odd[c], sum);
+                }
+            }
         }
+        let (tails, even, odd) = ([t0, t1, t2, t3], [er_tail, eg_tail, eb_tail], [or_tail, og_tail, ob_tail]);
+        let mut out = [Vec4::ZERO; ROWS];
+        for row in 0..ROWS {
+            for c in 0..3 {
+                let mut sum = simd.reduce_sum_f32s(sums[row][c]);
+                for (k, &word) in tails[row].iter().enumerate() {
+                    sum += widen(word & 0xffff) * even[c][k] + widen(word >> 16) * odd[c][k];
+                }
+                out[row][c] = sum;
+            }
+        }
+        out
     }
 }
 
-/// Sums of `ROWS` rows over the columns `start..start + rows[0].len()`.
+/// Sums of `ROWS` rows.
 struct Gather<'a> {
     rows: [&'a [f32]; ROWS],
     planes: &'a Planes,
-    start: usize,
 }
 
 impl WithSimd for Gather<'_> {
@@ -82,7 +132,7 @@ impl WithSimd for Gather<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let length = self.rows[0].len();
-        let plane = |c: usize| S::as_simd_f32s(&self.planes.0[c][self.start..self.start + length]);
+        let plane = |c: usize| S::as_simd_f32s(&self.planes.0[c][..length]);
         let ((r, r_tail), (g, g_tail), (b, b_tail)) = (plane(0), plane(1), plane(2));
         let split = |k: usize| S::as_simd_f32s(&self.rows[k][..length]);
         let ((f0, t0), (f1, t1), (f2, t2), (f3, t3)) = (split(0), split(1), split(2), split(3));
@@ -131,7 +181,7 @@ impl Operator for Dense {
                 let first = task * TASK_ROWS + group * ROWS;
                 // A short last group repeats its last row; its sums are not used.
                 let rows = [0, 1, 2, 3].map(|k: usize| self.row(first + k.min(out.len() - 1)));
-                let sums = arch.dispatch(Gather { rows, planes: &planes, start: 0 });
+                let sums = arch.dispatch(Gather { rows, planes: &planes });
                 out.copy_from_slice(&sums[..out.len()]);
             }
         });
@@ -150,28 +200,23 @@ impl Operator for Half {
 
     fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
         check_shapes(self, exitance, irradiance)?;
-        check_length("words", self.rows * self.columns.div_ceil(2), self.words.len())?;
-        let (planes, arch) = (Planes::new(exitance), Arch::new());
+        let width = self.columns.div_ceil(2);
+        check_length("words", self.rows * width, self.words.len())?;
+        let every_other = |first: usize| {
+            Planes([0, 1, 2].map(|c| {
+                let mut plane: Vec<f32> = exitance.iter().skip(first).step_by(2).map(|b| b[c]).collect();
+                // The unused half at the end of an odd row meets a zero.
+                plane.resize(width, 0.0);
+                plane
+            }))
+        };
+        let (even, odd, arch) = (every_other(0), every_other(1), Arch::new());
         irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
-            let width = self.columns.div_ceil(2);
-            let mut panel = [[0.0f32; PANEL]; ROWS];
             for (group, out) in out.chunks_mut(ROWS).enumerate() {
                 let first = task * TASK_ROWS + group * ROWS;
-                let mut sums = [Vec4::ZERO; ROWS];
-                let mut start = 0;
-                while start < self.columns {
-                    let length = PANEL.min(self.columns - start);
-                    for (k, row) in panel.iter_mut().enumerate().take(out.len()) {
-                        let words = &self.words[(first + k) * width + start / 2..][..length.div_ceil(2)];
-                        arch.dispatch(Widen { words, out: &mut row[..2 * words.len()] });
-                    }
-                    let rows = [0, 1, 2, 3].map(|k: usize| &panel[k][..length]);
-                    let part = arch.dispatch(Gather { rows, planes: &planes, start });
-                    for (sum, part) in sums.iter_mut().zip(part) {
-                        *sum += part;
-                    }
-                    start += length;
-                }
+                let row = |k: usize| (first + k.min(out.len() - 1)) * width;
+                let rows = [0, 1, 2, 3].map(|k| &self.words[row(k)..row(k) + width]);
+                let sums = arch.dispatch(GatherHalf { rows, even: &even, odd: &odd });
                 out.copy_from_slice(&sums[..out.len()]);
             }
         });
