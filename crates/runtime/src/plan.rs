@@ -290,6 +290,21 @@ impl Plan {
         push: &P,
         elements: u32,
     ) -> Result<PassId, PlanError> {
+        self.pass_with_bytes(name, kernel, bindings, bytemuck::bytes_of(push), elements)
+    }
+
+    /// As [`Plan::pass`], with push constants as bytes.
+    ///
+    /// # Errors
+    /// As [`Plan::pass`].
+    pub fn pass_with_bytes(
+        &mut self,
+        name: impl Into<String>,
+        kernel: &'static Kernel,
+        bindings: &[Range],
+        push: &[u8],
+        elements: u32,
+    ) -> Result<PassId, PlanError> {
         let name = name.into();
         if bindings.len() != kernel.bindings.len() {
             return Err(PlanError::BindingCount {
@@ -309,9 +324,8 @@ impl Plan {
                 return Err(PlanError::Overlap { pass: name, buffer: self.buffers[a.buffer.0].name.clone() });
             }
         }
-        let push = bytemuck::bytes_of(push).to_vec();
-        check_push(&name, kernel, &push)?;
-        self.passes.push(Pass { name, kernel, push, elements, bound });
+        check_push(&name, kernel, push)?;
+        self.passes.push(Pass { name, kernel, push: push.to_vec(), elements, bound });
         Ok(PassId(self.passes.len() - 1))
     }
 

@@ -1,0 +1,224 @@
+//! Devices: choice, messages, limits, transfers, clocks. Skipped without Vulkan, but for what must work without.
+
+use gpu_kernels::params::CountParams;
+use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
+use integration_tests::vulkan;
+use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
+use runtime::plan::{BufferId, PassId, Plan};
+use runtime::vulkan::{Error, Validation, Vulkan};
+
+/// `exchange = 1 + 0.5 * 2` for `count` elements, as a plan with its output and its pass.
+fn small_plan(count: u32) -> (Plan, [BufferId; 4], PassId) {
+    let mut plan = Plan::new();
+    let ids = ["source", "albedo", "irradiance", "exitance"].map(|name| plan.storage(name, u64::from(count) * 16));
+    let ranges = ids.map(Into::into);
+    let pass = plan.pass("bounce", &FORMFACTOR_BOUNCE, &ranges, &CountParams { count }, count).expect("a valid pass");
+    (plan, ids, pass)
+}
+
+fn run_small_plan(executor: &mut dyn Executor) {
+    let count = 200_000;
+    let (plan, [source, albedo, irradiance, exitance], _) = small_plan(count);
+    executor.load(plan).expect("the plan loads");
+    for (id, value) in [(source, 1.0f32), (albedo, 0.5), (irradiance, 2.0)] {
+        executor.upload(id, &vec![value; 4 * count as usize]).expect("the upload fits");
+    }
+    let times = executor.run().expect("the plan runs");
+    assert!(times.len() == 1 && times[0].name == "bounce" && times[0].milliseconds > 0.0, "{times:?}");
+    let found: Vec<f32> = executor.download_table(exitance).expect("the download works");
+    assert!(found.iter().all(|&value| value == 2.0));
+}
+
+#[test]
+fn choices_are_read_from_text() {
+    let cases = [
+        ("auto", DeviceChoice::Auto),
+        ("CPU", DeviceChoice::Cpu),
+        ("vulkan", DeviceChoice::Vulkan),
+        ("integrated", DeviceChoice::Kind(DeviceKind::Integrated)),
+        ("1", DeviceChoice::Index(1)),
+        ("GeForce RTX", DeviceChoice::Name("GeForce RTX".into())),
+    ];
+    for (text, choice) in cases {
+        assert_eq!(DeviceChoice::parse(text), choice);
+    }
+}
+
+#[test]
+fn auto_always_finds_something_and_says_when_it_falls_back() {
+    let (mut executor, note) = open(&DeviceChoice::Auto).expect("auto never fails");
+    assert_ne!(executor.device().kind, DeviceKind::EmulatedOnCpu, "native code is faster");
+    assert_eq!(note.is_some(), executor.device().kind == DeviceKind::Native);
+    run_small_plan(executor.as_mut());
+}
+
+#[test]
+fn native_code_is_always_listed() {
+    let (list, note) = devices();
+    assert_eq!(list[0].kind, DeviceKind::Native);
+    assert!(!list[0].name.is_empty());
+    assert!(list.len() > 1 || note.is_some() || vulkan().is_none());
+}
+
+#[test]
+fn a_missing_device_is_answered_with_the_devices_there_are() {
+    let Some(vulkan) = vulkan() else { return };
+    for wanted in ["no such card", "99"] {
+        let error = match Vulkan::open(&DeviceChoice::parse(wanted), Validation::Off) {
+            Err(error) => error,
+            Ok(found) => panic!("{wanted} opened {}", found.device().name),
+        };
+        let text = error.to_string();
+        assert!(text.contains(wanted) && text.contains(&vulkan.device().name), "{text}");
+    }
+}
+
+#[test]
+fn a_device_is_found_by_a_part_of_its_name_and_by_its_number() {
+    let Some(vulkan) = vulkan() else { return };
+    let info = vulkan.device().clone();
+    let part: String = info.name.to_uppercase().chars().take(5).collect();
+    for choice in [DeviceChoice::Name(part), DeviceChoice::Index(info.index.expect("Vulkan devices have numbers"))] {
+        let (mut executor, note) = open(&choice).expect("the device is there");
+        assert_eq!((&executor.device().name, note), (&info.name, None));
+        run_small_plan(executor.as_mut());
+    }
+}
+
+#[test]
+fn nothing_is_said_by_the_validation_layer() {
+    let Some(mut vulkan) = vulkan() else { return };
+    if !vulkan.device().has_validation {
+        println!("skipped: no validation layer");
+        return;
+    }
+    let messages = vulkan.messages();
+    run_small_plan(&mut vulkan);
+    run_small_plan(&mut vulkan);
+    drop(vulkan);
+    // What was not freed is named while the device ends.
+    assert_eq!(messages.take(), Vec::<String>::new());
+}
+
+#[test]
+fn what_the_validation_layer_says_is_an_error() {
+    let Some(mut vulkan) = vulkan() else { return };
+    if !vulkan.device().has_validation {
+        println!("skipped: no validation layer");
+        return;
+    }
+    // A table row that forgets the push constants of its module.
+    let kernel: &'static Kernel = Box::leak(Box::new(Kernel {
+        name: FORMFACTOR_BOUNCE.name,
+        spv: FORMFACTOR_BOUNCE.spv,
+        workgroup: FORMFACTOR_BOUNCE.workgroup,
+        elements_per_group: FORMFACTOR_BOUNCE.elements_per_group,
+        push_bytes: 0,
+        bindings: FORMFACTOR_BOUNCE.bindings,
+        host: FORMFACTOR_BOUNCE.host,
+    }));
+    let mut plan = Plan::new();
+    let ranges = ["a", "b", "c", "d"].map(|name| plan.storage(name, 16).into());
+    plan.pass("bounce", kernel, &ranges, &(), 1).expect("valid as far as a plan can see");
+    let error = vulkan.load(plan).expect_err("the layer sees it");
+    assert!(matches!(error, ExecutorError::Vulkan(Error::Validation { .. })), "{error}");
+}
+
+#[test]
+fn a_buffer_that_does_not_fit_is_named_and_the_device_goes_on() {
+    let (mut native, _) = open(&DeviceChoice::Cpu).expect("native code is always there");
+    let mut plan = Plan::new();
+    plan.storage("operator", 1 << 60);
+    let error = native.load(plan).expect_err("an exabyte does not fit");
+    assert!(matches!(&error, ExecutorError::OutOfMemory { buffer, .. } if buffer == "operator"), "{error}");
+    run_small_plan(native.as_mut());
+
+    let Some(mut vulkan) = vulkan() else { return };
+    let mut plan = Plan::new();
+    plan.storage("operator", 1 << 46);
+    let error = vulkan.load(plan).expect_err("64 TiB do not fit");
+    assert!(matches!(&error, ExecutorError::Vulkan(Error::OutOfMemory { what, .. }) if what == "operator"), "{error}");
+    assert!(error.to_string().contains("choose"), "a remedy: {error}");
+    run_small_plan(&mut vulkan);
+}
+
+#[test]
+fn a_range_beyond_the_limit_is_refused_with_pass_and_buffer() {
+    let Some(mut vulkan) = vulkan() else { return };
+    let limit = vulkan.device().max_storage_buffer_range;
+    let mut plan = Plan::new();
+    let factors = plan.storage("factors", (limit + 256).next_multiple_of(256));
+    let ranges = [factors.into(), plan.storage("exitance", 16).into(), plan.storage("irradiance", 16).into()];
+    let push = formfactor::GatherParams::default();
+    plan.pass("product", &FORMFACTOR_GATHER, &ranges, &push, 1).expect("valid on a larger device");
+    let text = vulkan.load(plan).expect_err("beyond maxStorageBufferRange").to_string();
+    for word in ["product", "factors", "maxStorageBufferRange", "blocks"] {
+        assert!(text.contains(word), "{text}");
+    }
+}
+
+#[test]
+fn bytes_come_back_as_they_went() {
+    let Some(vulkan) = vulkan() else { return };
+    let (native, _) = open(&DeviceChoice::Cpu).expect("native code is always there");
+    // More than one staging buffer, and an odd end.
+    let length = (17 << 20) + 3;
+    let bytes: Vec<u8> = (0..length).map(|k: u32| (k.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let executors: [Box<dyn Executor>; 2] = [native, Box::new(vulkan)];
+    for mut executor in executors {
+        let mut plan = Plan::new();
+        let buffer = plan.storage("bytes", u64::from(length));
+        let fresh = plan.storage("zeros", 1001);
+        let wide = plan.image("wide", ImageFormat::Rgba32Float, 1031, 1001);
+        let half = plan.image("half", ImageFormat::Rgba16Float, 3, 5);
+        let empty = plan.storage("empty", 0);
+        executor.load(plan).expect("the plan loads");
+        assert_eq!(executor.download(fresh).expect("readable"), vec![0; 1001], "new buffers are zeros");
+        assert!(executor.download(wide).expect("readable").iter().all(|&b| b == 0), "new pictures are zeros");
+        executor.upload(buffer, &bytes).expect("fits");
+        let picture = &bytes[..1031 * 1001 * 16];
+        executor.upload(wide, picture).expect("fits");
+        executor.upload(half, &bytes[..120]).expect("fits");
+        executor.upload(empty, &bytes[..0]).expect("fits");
+        // The same bytes twice, the later ones stay.
+        executor.upload_at(buffer, 5, &[1, 2, 3]).expect("fits");
+        executor.upload_at(buffer, 6, &[9]).expect("fits");
+        let found = executor.download(buffer).expect("readable");
+        assert_eq!((&found[..5], &found[5..8]), (&bytes[..5], &[1u8, 9, 3][..]));
+        assert!(found[8..] == bytes[8..], "the rest is unchanged");
+        assert!(executor.download(wide).expect("readable") == picture);
+        assert_eq!(executor.download(half).expect("readable"), &bytes[..120]);
+        assert!(executor.download(empty).expect("readable").is_empty());
+    }
+}
+
+#[test]
+fn the_hosts_clock_serves_where_the_device_has_none() {
+    let Some(mut vulkan) = vulkan() else { return };
+    vulkan.use_host_clock();
+    run_small_plan(&mut vulkan);
+}
+
+#[test]
+fn buffers_stay_from_run_to_run_and_push_constants_change() {
+    let Some(vulkan) = vulkan() else { return };
+    let (native, _) = open(&DeviceChoice::Cpu).expect("native code is always there");
+    let executors: [Box<dyn Executor>; 2] = [native, Box::new(vulkan)];
+    for mut executor in executors {
+        let (plan, [source, albedo, irradiance, exitance], pass) = small_plan(100);
+        executor.load(plan).expect("the plan loads");
+        for (id, value) in [(source, 1.0f32), (albedo, 0.5), (irradiance, 2.0)] {
+            executor.upload(id, &[value; 400]).expect("the upload fits");
+        }
+        executor.run().expect("the plan runs");
+        executor.upload(source, &[3.0f32; 400]).expect("the upload fits");
+        executor.push(pass, &CountParams { count: 10 }).expect("the length is right");
+        executor.set_elements(pass, 10).expect("the pass is known");
+        executor.run().expect("the plan runs");
+        let found: Vec<f32> = executor.download_table(exitance).expect("the download works");
+        assert!(found[..40].iter().all(|&v| v == 4.0) && found[40..].iter().all(|&v| v == 2.0), "{found:?}");
+        executor.push(pass, &CountParams { count: 0 }).expect("the length is right");
+        executor.set_elements(pass, 0).expect("the pass is known");
+        assert_eq!(executor.run_passes(&[pass, pass]).expect("nothing to do is no error").len(), 2);
+    }
+}

@@ -1,0 +1,197 @@
+//! Every kernel of the table on both executors: the same plan, the same inputs, the same results.
+//!
+//! All kernels agree in every bit on lavapipe but those that [`tolerance`] names: the modules carry `NoContraction`, sums
+//! run in one order on both sides, and functions whose GPU form differs are polynomials of our own. A device other than
+//! lavapipe may divide with an error of 2.5 ULP, so there floats are compared with a tolerance.
+
+use std::mem::offset_of;
+
+use formfactor::{GatherParams, HemisphereParams};
+use glam::Vec3;
+use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::table::{Access, BindingKind, KERNELS, Kernel};
+use integration_tests::kernels::{Bytes, Data, Input, inputs};
+use integration_tests::vulkan;
+use runtime::cpu::Cpu;
+use runtime::executor::{DeviceKind, Executor};
+use runtime::plan::{BufferId, Plan, Range};
+use runtime::procedural;
+use scene::sampling::{hash3, unit};
+use scene::{DirectParams, Hit, Ray};
+
+/// Relative tolerance of a kernel's floats, with its reason; `None`: all bits are equal.
+fn tolerance(kernel: &str, is_lavapipe: bool) -> Option<f32> {
+    match kernel {
+        // No float leaves these.
+        "scene_any_hit" | "formfactor_hemisphere_hits" => None,
+        _ if is_lavapipe => None,
+        // Divisions and square roots of other devices: 2.5 ULP each, a few in a row.
+        _ => Some(1e-4),
+    }
+}
+
+/// Runs an input; the contents of every written buffer.
+fn run(executor: &mut dyn Executor, kernel: &'static Kernel, input: &Input) -> Vec<Vec<u32>> {
+    let mut plan = Plan::new();
+    let mut ids: Vec<BufferId> = Vec::new();
+    for (binding, data) in kernel.bindings.iter().zip(&input.bindings) {
+        ids.push(match (data, binding.kind) {
+            (Data::Buffer(bytes), _) => plan.storage(binding.name, bytes.bytes().len() as u64),
+            (Data::Image { width, height, .. }, BindingKind::SampledImage { format }) => {
+                plan.image(binding.name, format, *width, *height)
+            }
+            (Data::Image { .. }, _) => panic!("{}: an image for buffer {}", kernel.name, binding.name),
+        });
+    }
+    let ranges: Vec<Range> = ids.iter().map(|&id| Range::from(id)).collect();
+    let pass = plan.pass_with_bytes(kernel.name, kernel, &ranges, &input.push, input.elements).expect("a valid pass");
+    executor.load(plan).expect("the plan loads");
+    for (id, data) in ids.iter().zip(&input.bindings) {
+        let (Data::Buffer(bytes) | Data::Image { texels: bytes, .. }) = data;
+        executor.upload_at(*id, 0, bytes.bytes()).expect("the upload fits");
+    }
+    executor.run_passes(&[pass]).expect("the pass runs");
+    let written = ids.iter().zip(kernel.bindings).filter(|(_, b)| b.access != Access::Read);
+    written.map(|(id, _)| executor.download_table(*id).expect("the download works")).collect()
+}
+
+/// The first difference, in words.
+fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Option<f32>) -> Option<String> {
+    for (buffer, (a, b)) in ours.iter().zip(theirs).enumerate() {
+        assert_eq!(a.len(), b.len());
+        let scale = a.iter().map(|&w| f32::from_bits(w).abs()).filter(|f| f.is_finite()).fold(0.0, f32::max);
+        for (word, (&x, &y)) in a.iter().zip(b).enumerate() {
+            let (p, q) = (f32::from_bits(x), f32::from_bits(y));
+            let near = tolerance.is_some_and(|t| (p - q).abs() <= t * p.abs().max(1e-3 * scale));
+            if x != y && !near {
+                return Some(format!("output {buffer}, word {word}: {x:#x} ({p}) on the CPU, {y:#x} ({q}) on Vulkan"));
+            }
+        }
+    }
+    None
+}
+
+/// Where the number of elements, or of rows, stands in a kernel's push constants.
+fn count_offset(kernel: &Kernel) -> usize {
+    match kernel.name {
+        "scene_direct_light" => offset_of!(DirectParams, count),
+        "scene_primary" | "scene_shade" => offset_of!(PixelParams, count),
+        "scene_tone_map" => offset_of!(ToneMapParams, count),
+        "formfactor_hemisphere_hits" | "formfactor_hemisphere_row" => offset_of!(HemisphereParams, row_count),
+        name if name.starts_with("formfactor_gather") && name != "formfactor_gather_csr" => {
+            offset_of!(GatherParams, rows)
+        }
+        _ => offset_of!(CountParams, count),
+    }
+}
+
+#[test]
+fn every_kernel_gives_the_same_on_both_executors() {
+    let Some(mut vulkan) = vulkan() else { return };
+    let is_lavapipe = vulkan.device().kind == DeviceKind::EmulatedOnCpu;
+    let mut failures = Vec::new();
+    let inputs = inputs();
+    assert!(inputs.iter().map(|i| i.kernel.name).eq(KERNELS.iter().map(|k| k.name)), "a kernel has no input");
+    for mut input in inputs {
+        let kernel = input.kernel;
+        let tolerance = tolerance(kernel.name, is_lavapipe);
+        let ours = run(&mut Cpu::new(), kernel, &input);
+        if let Some(difference) = difference(&ours, &run(&mut vulkan, kernel, &input), tolerance) {
+            failures.push(format!("{}: {difference}", kernel.name));
+        }
+        // Half the elements: a result that the comparison must refuse.
+        let at = count_offset(kernel);
+        let count = u32::from_le_bytes([input.push[at], input.push[at + 1], input.push[at + 2], input.push[at + 3]]);
+        input.push[at..at + 4].copy_from_slice(&(count / 2).to_le_bytes());
+        let half = run(&mut vulkan, kernel, &input);
+        assert!(difference(&ours, &half, tolerance).is_some(), "{}: a wrong result passes", kernel.name);
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// Rays from everywhere in a scene in all directions, every eighth along an axis, every fourth with an end.
+fn rays(scene: &scene::Scene, count: u32) -> Vec<Ray> {
+    let at = |stream, k| {
+        let number = |axis| unit(hash3(3 * k + axis, stream, 2025));
+        Vec3::new(number(0), number(1), number(2))
+    };
+    let (low, high) = scene.bounds;
+    (0..count)
+        .map(|k| {
+            let axis = [Vec3::X, Vec3::NEG_Y, Vec3::Z][(k / 8 % 3) as usize];
+            let direction = if k % 8 == 0 { axis } else { at(1, k) * 2.0 - 1.0 };
+            let t_max = if k % 4 == 0 { 0.2 * scene.diagonal() } else { scene::kernel::bvh::FAR };
+            Ray { origin: low + at(2, k) * (high - low), t_max, direction, reserved: 0 }
+        })
+        .collect()
+}
+
+#[test]
+fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
+    let Some(mut vulkan) = vulkan() else { return };
+    let scene = procedural::build("atrium:12000").expect("the built-in scene is valid").scene;
+    assert!(scene.triangles.len() >= 10_000);
+    let kernel = &gpu_kernels::table::SCENE_CLOSEST_HIT;
+    let count = 100_000;
+    let buffer = |bytes| Data::Buffer(bytes);
+    let input = Input {
+        kernel,
+        elements: count,
+        push: bytemuck::bytes_of(&CountParams { count }).to_vec(),
+        bindings: vec![
+            buffer(Bytes::of(&rays(&scene, count))),
+            buffer(Bytes::of(&scene.nodes)),
+            buffer(Bytes::of(&scene.triangles)),
+            buffer(Bytes::of(&scene.uvs)),
+            buffer(Bytes::of(&scene.materials)),
+            buffer(Bytes::of(&scene.textures)),
+            buffer(Bytes::of(&scene.texels)),
+            buffer(Bytes::of(&vec![Hit::MISS; count as usize])),
+        ],
+    };
+    let ours = run(&mut Cpu::new(), kernel, &input);
+    let hits = ours[0].iter().step_by(4).filter(|&&triangle| triangle != scene::NONE).count();
+    assert!(hits > 50_000, "only {hits} rays hit anything");
+    let tolerance = tolerance(kernel.name, vulkan.device().kind == DeviceKind::EmulatedOnCpu);
+    assert_eq!(difference(&ours, &run(&mut vulkan, kernel, &input), tolerance), None);
+}
+
+/// A copy of a kernel whose module has another constant.
+fn with_constant(kernel: &Kernel, from: f32, to: f32) -> &'static Kernel {
+    const OP_CONSTANT: u32 = 43;
+    let mut words: Vec<u32> = bytemuck::pod_collect_to_vec(kernel.spv);
+    let (mut at, mut changed) = (5, 0);
+    while at < words.len() {
+        let (length, operation) = ((words[at] >> 16) as usize, words[at] & 0xffff);
+        if operation == OP_CONSTANT && length == 4 && words[at + 3] == from.to_bits() {
+            words[at + 3] = to.to_bits();
+            changed += 1;
+        }
+        at += length;
+    }
+    assert_eq!(changed, 1, "{} has no constant {from}", kernel.name);
+    let words: &'static [u32] = words.leak();
+    Box::leak(Box::new(Kernel {
+        name: kernel.name,
+        spv: bytemuck::cast_slice(words),
+        workgroup: kernel.workgroup,
+        elements_per_group: kernel.elements_per_group,
+        push_bytes: kernel.push_bytes,
+        bindings: kernel.bindings,
+        host: kernel.host,
+    }))
+}
+
+#[test]
+fn a_kernel_with_one_changed_constant_is_caught() {
+    let Some(mut vulkan) = vulkan() else { return };
+    let broken = [("scene_closest_hit", 1.000_001, 0.7), ("scene_tone_map", 12.92, 13.5)];
+    for (name, from, to) in broken {
+        let input = inputs().into_iter().find(|i| i.kernel.name == name).expect("a kernel of this name");
+        let ours = run(&mut Cpu::new(), input.kernel, &input);
+        let same = run(&mut vulkan, with_constant(input.kernel, from, from), &input);
+        assert_eq!(difference(&ours, &same, Some(1e-4)), None, "{name} unchanged");
+        let other = run(&mut vulkan, with_constant(input.kernel, from, to), &input);
+        assert!(difference(&ours, &other, Some(1e-4)).is_some(), "{name} with {to} for {from} is not caught");
+    }
+}
