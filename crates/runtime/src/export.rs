@@ -27,7 +27,8 @@ pub fn write_scene(scene: &LoadedScene, folder: &Path) -> Result<PathBuf, Import
     let mtl = materials(scene, &name, &mut pictures, folder)?;
     if s.sky.map_width > 0 {
         let values: Vec<f32> = s.sky_map.iter().flat_map(|t| [t.x, t.y, t.z]).collect();
-        let map = image::Rgb32FImage::from_raw(s.sky.map_width, s.sky.map_height, values).map(DynamicImage::ImageRgb32F);
+        let map =
+            image::Rgb32FImage::from_raw(s.sky.map_width, s.sky.map_height, values).map(DynamicImage::ImageRgb32F);
         let file = format!("{name}-sky.exr");
         pictures.insert(file.clone(), encode(map, ImageFormat::OpenExr, &folder.join(file))?);
     }
@@ -96,7 +97,8 @@ fn materials(
                 let _ = writeln!(text, "{key} {file}");
             }
         }
-        if let Some(texture) = s.textures.get(material.mask_texture as usize).filter(|_| material.mask_texture != NONE) {
+        if let Some(texture) = s.textures.get(material.mask_texture as usize).filter(|_| material.mask_texture != NONE)
+        {
             let file = format!("{name}-{}-mask.png", material.mask_texture);
             // MTL knows only the threshold ½.
             let picture = mask(texture, &s.texels, 0.5 / material.mask_cutoff.max(1e-6));
@@ -205,7 +207,9 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
 
 fn light_table(light: &Light, v: impl Fn(Vec3) -> String) -> String {
     let (kind, keys) = match light.kind {
-        LIGHT_DIRECTIONAL => ("directional", format!("direction = {}\nirradiance = {}\n", v(light.direction), v(light.color))),
+        LIGHT_DIRECTIONAL => {
+            ("directional", format!("direction = {}\nirradiance = {}\n", v(light.direction), v(light.color)))
+        }
         LIGHT_POINT => ("point", format!("position = {}\nintensity = {}\n", v(light.position), v(light.color))),
         LIGHT_SPOT => {
             let degrees = |cosine: f32| f64::from(cosine).acos().to_degrees() as f32;

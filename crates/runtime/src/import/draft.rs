@@ -185,20 +185,27 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     }
     let mut packed = mesh.packed.take().unwrap_or_else(|| pack(&mesh.materials, options.texel_budget));
     warnings.append(&mut packed.warnings);
-    let materials: Vec<Material> = mesh.materials.iter().zip(&packed.slots).map(|(m, s)| build_material(m, s)).collect();
+    let materials: Vec<Material> =
+        mesh.materials.iter().zip(&packed.slots).map(|(m, s)| build_material(m, s)).collect();
     timings.push(("textures", seconds(start)));
 
     let mut lights = setting.lights;
     lights.extend(mesh.lights.iter().map(|l| Light { position: l.position * setting.metres_per_unit, ..*l }));
     let mut sky = setting.sky;
     let shines = |m: &Material| m.radiance.max_element() > 0.0;
-    let lit = !lights.is_empty() || sky.radiance.max_element() > 0.0 || triangles.iter().any(|t| shines(&materials[t.material as usize]));
+    let lit = !lights.is_empty()
+        || sky.radiance.max_element() > 0.0
+        || triangles.iter().any(|t| shines(&materials[t.material as usize]));
     if !lit && setting.default_light {
         lights.push(super::lights::default_sun());
         sky.radiance = super::lights::DEFAULT_SKY;
-        warnings.push(format!("{}: has no light; a sun and a sky were added (write a scene .toml to choose)", path.display()));
+        warnings.push(format!(
+            "{}: has no light; a sun and a sky were added (write a scene .toml to choose)",
+            path.display()
+        ));
     } else if !lit {
-        warnings.push(format!("{}: nothing shines: no light, no sky, no emission; pictures will be black", path.display()));
+        warnings
+            .push(format!("{}: nothing shines: no light, no sky, no emission; pictures will be black", path.display()));
     }
 
     let parts = SceneParts {
@@ -241,11 +248,8 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
 }
 
 fn build_material(m: &MaterialDraft, slots: &super::pictures::Slots) -> Material {
-    let albedo = if m.albedo_picture.is_some() && slots.albedo == NONE {
-        clamp_albedo(m.albedo_factor * 0.5)
-    } else {
-        m.albedo
-    };
+    let albedo =
+        if m.albedo_picture.is_some() && slots.albedo == NONE { clamp_albedo(m.albedo_factor * 0.5) } else { m.albedo };
     Material {
         albedo,
         albedo_texture: slots.albedo,
@@ -298,7 +302,11 @@ fn clean(
         warnings.push(format!("{}: {} triangle(s) without area were left out", path.display(), dropped.zero_area));
     }
     if dropped.duplicates > 0 {
-        warnings.push(format!("{}: {} triangle(s) equal to another one were left out", path.display(), dropped.duplicates));
+        warnings.push(format!(
+            "{}: {} triangle(s) equal to another one were left out",
+            path.display(),
+            dropped.duplicates
+        ));
     }
     if triangles.is_empty() {
         return Err(ImportError::NoTriangles { path: path.clone() });

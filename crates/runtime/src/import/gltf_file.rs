@@ -63,7 +63,8 @@ fn read_buffers(file: &File, gltf: &Gltf) -> Result<Vec<Vec<u8>>, ImportError> {
 /// Bytes of a data URI or of a file beside this one.
 fn resource(file: &File, place: &str, uri: &str) -> Result<Vec<u8>, ImportError> {
     if let Some(data) = uri.strip_prefix("data:") {
-        let (_, encoded) = data.split_once(";base64,").ok_or_else(|| file.error(place, "its data URI is not base64"))?;
+        let (_, encoded) =
+            data.split_once(";base64,").ok_or_else(|| file.error(place, "its data URI is not base64"))?;
         return STANDARD.decode(encoded).map_err(|e| file.error(place, format!("its data URI is broken: {e}")));
     }
     let path = beside(file.path, &percent_decode(uri));
@@ -73,7 +74,8 @@ fn resource(file: &File, place: &str, uri: &str) -> Result<Vec<u8>, ImportError>
 fn percent_decode(uri: &str) -> String {
     let (bytes, mut out, mut k) = (uri.as_bytes(), Vec::new(), 0);
     while k < bytes.len() {
-        let code = (bytes[k] == b'%').then(|| uri.get(k + 1..k + 3)).flatten().and_then(|h| u8::from_str_radix(h, 16).ok());
+        let code =
+            (bytes[k] == b'%').then(|| uri.get(k + 1..k + 3)).flatten().and_then(|h| u8::from_str_radix(h, 16).ok());
         out.push(code.unwrap_or(bytes[k]));
         k += if code.is_some() { 3 } else { 1 };
     }
@@ -148,12 +150,16 @@ fn add_node(file: &File, node: &Node, to_world: Mat4, rules: &[UvRule], mesh: &m
                 if sound && (0.01..=179.0).contains(&vertical_fov_degrees) {
                     mesh.view = Some(View { eye, target: eye + forward, up, vertical_fov_degrees });
                 } else {
-                    mesh.warnings.push(format!("{}, {}: its camera makes no sense and is ignored", file.path.display(), place()));
+                    mesh.warnings.push(format!(
+                        "{}, {}: its camera makes no sense and is ignored",
+                        file.path.display(),
+                        place()
+                    ));
                 }
             }
-            gltf::camera::Projection::Orthographic(_) => mesh
-                .warnings
-                .push(format!("{}, {}: orthographic cameras are ignored", file.path.display(), place())),
+            gltf::camera::Projection::Orthographic(_) => {
+                mesh.warnings.push(format!("{}, {}: orthographic cameras are ignored", file.path.display(), place()))
+            }
         }
     }
     if let Some(light) = node.light() {
@@ -244,7 +250,8 @@ fn add_primitive(
             at.swap(1, 2);
         }
         if let Some(bad) = at.iter().find(|k| **k as usize >= positions.len()) {
-            let reason = format!("face {}: vertex index {bad} is out of range, there are {}", face + 1, positions.len());
+            let reason =
+                format!("face {}: vertex index {bad} is out of range, there are {}", face + 1, positions.len());
             return Err(file.error(&place, reason));
         }
         let corners = at.map(|k| positions[k as usize]);
@@ -341,10 +348,12 @@ fn read_picture(file: &File, image: &gltf::Image) -> Result<Source, ImportError>
     let name = format!("{}, {place}", file.path.display());
     match image.source() {
         gltf::image::Source::View { view, .. } => {
-            let bytes = file.buffers.get(view.buffer().index()).and_then(|b| {
-                b.get(view.offset()..view.offset().checked_add(view.length())?)
-            });
-            let bytes = bytes.ok_or_else(|| file.error(&place, "its buffer view reaches beyond the buffer (truncated)"))?;
+            let bytes = file
+                .buffers
+                .get(view.buffer().index())
+                .and_then(|b| b.get(view.offset()..view.offset().checked_add(view.length())?));
+            let bytes =
+                bytes.ok_or_else(|| file.error(&place, "its buffer view reaches beyond the buffer (truncated)"))?;
             Ok(Source::Embedded { name, bytes: Arc::new(bytes.to_vec()) })
         }
         gltf::image::Source::Uri { uri, .. } if uri.starts_with("data:") => {

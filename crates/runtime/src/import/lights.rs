@@ -67,7 +67,10 @@ pub fn spot(position: Vec3, direction: Vec3, intensity: Vec3, inner: f32, outer:
         return Err(("inner_degrees", format!("{inner} is not a half-angle; give 0 to 179 degrees")));
     }
     if !(inner..=180.0).contains(&outer) {
-        return Err(("outer_degrees", format!("{outer} is not between inner_degrees ({inner}) and 180; give the wider angle")));
+        return Err((
+            "outer_degrees",
+            format!("{outer} is not between inner_degrees ({inner}) and 180; give the wider angle"),
+        ));
     }
     let cosine = |degrees: f32| f64::from(degrees).to_radians().cos() as f32;
     let (cos_inner, cos_outer) = (cosine(inner), cosine(outer));

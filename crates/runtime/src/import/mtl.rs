@@ -83,7 +83,8 @@ fn canonical(path: &Path, text: &str, warnings: &mut Vec<String>) -> String {
                 None => warn(&format!("\"{line}\" is not a colour of three finite numbers and was left out")),
             },
             "d" | "Tr" => {
-                let value = rest.split_whitespace().last().and_then(|w| w.parse::<f32>().ok()).filter(|x| x.is_finite());
+                let value =
+                    rest.split_whitespace().last().and_then(|w| w.parse::<f32>().ok()).filter(|x| x.is_finite());
                 match value {
                     Some(x) => out.push_str(&format!("d {}\n", if keyword == "d" { x } else { 1.0 - x })),
                     None => warn(&format!("\"{line}\" is not a finite number and was left out")),
@@ -148,7 +149,8 @@ mod tests {
     #[test]
     fn lines_become_complete_or_a_warning_with_their_number() {
         let mut warnings = Vec::new();
-        let text = "Kd 1 1 1\nnewmtl a b\nKd 0.5\nKd 1 2\nKe 1 nan 2\nTr 0.75\nmap_Kd -s 1 2 3 -clamp on my pic.png\nbump x\n";
+        let text =
+            "Kd 1 1 1\nnewmtl a b\nKd 0.5\nKd 1 2\nKe 1 nan 2\nTr 0.75\nmap_Kd -s 1 2 3 -clamp on my pic.png\nbump x\n";
         let out = canonical(Path::new("x.mtl"), text, &mut warnings);
         assert_eq!(out, "newmtl a b\nKd 0.5 0.5 0.5\nd 0.25\nmap_Kd my pic.png\n");
         assert_eq!(warnings.len(), 3, "{warnings:?}");

@@ -68,7 +68,8 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
 
     let start = Instant::now();
     let parse = || {
-        let load_options = tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+        let load_options =
+            tobj::LoadOptions { triangulate: true, ignore_points: true, ignore_lines: true, ..Default::default() };
         let known: Vec<tobj::Material> =
             materials.iter().map(|m| tobj::Material { name: m.name.clone(), ..Default::default() }).collect();
         let names = by_name.iter().map(|(name, k)| (name.clone(), *k)).collect::<std::collections::HashMap<_, _>>();
@@ -95,7 +96,12 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
     if has_unnamed {
         // Its triangles come before any usemtl, or their material is missing.
         let grey = MaterialDraft::new("(none)");
-        packed.slots.push(pictures::Slots { albedo: scene::NONE, radiance: scene::NONE, radiance_scale: 1.0, mask: scene::NONE });
+        packed.slots.push(pictures::Slots {
+            albedo: scene::NONE,
+            radiance: scene::NONE,
+            radiance_scale: 1.0,
+            mask: scene::NONE,
+        });
         materials.push(grey);
     }
     let timings = vec![("check", check_seconds), ("parse and textures", seconds(start))];
@@ -123,7 +129,11 @@ fn gather(models: Vec<tobj::Model>, none: u32) -> (Vec<FileTriangle>, Vec<String
         let has_uvs = m.texcoord_indices.len() == m.indices.len();
         for (corner, face) in m.indices.chunks_exact(3).enumerate() {
             let uv = |k: usize| {
-                if has_uvs { Vec2::from_slice(&m.texcoords[2 * m.texcoord_indices[3 * corner + k] as usize..]) } else { Vec2::ZERO }
+                if has_uvs {
+                    Vec2::from_slice(&m.texcoords[2 * m.texcoord_indices[3 * corner + k] as usize..])
+                } else {
+                    Vec2::ZERO
+                }
             };
             triangles.push(FileTriangle {
                 corners: [position(face[0]), position(face[1]), position(face[2])],
@@ -297,7 +307,9 @@ fn check_face(
             Some(part) => {
                 let vt = index(part).ok_or_else(bad)?;
                 let vt = resolve(vt, uvs).ok_or_else(|| {
-                    place.error(format!("texture index {vt} is out of range, {uvs} texture coordinates come before this line"))
+                    place.error(format!(
+                        "texture index {vt} is out of range, {uvs} texture coordinates come before this line"
+                    ))
                 })?;
                 text.push(b'/');
                 write_index(text, vt);

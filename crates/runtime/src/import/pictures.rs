@@ -447,9 +447,8 @@ fn shares(old: u32, new: u32) -> Vec<(usize, Vec<f32>)> {
             let (start, end) = (f64::from(k) * size, f64::from(k + 1) * size);
             let first = start.floor() as usize;
             let last = ((end - 1e-9).floor() as usize).min(old as usize - 1);
-            let weights = (first..=last)
-                .map(|c| (((c as f64 + 1.0).min(end) - (c as f64).max(start)) / size) as f32)
-                .collect();
+            let weights =
+                (first..=last).map(|c| (((c as f64 + 1.0).min(end) - (c as f64).max(start)) / size) as f32).collect();
             (first, weights)
         })
         .collect()
@@ -461,7 +460,8 @@ pub fn read_sky(path: &Path, budget: usize, warnings: &mut Vec<String>) -> Resul
     let picture = decode(&bytes)?;
     let (mut width, mut height) = (picture.width(), picture.height());
     if !matches!(picture, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
-        warnings.push(format!("sky {}: has no high dynamic range; its sRGB values are used as radiance", path.display()));
+        warnings
+            .push(format!("sky {}: has no high dynamic range; its sRGB values are used as radiance", path.display()));
     }
     if picture.to_rgb32f().as_raw().iter().any(|x| !x.is_finite() || *x < 0.0) {
         warnings.push(format!("sky {}: values that are negative or not finite count as 0", path.display()));

@@ -129,7 +129,11 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
     if let Some(scale) = &table.metres_per_unit {
         setting.metres_per_unit = *scale.as_ref();
         if !(scale.as_ref().is_finite() && *scale.as_ref() > 0.0) {
-            return Err(text.value(scale.span(), "metres_per_unit", "must be a finite number above 0, for example 0.01"));
+            return Err(text.value(
+                scale.span(),
+                "metres_per_unit",
+                "must be a finite number above 0, for example 0.01",
+            ));
         }
     }
     if let Some(stops) = &table.exposure_stops {
@@ -256,7 +260,11 @@ fn read_sky(
 ) -> Result<(), ImportError> {
     let table = sky.as_ref();
     if table.radiance.is_none() && table.map.is_none() {
-        return Err(text.value(sky.span(), "sky", "needs `radiance` (three numbers), `map` (an .hdr or .exr file), or both"));
+        return Err(text.value(
+            sky.span(),
+            "sky",
+            "needs `radiance` (three numbers), `map` (an .hdr or .exr file), or both",
+        ));
     }
     let radiance = table.radiance.map_or(Vec3::ONE, Vec3::from);
     let radiance = lights::check_color("radiance", radiance)
@@ -281,16 +289,23 @@ fn build_track(t: &AnimationTable, lights: &[Light], scale: f32) -> Result<Track
         ("camera", _) => return Err(("property", format!("\"{}\" is not known; give eye or target", t.property))),
         ("light", property) => {
             let Some(light) = lights.get(index) else {
-                return Err(("index", format!("light {index} does not exist; there are {}, counted from 0", lights.len())));
+                return Err((
+                    "index",
+                    format!("light {index} does not exist; there are {}, counted from 0", lights.len()),
+                ));
             };
             match property {
                 "position" if light.kind != LIGHT_DIRECTIONAL => Target::LightPosition(index),
-                "direction" if light.kind <= scene::LIGHT_SPOT && light.kind != LIGHT_POINT => Target::LightDirection(index),
+                "direction" if light.kind <= scene::LIGHT_SPOT && light.kind != LIGHT_POINT => {
+                    Target::LightDirection(index)
+                }
                 "color" => Target::LightColor(index),
                 "position" | "direction" => {
                     return Err(("property", format!("light {index} has no {property}; animate another property")));
                 }
-                _ => return Err(("property", format!("\"{property}\" is not known; give position, direction or color"))),
+                _ => {
+                    return Err(("property", format!("\"{property}\" is not known; give position, direction or color")));
+                }
             }
         }
         (other, _) => return Err(("target", format!("\"{other}\" is not known; give light or camera"))),

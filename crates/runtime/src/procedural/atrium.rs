@@ -11,7 +11,7 @@ use crate::import::pictures::Source;
 use crate::import::{View, lights};
 
 /// Fewest triangles it can be built of.
-pub const LEAST_TRIANGLES: usize = 2500;
+pub const LEAST_TRIANGLES: usize = 3000;
 /// Most triangles it can be built of.
 pub const MOST_TRIANGLES: usize = 300_000;
 
@@ -68,18 +68,20 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
 
 fn assemble(edge: f32) -> Builder {
     let mut b = Builder::default();
-    let textured = |name: &str, source: Source| MaterialDraft { albedo_picture: Some(source), ..MaterialDraft::new(name) };
+    let textured =
+        |name: &str, source: Source| MaterialDraft { albedo_picture: Some(source), ..MaterialDraft::new(name) };
     let m = Materials {
         tiles: b.material(textured("tiles", pattern::tiles())),
         masonry: b.material(textured("masonry", pattern::masonry())),
         plaster: b.material(textured("plaster", pattern::plaster())),
         stone: b.plain("stone", [0.62, 0.57, 0.48]),
         roof: b.plain("roof", [0.45, 0.22, 0.15]),
-        cloth: [("red", [150.0, 26.0, 30.0]), ("green", [34.0, 110.0, 52.0]), ("blue", [34.0, 62.0, 140.0])]
-            .map(|(name, colour)| {
+        cloth: [("red", [150.0, 26.0, 30.0]), ("green", [34.0, 110.0, 52.0]), ("blue", [34.0, 62.0, 140.0])].map(
+            |(name, colour)| {
                 let name = format!("cloth-{name}");
                 b.material(textured(&name, pattern::cloth(&name, colour)))
-            }),
+            },
+        ),
     };
     building(&mut b, &m, edge);
     for side in sides() {
@@ -91,7 +93,10 @@ fn assemble(edge: f32) -> Builder {
     b.object("corner piers");
     for (x, outer_x) in [(X[2], -1.0f32), (X[3], 1.0)] {
         for (z, outer_z) in [(Z[2], -1.0f32), (Z[3], 1.0)] {
-            let (a, c) = (Vec3::new(x + 0.5 * outer_x, 0.0, z + 0.5 * outer_z), Vec3::new(x - 0.24 * outer_x, 8.3, z - 0.24 * outer_z));
+            let (a, c) = (
+                Vec3::new(x + 0.5 * outer_x, 0.0, z + 0.5 * outer_z),
+                Vec3::new(x - 0.24 * outer_x, 8.3, z - 0.24 * outer_z),
+            );
             b.cuboid(m.stone, a.min(c), a.max(c), STANDING);
         }
     }
@@ -99,7 +104,9 @@ fn assemble(edge: f32) -> Builder {
     let (width, length) = (3.0, Z[3] - Z[2] - 0.4);
     let grid = (steps(width, edge).max(3), steps(length, edge).max(10));
     let sag = |t: f32| 0.7 * turn(0.5 * t).0;
-    let at = |s: f32, t: f32| Vec3::new(13.0 + width * s, 7.3 - sag(t) + 0.04 * turn(3.0 * s + t).0, Z[3] - 0.2 - length * t);
+    let at = |s: f32, t: f32| {
+        Vec3::new(13.0 + width * s, 7.3 - sag(t) + 0.04 * turn(3.0 * s + t).0, Z[3] - 0.2 - length * t)
+    };
     b.sheet(m.cloth[0], grid, at, |s, t| Vec2::new(s * width, t * length));
     b
 }
@@ -216,7 +223,8 @@ fn arch(b: &mut Builder, material: u32, side: &Side, (start, end): (f32, f32), (
         let (s, y) = on_arch(share);
         (s, y + (top - y) * t)
     };
-    let strip = |from: f32, to: f32| move |share: f32, t: f32| (from + (to - from) * share, spring + (top - spring) * t);
+    let strip =
+        |from: f32, to: f32| move |share: f32, t: f32| (from + (to - from) * share, spring + (top - spring) * t);
     let place = |p: (f32, f32), depth: f32| side.at(p.0, p.1, depth);
     b.sheet(material, (columns, rows), |s, t| place(above(s, t), front), |s, t| uv(above(s, t)));
     b.sheet(material, (columns, rows), |s, t| place(above(1.0 - s, t), back), |s, t| uv(above(1.0 - s, t)));

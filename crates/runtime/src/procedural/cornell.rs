@@ -30,9 +30,9 @@ const LAMP_GAP: f32 = 0.001;
 /// Builds it. The lamp is a rectangle light, so that it can move.
 pub fn build() -> Result<Built, lights::Fault> {
     let mut b = Builder::default();
-    let materials =
-        [b.plain("white", WHITE), b.plain("red", RED), b.plain("green", GREEN)];
-    let walls = [("floor", FLOOR, 0), ("ceiling", CEILING, 0), ("back", BACK, 0), ("right", RIGHT, 2), ("left", LEFT, 1)];
+    let materials = [b.plain("white", WHITE), b.plain("red", RED), b.plain("green", GREEN)];
+    let walls =
+        [("floor", FLOOR, 0), ("ceiling", CEILING, 0), ("back", BACK, 0), ("right", RIGHT, 2), ("left", LEFT, 1)];
     for (name, quad, material) in walls {
         b.object(name);
         b.plain_quad(materials[material], quad.map(metres));
