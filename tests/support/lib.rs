@@ -1,1 +1,25 @@
 //! Shared by the integration tests: seeded inputs, tolerances, the skip rules.
+
+pub mod kernels;
+
+use runtime::executor::DeviceChoice;
+use runtime::vulkan::{Validation, Vulkan};
+
+/// The best Vulkan device with the validation layer watching, or `None` after saying why; with `REQUIRE_VULKAN=1` a
+/// missing device is a failure. `PATCHLIGHT_VALIDATION=1` makes a missing layer one, too.
+pub fn vulkan() -> Option<Vulkan> {
+    let validation = match Validation::from_environment() {
+        Validation::Off => Validation::IfThere,
+        other => other,
+    };
+    match Vulkan::open(&DeviceChoice::Vulkan, validation) {
+        Ok(vulkan) => Some(vulkan),
+        Err(error) => {
+            let required = std::env::var("REQUIRE_VULKAN").is_ok_and(|value| value == "1");
+            assert!(!required, "REQUIRE_VULKAN is set: {error}");
+            println!("skipped: {error}");
+            None
+        }
+    }
+}
+pub mod spirv;

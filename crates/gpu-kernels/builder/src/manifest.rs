@@ -56,10 +56,13 @@ fn hash(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// First line of the optimiser's own version, without the folder it was built in.
+/// Release of the optimiser: the first two words of what it says of itself, such as `SPIRV-Tools v2023.1`.
 fn optimiser() -> Result<String> {
     let output = Command::new("spirv-opt").arg("--version").output().context("spirv-opt (Debian: spirv-tools)")?;
-    Ok(String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().trim().to_owned())
+    let text = [output.stdout, output.stderr].concat();
+    let text = String::from_utf8_lossy(&text);
+    let words: Vec<&str> = text.split_whitespace().take(2).collect();
+    Ok(words.join(" "))
 }
 
 fn packages(root: &Path) -> Result<BTreeMap<String, String>> {

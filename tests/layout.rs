@@ -1,0 +1,213 @@
+//! Shared structures lie in the compiled modules where the host has them, scalar by scalar.
+
+use bytemuck::{Pod, Zeroable};
+use formfactor::{GatherParams, HemisphereParams, TriangleGrid};
+use glam::{UVec2, Vec2, Vec3, Vec4};
+use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::table::{BindingKind, KERNELS};
+use integration_tests::spirv::Module;
+use scene::{
+    BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
+};
+
+/// A structure as the host has it: offsets of its scalars and its size.
+#[derive(Clone, Debug, PartialEq)]
+struct Layout {
+    offsets: Vec<u32>,
+    size: u32,
+}
+
+/// What a structure is made of.
+trait Scalars {
+    /// Offsets of the scalars of this type, which starts at `base`.
+    fn offsets(base: u32) -> Vec<u32>;
+}
+
+macro_rules! words {
+    ($($type:ty),*) => {$(
+        impl Scalars for $type {
+            fn offsets(base: u32) -> Vec<u32> {
+                (0..size_of::<$type>() as u32 / 4).map(|k| base + 4 * k).collect()
+            }
+        }
+    )*};
+}
+words!(u32, f32, Vec2, Vec3, Vec4, UVec2, [u32; 2], [u32; 3]);
+
+macro_rules! structure {
+    ($type:ty { $($field:ident: $kind:ty),* $(,)? }) => {
+        impl Scalars for $type {
+            fn offsets(base: u32) -> Vec<u32> {
+                // Checked by the compiler: the fields are all there are, and of these types.
+                let check = |v: $type| { let Self { $($field),* } = v; $(let _: $kind = $field;)* };
+                let _ = check;
+                [$(<$kind>::offsets(base + core::mem::offset_of!($type, $field) as u32)),*].concat()
+            }
+        }
+    };
+}
+structure!(Triangle { corner: Vec3, material: u32, edge_a: Vec3, source: u32, edge_b: Vec3, object: u32 });
+structure!(TriangleUv { corner: Vec2, corner_a: Vec2, corner_b: Vec2 });
+structure!(BvhNode { min: Vec3, prim_count: u32, max: Vec3, first_index: u32 });
+structure!(Material {
+    albedo: Vec3,
+    albedo_texture: u32,
+    radiance: Vec3,
+    radiance_texture: u32,
+    mask_texture: u32,
+    mask_cutoff: f32,
+    reserved: [u32; 2],
+});
+structure!(Texture { offset: u32, width: u32, height: u32, levels: u32 });
+structure!(Light {
+    position: Vec3,
+    kind: u32,
+    direction: Vec3,
+    cos_inner: f32,
+    color: Vec3,
+    cos_outer: f32,
+    edge_a: Vec3,
+    area: f32,
+    edge_b: Vec3,
+    reserved: u32,
+});
+structure!(Emitter { triangle: u32, cumulative: f32, probability: f32, area: f32 });
+structure!(Sky { radiance: Vec3, map_width: u32, map_height: u32, reserved: [u32; 3] });
+structure!(Camera {
+    eye: Vec3,
+    width: u32,
+    forward: Vec3,
+    height: u32,
+    right: Vec3,
+    reserved_a: u32,
+    up: Vec3,
+    reserved_b: u32,
+});
+structure!(Ray { origin: Vec3, t_max: f32, direction: Vec3, reserved: u32 });
+structure!(Hit { triangle: u32, u: f32, v: f32, t: f32 });
+structure!(SurfacePoint { position: Vec3, patch: u32, normal: Vec3, weight: f32 });
+structure!(DirectParams {
+    count: u32,
+    light_count: u32,
+    emitter_count: u32,
+    area_rays: u32,
+    sky_rays: u32,
+    seed: u32,
+    ray_offset: f32,
+    first: u32,
+});
+structure!(TriangleGrid { front: u32, back: u32, divisions: u32, reserved: u32 });
+structure!(HemisphereParams {
+    first_row: u32,
+    row_count: u32,
+    rays: u32,
+    patch_count: u32,
+    seed: u32,
+    ray_offset: f32,
+    reserved: [u32; 2],
+});
+structure!(GatherParams { rows: u32, vectors: u32, first_row: u32, reserved: u32 });
+structure!(CountParams { count: u32 });
+structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
+structure!(ToneMapParams { count: u32, scale: f32 });
+
+fn layout<T: Scalars>() -> Layout {
+    Layout { offsets: T::offsets(0), size: size_of::<T>() as u32 }
+}
+
+/// Type of a binding, by its name.
+fn element(kernel: &str, binding: &str) -> Layout {
+    match binding {
+        "rays" => layout::<Ray>(),
+        "nodes" => layout::<BvhNode>(),
+        "triangles" => layout::<Triangle>(),
+        "uvs" => layout::<TriangleUv>(),
+        "materials" => layout::<Material>(),
+        "textures" => layout::<Texture>(),
+        "lights" => layout::<Light>(),
+        "emitters" => layout::<Emitter>(),
+        "sky" => layout::<Sky>(),
+        "hits" => layout::<Hit>(),
+        "points" => layout::<SurfacePoint>(),
+        "grids" => layout::<TriangleGrid>(),
+        "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" => layout::<u32>(),
+        "factors" if kernel == "formfactor_hemisphere_row" => layout::<f32>(),
+        "factors" if kernel == "formfactor_gather_half" => layout::<UVec2>(),
+        "values" if kernel == "formfactor_gather_csr" => layout::<f32>(),
+        "factors" | "values" | "sky_map" | "irradiance" | "direct" | "indirect" | "sum" | "source" | "albedo"
+        | "emission" | "exitance" => layout::<Vec4>(),
+        other => panic!("{kernel}: say the type of the binding {other} here"),
+    }
+}
+
+/// Type of the push constants of a kernel.
+fn push(kernel: &str) -> Layout {
+    match kernel {
+        "scene_direct_light" => layout::<DirectParams>(),
+        "scene_primary" | "scene_shade" => layout::<PixelParams>(),
+        "scene_tone_map" => layout::<ToneMapParams>(),
+        k if k.starts_with("formfactor_hemisphere") => layout::<HemisphereParams>(),
+        "formfactor_gather" | "formfactor_gather_half" | "formfactor_gather_image" | "formfactor_gather_half_image" => {
+            layout::<GatherParams>()
+        }
+        _ => layout::<CountParams>(),
+    }
+}
+
+#[test]
+fn buffers_have_the_hosts_layout() {
+    let mut compared = 0;
+    for kernel in KERNELS {
+        let module = Module::parse(kernel.spv).unwrap();
+        for resource in module.resources() {
+            let row = &kernel.bindings[resource.binding as usize];
+            let BindingKind::Storage { stride } = row.kind else { continue };
+            let expected = element(kernel.name, row.name);
+            let (id, module_stride) = module.buffer_element(resource.pointee).expect("a buffer is an array");
+            let mut found = Layout { offsets: Vec::new(), size: module_stride };
+            module.scalar_offsets(id, 0, &mut found.offsets);
+            assert_eq!(found, expected, "{}: {}", kernel.name, row.name);
+            assert_eq!(stride, expected.size, "{}: {}", kernel.name, row.name);
+            compared += 1;
+        }
+    }
+    let is_buffer = |kind: BindingKind| matches!(kind, BindingKind::Storage { .. });
+    let buffers = KERNELS.iter().flat_map(|k| k.bindings).filter(|b| is_buffer(b.kind)).count();
+    // tests/spv.rs names the two bindings that no module uses.
+    assert_eq!(compared, buffers - 2);
+}
+
+#[test]
+fn push_constants_have_the_hosts_layout() {
+    for kernel in KERNELS {
+        let module = Module::parse(kernel.spv).unwrap();
+        let id = module.push_constants().unwrap_or_else(|| panic!("{}: no push constants", kernel.name));
+        let mut offsets = Vec::new();
+        let end = module.scalar_offsets(id, 0, &mut offsets);
+        let expected = push(kernel.name);
+        assert_eq!(Layout { offsets, size: end }, expected, "{}", kernel.name);
+        assert_eq!(kernel.push_bytes, expected.size, "{}", kernel.name);
+        assert!(kernel.push_bytes <= 128 && kernel.push_bytes % 4 == 0);
+    }
+}
+
+#[test]
+fn a_field_in_another_place_is_noticed() {
+    #[repr(C)]
+    #[derive(Clone, Copy, Pod, Zeroable)]
+    struct Moved {
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        reserved: u32,
+        more: u32,
+    }
+    structure!(Moved { origin: Vec3, direction: Vec3, t_max: f32, reserved: u32, more: u32 });
+    let kernel = KERNELS.iter().find(|k| k.name == "scene_closest_hit").unwrap();
+    let module = Module::parse(kernel.spv).unwrap();
+    let (id, stride) = module.buffer_element(module.resources()[0].pointee).unwrap();
+    let mut offsets = Vec::new();
+    module.scalar_offsets(id, 0, &mut offsets);
+    assert_eq!(Layout { offsets: offsets.clone(), size: stride }, layout::<Ray>());
+    assert_ne!(Layout { offsets, size: stride }, layout::<Moved>());
+}

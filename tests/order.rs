@@ -1,0 +1,236 @@
+//! The order of invocations changes nothing: every entry point is called on the host forward, reversed and shuffled, and
+//! gives the bytes of its host form. Kernels whose workgroups share memory, or that fetch from images, cannot be called
+//! on the host; their host forms run over blocks of rows in different orders, and on one and two threads.
+
+use std::collections::BTreeMap;
+
+use bytemuck::Pod;
+use formfactor::{GatherParams, HemisphereParams};
+use glam::{UVec3, Vec4};
+use gpu_kernels::table::MAX_GROUPS_X;
+use gpu_kernels::{formfactor as ff, scene as sc};
+use integration_tests::kernels::{Bytes, Data, Input, inputs};
+use scene::sampling::hash3;
+use scene::{DirectParams, Hit, SurfacePoint};
+
+/// Which orders are tried.
+fn orders(invocations: u32) -> [(&'static str, Vec<u32>); 3] {
+    let forward: Vec<u32> = (0..invocations).collect();
+    let reversed = forward.iter().rev().copied().collect();
+    let mut shuffled = forward.clone();
+    shuffled.sort_by_key(|k| hash3(*k, 1, 2));
+    [("forward", forward), ("reversed", reversed), ("shuffled", shuffled)]
+}
+
+/// Calls `entry(id, groups, output)` for every invocation of a dispatch that is `width` workgroups wide.
+fn dispatch<T: Pod>(
+    input: &Input,
+    order: &[u32],
+    width: u32,
+    output: usize,
+    mut entry: impl FnMut(UVec3, UVec3, &mut [T]),
+) -> Bytes {
+    let [x, y, _] = input.kernel.groups(input.elements);
+    let height = (x * y).div_ceil(width);
+    let groups = UVec3::new(width, height, 1);
+    let Data::Buffer(bytes) = &input.bindings[output] else { panic!("an image is never written") };
+    let mut bytes = bytes.clone();
+    let row = width * input.kernel.workgroup;
+    for k in order {
+        entry(UVec3::new(k % row, k / row, 0), groups, bytemuck::cast_slice_mut(bytes.bytes_mut()));
+    }
+    bytes
+}
+
+/// Runs an entry point over all its invocations; `None` for those that cannot be called on the host.
+fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Bytes>> {
+    macro_rules! entry {
+        // The output is the last binding.
+        ($function:path, $push:ty, $out:ty, [$($binding:literal),+]) => {{
+            let out = i.bindings.len() - 1;
+            let p: $push = i.push();
+            let bytes = dispatch::<$out>(i, order, width, out, |id, groups, result| {
+                $function(id, groups, &p, $(i.table($binding),)+ result)
+            });
+            [(out, bytes)].into()
+        }};
+    }
+    use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+    Some(match i.kernel.name {
+        "scene_closest_hit" => entry!(sc::closest_hit, CountParams, Hit, [0, 1, 2, 3, 4, 5, 6]),
+        "scene_any_hit" => entry!(sc::any_hit, CountParams, u32, [0, 1, 2, 3, 4, 5, 6]),
+        "scene_direct_light" => entry!(sc::direct_light, DirectParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]),
+        "scene_primary" => {
+            // Two outputs: one call for each.
+            let p: PixelParams = i.push();
+            let (mut hits, mut points) = (i.table::<Hit>(6).to_vec(), i.table::<SurfacePoint>(7).to_vec());
+            let call = |id, groups, hits: &mut [Hit], points: &mut [SurfacePoint]| {
+                let t = (i.table(0), i.table(1), i.table(2), i.table(3), i.table(4), i.table(5));
+                sc::primary(id, groups, &p, t.0, t.1, t.2, t.3, t.4, t.5, hits, points);
+            };
+            let hit_bytes = dispatch::<Hit>(i, order, width, 6, |id, g, result| call(id, g, result, &mut points));
+            let point_bytes =
+                dispatch::<SurfacePoint>(i, order, width, 7, |id, g, result| call(id, g, &mut hits, result));
+            [(6, hit_bytes), (7, point_bytes)].into()
+        }
+        "scene_shade" => entry!(sc::shade, PixelParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]),
+        "scene_tone_map" => entry!(sc::tone_map, ToneMapParams, u32, [0]),
+        "formfactor_hemisphere_hits" => {
+            entry!(ff::hemisphere_hits, HemisphereParams, u32, [0, 1, 2, 3, 4, 5, 6, 7, 8])
+        }
+        "formfactor_hemisphere_row" => entry!(ff::hemisphere_row, HemisphereParams, f32, [0, 1, 2]),
+        "formfactor_assemble_source" => entry!(ff::assemble_source, CountParams, Vec4, [0, 1, 2, 3, 4]),
+        "formfactor_gather_csr" => entry!(ff::gather_csr, CountParams, Vec4, [0, 1, 2, 3]),
+        "formfactor_bounce" => entry!(ff::bounce, CountParams, Vec4, [0, 1, 2]),
+        "formfactor_interpolate" => entry!(ff::interpolate, CountParams, Vec4, [0, 1, 2, 3, 4]),
+        _ => return None,
+    })
+}
+
+#[test]
+fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
+    let mut called = 0;
+    for input in inputs() {
+        let expected = input.run_on_host().unwrap();
+        let [x, y, _] = input.kernel.groups(input.elements);
+        for width in [x * y, 1, 3] {
+            // As many invocations as the workgroups have, some of them beyond the elements.
+            let invocations = (x * y).div_ceil(width) * width * input.kernel.workgroup;
+            for (name, order) in orders(invocations) {
+                let Some(found) = run_entry(&input, &order, width) else { continue };
+                assert!(found == expected, "{} {name}, {width} workgroups wide", input.kernel.name);
+                called += 1;
+            }
+        }
+    }
+    assert_eq!(called, 12 * 9, "an entry point of the table is not called here");
+}
+
+#[test]
+fn an_invocation_that_is_left_out_is_noticed() {
+    for input in inputs() {
+        let [x, y, _] = input.kernel.groups(input.elements);
+        let order: Vec<u32> = (0..x * y * input.kernel.workgroup).filter(|k| *k != 7).collect();
+        let Some(found) = run_entry(&input, &order, x * y) else { continue };
+        assert!(found != input.run_on_host().unwrap(), "{}", input.kernel.name);
+    }
+}
+
+/// The rows of a dense product that start at `first`, as a block of their own.
+fn row_block(input: &Input, first: u32, rows: u32) -> Input {
+    let mut block = input.clone();
+    let p: GatherParams = input.push();
+    let row_bytes = |bytes: &Bytes| bytes.bytes().len() / p.rows as usize;
+    let cut = |bytes: &Bytes| {
+        let stride = row_bytes(bytes);
+        Bytes::of(&bytes.bytes()[first as usize * stride..(first + rows) as usize * stride])
+    };
+    block.bindings[0] = match &input.bindings[0] {
+        Data::Buffer(bytes) => Data::Buffer(cut(bytes)),
+        Data::Image { width, texels, .. } => Data::Image { width: *width, height: rows, texels: cut(texels) },
+    };
+    block.elements = rows;
+    block.push = bytemuck::bytes_of(&GatherParams { rows, first_row: p.first_row + first, ..p }).to_vec();
+    block
+}
+
+#[test]
+fn dense_products_in_blocks_of_rows_give_the_same_in_any_order() {
+    let mut checked = 0;
+    for input in inputs().into_iter().filter(|i| i.push.len() == size_of::<GatherParams>()) {
+        let whole = input.run_on_host().unwrap();
+        let rows = input.push::<GatherParams>().rows;
+        for (name, order) in orders(rows.div_ceil(8)) {
+            let mut result = input.clone();
+            for k in order {
+                let mut block = row_block(&result, 8 * k, 8.min(rows - 8 * k));
+                block.bindings[2] = result.bindings[2].clone();
+                result.bindings[2] = Data::Buffer(block.run_on_host().unwrap().remove(&2).unwrap());
+            }
+            assert!(result.bindings[2] == Data::Buffer(whole[&2].clone()), "{} {name}", input.kernel.name);
+        }
+        // A block that is left out is noticed.
+        let missing = row_block(&input, 8, rows - 8).run_on_host().unwrap();
+        assert!(missing != whole, "{}", input.kernel.name);
+        checked += 1;
+    }
+    assert_eq!(checked, 4);
+}
+
+#[test]
+fn dense_products_agree_with_each_other_and_with_plain_sums() {
+    for input in inputs().into_iter().filter(|i| i.push.len() == size_of::<GatherParams>()) {
+        let (p, name) = (input.push::<GatherParams>(), input.kernel.name);
+        let result = input.run_on_host().unwrap().remove(&2).unwrap();
+        let n = 4 * p.vectors as usize;
+        let exitance: &[Vec4] = input.table(1);
+        let factor = |row: usize, j: usize| {
+            if name.contains("half") {
+                input.table::<half::f16>(0)[row * n + j].to_f64()
+            } else {
+                f64::from(input.table::<f32>(0)[row * n + j])
+            }
+        };
+        for row in 0..p.rows as usize {
+            let found = result.table::<Vec4>()[p.first_row as usize + row];
+            let mut expected = [0.0f64; 3];
+            for j in 0..n {
+                for (c, sum) in expected.iter_mut().enumerate() {
+                    *sum += factor(row, j) * f64::from(exitance[j][c]);
+                }
+            }
+            for (c, expected) in expected.iter().enumerate() {
+                // Positive terms: n roundings at most, in f32.
+                let error = (f64::from(found[c]) - expected).abs() / expected;
+                assert!(error < 3e-5, "{name} row {row}: {} for {expected}", found[c]);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_no_byte() {
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let (one, two) = (pool(1), pool(2));
+    for input in inputs() {
+        let (a, b) = (one.install(|| input.run_on_host().unwrap()), two.install(|| input.run_on_host().unwrap()));
+        assert!(a == b, "{}", input.kernel.name);
+    }
+}
+
+#[test]
+fn wide_dispatches_go_on_in_further_rows_of_workgroups() {
+    let kernel = &gpu_kernels::table::SCENE_CLOSEST_HIT;
+    assert_eq!(kernel.groups(0), [1, 0, 0]);
+    assert_eq!(kernel.groups(1), [1, 1, 1]);
+    assert_eq!(kernel.groups(65), [2, 1, 1]);
+    assert_eq!(kernel.groups(64 * MAX_GROUPS_X), [MAX_GROUPS_X, 1, 1]);
+    let [x, y, z] = kernel.groups(64 * MAX_GROUPS_X + 1);
+    assert!(x <= MAX_GROUPS_X && x * y > MAX_GROUPS_X && z == 1);
+    assert_eq!(gpu_kernels::table::FORMFACTOR_GATHER.groups(9), [3, 1, 1]);
+}
+
+#[test]
+fn calls_that_do_not_suit_the_table_are_refused() {
+    use gpu_kernels::host::HostError;
+    let all = inputs();
+    let input = &all[0];
+    let mut short = input.clone();
+    short.bindings[0] = Data::Buffer(Bytes::of(&[0u8; 32]));
+    assert!(matches!(short.run_on_host(), Err(HostError::TooShort { binding: "rays", needed: 1000, found: 1 })));
+    let mut odd = input.clone();
+    odd.bindings[0] = Data::Buffer(Bytes::of(&[0u8; 33]));
+    assert!(matches!(odd.run_on_host(), Err(HostError::Layout { binding: "rays", .. })));
+    let mut push = input.clone();
+    push.push.pop();
+    assert!(matches!(push.run_on_host(), Err(HostError::PushLength { expected: 4, found: 3, .. })));
+    let mut count = input.clone();
+    count.elements += 1;
+    assert!(matches!(count.run_on_host(), Err(HostError::Elements { .. })));
+    let mut missing = input.clone();
+    missing.bindings.pop();
+    assert!(matches!(missing.run_on_host(), Err(HostError::BindingCount { expected: 8, found: 7, .. })));
+    let mut image = input.clone();
+    image.bindings[0] = Data::Image { width: 1, height: 1, texels: Bytes::of(&[Vec4::ZERO]) };
+    assert!(matches!(image.run_on_host(), Err(HostError::BindingKind { binding: "rays", .. })));
+}

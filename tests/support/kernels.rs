@@ -1,0 +1,458 @@
+//! Seeded inputs for every row of the kernel table: a small scene with everything that a scene may have, and the tables
+//! that the kernels need beside it.
+
+use std::collections::BTreeMap;
+
+use bytemuck::{Pod, Zeroable};
+use formfactor::kernel::grid::{cell_count, vertex_count};
+use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
+use formfactor::{GatherParams, HemisphereParams, TriangleGrid};
+use glam::{Vec2, Vec3, Vec4};
+use gpu_kernels::host::{HostBinding, HostCall, HostError};
+use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::table::{Access, KERNELS, Kernel};
+use scene::kernel::{bvh, camera};
+use scene::sampling::{cosine_hemisphere, hash3, unit};
+use scene::{
+    Camera, DirectParams, Hit, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Material, NONE, Ray,
+    Scene, SceneParts, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
+};
+
+/// Bytes on a 16-byte boundary.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Bytes {
+    words: Vec<u128>,
+    length: usize,
+}
+
+impl Bytes {
+    /// A copy of a table.
+    pub fn of<T: Pod>(table: &[T]) -> Self {
+        let bytes: &[u8] = bytemuck::cast_slice(table);
+        let mut words = vec![0u128; bytes.len().div_ceil(16)];
+        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        Self { words, length: bytes.len() }
+    }
+
+    /// The bytes.
+    pub fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.length]
+    }
+
+    /// The bytes, to be changed.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        &mut bytemuck::cast_slice_mut(&mut self.words)[..self.length]
+    }
+
+    /// The bytes as a table.
+    pub fn table<T: Pod>(&self) -> &[T] {
+        bytemuck::cast_slice(self.bytes())
+    }
+}
+
+/// What is bound at one place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Data {
+    /// A storage buffer.
+    Buffer(Bytes),
+    /// A sampled image.
+    Image {
+        /// Texels of a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// The texels.
+        texels: Bytes,
+    },
+}
+
+/// One dispatch: a kernel with everything it needs.
+#[derive(Clone, Debug)]
+pub struct Input {
+    /// The kernel.
+    pub kernel: &'static Kernel,
+    /// Elements of the dispatch.
+    pub elements: u32,
+    /// Push constants.
+    pub push: Vec<u8>,
+    /// Bindings; what is written holds values that no kernel gives.
+    pub bindings: Vec<Data>,
+}
+
+impl Input {
+    /// A table that is bound.
+    pub fn table<T: Pod>(&self, binding: usize) -> &[T] {
+        match &self.bindings[binding] {
+            Data::Buffer(bytes) | Data::Image { texels: bytes, .. } => bytes.table(),
+        }
+    }
+
+    /// The push constants.
+    pub fn push<P: Pod>(&self) -> P {
+        bytemuck::pod_read_unaligned(&self.push)
+    }
+
+    /// Runs the host form on this input; the written bindings afterwards, by number.
+    ///
+    /// # Errors
+    /// What the kernel says of the call.
+    pub fn run_on_host(&self) -> Result<BTreeMap<usize, Bytes>, HostError> {
+        let mut data = self.bindings.clone();
+        let mut bindings: Vec<HostBinding> = data
+            .iter_mut()
+            .zip(self.kernel.bindings)
+            .map(|(data, row)| match data {
+                Data::Buffer(bytes) => match row.access {
+                    Access::Read => HostBinding::Read(bytes.bytes()),
+                    _ => HostBinding::Write(bytes.bytes_mut()),
+                },
+                Data::Image { width, height, texels } => {
+                    HostBinding::Image { width: *width, height: *height, texels: texels.bytes() }
+                }
+            })
+            .collect();
+        let mut call = HostCall { elements: self.elements, push: &self.push, bindings: &mut bindings };
+        self.kernel.run_on_host(&mut call)?;
+        drop(bindings);
+        Ok(written(self.kernel, data))
+    }
+}
+
+fn written(kernel: &Kernel, data: Vec<Data>) -> BTreeMap<usize, Bytes> {
+    let writes = |k: &usize| kernel.bindings.get(*k).is_some_and(|b| b.access != Access::Read);
+    data.into_iter()
+        .enumerate()
+        .filter(|(k, _)| writes(k))
+        .filter_map(|(k, data)| if let Data::Buffer(bytes) = data { Some((k, bytes)) } else { None })
+        .collect()
+}
+
+/// Seeded numbers.
+struct Random(u32);
+
+impl Random {
+    fn word(&mut self) -> u32 {
+        self.0 += 1;
+        hash3(self.0, 0x7465_7374, 1)
+    }
+    fn below(&mut self, n: u32) -> u32 {
+        self.word() % n
+    }
+    fn unit(&mut self) -> f32 {
+        unit(self.word())
+    }
+    fn vector(&mut self) -> Vec3 {
+        Vec3::new(self.unit(), self.unit(), self.unit())
+    }
+    fn direction(&mut self) -> Vec3 {
+        let side = if self.unit() < 0.5 { Vec3::Y } else { Vec3::NEG_Y };
+        cosine_hemisphere(side, (self.unit(), self.unit())).normalize()
+    }
+    fn color(&mut self) -> Vec4 {
+        self.vector().extend(self.unit())
+    }
+    fn colors(&mut self, n: usize) -> Vec<Vec4> {
+        (0..n).map(|_| self.color()).collect()
+    }
+}
+
+/// A heap of triangles over a floor with textures, holes and emission, all kinds of lights and a sky map.
+pub fn small_scene() -> Scene {
+    let mut r = Random(0);
+    let plain = Material { albedo: Vec3::new(0.7, 0.5, 0.3), ..Material::default() };
+    let materials = vec![
+        plain,
+        Material { albedo_texture: 0, ..plain },
+        Material { albedo_texture: 1, mask_texture: 0, ..plain },
+        Material { radiance: Vec3::new(3.0, 2.0, 1.0), ..plain },
+        Material { radiance: Vec3::splat(5.0), radiance_texture: 1, ..plain },
+    ];
+    let mut triangles = Vec::new();
+    let mut add = |corner: Vec3, edge_a: Vec3, edge_b: Vec3, material: u32| {
+        triangles.push(Triangle { corner, edge_a, edge_b, material, source: triangles.len() as u32, object: 0 });
+    };
+    add(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 3.0, Vec3::X * 3.0, 1);
+    add(Vec3::new(2.0, 0.0, 2.0), Vec3::NEG_Z * 3.0, Vec3::NEG_X * 3.0, 0);
+    for k in 0..200 {
+        let (a, b) = (r.vector() - 0.5, r.vector() - 0.5);
+        add(r.vector() + Vec3::Y * 0.1, a * 0.3, b * 0.3, if k < 6 { 3 + k % 2 } else { k % 3 });
+    }
+    let mut corner = || Vec2::new(3.0 * r.unit() - 1.0, 3.0 * r.unit() - 1.0);
+    let uvs =
+        triangles.iter().map(|_| TriangleUv { corner: corner(), corner_a: corner(), corner_b: corner() }).collect();
+    let textures = vec![
+        Texture { offset: 0, width: 8, height: 4, levels: 4 },
+        Texture { offset: 32 + 8 + 2 + 1, width: 5, height: 7, levels: 3 },
+    ];
+    let texels = (0..2 * (43 + 35 + 6 + 1)).map(|_| r.word()).collect();
+    let base = Light { position: Vec3::new(0.4, 1.6, 0.3), color: Vec3::new(1.0, 2.0, 3.0), ..Light::default() };
+    let down = Vec3::new(0.3, -0.9, 0.1).normalize();
+    let edges = (Vec3::X * 0.5, Vec3::Z * 0.4);
+    let lights = vec![
+        Light { kind: LIGHT_DIRECTIONAL, direction: down, ..base },
+        Light { kind: LIGHT_POINT, ..base },
+        Light { kind: LIGHT_SPOT, direction: down, cos_inner: 0.9, cos_outer: 0.6, ..base },
+        Light { kind: LIGHT_RECT, edge_a: edges.0, edge_b: edges.1, area: edges.0.cross(edges.1).length(), ..base },
+    ];
+    Scene::new(SceneParts {
+        triangles,
+        uvs,
+        materials,
+        textures,
+        texels,
+        lights,
+        sky: Sky { radiance: Vec3::new(0.5, 0.7, 0.9), map_width: 8, map_height: 4, ..Sky::default() },
+        sky_map: r.colors(32),
+    })
+    .expect("the scene of the tests is sound")
+}
+
+/// Grids over the triangles of a scene, `count(divisions)` entries a side, some sides without; and how many entries.
+fn grids(r: &mut Random, scene: &Scene, count: fn(u32) -> u32) -> (Vec<TriangleGrid>, u32) {
+    let mut next = 0;
+    let mut side = |r: &mut Random, divisions: u32| {
+        if r.below(8) == 0 {
+            return NONE;
+        }
+        next += count(divisions);
+        next - count(divisions)
+    };
+    let grids = scene
+        .triangles
+        .iter()
+        .map(|_| {
+            let divisions = 1 + r.below(3);
+            TriangleGrid { front: side(r, divisions), back: side(r, divisions), divisions, reserved: 0 }
+        })
+        .collect();
+    (grids, next)
+}
+
+/// A point on either side of every triangle of the scene.
+fn surface_points(r: &mut Random, scene: &Scene, n: usize) -> Vec<SurfacePoint> {
+    let geometry = scene.geometry();
+    (0..n)
+        .map(|k| {
+            let triangle = (k % scene.triangles.len()) as u32;
+            let side = if r.below(2) == 0 { 1.0 } else { -1.0 };
+            SurfacePoint {
+                position: geometry.position(triangle, 0.4 * r.unit(), 0.5 * r.unit()),
+                patch: k as u32,
+                normal: geometry.normal(triangle) * side,
+                weight: r.unit(),
+            }
+        })
+        .collect()
+}
+
+/// Names of the bindings and their contents.
+type Tables = Vec<(&'static str, Data)>;
+
+fn buffer<T: Pod>(name: &'static str, table: &[T]) -> (&'static str, Data) {
+    (name, Data::Buffer(Bytes::of(table)))
+}
+
+/// Room for `n` results, filled with bytes that no kernel gives.
+fn room<T: Pod + Zeroable>(name: &'static str, n: usize) -> (&'static str, Data) {
+    let mut bytes = Bytes::of(&vec![T::zeroed(); n]);
+    bytes.bytes_mut().fill(0xa5);
+    (name, Data::Buffer(bytes))
+}
+
+/// One input for every kernel of the table, in its order.
+pub fn inputs() -> Vec<Input> {
+    let scene = small_scene();
+    let mut r = Random(10_000);
+    KERNELS
+        .iter()
+        .map(|kernel| {
+            let (elements, push, mut own) = own_tables(&mut r, kernel.name, &scene);
+            own.extend(scene_tables(&scene));
+            let find = |name: &str| {
+                let found = own.iter().find(|(n, _)| *n == name);
+                found.unwrap_or_else(|| panic!("{}: no input for {name}", kernel.name)).1.clone()
+            };
+            Input { kernel, elements, push, bindings: kernel.bindings.iter().map(|b| find(b.name)).collect() }
+        })
+        .collect()
+}
+
+fn scene_tables(scene: &Scene) -> Tables {
+    vec![
+        buffer("nodes", &scene.nodes),
+        buffer("triangles", &scene.triangles),
+        buffer("uvs", &scene.uvs),
+        buffer("materials", &scene.materials),
+        buffer("textures", &scene.textures),
+        buffer("texels", &scene.texels),
+        buffer("lights", &scene.lights),
+        buffer("emitters", &scene.emitters),
+        buffer("sky", &[scene.sky]),
+        buffer("sky_map", &scene.sky_map),
+    ]
+}
+
+/// Elements, push constants and the tables that are not the scene's.
+fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
+    fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables) {
+        (elements, bytemuck::bytes_of(&push).to_vec(), tables)
+    }
+    match name {
+        "scene_closest_hit" | "scene_any_hit" => {
+            let n = 1000;
+            let rays: Vec<Ray> = (0..n)
+                .map(|k| {
+                    let t_max = if k % 3 == 0 { 0.5 } else { bvh::FAR };
+                    Ray { origin: r.vector() * 1.4 - 0.2, t_max, direction: r.direction(), reserved: 0 }
+                })
+                .collect();
+            let tables = vec![buffer("rays", &rays), room::<Hit>("hits", n), room::<u32>("stopped", n)];
+            call(n as u32, CountParams { count: n as u32 }, tables)
+        }
+        "scene_direct_light" => {
+            let points = surface_points(r, scene, 150);
+            let p = DirectParams {
+                count: 150,
+                light_count: scene.lights.len() as u32,
+                emitter_count: scene.emitters.len() as u32,
+                area_rays: 5,
+                sky_rays: 7,
+                seed: 3,
+                ray_offset: scene.ray_offset,
+                first: 11,
+            };
+            call(150, p, vec![buffer("points", &points), room::<Vec4>("irradiance", 150)])
+        }
+        "scene_primary" | "scene_shade" | "formfactor_interpolate" => {
+            let eye = Vec3::new(1.7, 1.2, 1.9);
+            let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 21);
+            let n = 33 * 21;
+            let light_count = scene.lights.len() as u32;
+            let p = PixelParams { camera, count: n as u32, seed: 5, light_count, reserved: 0 };
+            let geometry = scene.geometry();
+            let hits: Vec<Hit> = (0..p.count).map(|k| camera::primary_hit(&geometry, &camera, k, p.seed)).collect();
+            let points: Vec<SurfacePoint> = (0..p.count)
+                .map(|k| {
+                    let direction = camera::primary_direction(&camera, k, p.seed);
+                    camera::surface_point(&geometry, hits[k as usize], direction)
+                })
+                .collect();
+            if name == "scene_primary" {
+                return call(p.count, p, vec![room::<Hit>("hits", n), room::<SurfacePoint>("points", n)]);
+            }
+            let (grids, values) = grids(r, scene, vertex_count);
+            let tables = vec![
+                buffer("hits", &hits),
+                buffer("points", &points),
+                buffer("grids", &grids),
+                buffer("values", &r.colors(values as usize)),
+                buffer("direct", &r.colors(n)),
+                buffer("indirect", &r.colors(n)),
+                buffer("sum", &r.colors(n)),
+                room::<Vec4>("irradiance", n),
+            ];
+            if name == "scene_shade" {
+                call(p.count, p, tables)
+            } else {
+                call(p.count, CountParams { count: p.count }, tables)
+            }
+        }
+        "scene_tone_map" => {
+            let p = ToneMapParams { count: 300, scale: 1.7 };
+            call(300, p, vec![buffer("sum", &r.colors(300)), room::<u32>("pixels", 300)])
+        }
+        "formfactor_hemisphere_hits" | "formfactor_hemisphere_row" => {
+            let (grids, patch_count) = grids(r, scene, cell_count);
+            let mut offsets = vec![0u32];
+            for k in 0..30 {
+                offsets.push(offsets[k] + 1 + r.below(3));
+            }
+            let points = surface_points(r, scene, offsets[30] as usize);
+            let (first_row, row_count, rays) = (2, 23, 17);
+            let p = HemisphereParams {
+                first_row,
+                row_count,
+                rays,
+                patch_count,
+                seed: 9,
+                ray_offset: scene.ray_offset,
+                reserved: [0; 2],
+            };
+            let tables = vec![buffer("offsets", &offsets), buffer("points", &points), buffer("grids", &grids)];
+            let n = row_count * rays;
+            if name.ends_with("hits") {
+                return call(n, p, [tables, vec![room::<u32>("ids", n as usize)]].concat());
+            }
+            let ids: Vec<u32> = (0..n).map(|_| r.below(patch_count + 2)).collect();
+            let factors = room::<f32>("factors", (row_count * (patch_count + 2)) as usize);
+            call(row_count, p, [tables, vec![buffer("ids", &ids), factors]].concat())
+        }
+        "formfactor_assemble_source" => {
+            let mut offsets = vec![0u32];
+            for k in 0..200 {
+                offsets.push(offsets[k] + r.below(4));
+            }
+            let points = surface_points(r, scene, offsets[200] as usize);
+            let tables = vec![
+                buffer("offsets", &offsets),
+                buffer("points", &points),
+                buffer("direct", &r.colors(points.len())),
+                buffer("emission", &r.colors(200)),
+                buffer("albedo", &r.colors(200)),
+                room::<Vec4>("source", 200),
+            ];
+            call(200, CountParams { count: 200 }, tables)
+        }
+        "formfactor_bounce" => {
+            let mut tables: Tables = ["source", "albedo", "irradiance"].map(|n| buffer(n, &r.colors(200))).into();
+            tables.push(room::<Vec4>("exitance", 200));
+            call(200, CountParams { count: 200 }, tables)
+        }
+        "formfactor_gather_csr" => {
+            let mut row_start = vec![0u32];
+            for k in 0..150 {
+                row_start.push(row_start[k] + r.below(12));
+            }
+            let entries = row_start[150] as usize;
+            let columns: Vec<u32> = (0..entries).map(|_| r.below(90)).collect();
+            let values: Vec<f32> = (0..entries).map(|_| r.unit()).collect();
+            let tables = vec![
+                buffer("row_start", &row_start),
+                buffer("columns", &columns),
+                buffer("values", &values),
+                buffer("exitance", &r.colors(90)),
+                room::<Vec4>("irradiance", 150),
+            ];
+            call(150, CountParams { count: 150 }, tables)
+        }
+        "formfactor_gather" | "formfactor_gather_half" | "formfactor_gather_image" | "formfactor_gather_half_image" => {
+            // More senders than a row of the vector's image has texels.
+            let (rows, senders) = (71u32, if name.ends_with("image") { 4999usize } else { 1031 });
+            let vectors = senders.div_ceil(4) as u32;
+            let p = GatherParams { rows, vectors, first_row: 3, reserved: 0 };
+            // A row as it is stored: what is beyond the senders is 0.
+            let mut factors = vec![0.0f32; (4 * rows * vectors) as usize];
+            for row in factors.chunks_mut(4 * vectors as usize) {
+                row[..senders].fill_with(|| r.unit() / senders as f32);
+            }
+            let halves: Vec<half::f16> = factors.iter().map(|f| half::f16::from_f32(*f)).collect();
+            let mut exitance = r.colors(4 * vectors as usize);
+            exitance[senders..].fill(Vec4::ZERO);
+            let image = |width, height, texels| Data::Image { width, height, texels };
+            let bytes = if name.contains("half") { Bytes::of(&halves) } else { Bytes::of(&factors) };
+            let tables = if name.ends_with("image") {
+                let columns = VECTOR_IMAGE_WIDTH as usize;
+                exitance.resize(exitance.len().div_ceil(columns) * columns, Vec4::ZERO);
+                let height = (exitance.len() / columns) as u32;
+                vec![
+                    ("factors", image(vectors, rows, bytes)),
+                    ("exitance", image(VECTOR_IMAGE_WIDTH, height, Bytes::of(&exitance))),
+                ]
+            } else {
+                vec![("factors", Data::Buffer(bytes)), buffer("exitance", &exitance)]
+            };
+            call(rows, p, [tables, vec![room::<Vec4>("irradiance", rows as usize + 3)]].concat())
+        }
+        other => panic!("the kernel {other} has no input here: add one"),
+    }
+}
