@@ -98,7 +98,7 @@ fn the_cornell_box_has_relative_indices_quads_and_a_lamp() {
 }
 
 #[test]
-fn masks_of_sponza_let_rays_through() {
+fn three_materials_of_sponza_have_masks() {
     let Some(path) = shared("sponza/sponza.toml") else { return };
     let scene = load(&path).unwrap_or_else(|e| panic!("{e}"));
     let masked: Vec<&str> = (0..scene.materials.len())

@@ -433,3 +433,29 @@ fn hash_view(before: [u8; 32], view: &View, stops: f32) -> [u8; 32] {
     }
     digest.finalize().into()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mesh_that_indices_cannot_count_is_refused_before_it_is_built() {
+        let path = Path::new("huge.obj");
+        assert!(check_count(path, TRIANGLE_LIMIT, TRIANGLE_LIMIT).is_ok());
+        let message = check_count(path, TRIANGLE_LIMIT + 1, TRIANGLE_LIMIT).map_err(|e| e.to_string()).unwrap_err();
+        assert!(
+            message.contains("huge.obj") && message.contains("268435457") && message.contains("simplify"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn equal_triangles_share_a_key_whatever_their_first_corner_but_not_across_windings() {
+        let triangle = |corners| FileTriangle { corners, uvs: [Vec2::ZERO; 3], material: 0, object: 0 };
+        let (a, b, c) = (Vec3::ZERO, Vec3::X, Vec3::Y);
+        let key = corner_key(&triangle([a, b, c]));
+        assert_eq!(key, corner_key(&triangle([c, a, b])));
+        assert_eq!(key, corner_key(&triangle([-a, b, c])));
+        assert_ne!(key, corner_key(&triangle([b, a, c])));
+    }
+}

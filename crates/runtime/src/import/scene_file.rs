@@ -304,7 +304,10 @@ fn build_track(t: &AnimationTable, lights: &[Light], scale: f32) -> Result<Track
                     return Err(("property", format!("light {index} has no {property}; animate another property")));
                 }
                 _ => {
-                    return Err(("property", format!("\"{property}\" is not known; give position, direction or color")));
+                    return Err((
+                        "property",
+                        format!("\"{property}\" is not known; give position, direction or color"),
+                    ));
                 }
             }
         }
