@@ -1,8 +1,8 @@
 //! Every kernel of the table on both executors: the same plan, the same inputs, the same results.
 //!
-//! All kernels agree in every bit on lavapipe but those that [`tolerance`] names: the modules carry `NoContraction`, sums
-//! run in one order on both sides, and functions whose GPU form differs are polynomials of our own. A device other than
-//! lavapipe may divide with an error of 2.5 ULP, so there floats are compared with a tolerance.
+//! All kernels agree in every bit on lavapipe: the modules carry `NoContraction`, sums run in one order on both sides, and
+//! functions whose GPU form differs are polynomials of our own. Other devices may divide with an error of 2.5 ULP and
+//! flush subnormal numbers, so there results are compared with the tolerances of [`tolerance`].
 
 use std::mem::offset_of;
 
@@ -19,14 +19,30 @@ use runtime::procedural;
 use scene::sampling::{hash3, unit};
 use scene::{DirectParams, Hit, Ray};
 
-/// Relative tolerance of a kernel's floats, with its reason; `None`: all bits are equal.
-fn tolerance(kernel: &str, is_lavapipe: bool) -> Option<f32> {
+/// How far a kernel's results may be apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Tolerance {
+    /// All bits are equal.
+    Bits,
+    /// Floats to this relative error, and this share of the words without limit.
+    Floats { relative: f32, outliers: f64 },
+    /// Each byte to one step.
+    Bytes,
+}
+
+/// The tolerance of a kernel, with its reason.
+fn tolerance(kernel: &str, kind: DeviceKind) -> Tolerance {
+    if kind == DeviceKind::EmulatedOnCpu {
+        return Tolerance::Bits;
+    }
     match kernel {
-        // No float leaves these.
-        "scene_any_hit" | "formfactor_hemisphere_hits" => None,
-        _ if is_lavapipe => None,
-        // Divisions and square roots of other devices: 2.5 ULP each, a few in a row.
-        _ => Some(1e-4),
+        "scene_tone_map" => Tolerance::Bytes,
+        // A ray that grazes an edge may fall on its other side.
+        name if name.starts_with("scene_") || name == "formfactor_hemisphere_hits" => {
+            Tolerance::Floats { relative: 1e-4, outliers: 0.01 }
+        }
+        // Divisions of 2.5 ULP, sums in the same order.
+        _ => Tolerance::Floats { relative: 1e-5, outliers: 0.0 },
     }
 }
 
@@ -55,17 +71,33 @@ fn run(executor: &mut dyn Executor, kernel: &'static Kernel, input: &Input) -> V
     written.map(|(id, _)| executor.download_table(*id).expect("the download works")).collect()
 }
 
-/// The first difference, in words.
-fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Option<f32>) -> Option<String> {
+/// The first of the differences beyond a tolerance, in words, or `None`.
+fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Tolerance) -> Option<String> {
     for (buffer, (a, b)) in ours.iter().zip(theirs).enumerate() {
         assert_eq!(a.len(), b.len());
         let scale = a.iter().map(|&w| f32::from_bits(w).abs()).filter(|f| f.is_finite()).fold(0.0, f32::max);
-        for (word, (&x, &y)) in a.iter().zip(b).enumerate() {
-            let (p, q) = (f32::from_bits(x), f32::from_bits(y));
-            let near = tolerance.is_some_and(|t| (p - q).abs() <= t * p.abs().max(1e-3 * scale));
-            if x != y && !near {
-                return Some(format!("output {buffer}, word {word}: {x:#x} ({p}) on the CPU, {y:#x} ({q}) on Vulkan"));
+        let near = |x: u32, y: u32| match tolerance {
+            Tolerance::Bits => x == y,
+            Tolerance::Bytes => x.to_le_bytes().iter().zip(y.to_le_bytes()).all(|(p, q)| p.abs_diff(q) <= 1),
+            Tolerance::Floats { relative, .. } => {
+                let (p, q) = (f32::from_bits(x), f32::from_bits(y));
+                x == y || (p - q).abs() <= relative * p.abs().max(1e-3 * scale)
             }
+        };
+        let allowed = match tolerance {
+            Tolerance::Floats { outliers, .. } => (outliers * a.len() as f64) as usize,
+            _ => 0,
+        };
+        let apart: Vec<usize> = (0..a.len()).filter(|&k| !near(a[k], b[k])).collect();
+        if apart.len() > allowed {
+            let k = apart[0];
+            let (p, q) = (f32::from_bits(a[k]), f32::from_bits(b[k]));
+            let (count, all) = (apart.len(), a.len());
+            return Some(format!(
+                "output {buffer}: {count} of {all} words differ, first word {k}: {:#x} ({p}) on the CPU, {:#x} ({q}) on \
+                 Vulkan",
+                a[k], b[k]
+            ));
         }
     }
     None
@@ -88,13 +120,13 @@ fn count_offset(kernel: &Kernel) -> usize {
 #[test]
 fn every_kernel_gives_the_same_on_both_executors() {
     let Some(mut vulkan) = vulkan() else { return };
-    let is_lavapipe = vulkan.device().kind == DeviceKind::EmulatedOnCpu;
+    let kind = vulkan.device().kind;
     let mut failures = Vec::new();
     let inputs = inputs();
     assert!(inputs.iter().map(|i| i.kernel.name).eq(KERNELS.iter().map(|k| k.name)), "a kernel has no input");
     for mut input in inputs {
         let kernel = input.kernel;
-        let tolerance = tolerance(kernel.name, is_lavapipe);
+        let tolerance = tolerance(kernel.name, kind);
         let ours = run(&mut Cpu::new(), kernel, &input);
         if let Some(difference) = difference(&ours, &run(&mut vulkan, kernel, &input), tolerance) {
             failures.push(format!("{}: {difference}", kernel.name));
@@ -152,7 +184,7 @@ fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
     let ours = run(&mut Cpu::new(), kernel, &input);
     let hits = ours[0].iter().step_by(4).filter(|&&triangle| triangle != scene::NONE).count();
     assert!(hits > 50_000, "only {hits} rays hit anything");
-    let tolerance = tolerance(kernel.name, vulkan.device().kind == DeviceKind::EmulatedOnCpu);
+    let tolerance = tolerance(kernel.name, vulkan.device().kind);
     assert_eq!(difference(&ours, &run(&mut vulkan, kernel, &input), tolerance), None);
 }
 
@@ -171,27 +203,27 @@ fn with_constant(kernel: &Kernel, from: f32, to: f32) -> &'static Kernel {
     }
     assert_eq!(changed, 1, "{} has no constant {from}", kernel.name);
     let words: &'static [u32] = words.leak();
-    Box::leak(Box::new(Kernel {
-        name: kernel.name,
-        spv: bytemuck::cast_slice(words),
-        workgroup: kernel.workgroup,
-        elements_per_group: kernel.elements_per_group,
-        push_bytes: kernel.push_bytes,
-        bindings: kernel.bindings,
-        host: kernel.host,
-    }))
+    let mut copy = *kernel;
+    copy.spv = bytemuck::cast_slice(words);
+    Box::leak(Box::new(copy))
 }
 
 #[test]
 fn a_kernel_with_one_changed_constant_is_caught() {
     let Some(mut vulkan) = vulkan() else { return };
-    let broken = [("scene_closest_hit", 1.000_001, 0.7), ("scene_tone_map", 12.92, 13.5)];
+    let broken = [
+        ("scene_closest_hit", 1.000_001, 0.7),
+        ("scene_tone_map", 1.055, 1.065),
+        ("formfactor_hemisphere_hits", 1e-4, 0.5),
+    ];
+    let kind = vulkan.device().kind;
     for (name, from, to) in broken {
         let input = inputs().into_iter().find(|i| i.kernel.name == name).expect("a kernel of this name");
+        let tolerance = tolerance(name, kind);
         let ours = run(&mut Cpu::new(), input.kernel, &input);
         let same = run(&mut vulkan, with_constant(input.kernel, from, from), &input);
-        assert_eq!(difference(&ours, &same, Some(1e-4)), None, "{name} unchanged");
+        assert_eq!(difference(&ours, &same, tolerance), None, "{name} unchanged");
         let other = run(&mut vulkan, with_constant(input.kernel, from, to), &input);
-        assert!(difference(&ours, &other, Some(1e-4)).is_some(), "{name} with {to} for {from} is not caught");
+        assert!(difference(&ours, &other, tolerance).is_some(), "{name} with {to} for {from} is not caught");
     }
 }

@@ -58,7 +58,7 @@ pub struct Binding {
 }
 
 /// A kernel: everything an executor needs to run it.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Kernel {
     /// Name of the kernel, of its module (`<name>.spv`) and of the entry point in it: `<crate>_<function>`.
     pub name: &'static str,

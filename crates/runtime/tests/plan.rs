@@ -35,7 +35,9 @@ fn wrong_bindings_are_refused_with_pass_and_buffer() {
     assert!(matches!(&error, PlanError::Length { buffer, stride: 16, .. } if buffer == "odd"), "{error}");
     let error = attempt(&[picture.into(), ranges[1], ranges[2], ranges[3]], push).expect_err("a picture");
     assert!(matches!(&error, PlanError::BindingKind { buffer, .. } if buffer == "picture"), "{error}");
-    for range in [a.range(256, BYTES), a.range(16, 16), a.range(0, 0), a.range(u64::MAX - 255, 16), a.range(1 << 40, 16)] {
+    for range in
+        [a.range(256, BYTES), a.range(16, 16), a.range(0, 0), a.range(u64::MAX - 255, 16), a.range(1 << 40, 16)]
+    {
         let error = attempt(&[range, ranges[1], ranges[2], ranges[3]], push).expect_err("not in the buffer");
         assert!(matches!(error, PlanError::Range { .. }), "{error}");
     }
@@ -88,7 +90,8 @@ fn uploads_that_do_not_fit_are_refused() {
     let picture = plan.image("picture", ImageFormat::Rgba32Float, 2, 2);
     let mut cpu = Cpu::new();
     cpu.load(plan).expect("loads");
-    let refused = |result: Result<(), ExecutorError>| assert!(matches!(result, Err(ExecutorError::Plan(_))), "{result:?}");
+    let refused =
+        |result: Result<(), ExecutorError>| assert!(matches!(result, Err(ExecutorError::Plan(_))), "{result:?}");
     refused(cpu.upload_at(a, 1, &[0; 1024]));
     refused(cpu.upload_at(a, u64::MAX, &[0; 2]));
     refused(cpu.upload_at(scratch, 0, &[0; 16]));
