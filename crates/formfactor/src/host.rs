@@ -20,7 +20,7 @@ pub use estimate::{
 };
 pub use file::{RowFile, RowFileWriter};
 pub use polygon::Polygon;
-pub use product::Operator;
+pub use product::{Operator, widen_half};
 pub use sides::{SidePolicy, Sides, find_sides};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
 pub use storage::{Csr, Dense, Half};

@@ -2,7 +2,7 @@
 
 use glam::{UVec2, Vec4};
 
-/// Four half-precision numbers in two words, lower half first. Exact, for subnormals too.
+/// Four half-precision numbers in two words, lower half first. Exact for finite numbers, subnormals too.
 #[cfg(target_arch = "spirv")]
 #[inline]
 pub fn unpack_half4(words: UVec2) -> Vec4 {
@@ -10,10 +10,10 @@ pub fn unpack_half4(words: UVec2) -> Vec4 {
     Vec4::new(low.x, low.y, high.x, high.y)
 }
 
-/// Four half-precision numbers in two words, lower half first. Exact, for subnormals too.
+/// Four half-precision numbers in two words, lower half first. Exact for finite numbers, subnormals too.
 #[cfg(all(not(target_arch = "spirv"), feature = "std"))]
 #[inline]
 pub fn unpack_half4(words: UVec2) -> Vec4 {
-    let number = |bits: u32| ::half::f16::from_bits(bits as u16).to_f32();
-    Vec4::new(number(words.x), number(words.x >> 16), number(words.y), number(words.y >> 16))
+    use ::formfactor::widen_half;
+    Vec4::new(widen_half(words.x), widen_half(words.x >> 16), widen_half(words.y), widen_half(words.y >> 16))
 }

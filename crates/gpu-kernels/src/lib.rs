@@ -1,4 +1,59 @@
-//! SPIR-V entry points of all methods, their compiled modules, and the table that describes them.
+//! SPIR-V entry points of all methods, their compiled modules, and the table that describes them to executors.
+//!
+//! The arithmetic is in the bodies of `scene::kernel` and `formfactor::kernel`. Here each gets an entry point (bindings,
+//! range check, one call), a module `spv/<crate>_<kernel>.spv`, and a row of [`table::KERNELS`] with its host form
+//! ([`host`]), which runs the same body over all elements on all cores. Results agree in all bits on the devices that we
+//! know, because the modules forbid contraction and take their maths from polynomials of our own.
+//!
+//! # Conventions
+//!
+//! - Descriptor set 0; a binding's number is its place in [`table::Kernel::bindings`]. Buffers need one element at least, and
+//!   a written buffer is bound once. Push constants are plain structures: [`params`], and the `Params` of the method crates.
+//! - A dispatch covers a number of *elements* (rays, points, pixels, rows …), the same as in the push constants;
+//!   [`table::Kernel::groups`] turns it into workgroups. They have 64 invocations in x. Beyond 65,535 workgroups a dispatch
+//!   goes on in y: element = x + y · (64 · groups in x).
+//! - Dense products take four rows together, rows of whole vectors of four factors (zeros beyond the senders), and
+//!   `4 · vectors` finite entries of B. A matrix beyond `maxStorageBufferRange` is bound in blocks of rows:
+//!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four rows
+//!   among a workgroup, with coalesced loads; `_image` and `_half_image` gather four rows in one invocation from texels,
+//!   which is faster on software Vulkan.
+//!
+//! ```
+//! use glam::Vec4;
+//! use gpu_kernels::host::{HostBinding, HostCall};
+//! use gpu_kernels::params::CountParams;
+//! use gpu_kernels::table::FORMFACTOR_BOUNCE;
+//!
+//! // B = E + ρ∘H for one patch.
+//! let (source, albedo, irradiance) = ([Vec4::splat(1.0)], [Vec4::splat(0.5)], [Vec4::splat(4.0)]);
+//! let mut exitance = [Vec4::ZERO];
+//! let mut bindings = [
+//!     HostBinding::Read(bytemuck::cast_slice(&source)),
+//!     HostBinding::Read(bytemuck::cast_slice(&albedo)),
+//!     HostBinding::Read(bytemuck::cast_slice(&irradiance)),
+//!     HostBinding::Write(bytemuck::cast_slice_mut(&mut exitance)),
+//! ];
+//! let push = CountParams { count: 1 };
+//! let mut call = HostCall { elements: 1, push: bytemuck::bytes_of(&push), bindings: &mut bindings };
+//! FORMFACTOR_BOUNCE.run_on_host(&mut call)?;
+//! assert_eq!(exitance[0], Vec4::splat(3.0));
+//! # Ok::<(), gpu_kernels::host::HostError>(())
+//! ```
+//!
+//! # Rebuilding the modules
+//!
+//! `just spv` runs `builder/`, a workspace of its own on stable Rust. It needs `spirv-opt` and `spirv-val` (Debian:
+//! spirv-tools) and either the toolchain that `../shared/rust-gpu/install` installs, or the public one:
+//!
+//! ```text
+//! rustup toolchain install nightly-2026-04-11 -c rust-src,rustc-dev,llvm-tools
+//! cd crates/gpu-kernels/builder && cargo +nightly-2026-04-11 run --release --features public-toolchain
+//! ```
+//!
+//! Modules are compiled without optimisation, every float operation is decorated `NoContraction`, then `spirv-opt
+//! --strip-debug -O` runs. `spv/manifest.toml` holds the versions and the hashes of all sources and modules; `tests/spv.rs`
+//! compares them, and `builder -- --check` rebuilds and compares the bytes. The warnings that an entry point "has been
+//! inlined" are harmless: without `inline(never)` an entry point that calls nothing would not be compiled at all.
 #![no_std]
 #[cfg(feature = "std")]
 extern crate std;

@@ -38,7 +38,7 @@ impl Planes {
 
 /// The half in the low 16 bits to single precision, exact for every finite half.
 #[inline(always)]
-fn widen(bits: u32) -> f32 {
+pub fn widen_half(bits: u32) -> f32 {
     let magnitude = (bits & 0x7fff) << 13;
     // The exponents' offsets differ by 112. Small form factors are subnormal halves: they are made by a subtraction of
     // normal numbers, because processors take a hundred cycles for subnormal floats.
@@ -48,7 +48,7 @@ fn widen(bits: u32) -> f32 {
     f32::from_bits(value | (bits & 0x8000) << 16)
 }
 
-/// As [`widen`] for a vector of words: their upper half by `HIGH`, else the lower.
+/// As [`widen_half`] for a vector of words: their upper half by `HIGH`, else the lower.
 #[inline(always)]
 fn widen_simd<S: Simd, const HIGH: bool>(simd: S, words: S::u32s) -> S::f32s {
     let set = |x: u32| simd.splat_u32s(x);
@@ -111,7 +111,7 @@ impl WithSimd for GatherHalf<'_> {
             for c in 0..3 {
                 let mut sum = simd.reduce_sum_f32s(sums[row][c]);
                 for (k, &word) in tails[row].iter().enumerate() {
-                    sum += widen(word & 0xffff) * even[c][k] + widen(word >> 16) * odd[c][k];
+                    sum += widen_half(word & 0xffff) * even[c][k] + widen_half(word >> 16) * odd[c][k];
                 }
                 out[row][c] = sum;
             }
@@ -270,7 +270,7 @@ mod tests {
     #[test]
     fn every_finite_half_is_widened_exactly() {
         for bits in (0..=u16::MAX).filter(|&b| f16::from_bits(b).is_finite()) {
-            assert_eq!(widen(u32::from(bits)).to_bits(), f16::from_bits(bits).to_f32().to_bits());
+            assert_eq!(widen_half(u32::from(bits)).to_bits(), f16::from_bits(bits).to_f32().to_bits());
         }
     }
 

@@ -3,7 +3,6 @@
 use ::formfactor::kernel::hemisphere::{self, EXTRA_COLUMNS};
 use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums, VECTOR_IMAGE_WIDTH};
 use ::formfactor::{GatherParams, HemisphereParams};
-use ::half::f16;
 use ::scene::kernel::bvh;
 use ::scene::{Hit, Rgb, SurfacePoint};
 use glam::{UVec2, Vec4};
@@ -148,7 +147,7 @@ pub(crate) fn gather_image(kernel: &Kernel, call: &mut HostCall) -> Result<(), H
 }
 
 pub(crate) fn gather_half_image(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    gather_images(kernel, call, |texel: [f16; 4]| Vec4::from_array(texel.map(f16::to_f32)))
+    gather_images(kernel, call, unpack_half4)
 }
 
 pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
