@@ -1,5 +1,8 @@
 //! Bodies of the GPU kernels: plain functions over slices, one invocation each, the only arithmetic there is.
 
+// `mem::swap` and range `contains` take references, which the SPIR-V compiler cannot always follow.
+#![allow(clippy::manual_swap, clippy::manual_range_contains)]
+
 pub mod bvh;
 pub mod camera;
 pub mod light;

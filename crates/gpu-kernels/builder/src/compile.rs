@@ -68,7 +68,7 @@ pub fn compile(kernels: &Path, root: &Path) -> Result<Compiled> {
 
 /// Decorates, strips, optimises and validates one module.
 fn finish(work: &Path, entry: &str, bytes: &[u8]) -> Result<Vec<u8>> {
-    ensure!(bytes.len() % 4 == 0, "{entry}: not whole words");
+    ensure!(bytes.len().is_multiple_of(4), "{entry}: not whole words");
     let words: Vec<u32> = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     let decorated: Vec<u8> = forbid_contraction(&words).iter().flat_map(|w| w.to_le_bytes()).collect();
     let (input, output) = (work.join("in.spv"), work.join("out.spv"));
