@@ -257,7 +257,7 @@ impl dyn Executor + '_ {
     /// As [`Executor::download`], and [`ExecutorError::ElementSize`].
     pub fn download_table<T: Pod>(&mut self, buffer: BufferId) -> Result<Vec<T>, ExecutorError> {
         let bytes = self.download(buffer)?;
-        if size_of::<T>() == 0 || bytes.len() % size_of::<T>() != 0 {
+        if size_of::<T>() == 0 || !bytes.len().is_multiple_of(size_of::<T>()) {
             let name = self.plan().buffer(buffer)?.name.clone();
             return Err(ExecutorError::ElementSize { buffer: name, bytes: bytes.len() as u64, stride: size_of::<T>() });
         }

@@ -350,7 +350,7 @@ impl Plan {
         let size = if spec.bytes == 0 { stride } else { spec.bytes };
         let bytes = range.bytes.unwrap_or(size.saturating_sub(range.offset));
         let inside = range.offset.checked_add(bytes).is_some_and(|end| end <= size);
-        if !inside || bytes == 0 || range.offset % RANGE_ALIGNMENT != 0 || (is_image && bytes != size) {
+        if !inside || bytes == 0 || !range.offset.is_multiple_of(RANGE_ALIGNMENT) || (is_image && bytes != size) {
             return Err(PlanError::Range {
                 pass: pass.into(),
                 buffer: spec.name.clone(),
@@ -359,7 +359,7 @@ impl Plan {
                 size,
             });
         }
-        if bytes % stride != 0 {
+        if !bytes.is_multiple_of(stride) {
             return Err(PlanError::Length {
                 pass: pass.into(),
                 buffer: spec.name.clone(),
