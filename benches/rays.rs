@@ -115,10 +115,11 @@ impl Obvhs {
     }
 }
 
-type Cast<'a> = (&'static str, Box<dyn Fn(&[Ray]) + 'a>);
+type AllRays<'a> = Box<dyn Fn(&[Ray]) + 'a>;
+type Cast<'a> = (&'static str, AllRays<'a>);
 
 /// Casts all rays with one function; generic, so that the function is inlined into the loop.
-fn cast<'a, T>(one: impl Fn(&Ray) -> T + 'a) -> Box<dyn Fn(&[Ray]) + 'a> {
+fn cast<'a, T>(one: impl Fn(&Ray) -> T + 'a) -> AllRays<'a> {
     Box::new(move |rays| {
         for ray in rays {
             black_box(one(ray));

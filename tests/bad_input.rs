@@ -84,7 +84,7 @@ fn an_unreadable_file_is_refused() {
     use std::os::unix::fs::PermissionsExt;
     let folder = folder(&[("a.obj", OBJ.as_bytes())]);
     let path = folder.path().join("a.obj");
-    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0)).expect("permissions");
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o000)).expect("permissions");
     if std::fs::read(&path).is_ok() {
         println!("skipped: this user may read everything");
         return;
@@ -305,7 +305,7 @@ fn mutate(bytes: &[u8], seed: u32) -> Vec<u8> {
                 out.remove(at);
             }
             4 => out.insert(at, interesting[hash3(seed, round, 4) as usize % interesting.len()]),
-            _ if hash3(seed, round, 5) % 4 == 0 => out.truncate(at),
+            _ if hash3(seed, round, 5).is_multiple_of(4) => out.truncate(at),
             _ => {
                 let end = (at + 1 + hash3(seed, round, 4) as usize % 8).min(out.len());
                 let part = out[at..end].to_vec();

@@ -174,9 +174,9 @@ fn dense_products_agree_with_each_other_and_with_plain_sums() {
         for row in 0..p.rows as usize {
             let found = result.table::<Vec4>()[p.first_row as usize + row];
             let mut expected = [0.0f64; 3];
-            for j in 0..n {
+            for (j, light) in exitance[..n].iter().enumerate() {
                 for (c, sum) in expected.iter_mut().enumerate() {
-                    *sum += factor(row, j) * f64::from(exitance[j][c]);
+                    *sum += factor(row, j) * f64::from(light[c]);
                 }
             }
             for (c, expected) in expected.iter().enumerate() {

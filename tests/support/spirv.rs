@@ -93,7 +93,7 @@ impl Module {
     /// Reads the words of a module; `None` when they are not SPIR-V.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         let words: Vec<u32> = bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-        if bytes.len() % 4 != 0 || words.first() != Some(&0x0723_0203) {
+        if !bytes.len().is_multiple_of(4) || words.first() != Some(&0x0723_0203) {
             return None;
         }
         let (mut instructions, mut at) = (Vec::new(), 5);

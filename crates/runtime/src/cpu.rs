@@ -168,5 +168,6 @@ impl Executor for Cpu {
 fn processor_name() -> String {
     let table = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = table.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    name.map_or_else(|| format!("{} CPU", std::env::consts::ARCH), |(_, name)| name.trim().to_owned())
+    let name = name.map_or(std::env::consts::ARCH, |(_, name)| name.trim());
+    if name.contains("CPU") { name.to_owned() } else { format!("{name} CPU") }
 }

@@ -43,12 +43,13 @@ pub fn write_scene(scene: &LoadedScene, folder: &Path) -> Result<PathBuf, Import
 }
 
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImportError> {
-    let fault = |source| ImportError::Write { path: path.to_path_buf(), source };
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(fault)?;
-    file.write_all(bytes).map_err(fault)?;
-    file.persist(path).map_err(|e| fault(e.error))?;
-    Ok(())
+    reference::file::write_whole(path, |file| {
+        file.write_all(bytes).map_err(|source| reference::Error::Write { path: path.to_path_buf(), source })
+    })
+    .map_err(|fault| match fault {
+        reference::Error::Write { path, source } => ImportError::Write { path, source },
+        other => ImportError::Write { path: path.to_path_buf(), source: std::io::Error::other(other) },
+    })
 }
 
 /// A name as it may stand in an OBJ or MTL line.

@@ -73,6 +73,14 @@ impl Progress {
         result
     }
 
+    /// Runs a short, repeated phase without a bar.
+    pub fn timed<T>(&mut self, name: &str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        self.phases.push((name.to_owned(), start.elapsed().as_secs_f64()));
+        result
+    }
+
     /// Seconds spent in a phase, all its runs together.
     pub fn seconds(&self, name: &str) -> f64 {
         self.phases.iter().filter(|(n, _)| n == name).map(|(_, s)| s).sum()

@@ -1,7 +1,7 @@
 //! Runs plans on a Vulkan device: any driver of Vulkan 1.2 with rust-gpu's memory model, loaded when the program runs.
 //!
-//! The one place with unsafe code. [`device`] makes and ends instance and device, [`buffer`] owns memory, [`pipeline`]
-//! compiles rows of the kernel table, [`queue`] submits and waits, [`transfer`] moves bytes to and fro.
+//! The one place with unsafe code. `device` makes and ends instance and device, `buffer` owns memory, `pipeline`
+//! compiles rows of the kernel table, `queue` submits and waits, `transfer` moves bytes to and fro.
 #![allow(unsafe_code)]
 
 mod buffer;
@@ -50,16 +50,14 @@ pub struct Vulkan {
     // Fields end from the first to the last; each holds the device by an `Arc`, the last one frees it.
     sets: Option<Sets>,
     resources: Vec<Resource>,
-    pipelines: HashMap<*const Kernel, Arc<Pipeline>>,
+    /// By the address of the kernel's row.
+    pipelines: HashMap<usize, Arc<Pipeline>>,
     transfer: Transfer,
     queue: Queue,
     graph: Graph,
     device: Arc<Device>,
     host_clock: bool,
 }
-
-// SAFETY: the pointers in `pipelines` are keys only, never followed; everything else is `Send` by itself.
-unsafe impl Send for Vulkan {}
 
 impl Vulkan {
     /// Opens the device that answers to the choice, the best kind first.
@@ -150,7 +148,7 @@ impl Vulkan {
     }
 
     fn pipeline(&mut self, kernel: &'static Kernel) -> Result<Arc<Pipeline>, Error> {
-        let key: *const Kernel = kernel;
+        let key = std::ptr::from_ref(kernel).addr();
         if let Some(pipeline) = self.pipelines.get(&key) {
             return Ok(Arc::clone(pipeline));
         }

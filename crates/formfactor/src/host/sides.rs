@@ -2,9 +2,8 @@
 
 use glam::Vec3;
 use rayon::prelude::*;
-use scene::math::sin_cos_turn;
-use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
-use scene::{LIGHT_DIRECTIONAL, NONE, Scene, Visibility};
+use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
+use scene::{Hit, LIGHT_DIRECTIONAL, Scene, SurfacePoint, Visibility};
 use std::vec::Vec;
 
 /// The sides of a triangle that have patches.
@@ -19,8 +18,9 @@ pub struct Sides {
 /// How the sides are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SidePolicy {
-    /// Sides that see geometry, unless they belong to a closed space that neither the outside, a light nor an emitter
-    /// reaches (the inside of a solid). A side that sees no geometry is seen by none, so leaving it out changes nothing.
+    /// Sides that see geometry, unless they close a space that no light enters: the inside of a solid, also of one
+    /// without a bottom that stands on a floor. A side that sees no geometry is seen by none, so leaving it out changes
+    /// nothing.
     #[default]
     Lit,
     /// Fronts only.
@@ -29,13 +29,14 @@ pub enum SidePolicy {
     Both,
 }
 
-/// Probe rays a side.
-const PROBES: u32 = 64;
-/// Rays from each point-like or rectangle light.
-const LIGHT_RAYS: u32 = 4096;
+/// Random walks from a side; each is one of its probe rays.
+const WALKS: u32 = 32;
+/// Surfaces that a walk meets at most.
+const STEPS: u32 = 16;
 
-/// Chooses the sides of every triangle. [`SidePolicy::Lit`] casts 64 cosine-weighted rays from each side and joins the
-/// sides that see each other: what is joined neither to the outside nor to a light stays without patches.
+/// Chooses the sides of every triangle. [`SidePolicy::Lit`] sends 32 random walks of at most 16 diffuse reflections from
+/// each side; a side is lit if one of them leaves the scene, meets an emitter or comes to a point that sees a light.
+/// Walks go from point to point, so light on the open part of a floor does not enter a column that stands on it.
 pub fn find_sides(scene: &Scene, policy: SidePolicy) -> Vec<Sides> {
     let count = scene.triangles.len();
     match policy {
@@ -43,89 +44,73 @@ pub fn find_sides(scene: &Scene, policy: SidePolicy) -> Vec<Sides> {
         SidePolicy::Both => return vec![Sides { front: true, back: true }; count],
         SidePolicy::Lit => {}
     }
-    let geometry = scene.geometry();
-    let side_of = |triangle: u32, direction: Vec3| {
-        2 * triangle as usize + usize::from(geometry.normal(triangle).dot(direction) > 0.0)
-    };
-    let outside = 2 * count;
-    // What the rays of each side meet; a surface that touches closes the side.
-    let met: Vec<Vec<usize>> = (0..2 * count)
-        .into_par_iter()
-        .map(|side| {
-            let triangle = (side / 2) as u32;
-            let normal = if side % 2 == 0 { geometry.normal(triangle) } else { -geometry.normal(triangle) };
-            let mut list = Vec::new();
-            for k in 0..PROBES {
-                let place = hammersley(k, PROBES, (hash3(side as u32, 1, 0), hash3(side as u32, 2, 0)));
-                let turn =
-                    hammersley(k.reverse_bits() >> 26, PROBES, (hash3(side as u32, 3, 0), hash3(side as u32, 4, 0)));
-                let (u, v) = uniform_triangle(place);
-                let direction = cosine_hemisphere(normal, turn);
-                let hit = scene.closest(geometry.position(triangle, u, v) + normal * scene.ray_offset, direction);
-                if hit.is_miss() {
-                    list.push(outside);
-                } else if hit.t > 4.0 * scene.ray_offset {
-                    list.push(side_of(hit.triangle, direction));
-                }
-            }
-            list.sort_unstable();
-            list.dedup();
-            list
-        })
-        .collect();
-
-    let mut group = Groups((0..=outside).collect());
-    let mut sees = vec![false; 2 * count];
-    for (side, list) in met.iter().enumerate() {
-        for &other in list {
-            group.join(side, other);
-            if other != outside {
-                sees[side] = true;
-                sees[other] = true;
-            }
-        }
-    }
-    for e in &scene.emitters {
-        group.join(outside, 2 * e.triangle as usize);
-    }
-    for light in scene.lights.iter().filter(|l| l.kind != LIGHT_DIRECTIONAL) {
-        let origin = light.position + (light.edge_a + light.edge_b) * 0.5;
-        for k in 0..LIGHT_RAYS {
-            let (x, y) = hammersley(k, LIGHT_RAYS, (0, 0));
-            let z = 1.0 - 2.0 * x;
-            let (s, c) = sin_cos_turn(y);
-            let r = scene::math::sqrt((1.0 - z * z).max(0.0));
-            let direction = Vec3::new(r * c, r * s, z);
-            let hit = scene.closest(origin, direction);
-            if hit.triangle != NONE {
-                group.join(outside, side_of(hit.triangle, direction));
-            }
-        }
-    }
-    let lit = group.root(outside);
-    (0..count)
-        .map(|t| {
-            let mut alive = |side: usize| sees[side] && group.root(side) == lit;
-            Sides { front: alive(2 * t), back: alive(2 * t + 1) }
-        })
-        .collect()
+    let side = |t: usize, normal: Vec3| takes_part(scene, t as u32, normal);
+    let normal = |t: usize| scene.geometry().normal(t as u32);
+    (0..count).into_par_iter().map(|t| Sides { front: side(t, normal(t)), back: side(t, -normal(t)) }).collect()
 }
 
-/// Disjoint sets (Tarjan 1975, path halving).
-struct Groups(Vec<usize>);
-
-impl Groups {
-    fn root(&mut self, mut k: usize) -> usize {
-        while self.0[k] != k {
-            self.0[k] = self.0[self.0[k]];
-            k = self.0[k];
+/// Whether the side of a triangle with this normal sees geometry and is lit.
+fn takes_part(scene: &Scene, triangle: u32, normal: Vec3) -> bool {
+    let geometry = scene.geometry();
+    let is_back = u32::from(geometry.normal(triangle).dot(normal) < 0.0);
+    let key = |dimension: u32| hash3(2 * triangle + is_back, dimension, 0);
+    let (mut sees, mut lit) = (false, false);
+    for k in 0..WALKS {
+        let (u, v) = uniform_triangle(hammersley(k, WALKS, (key(0), key(1))));
+        let turn = hammersley(k.reverse_bits() >> 27, WALKS, (key(2), key(3)));
+        let direction = cosine_hemisphere(normal, turn);
+        let hit = scene.closest(geometry.position(triangle, u, v) + normal * scene.ray_offset, direction);
+        // A surface that touches closes the side.
+        if !hit.is_miss() && hit.t <= 4.0 * scene.ray_offset {
+            continue;
         }
-        k
+        sees |= !hit.is_miss();
+        lit = lit || finds_light(scene, hit, direction, hash3(key(4), k, 0));
+        if sees && lit {
+            return true;
+        }
     }
+    false
+}
 
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        let (low, high) = (a.min(b), a.max(b));
-        self.0[low] = high;
+/// Random walks from a point.
+const POINT_WALKS: u32 = 8;
+
+/// Whether light comes to a point: a point inside of a solid, as where a column stands on a floor, has none. By 8 random
+/// walks as in [`find_sides`].
+pub(super) fn is_open(scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
+    (0..POINT_WALKS).any(|k| {
+        let turn = hammersley(k, POINT_WALKS, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
+        let direction = cosine_hemisphere(point.normal, turn);
+        let hit = scene.closest(point.position + point.normal * scene.ray_offset, direction);
+        (hit.is_miss() || hit.t > 4.0 * scene.ray_offset) && finds_light(scene, hit, direction, hash3(seed, k, 2))
+    })
+}
+
+/// Follows a walk on from its first hit.
+fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> bool {
+    let geometry = scene.geometry();
+    for step in 0..STEPS {
+        if hit.is_miss() {
+            return true;
+        }
+        let front = geometry.normal(hit.triangle);
+        let facing = front.dot(direction) < 0.0;
+        if facing && geometry.radiance(hit.triangle, hit.u, hit.v).max_element() > 0.0 {
+            return true;
+        }
+        let normal = if facing { front } else { -front };
+        let point = geometry.position(hit.triangle, hit.u, hit.v) + normal * scene.ray_offset;
+        let random = |dimension: u32| unit(hash3(seed, step, dimension));
+        for light in scene.lights.iter().filter(|l| l.kind != LIGHT_DIRECTIONAL) {
+            let to_light = light.position + light.edge_a * random(0) + light.edge_b * random(1) - point;
+            let distance = to_light.length();
+            if to_light.dot(normal) > 0.0 && !scene.occluded(point, to_light / distance, distance - scene.ray_offset) {
+                return true;
+            }
+        }
+        direction = cosine_hemisphere(normal, (random(2), random(3)));
+        hit = scene.closest(point, direction);
     }
+    false
 }

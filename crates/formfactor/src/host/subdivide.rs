@@ -7,7 +7,7 @@ use scene::{Hit, NONE, Scene, SurfacePoint};
 use std::vec::Vec;
 
 use super::polygon::Polygon;
-use super::sides::{SidePolicy, Sides, find_sides};
+use super::sides::{SidePolicy, Sides, find_sides, is_open};
 use super::storage::check_length;
 use crate::error::Error;
 use crate::kernel::grid::{cell_corners, cell_count, owner, vertex_count};
@@ -281,6 +281,25 @@ impl Subdivision {
         Ok(out)
     }
 
+    /// Leaves out what lies inside of solids: sample points to which no light comes give way to those of the same patch
+    /// that are open, and the patch's area shrinks in proportion. A patch wholly inside keeps a trace of area.
+    pub fn clear_buried(&mut self, scene: &Scene, seed: u32) {
+        let open: Vec<bool> = (self.points.par_iter().enumerate())
+            .map(|(k, point)| is_open(scene, point, hash3(k as u32, 0x6f70_656e, seed)))
+            .collect();
+        for (i, patch) in self.patches.iter_mut().enumerate() {
+            let own = self.offsets[i] as usize..self.offsets[i + 1] as usize;
+            let kept: Vec<_> = own.clone().filter(|&k| open[k]).map(|k| self.points[k]).collect();
+            patch.area *= (kept.len() as f32).max(0.5) / own.len() as f32;
+            if !kept.is_empty() {
+                let count = own.len();
+                for (k, point) in self.points[own].iter_mut().enumerate() {
+                    *point = kept[k * kept.len() / count];
+                }
+            }
+        }
+    }
+
     /// The patch that owns a hit, or [`NONE`].
     pub fn owner(&self, scene: &Scene, hit: &Hit, direction: Vec3) -> u32 {
         if hit.is_miss() {
@@ -398,5 +417,9 @@ pub fn subdivide(scene: &Scene, settings: &SubdivideSettings) -> Result<Subdivis
         PatchSize::Area(area) => divisions_for_area(scene, area)?,
         PatchSize::Count(count) => divisions_for_count(scene, &sides, count)?,
     };
-    Subdivision::new(scene, &sides, &divisions, settings.points, settings.seed)
+    let mut subdivision = Subdivision::new(scene, &sides, &divisions, settings.points, settings.seed)?;
+    if settings.sides == SidePolicy::Lit {
+        subdivision.clear_buried(scene, settings.seed);
+    }
+    Ok(subdivision)
 }

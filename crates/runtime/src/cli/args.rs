@@ -135,7 +135,7 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
-    /// Longest distance between the mesh points at which indirect light is evaluated, m [default: 0.7 patch edges].
+    /// Longest distance between the mesh points at which indirect light is evaluated, m [default: the patches' mean edge].
     #[arg(long)]
     pub receiver_edge: Option<f32>,
     /// Estimator of the form factors.
@@ -144,6 +144,9 @@ pub struct Render {
     /// Rays a row of the form factors (hemisphere).
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub rays: u32,
+    /// Rays from each of those points.
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    pub receiver_rays: u32,
     /// Folder with full.exr, indirect.exr, points.csv to compare with.
     #[arg(long)]
     pub reference: Option<PathBuf>,

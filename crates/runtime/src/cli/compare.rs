@@ -28,11 +28,8 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
     if let Some(path) = &args.difference {
         difference_picture(&ours, &expected, 0.5)?.write_png(path, 0.0)?;
     }
-    let comparison = Comparison {
-        ours: args.ours.display().to_string(),
-        reference: args.reference.display().to_string(),
-        full,
-    };
+    let comparison =
+        Comparison { ours: args.ours.display().to_string(), reference: args.reference.display().to_string(), full };
     if common.json {
         println!("{}", output::json(&comparison));
         return Ok(());

@@ -31,7 +31,7 @@ struct Effort {
     rays: u32,
 }
 
-const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 4, paths: 48, patches: 3000, rays: 2048 };
+const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 4, paths: 48, patches: 5000, rays: 1024 };
 const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8, patches: 400, rays: 256 };
 
 /// What one scene gave.
@@ -96,7 +96,8 @@ fn one_scene(
         estimator: Estimator::Hemisphere { rays: effort.rays },
         bounces: None,
         receiver_edge: None,
-        sub_frames: 4,
+        receiver_rays: effort.rays / 2,
+        sub_frames: 6,
         seed: common.seed,
         size: effort.size,
     };
@@ -109,9 +110,12 @@ fn one_scene(
     for frame in 0..effort.frames {
         let (lights, view) = animation.at(frame_time(&animation, frame, effort.frames));
         let camera = view.camera(effort.size.0, effort.size.1);
-        let done = progress.phase("frame", |_| classic.frame(&lights, &camera, frame))?;
+        let done = progress.timed("frame", || classic.frame(&lights, &camera, frame))?;
         if is_cancelled() {
             return Err(Error::Cancelled);
+        }
+        if (frame + 1) % 8 == 0 {
+            progress.note(&format!("frame {} of {}", frame + 1, effort.frames));
         }
         for (name, ms) in done.times {
             match times.iter_mut().find(|(n, _)| *n == name) {

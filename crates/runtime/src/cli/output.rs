@@ -1,5 +1,6 @@
 //! Writing into the folder of results, and printing.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -13,11 +14,9 @@ pub fn make_folder(path: &Path) -> Result<(), Error> {
 
 /// Writes a text file through a temporary one that is renamed.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
-    let failed = |source| Error::Write { path: path.to_path_buf(), source };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::Builder::new().suffix(".part").tempfile_in(folder).map_err(failed)?;
-    std::io::Write::write_all(&mut file, text.as_bytes()).map_err(failed)?;
-    file.persist(path).map_err(|e| failed(e.error))?;
+    reference::file::write_whole(path, |file| {
+        file.write_all(text.as_bytes()).map_err(|source| reference::Error::Write { path: path.to_path_buf(), source })
+    })?;
     Ok(())
 }
 
@@ -63,7 +62,7 @@ mod tests {
         write_text(&path, "two").unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");
         let error = write_text(&folder.path().join("missing/a.txt"), "x").unwrap_err().to_string();
-        assert!(error.contains("missing/a.txt") && error.contains("check that the folder exists"), "{error}");
+        assert!(error.contains("missing/a.txt") && error.contains("check that its folder exists"), "{error}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 }

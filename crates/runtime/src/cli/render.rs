@@ -46,7 +46,9 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     };
     let (pictures, points) = match args.method {
         Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
-        Method::Classic => classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
+        Method::Classic => {
+            classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
+        }
     };
     if args.frames == 1 {
         write_pictures(&out, &pictures, loaded.exposure_stops)?;
@@ -143,6 +145,7 @@ fn classic_frames(
             Bounces::Count(k) => Some(k),
         },
         receiver_edge: args.receiver_edge,
+        receiver_rays: args.receiver_rays,
         sub_frames: args.spp.unwrap_or(16),
         seed: common.seed,
         size,
@@ -163,7 +166,7 @@ fn classic_frames(
             (lights, view) = animation.at(frame_time(&animation, frame, args.frames));
         }
         let camera = view.camera(size.0, size.1);
-        let done = progress.phase("frame", |_| classic.frame(&lights, &camera, frame))?;
+        let done = progress.timed("frame", || classic.frame(&lights, &camera, frame))?;
         if crate::progress::is_cancelled() {
             return Err(Error::Cancelled);
         }
@@ -209,7 +212,7 @@ fn print_noise(progress: &Progress, name: &str, errors: Option<BlockErrors>) {
 /// Writes the parts as EXR and as displayed.
 pub fn write_pictures(out: &Path, pictures: &Pictures, stops: f32) -> Result<(), Error> {
     output::make_folder(out)?;
-    let indirect_stops = indirect_scale(&pictures.indirect).log2();
+    let indirect_stops = f64::from(indirect_scale(&pictures.indirect)).log2() as f32;
     for (name, picture, stops) in [
         ("full", &pictures.full, stops),
         ("direct", &pictures.direct, stops),

@@ -164,11 +164,7 @@ mod tests {
             text: vec!["text".into()],
             figures: vec![figure],
             strip: vec![],
-            tables: vec![Table {
-                caption: "t".into(),
-                head: vec!["h".into()],
-                rows: vec![vec!["cell".into()]],
-            }],
+            tables: vec![Table { caption: "t".into(), head: vec!["h".into()], rows: vec![vec!["cell".into()]] }],
             plot: Some(("p".into(), "ms".into(), vec![Series { name: "s".into(), values: vec![1.0, 2.0] }])),
         };
         let page = page("Title", &[], &[section]);

@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 use std::f32::consts::PI;
 use std::ops::ControlFlow;
 
+use formfactor::kernel::grid::vertex_count;
 use formfactor::{
-    AreaToArea, Contour, Csr, Dense, FactorRows, Hemisphere, PatchSize, PointToPoint, Proceed, Receivers, Stop,
-    SubdivideSettings, Subdivision, Surfaces, balance, find_sides, form_factor_blocks, form_factors, jacobi,
+    AreaToArea, Contour, Csr, Dense, FactorRows, Hemisphere, PatchSize, PointToPoint, Proceed, Receivers, SidePolicy,
+    Stop, SubdivideSettings, Subdivision, Surfaces, balance, find_sides, form_factor_blocks, form_factors, jacobi,
     normalise_rows, subdivide,
 };
 use glam::{Vec3, Vec4};
 use reference::Picture;
-use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
+use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
@@ -26,6 +27,10 @@ const MOST_PATCHES: usize = 65_535;
 const RECEIVER_BLOCK: usize = 512;
 /// Sample points a patch: origins of its form-factor rays, and where its direct light is measured.
 const PATCH_POINTS: u32 = 16;
+/// Rays of a row of [`Classic::irradiance_at`].
+const POINT_RAYS: u32 = 4096;
+/// A receiver that loses more of its rays than this is inside of something.
+const MOST_LOST: f32 = 0.3;
 /// Shadow rays to area lights at each sample point of a patch.
 const PATCH_AREA_RAYS: u32 = 8;
 /// Rays to a sky map at each sample point of a patch.
@@ -60,8 +65,10 @@ pub struct ClassicSettings {
     pub estimator: Estimator,
     /// Bounces; `None` for all.
     pub bounces: Option<u32>,
-    /// Longest distance between receivers, m; `None` takes 0.7 of the patches' edge.
+    /// Longest distance between receivers, m; `None` takes the patches' mean edge.
     pub receiver_edge: Option<f32>,
+    /// Rays of a receiver's row.
+    pub receiver_rays: u32,
     /// Sub-frames a picture: positions in each pixel, and shadow rays of area lights.
     pub sub_frames: u32,
     /// Changes every random number.
@@ -78,6 +85,7 @@ impl Default for ClassicSettings {
             estimator: Estimator::Hemisphere { rays: 4096 },
             bounces: None,
             receiver_edge: None,
+            receiver_rays: 1024,
             sub_frames: 16,
             seed: 0,
             size: (960, 540),
@@ -126,16 +134,21 @@ impl Classic {
             return Err(too_many(scene.triangles.len()));
         }
         let (subdivision, receivers) = progress.phase("sample", |_| -> Result<_, Error> {
-            let cut = SubdivideSettings {
+            let mut cut = SubdivideSettings {
                 size: PatchSize::Count(settings.patch_count as u32),
                 points: PATCH_POINTS,
                 seed: settings.seed,
                 ..SubdivideSettings::default()
             };
-            let subdivision = subdivide(&scene, &cut)?;
+            let mut subdivision = subdivide(&scene, &cut)?;
+            if subdivision.patches.is_empty() {
+                // No light comes anywhere: the fronts give a black picture.
+                cut.sides = SidePolicy::Front;
+                subdivision = subdivide(&scene, &cut)?;
+            }
             let area: f32 = subdivision.areas().iter().sum();
             let patch_edge = (area / subdivision.patches.len().max(1) as f32).sqrt();
-            let edge = settings.receiver_edge.unwrap_or(0.7 * patch_edge);
+            let edge = settings.receiver_edge.unwrap_or(patch_edge);
             let sides = find_sides(&scene, cut.sides);
             Ok((subdivision, Receivers::new(&scene, &sides, edge)?))
         })?;
@@ -151,7 +164,8 @@ impl Classic {
                 seed: settings.seed ^ 0x7265_6365,
                 ..Surfaces::of_points(&scene, &subdivision, &[], &receivers.points, &receivers.offsets)
             };
-            sparse_rows(&surfaces, settings.rays(), report)
+            let (rows, lost) = sparse_rows(&surfaces, settings.receiver_rays, report)?;
+            Ok::<_, Error>(without_buried(rows, &lost, &receivers))
         })?;
 
         let albedo = patch_albedo(&scene, &subdivision);
@@ -235,25 +249,17 @@ impl Classic {
             seed: self.settings.seed ^ 0x706f_696e,
             ..Surfaces::of_points(&self.scene, &self.subdivision, &[], points, &offsets)
         };
-        let rows = sparse_rows(&surfaces, self.settings.rays(), &|_| !crate::progress::is_cancelled())?;
-        let sum = |i: usize| formfactor::kernel::product::gather_row_sparse(
-            i as u32,
-            &rows.row_start,
-            &rows.column_index,
-            &rows.values,
-            &exitance,
-        );
+        let (rows, _) = sparse_rows(&surfaces, POINT_RAYS, &|_| !crate::progress::is_cancelled())?;
+        let sum = |i: usize| {
+            formfactor::kernel::product::gather_row_sparse(
+                i as u32,
+                &rows.row_start,
+                &rows.column_index,
+                &rows.values,
+                &exitance,
+            )
+        };
         Ok((0..points.len()).map(|i| sum(i).truncate()).collect())
-    }
-}
-
-impl ClassicSettings {
-    /// Rays of a receiver's row.
-    fn rays(&self) -> u32 {
-        match self.estimator {
-            Estimator::Hemisphere { rays } => rays,
-            _ => Hemisphere::default().rays,
-        }
     }
 }
 
@@ -290,9 +296,14 @@ fn factors(
     Ok(rows)
 }
 
-/// Rows of any points over the patches, sparse and closed.
-fn sparse_rows(surfaces: &Surfaces, rays: u32, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<Csr, Error> {
+/// Rows of any points over the patches, sparse and closed, and the share of each row's rays that met no patch.
+fn sparse_rows(
+    surfaces: &Surfaces,
+    rays: u32,
+    report: &(dyn Fn(f32) -> bool + Sync),
+) -> Result<(Csr, Vec<f32>), Error> {
     let mut all = Csr { rows: 0, columns: surfaces.patches.len(), row_start: vec![0], ..Csr::default() };
+    let mut lost = Vec::new();
     let progress = |done: usize, total: usize| proceed(report, done, total);
     form_factor_blocks(&Hemisphere { rays }, surfaces, RECEIVER_BLOCK, &progress, |_, block| {
         let mut factors: Dense = block.factors;
@@ -303,9 +314,34 @@ fn sparse_rows(surfaces: &Surfaces, rays: u32, report: &(dyn Fn(f32) -> bool + S
         all.row_start.extend(part.row_start[1..].iter().map(|k| k + base));
         all.column_index.extend(part.column_index);
         all.values.extend(part.values);
+        lost.extend(block.lost);
         Ok(())
     })?;
-    Ok(all)
+    Ok((all, lost))
+}
+
+/// Receivers inside of solids see no patches (a grid vertex of a floor below a column's foot); they take the row of the
+/// nearest receiver on their side of the triangle that does see, so that no dark spot is interpolated into the open.
+fn without_buried(rows: Csr, lost: &[f32], receivers: &Receivers) -> Csr {
+    let mut source: Vec<usize> = (0..rows.rows).collect();
+    for grid in &receivers.grids {
+        for first in [grid.front, grid.back].into_iter().filter(|&first| first != NONE) {
+            let range = first as usize..(first + vertex_count(grid.divisions)) as usize;
+            for i in range.clone().filter(|&i| lost[i] > MOST_LOST) {
+                let distance = |k: &usize| receivers.points[*k].position.distance_squared(receivers.points[i].position);
+                let open = range.clone().filter(|&k| lost[k] <= MOST_LOST);
+                source[i] = open.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(i);
+            }
+        }
+    }
+    let mut all = Csr { rows: rows.rows, columns: rows.columns, row_start: vec![0], ..Csr::default() };
+    for k in source {
+        let (start, end) = (rows.row_start[k] as usize, rows.row_start[k + 1] as usize);
+        all.column_index.extend_from_slice(&rows.column_index[start..end]);
+        all.values.extend_from_slice(&rows.values[start..end]);
+        all.row_start.push(all.values.len() as u32);
+    }
+    all
 }
 
 fn csr_bytes(rows: &Csr) -> u64 {

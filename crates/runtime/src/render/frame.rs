@@ -42,6 +42,7 @@ pub struct Frame {
     exitance: BufferId,
     full: BufferId,
     direct: BufferId,
+    patches: usize,
     pixels: usize,
     patch_light: (PassId, DirectParams),
     sub_frames: Vec<SubFrame>,
@@ -129,19 +130,13 @@ impl Frame {
         let patch_direct = plan.storage("patch direct", rgb(points));
         let source = plan.storage("source", rgb(patches));
         let irradiance = plan.storage("irradiance", rgb(patches));
-        let exitance = plan.storage("exitance", rgb(patches));
+        // Whole vectors of four; what is beyond the patches stays zero.
+        let exitance = plan.storage("exitance", rgb(4 * vectors));
         let received = plan.storage("received", rgb(receivers));
 
         let patch_own = [("points", patch_points), ("irradiance", Range::from(patch_direct))];
-        let patch_light = pass(
-            &mut plan,
-            "direct",
-            &table::SCENE_DIRECT_LIGHT,
-            &patch_own,
-            &shared,
-            &parts.direct,
-            points as u32,
-        )?;
+        let patch_light =
+            pass(&mut plan, "direct", &table::SCENE_DIRECT_LIGHT, &patch_own, &shared, &parts.direct, points as u32)?;
         let patch_count = CountParams { count: patches as u32 };
         let patch_tables = [
             ("points", patch_points),
@@ -239,7 +234,19 @@ impl Frame {
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
         let patch_light = (patch_light, parts.direct);
         let seed = parts.seed;
-        Ok(Self { executor, lights, light_room, exitance, full, direct, pixels, patch_light, sub_frames, seed })
+        Ok(Self {
+            executor,
+            lights,
+            light_room,
+            exitance,
+            full,
+            direct,
+            patches,
+            pixels,
+            patch_light,
+            sub_frames,
+            seed,
+        })
     }
 
     /// Renders frame `number` with these lights from this camera.
@@ -279,7 +286,9 @@ impl Frame {
 
     /// Exitance of the patches after the last frame, W/m².
     pub fn exitance(&mut self) -> Result<Vec<Vec4>, Error> {
-        Ok(self.executor.download_table(self.exitance)?)
+        let mut exitance: Vec<Vec4> = self.executor.download_table(self.exitance)?;
+        exitance.truncate(self.patches);
+        Ok(exitance)
     }
 
     fn picture(&mut self, sum: BufferId, sub_frames: u32) -> Result<Vec<Vec3>, Error> {
