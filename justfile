@@ -25,7 +25,7 @@ spv-check:
 
 # Criterion benches: bandwidth of the dense product, rays a second.
 bench:
-    cargo bench -p benches
+    cargo bench
 
 # The default demo: pictures and out/report.html.
 demo:
