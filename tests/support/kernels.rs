@@ -345,6 +345,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("hits", &hits),
                 buffer("points", &points),
                 buffer("grids", &grids),
+                buffer("vertices", &(0..values).rev().collect::<Vec<u32>>()),
                 buffer("values", &r.colors(values as usize)),
                 buffer("direct", &r.colors(n)),
                 buffer("indirect", &r.colors(n)),

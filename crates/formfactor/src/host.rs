@@ -7,6 +7,7 @@ mod estimate;
 mod file;
 mod polygon;
 mod product;
+mod receivers;
 mod sides;
 mod solve;
 mod storage;
@@ -21,10 +22,11 @@ pub use estimate::{
 pub use file::{RowFile, RowFileWriter};
 pub use polygon::Polygon;
 pub use product::{Operator, widen_half};
+pub use receivers::Receivers;
 pub use sides::{SidePolicy, Sides, find_sides};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
 pub use storage::{Csr, Dense, Half};
 pub use subdivide::{
-    PatchSize, Receivers, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count,
-    divisions_for_gradient, subdivide,
+    PatchSize, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count, divisions_for_gradient,
+    subdivide,
 };

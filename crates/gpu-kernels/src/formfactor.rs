@@ -250,12 +250,13 @@ pub fn interpolate(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] points: &[SurfacePoint],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] grids: &[TriangleGrid],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] values: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] irradiance: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] vertices: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] values: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] irradiance: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
         let i = k as usize;
-        irradiance[i] = product::interpolate_pixel(grids, triangles, values, hits[i], points[i]);
+        irradiance[i] = product::interpolate_pixel(grids, vertices, triangles, values, hits[i], points[i]);
     }
 }

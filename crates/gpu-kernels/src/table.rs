@@ -416,6 +416,7 @@ pub static FORMFACTOR_INTERPOLATE: Kernel = Kernel {
         read::<SurfacePoint>("points"),
         read::<Triangle>("triangles"),
         read::<TriangleGrid>("grids"),
+        read::<u32>("vertices"),
         read::<Rgb>("values"),
         write::<Rgb>("irradiance"),
     ],

@@ -10,11 +10,11 @@ use super::polygon::Polygon;
 use super::sides::{SidePolicy, Sides, find_sides, is_open};
 use super::storage::check_length;
 use crate::error::Error;
-use crate::kernel::grid::{cell_corners, cell_count, owner, vertex_count};
+use crate::kernel::grid::{cell_corners, cell_count, owner};
 use crate::types::{Patch, TriangleGrid};
 
 /// Most pieces along an edge.
-const MOST_DIVISIONS: u32 = 4096;
+pub(super) const MOST_DIVISIONS: u32 = 4096;
 /// Most patches or receivers: the last two indices stand for the sky and for lost hits, and words must count them.
 const MOST_ENTRIES: u64 = 1 << 31;
 /// Places at which a cell with holes is looked at.
@@ -63,18 +63,7 @@ pub struct Subdivision {
     pub corners: Vec<[Vec3; 3]>,
 }
 
-/// Points at which irradiance is wanted: the vertices of a grid on each triangle.
-#[derive(Clone, Debug, Default)]
-pub struct Receivers {
-    /// Per triangle of the scene, the numbers of its vertices; see [`crate::kernel::grid::interpolate`].
-    pub grids: Vec<TriangleGrid>,
-    /// The vertices, moved a little into their triangle, with the normal of their side; `patch` is their own number.
-    pub points: Vec<SurfacePoint>,
-    /// Receiver i owns the point i: `0..=n`.
-    pub offsets: Vec<u32>,
-}
-
-fn triangle_area(scene: &Scene, triangle: usize) -> f32 {
+pub(super) fn triangle_area(scene: &Scene, triangle: usize) -> f32 {
     let t = scene.triangles[triangle];
     0.5 * t.edge_a.cross(t.edge_b).length()
 }
@@ -83,7 +72,7 @@ fn pieces(ratio: f32) -> u32 {
     (scene::math::sqrt(ratio) * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
 }
 
-fn check_positive(name: &'static str, value: f32) -> Result<(), Error> {
+pub(super) fn check_positive(name: &'static str, value: f32) -> Result<(), Error> {
     if value > 0.0 && value.is_finite() {
         Ok(())
     } else {
@@ -183,7 +172,7 @@ fn largest_step(n: u32, value: impl Fn(u32, u32) -> f32) -> f32 {
 }
 
 /// Grid vertex (i, j) of a triangle side, moved inwards by a twentieth of a cell.
-fn vertex_point(scene: &Scene, triangle: u32, front: bool, n: u32, i: u32, j: u32) -> SurfacePoint {
+pub(super) fn vertex_point(scene: &Scene, triangle: u32, front: bool, n: u32, i: u32, j: u32) -> SurfacePoint {
     let inwards = 0.05 / n as f32;
     let (u, v) = (i as f32 / n as f32, j as f32 / n as f32);
     let third = 1.0 / 3.0;
@@ -209,7 +198,11 @@ fn table_start(next: &mut u64, alive: bool, count: u32) -> Result<u32, Error> {
     Ok(start as u32)
 }
 
-fn number_entries(sides: &[Sides], divisions: &[u32], count: impl Fn(u32) -> u32) -> Result<Vec<TriangleGrid>, Error> {
+pub(super) fn number_entries(
+    sides: &[Sides],
+    divisions: &[u32],
+    count: impl Fn(u32) -> u32,
+) -> Result<Vec<TriangleGrid>, Error> {
     let mut next = 0;
     let mut grids = Vec::with_capacity(sides.len());
     for (index, (side, &divisions)) in sides.iter().zip(divisions).enumerate() {
@@ -367,43 +360,6 @@ fn make_cell(
             .iter()
             .map(|&p| SurfacePoint { position: position(p), patch: id, normal, weight: 1.0 / points as f32 })
             .collect(),
-    }
-}
-
-impl Receivers {
-    /// Grid vertices on each side in `sides`, edges at most `edge` m long.
-    ///
-    /// # Errors
-    /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
-    pub fn new(scene: &Scene, sides: &[Sides], edge: f32) -> Result<Self, Error> {
-        check_length("sides", scene.triangles.len(), sides.len())?;
-        check_positive("edge", edge)?;
-        let divisions: Vec<u32> = scene
-            .triangles
-            .iter()
-            .map(|t| {
-                let longest = t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length());
-                (longest / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
-            })
-            .collect();
-        let grids = number_entries(sides, &divisions, vertex_count)?;
-        let mut points = Vec::new();
-        for (triangle, grid) in grids.iter().enumerate() {
-            for (front, first) in [(true, grid.front), (false, grid.back)] {
-                if first == NONE {
-                    continue;
-                }
-                for j in 0..=grid.divisions {
-                    for i in 0..=grid.divisions - j {
-                        let patch = points.len() as u32;
-                        let point = vertex_point(scene, triangle as u32, front, grid.divisions, i, j);
-                        points.push(SurfacePoint { patch, ..point });
-                    }
-                }
-            }
-        }
-        let offsets = (0..=points.len() as u32).collect();
-        Ok(Self { grids, points, offsets })
     }
 }
 

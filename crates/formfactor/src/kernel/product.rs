@@ -160,6 +160,7 @@ pub fn assemble_source(
 #[inline]
 pub fn interpolate_pixel(
     grids: &[TriangleGrid],
+    vertices: &[u32],
     triangles: &[Triangle],
     values: &[Vec4],
     hit: Hit,
@@ -169,13 +170,14 @@ pub fn interpolate_pixel(
         return Vec4::ZERO;
     }
     let t = triangles[hit.triangle as usize];
-    interpolate_receivers(grids, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
+    interpolate_receivers(grids, vertices, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
 }
 
 /// Irradiance at a hit, W/m²: linear between the three grid vertices of its triangle round it, zero where that side has
-/// no receivers. `grids[triangle]` numbers the vertices, `values` holds their irradiance.
+/// no receivers. `grids[triangle]` numbers the vertices, `vertices` names the receiver of each, `values` holds their
+/// irradiance.
 #[inline]
-pub fn interpolate_receivers(grids: &[TriangleGrid], values: &[Vec4], hit: Hit, front: bool) -> Vec4 {
+pub fn interpolate_receivers(grids: &[TriangleGrid], vertices: &[u32], values: &[Vec4], hit: Hit, front: bool) -> Vec4 {
     if hit.triangle == NONE {
         return Vec4::ZERO;
     }
@@ -185,7 +187,8 @@ pub fn interpolate_receivers(grids: &[TriangleGrid], values: &[Vec4], hit: Hit, 
         return Vec4::ZERO;
     }
     let (ids, w) = interpolate(grid.divisions, hit.u, hit.v);
-    values[(first + ids.x) as usize] * w.x
-        + values[(first + ids.y) as usize] * w.y
-        + values[(first + ids.z) as usize] * w.z
+    let a = values[vertices[(first + ids.x) as usize] as usize];
+    let b = values[vertices[(first + ids.y) as usize] as usize];
+    let c = values[vertices[(first + ids.z) as usize] as usize];
+    a * w.x + b * w.y + c * w.z
 }

@@ -173,13 +173,13 @@ pub(crate) fn bounce(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErr
 
 pub(crate) fn interpolate(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [hits, points, triangles, grids, values, irradiance]) = call.parts::<CountParams, 6>(kernel)?;
+    let (p, [hits, points, triangles, grids, vertices, values, irradiance]) = call.parts::<CountParams, 7>(kernel)?;
     let n = agreed(elements, p.count)?;
     let (hits, points) = (hits.read::<Hit>(n)?, points.read::<SurfacePoint>(n)?);
     let triangles = triangles.read(1)?;
-    let (grids, values) = (grids.read(triangles.len())?, values.read::<Rgb>(0)?);
+    let (grids, vertices, values) = (grids.read(triangles.len())?, vertices.read(0)?, values.read::<Rgb>(0)?);
     fill(irradiance.write(n)?, |k| {
-        product::interpolate_pixel(grids, triangles, values, hits[k as usize], points[k as usize])
+        product::interpolate_pixel(grids, vertices, triangles, values, hits[k as usize], points[k as usize])
     });
     Ok(())
 }

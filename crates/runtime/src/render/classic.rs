@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::f32::consts::PI;
 use std::ops::ControlFlow;
 
-use formfactor::kernel::grid::vertex_count;
 use formfactor::{
     AreaToArea, Contour, Csr, Dense, FactorRows, Hemisphere, PatchSize, PointToPoint, Proceed, Receivers, SidePolicy,
     Stop, SubdivideSettings, Subdivision, Surfaces, balance, find_sides, form_factor_blocks, form_factors, jacobi,
@@ -12,7 +11,7 @@ use formfactor::{
 };
 use glam::{Vec3, Vec4};
 use reference::Picture;
-use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
+use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
@@ -133,7 +132,7 @@ impl Classic {
         if scene.triangles.len() > MOST_PATCHES {
             return Err(too_many(scene.triangles.len()));
         }
-        let (subdivision, receivers) = progress.phase("sample", |_| -> Result<_, Error> {
+        let (subdivision, mut receivers) = progress.phase("sample", |_| -> Result<_, Error> {
             let mut cut = SubdivideSettings {
                 size: PatchSize::Count(settings.patch_count as u32),
                 points: PATCH_POINTS,
@@ -159,14 +158,15 @@ impl Classic {
         progress.note(&format!("{count} patches, {} receivers", receivers.points.len()));
 
         let rows = progress.phase("form_factors", |report| factors(&scene, &subdivision, &settings, report))?;
-        let receiver_rows = progress.phase("receivers", |report| {
+        let (receiver_rows, lost) = progress.phase("receivers", |report| {
             let surfaces = Surfaces {
                 seed: settings.seed ^ 0x7265_6365,
                 ..Surfaces::of_points(&scene, &subdivision, &[], &receivers.points, &receivers.offsets)
             };
-            let (rows, lost) = sparse_rows(&surfaces, settings.receiver_rays, report)?;
-            Ok::<_, Error>(without_buried(rows, &lost, &receivers))
+            sparse_rows(&surfaces, settings.receiver_rays, report)
         })?;
+        // A grid vertex inside of a solid sees no patch; no dark spot may be interpolated into the open.
+        receivers.replace(&scene, |receiver| lost[receiver] <= MOST_LOST);
 
         let albedo = patch_albedo(&scene, &subdivision);
         // A constant sky's share of the direct light is known once and for all.
@@ -318,30 +318,6 @@ fn sparse_rows(
         Ok(())
     })?;
     Ok((all, lost))
-}
-
-/// Receivers inside of solids see no patches (a grid vertex of a floor below a column's foot); they take the row of the
-/// nearest receiver on their side of the triangle that does see, so that no dark spot is interpolated into the open.
-fn without_buried(rows: Csr, lost: &[f32], receivers: &Receivers) -> Csr {
-    let mut source: Vec<usize> = (0..rows.rows).collect();
-    for grid in &receivers.grids {
-        for first in [grid.front, grid.back].into_iter().filter(|&first| first != NONE) {
-            let range = first as usize..(first + vertex_count(grid.divisions)) as usize;
-            for i in range.clone().filter(|&i| lost[i] > MOST_LOST) {
-                let distance = |k: &usize| receivers.points[*k].position.distance_squared(receivers.points[i].position);
-                let open = range.clone().filter(|&k| lost[k] <= MOST_LOST);
-                source[i] = open.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(i);
-            }
-        }
-    }
-    let mut all = Csr { rows: rows.rows, columns: rows.columns, row_start: vec![0], ..Csr::default() };
-    for k in source {
-        let (start, end) = (rows.row_start[k] as usize, rows.row_start[k + 1] as usize);
-        all.column_index.extend_from_slice(&rows.column_index[start..end]);
-        all.values.extend_from_slice(&rows.values[start..end]);
-        all.row_start.push(all.values.len() as u32);
-    }
-    all
 }
 
 fn csr_bytes(rows: &Csr) -> u64 {

@@ -123,6 +123,7 @@ impl Frame {
         let columns = table(&mut plan, "columns", bytemuck::cast_slice(&parts.receiver_rows.column_index)).1;
         let values = table(&mut plan, "values", bytemuck::cast_slice(&parts.receiver_rows.values)).1;
         let grids = table(&mut plan, "grids", bytemuck::cast_slice(&parts.receivers.grids)).1;
+        let vertices = table(&mut plan, "vertices", bytemuck::cast_slice(&parts.receivers.vertices)).1;
 
         let lights = plan.storage("lights", (light_room * size_of::<Light>()) as u64);
         let mut shared = scene_tables.to_vec();
@@ -196,6 +197,7 @@ impl Frame {
             ("direct", Range::from(pixel_direct)),
             ("indirect", Range::from(pixel_indirect)),
             ("grids", grids),
+            ("vertices", vertices),
             ("values", Range::from(received)),
         ]);
         let pixel_count = pixels as u32;

@@ -1,0 +1,150 @@
+//! Receivers: points at which irradiance is evaluated, and the grids of triangle vertices that take their values.
+
+use std::collections::HashMap;
+use std::vec::Vec;
+
+use glam::{IVec3, Vec3};
+use scene::{NONE, Scene, SurfacePoint};
+
+use super::sides::Sides;
+use super::storage::check_length;
+use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, triangle_area, vertex_point};
+use crate::error::Error;
+use crate::kernel::grid::{vertex_at, vertex_count};
+use crate::types::TriangleGrid;
+
+/// Grid vertices nearer than this share of the longest edge share a receiver, where the surface is near enough to flat.
+const WELD: f32 = 0.4;
+/// Least cosine between their normals.
+const LEAST_COSINE: f32 = 0.94;
+/// Most distance of a vertex from the plane of its receiver, as a share of the welding distance.
+const MOST_OFFSET: f32 = 0.1;
+
+/// Points at which irradiance is wanted: the vertices of a grid on each triangle, those that lie together merged.
+#[derive(Clone, Debug, Default)]
+pub struct Receivers {
+    /// Per triangle of the scene, where its vertices stand in `vertices`; see [`crate::kernel::grid::interpolate`].
+    pub grids: Vec<TriangleGrid>,
+    /// Per grid vertex, its receiver.
+    pub vertices: Vec<u32>,
+    /// The receivers, a little inside of a triangle, with the normal of its side; `patch` is their own number.
+    pub points: Vec<SurfacePoint>,
+    /// Receiver i owns the point i: `0..=n`.
+    pub offsets: Vec<u32>,
+}
+
+impl Receivers {
+    /// Grid vertices on each side in `sides`, edges at most `edge` m long. Vertices closer than 0.4 edges on nearly the same
+    /// plane and side are one receiver, so that finely tessellated meshes need no more receivers than coarse ones.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
+    pub fn new(scene: &Scene, sides: &[Sides], edge: f32) -> Result<Self, Error> {
+        check_length("sides", scene.triangles.len(), sides.len())?;
+        check_positive("edge", edge)?;
+        let divisions: Vec<u32> = scene
+            .triangles
+            .iter()
+            .map(|t| {
+                let longest = t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length());
+                (longest / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
+            })
+            .collect();
+        let grids = number_entries(sides, &divisions, vertex_count)?;
+        let total: u32 = grids.iter().map(|g| sides_of(g).count() as u32 * vertex_count(g.divisions)).sum();
+        let mut welder = Welder { distance: WELD * edge, cells: HashMap::new(), points: Vec::new() };
+        let mut vertices = vec![NONE; total as usize];
+        // The largest triangles first: theirs are the safest places.
+        let mut order: Vec<(f32, usize)> = (0..grids.len()).map(|t| (triangle_area(scene, t), t)).collect();
+        order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        for (_, triangle) in order {
+            let grid = grids[triangle];
+            let n = grid.divisions;
+            for (front, first) in sides_of(&grid) {
+                for j in 0..=n {
+                    for i in 0..=n - j {
+                        let point = vertex_point(scene, triangle as u32, front, n, i, j);
+                        let (u, v) = (i as f32 / n as f32, j as f32 / n as f32);
+                        let place = scene.geometry().position(triangle as u32, u, v);
+                        vertices[(first + vertex_at(n, i, j)) as usize] = welder.receiver(place, point);
+                    }
+                }
+            }
+        }
+        let offsets = (0..=welder.points.len() as u32).collect();
+        let points = welder.points.into_iter().map(|(_, point)| point).collect();
+        Ok(Self { grids, vertices, points, offsets })
+    }
+
+    /// Lets grid vertices whose receiver is not `good` take the nearest good one on their side of the triangle.
+    pub fn replace(&mut self, scene: &Scene, good: impl Fn(usize) -> bool) {
+        for (triangle, grid) in self.grids.iter().enumerate() {
+            for (front, first) in sides_of(grid) {
+                let own = first as usize..(first + vertex_count(grid.divisions)) as usize;
+                if own.clone().all(|k| good(self.vertices[k] as usize)) {
+                    continue;
+                }
+                let mut kept: Vec<(Vec3, u32)> = Vec::new();
+                let mut bad: Vec<(Vec3, usize)> = Vec::new();
+                for j in 0..=grid.divisions {
+                    for i in 0..=grid.divisions - j {
+                        let at = own.start + vertex_at(grid.divisions, i, j) as usize;
+                        let place = vertex_point(scene, triangle as u32, front, grid.divisions, i, j).position;
+                        if good(self.vertices[at] as usize) {
+                            kept.push((place, self.vertices[at]));
+                        } else {
+                            bad.push((place, at));
+                        }
+                    }
+                }
+                for (place, at) in bad {
+                    let distance = |k: &&(Vec3, u32)| k.0.distance_squared(place);
+                    if let Some(nearest) = kept.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) {
+                        self.vertices[at] = nearest.1;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Sides of a triangle that have entries: whether it is the front, and the first entry.
+fn sides_of(grid: &TriangleGrid) -> impl Iterator<Item = (bool, u32)> + use<> {
+    [(true, grid.front), (false, grid.back)].into_iter().filter(|&(_, first)| first != NONE)
+}
+
+/// Receivers by the cell of space that they are in.
+struct Welder {
+    distance: f32,
+    cells: HashMap<IVec3, Vec<u32>>,
+    /// The vertex itself, and the point a little inside its triangle.
+    points: Vec<(Vec3, SurfacePoint)>,
+}
+
+impl Welder {
+    /// The receiver of a vertex: one that is there, or a new one.
+    fn receiver(&mut self, place: Vec3, point: SurfacePoint) -> u32 {
+        let home = (place / self.distance).floor().as_ivec3();
+        let mut best = (self.distance * self.distance, NONE);
+        for k in 0..27 {
+            let cell = home + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
+            for &id in self.cells.get(&cell).map_or(&[][..], Vec::as_slice) {
+                let (other, there) = &self.points[id as usize];
+                let offset = (place - *other).dot(there.normal).abs();
+                let squared = place.distance_squared(*other);
+                if point.normal.dot(there.normal) >= LEAST_COSINE
+                    && offset <= MOST_OFFSET * self.distance
+                    && squared < best.0
+                {
+                    best = (squared, id);
+                }
+            }
+        }
+        if best.1 == NONE {
+            best.1 = self.points.len() as u32;
+            self.points.push((place, SurfacePoint { patch: best.1, ..point }));
+            self.cells.entry(home).or_default().push(best.1);
+        }
+        best.1
+    }
+}
