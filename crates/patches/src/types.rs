@@ -80,7 +80,7 @@ pub struct LookupPatch {
     pub position: Vec3,
     /// Index of the patch.
     pub patch: u32,
-    /// Unit direction that weighs it: the axis of an axis-aligned patch, else its mean normal.
+    /// Unit direction that weighs it: its mean normal.
     pub direction: Vec3,
     /// Keeps the size a multiple of 16.
     pub reserved: u32,
