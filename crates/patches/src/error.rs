@@ -1,0 +1,51 @@
+//! What can be wrong with grids, samples and patches.
+
+/// Why virtual patches could not be made or used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A table has the wrong length.
+    #[error("{name} holds {found} entries where {expected} are needed")]
+    Length {
+        /// The table.
+        name: &'static str,
+        /// Entries needed.
+        expected: usize,
+        /// Entries found.
+        found: usize,
+    },
+    /// A setting lies outside its range.
+    #[error("{name} is {value}; it must be {rule}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// A value of a table is not one that can stand there.
+    #[error("{name}[{index}] is {value}; it must be {rule}")]
+    Value {
+        /// The table.
+        name: &'static str,
+        /// The entry.
+        index: usize,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// More voxels, pieces, samples or patches than can be numbered.
+    #[error("{found} {name}; at most {limit} are possible")]
+    TooMany {
+        /// What there are too many of.
+        name: &'static str,
+        /// How many there would be.
+        found: u64,
+        /// How many there may be.
+        limit: u64,
+    },
+    /// No ray met a surface.
+    #[error("no ray met a surface: there are no samples to make patches of")]
+    NoSamples,
+}

@@ -1,0 +1,15 @@
+//! The host side: voxels, samples and patches, on all cores, the same bytes for any number of them.
+
+mod axis;
+mod clip;
+mod cluster;
+mod grid;
+mod group;
+mod patch_set;
+mod sample;
+
+pub use axis::{AxisWeights, axis_patches};
+pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
+pub use grid::{Grid, PIECE_LIMIT, VOXEL_LIMIT};
+pub use patch_set::PatchSet;
+pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels};

@@ -1,0 +1,368 @@
+//! Samples: what rays from the faces of the voxels meet inside them.
+
+use std::vec::Vec;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use scene::kernel::Geometry;
+use scene::sampling::{hammersley, hash3};
+use scene::{NONE, Scene};
+
+use super::grid::Grid;
+use crate::error::Error;
+use crate::types::Sample;
+
+/// Voxels that are sampled before their samples are put in order.
+const BATCH: usize = 1024;
+
+/// How samples get their areas. S_j is the area of triangle j inside the voxel, |samples_j| the number of samples there on
+/// the same side of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AreaRule {
+    /// `s = S_j / |samples_j|`. A triangle that no ray met gives its area to the nearest sample of the voxel with a like
+    /// normal (`n_i·n_j > 0`), on as many sides as the nearest triangle that was met has; where there is none it gets a
+    /// sample of its own on each side. So Σ s is the area of the surface, both sides of a sheet counted when both are seen.
+    #[default]
+    Clipped,
+    /// `s = h_u h_v / k · |n·d|` for k rays in direction d from a face of h_u by h_v: as `n_x² + n_y² + n_z² = 1`, Σ s
+    /// tends to the area of what the rays meet. Triangles that no ray met have none.
+    Projected,
+    /// The thesis's printed rule: the area of the whole triangle over all samples on that side of it, in whatever voxel.
+    /// Triangles that no ray met are lost.
+    Thesis,
+}
+
+/// Settings of [`sample_voxels`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SampleSettings {
+    /// Rays from each face of a voxel, at Hammersley's points.
+    pub points: u32,
+    /// Surfaces that a ray meets at most. The thesis stops at the first (1), and then the inner sides of two sheets in one
+    /// voxel have no samples.
+    pub layers: u32,
+    /// The samples' areas.
+    pub rule: AreaRule,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+impl Default for SampleSettings {
+    fn default() -> Self {
+        Self { points: 64, layers: 8, rule: AreaRule::Clipped, seed: 0 }
+    }
+}
+
+/// What happened to the surfaces; areas in m².
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SampleReport {
+    /// Rays cast.
+    pub rays: u64,
+    /// Samples that `keep` refused.
+    pub refused: u64,
+    /// Samples made for triangles with no like sample in their voxel.
+    pub forced: u64,
+    /// Area of the sides that were met and kept: what Σ s should be.
+    pub surface_area: f64,
+    /// Part of it that had no samples of its own and was given to neighbours.
+    pub donated_area: f64,
+    /// Σ s.
+    pub sample_area: f64,
+}
+
+/// Samples of all voxels: occupied voxel `v` has `samples[offsets[v]..offsets[v + 1]]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampleSet {
+    /// Samples, voxel by voxel.
+    pub samples: Vec<Sample>,
+    /// First sample of each occupied voxel, `[voxels + 1]`.
+    pub offsets: Vec<u32>,
+    /// What happened to the surfaces.
+    pub report: SampleReport,
+}
+
+/// Casts rays inwards from the six faces of each occupied voxel and makes samples of what they meet inside it [T 5.3]: the
+/// point, the side that was seen, its area by the rule, and the reflectance from the level of the texture whose texels are
+/// about as large. `keep` refuses sides that take no part, as the insides of solids; it sees samples without area and
+/// albedo. Opposite faces share their lines, so that both sides of a sheet are met alike.
+///
+/// Voxels are independent, on all cores; the result is the same for any number of them. Rays: 6 · points · voxels, times
+/// the surfaces met; a triangle that no ray met costs one pass over the voxel's samples.
+///
+/// # Errors
+/// [`Error::Setting`] for 0 points or layers, [`Error::TooMany`] samples, [`Error::NoSamples`].
+pub fn sample_voxels(
+    scene: &Scene,
+    grid: &Grid,
+    settings: &SampleSettings,
+    keep: &(impl Fn(&Sample) -> bool + Sync),
+) -> Result<SampleSet, Error> {
+    for (name, value) in [("points", settings.points), ("layers", settings.layers)] {
+        if value == 0 {
+            return Err(Error::Setting { name, value: 0.0, rule: "at least 1" });
+        }
+    }
+    let mut set =
+        SampleSet { samples: Vec::new(), offsets: Vec::with_capacity(grid.len() + 1), report: SampleReport::default() };
+    set.offsets.push(0);
+    // In batches, so that little more than the result is in memory.
+    for first in (0..grid.len()).step_by(BATCH) {
+        let slots = first..(first + BATCH).min(grid.len());
+        let voxels: Vec<_> =
+            slots.into_par_iter().map(|slot| sample_voxel(scene, grid, slot, settings, keep)).collect();
+        for voxel in voxels {
+            set.samples.extend(voxel.samples);
+            let found = set.samples.len() as u64;
+            if found >= u64::from(NONE) {
+                return Err(Error::TooMany { name: "samples", found, limit: u64::from(NONE) - 1 });
+            }
+            set.offsets.push(found as u32);
+            let (sum, r) = (&mut set.report, voxel.report);
+            sum.rays += r.rays;
+            sum.refused += r.refused;
+            sum.forced += r.forced;
+            sum.surface_area += r.surface_area;
+            sum.donated_area += r.donated_area;
+        }
+    }
+    if set.samples.is_empty() {
+        return Err(Error::NoSamples);
+    }
+    if settings.rule == AreaRule::Thesis {
+        whole_triangle_areas(scene, &mut set.samples);
+    }
+    let geometry = scene.geometry();
+    set.samples.par_iter_mut().for_each(|sample| sample.albedo = filtered_albedo(&geometry, sample));
+    set.report.sample_area = set.samples.iter().map(|s| f64::from(s.area)).sum();
+    Ok(set)
+}
+
+impl SampleSet {
+    /// Samples of the occupied voxel in place `slot`: positions in [`SampleSet::samples`].
+    pub fn range(&self, slot: usize) -> core::ops::Range<usize> {
+        self.offsets[slot] as usize..self.offsets[slot + 1] as usize
+    }
+}
+
+/// Samples of one voxel.
+struct VoxelSamples {
+    samples: Vec<Sample>,
+    report: SampleReport,
+}
+
+/// A point that a ray met.
+#[derive(Clone, Copy)]
+struct Met {
+    /// Place of the triangle among the voxel's.
+    piece: u32,
+    /// Whether it was seen from behind.
+    back: bool,
+    kept: bool,
+    /// Its area by the projected rule.
+    projected: f32,
+    sample: Sample,
+}
+
+fn sample_voxel(
+    scene: &Scene,
+    grid: &Grid,
+    slot: usize,
+    settings: &SampleSettings,
+    keep: &(impl Fn(&Sample) -> bool + Sync),
+) -> VoxelSamples {
+    let mut met = cast_rays(scene, grid, slot, settings);
+    for m in &mut met {
+        m.kept = keep(&m.sample);
+    }
+    met.sort_by_key(|m| (m.piece, m.back));
+    let rays = 6 * u64::from(settings.points);
+    let refused = met.iter().filter(|m| !m.kept).count() as u64;
+    let mut report = SampleReport { rays, refused, ..SampleReport::default() };
+
+    // Samples of each side of each triangle, and whether it was met at all.
+    let (triangles, areas) = grid.pieces(slot);
+    let mut counts = std::vec![[0u32; 2]; triangles.len()];
+    let mut seen = std::vec![false; triangles.len()];
+    for m in &met {
+        seen[m.piece as usize] = true;
+        counts[m.piece as usize][usize::from(m.back)] += u32::from(m.kept);
+    }
+    for (count, &area) in counts.iter().zip(areas) {
+        report.surface_area += f64::from(area) * count.iter().filter(|&&c| c > 0).count() as f64;
+    }
+    for m in met.iter_mut().filter(|m| m.kept) {
+        let count = counts[m.piece as usize][usize::from(m.back)];
+        m.sample.area = match settings.rule {
+            AreaRule::Clipped => areas[m.piece as usize] / count as f32,
+            AreaRule::Projected => m.projected,
+            AreaRule::Thesis => 0.0,
+        };
+    }
+    let mut forced = Vec::new();
+    if settings.rule == AreaRule::Clipped {
+        for piece in (0..triangles.len()).filter(|&piece| !seen[piece]) {
+            donate(scene, grid, slot, piece, &counts, &mut met, &mut forced, &mut report, keep);
+        }
+    }
+    let mut samples: Vec<_> = met.iter().filter(|m| m.kept).map(|m| m.sample).collect();
+    samples.extend(forced);
+    VoxelSamples { samples, report }
+}
+
+/// What the rays of the six faces meet, in a fixed order.
+fn cast_rays(scene: &Scene, grid: &Grid, slot: usize, settings: &SampleSettings) -> Vec<Met> {
+    let voxel = grid.occupied[slot];
+    let (low, high) = grid.voxel_box(voxel);
+    let edges = grid.shape.edges;
+    let (triangles, _) = grid.pieces(slot);
+    let geometry = scene.geometry();
+    // Rays go on a little behind what they met, and start a little outside: a surface in the face itself is met too.
+    let reach = low.abs().max(high.abs()).max_element();
+    let mut met = Vec::new();
+    for face in 0..6u32 {
+        let (axis, downwards) = ((face / 2) as usize, face % 2 == 1);
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let step = (1e-5 * edges[axis]).max(1e-6 * reach);
+        let mut direction = Vec3::ZERO;
+        direction[axis] = if downwards { -1.0 } else { 1.0 };
+        let shift = (hash3(voxel, axis as u32, settings.seed), hash3(voxel, axis as u32 + 3, settings.seed));
+        let cell = edges[u] * edges[v] / settings.points as f32;
+        for k in 0..settings.points {
+            let (x, y) = hammersley(k, settings.points, shift);
+            let mut origin = low;
+            origin[u] += x * edges[u];
+            origin[v] += y * edges[v];
+            origin[axis] = if downwards { high[axis] + step } else { low[axis] - step };
+            let mut rest = edges[axis] + 2.0 * step;
+            let mut last = NONE;
+            let mut layer = 0;
+            while layer < settings.layers && rest > 0.0 {
+                let hit = scene.closest_before(origin, direction, rest);
+                if hit.is_miss() {
+                    break;
+                }
+                let advance = hit.t + step;
+                origin[axis] += direction[axis] * advance;
+                rest -= advance;
+                if hit.triangle == last {
+                    continue;
+                }
+                last = hit.triangle;
+                layer += 1;
+                // A triangle just outside the face belongs to the neighbour.
+                let Ok(piece) = triangles.binary_search(&hit.triangle) else { continue };
+                let front = geometry.normal(hit.triangle);
+                let cosine = front.dot(direction);
+                if cosine == 0.0 || !front.is_finite() {
+                    continue;
+                }
+                let back = cosine > 0.0;
+                let sample = Sample {
+                    position: geometry.position(hit.triangle, hit.u, hit.v),
+                    normal: if back { -front } else { front },
+                    triangle: hit.triangle,
+                    ..Sample::default()
+                };
+                let projected = cell * cosine.abs();
+                met.push(Met { piece: piece as u32, back, kept: true, projected, sample });
+            }
+        }
+    }
+    met
+}
+
+/// Gives the area of a triangle that no ray met to samples of the voxel, or makes a sample of it.
+#[allow(clippy::too_many_arguments)]
+fn donate(
+    scene: &Scene,
+    grid: &Grid,
+    slot: usize,
+    piece: usize,
+    counts: &[[u32; 2]],
+    met: &mut [Met],
+    forced: &mut Vec<Sample>,
+    report: &mut SampleReport,
+    keep: &impl Fn(&Sample) -> bool,
+) {
+    let (triangles, areas) = grid.pieces(slot);
+    let (triangle, area) = (triangles[piece], areas[piece]);
+    let centre = grid.piece_centre(scene, grid.occupied[slot], triangle).as_vec3();
+    let normal = scene.geometry().normal(triangle);
+    let Some(nearest) = nearest(met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {
+        for normal in [normal, -normal] {
+            let sample = Sample { position: centre, area, normal, triangle, ..Sample::default() };
+            if normal.is_finite() && keep(&sample) {
+                forced.push(sample);
+                report.forced += 1;
+                report.surface_area += f64::from(area);
+            }
+        }
+        return;
+    };
+    let neighbour = met[nearest];
+    for back in [false, true] {
+        if counts[neighbour.piece as usize][usize::from(back)] == 0 {
+            continue;
+        }
+        let side = if back == neighbour.back { neighbour.sample.normal } else { -neighbour.sample.normal };
+        let own = if normal.dot(side) > 0.0 { normal } else { -normal };
+        if let Some(target) = self::nearest(met, centre, |m| m.kept && m.sample.normal.dot(own) > 0.0) {
+            met[target].sample.area += area;
+            report.surface_area += f64::from(area);
+            report.donated_area += f64::from(area);
+        }
+    }
+}
+
+/// The nearest point that passes; the first of several.
+fn nearest(met: &[Met], point: Vec3, passes: impl Fn(&Met) -> bool) -> Option<usize> {
+    let mut best = None;
+    let mut least = f32::INFINITY;
+    for (index, m) in met.iter().enumerate() {
+        let distance = m.sample.position.distance_squared(point);
+        if distance < least && passes(m) {
+            (best, least) = (Some(index), distance);
+        }
+    }
+    best
+}
+
+/// [`AreaRule::Thesis`].
+fn whole_triangle_areas(scene: &Scene, samples: &mut [Sample]) {
+    let is_back = |s: &Sample| usize::from(scene.geometry().normal(s.triangle).dot(s.normal) < 0.0);
+    let mut counts = std::vec![[0u32; 2]; scene.triangles.len()];
+    for s in samples.iter() {
+        counts[s.triangle as usize][is_back(s)] += 1;
+    }
+    for s in samples.iter_mut() {
+        let t = &scene.triangles[s.triangle as usize];
+        let whole = 0.5 * t.edge_a.cross(t.edge_b).length();
+        s.area = whole / counts[s.triangle as usize][is_back(s)] as f32;
+    }
+}
+
+/// Reflectance from the level of the texture's pyramid whose texels are nearest to the sample's area in size.
+fn filtered_albedo(geometry: &Geometry, sample: &Sample) -> Vec3 {
+    let t = geometry.triangles[sample.triangle as usize];
+    let material = geometry.materials[t.material as usize];
+    if material.albedo_texture == NONE {
+        return material.albedo;
+    }
+    let texture = geometry.textures[material.albedo_texture as usize];
+    let uv = geometry.uvs[sample.triangle as usize];
+    let in_texels = (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs();
+    let in_texels = in_texels * texture.width as f32 * texture.height as f32;
+    let (a, b) = (t.edge_a, t.edge_b);
+    let whole = a.cross(b).length();
+    // Texels that the sample covers; a level up, a texel is four times as large.
+    let mut covered = sample.area * in_texels / whole;
+    let mut level = 0;
+    while covered > 2.0 && level + 1 < texture.levels {
+        covered *= 0.25;
+        level += 1;
+    }
+    let p = sample.position - t.corner;
+    let normal = a.cross(b);
+    let u = p.cross(b).dot(normal) / (whole * whole);
+    let v = a.cross(p).dot(normal) / (whole * whole);
+    geometry.albedo_at_level(sample.triangle, u, v, level)
+}

@@ -1,0 +1,88 @@
+//! The plain data that CPU and GPU share, field for field.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// A point of a surface that stands for a piece of it, on one side.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Sample {
+    /// Position, m.
+    pub position: Vec3,
+    /// Area s that the point stands for, m².
+    pub area: f32,
+    /// Unit geometric normal of the side that was seen.
+    pub normal: Vec3,
+    /// Triangle of the scene that the point lies on.
+    pub triangle: u32,
+    /// Reflectance ρ, the texture averaged over about the sample's area.
+    pub albedo: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<Sample>() == 48);
+
+/// A sample's part in a patch.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Member {
+    /// Index of the sample.
+    pub sample: u32,
+    /// Share of the patch's area, (0, 1]; the shares of a patch sum to 1.
+    pub weight: f32,
+}
+const _: () = assert!(size_of::<Member>() == 8);
+
+/// Samples taken together as one sender (and, for [T 5]'s own receivers, receiver) of light.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct VirtualPatch {
+    /// Area-weighted mean position of the samples, m.
+    pub position: Vec3,
+    /// Area A, m².
+    pub area: f32,
+    /// Area-weighted mean normal, unit.
+    pub normal: Vec3,
+    /// Voxel of the grid, or [`scene::NONE`] for a patch that is not bound to one.
+    pub voxel: u32,
+    /// Area-weighted mean reflectance ρ.
+    pub albedo: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<VirtualPatch>() == 48);
+
+/// Where the voxels lie: voxel (i, j, k) is the half-open box from `origin + (i, j, k)·edges` on, its number is
+/// `i + count_x·(j + count_y·k)`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct GridShape {
+    /// Least corner, m.
+    pub origin: Vec3,
+    /// Voxels along x.
+    pub count_x: u32,
+    /// Edges of a voxel, m.
+    pub edges: Vec3,
+    /// Voxels along y.
+    pub count_y: u32,
+    /// Voxels along z.
+    pub count_z: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 3],
+}
+const _: () = assert!(size_of::<GridShape>() == 48);
+
+/// A patch as the lookup sees it; those of a voxel follow each other.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LookupPatch {
+    /// Mean position, m.
+    pub position: Vec3,
+    /// Index of the patch.
+    pub patch: u32,
+    /// Unit direction that weighs it: its mean normal.
+    pub direction: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<LookupPatch>() == 32);
