@@ -11,7 +11,7 @@ use runtime::import::LoadedScene;
 use runtime::procedural;
 use runtime::progress::Progress;
 use runtime::render::Pictures;
-use runtime::render::classic::{Classic, ClassicSettings, Estimator};
+use runtime::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
 use std::ops::ControlFlow;
@@ -20,6 +20,7 @@ const SIZE: (u32, u32) = (48, 36);
 
 fn settings(patches: usize) -> ClassicSettings {
     ClassicSettings {
+        patches: PatchKind::Polygon,
         patch_count: patches,
         estimator: Estimator::Hemisphere { rays: 1024 },
         bounces: None,

@@ -2,11 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use formfactor::{
-    Contour, PatchSize, Polygon, SidePolicy, Stop, SubdivideSettings, Surfaces, form_factors, jacobi, subdivide,
-};
+use formfactor::{Contour, PatchSize, Polygon, Stop, SubdivideSettings, Surfaces, form_factors, jacobi, subdivide};
 use glam::{Vec3, Vec4};
-use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let half = |corner: Vec3, edge_a: Vec3, edge_b: Vec3| Triangle { corner, edge_a, edge_b, ..Triangle::default() };

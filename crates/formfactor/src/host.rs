@@ -8,7 +8,6 @@ mod file;
 mod polygon;
 mod product;
 mod receivers;
-mod sides;
 mod solve;
 mod storage;
 mod subdivide;
@@ -23,10 +22,9 @@ pub use file::{RowFile, RowFileWriter};
 pub use polygon::Polygon;
 pub use product::{Operator, widen_half};
 pub use receivers::Receivers;
-pub use sides::{SidePolicy, Sides, find_sides};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
 pub use storage::{Csr, Dense, Half};
 pub use subdivide::{
-    PatchSize, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count, divisions_for_gradient,
-    subdivide,
+    PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,
+    divisions_for_gradient, subdivide,
 };

@@ -6,7 +6,7 @@ use formfactor::*;
 use glam::{Quat, Vec3, Vec4};
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
-use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
+use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv, find_sides};
 
 /// The inside of a box, scaled, turned and moved, with a lid or without, and a tilted sheet in it that both sides see.
 fn room(scale: f32, turn: Quat, lid: bool) -> Scene {

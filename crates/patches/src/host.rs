@@ -5,11 +5,15 @@ mod clip;
 mod cluster;
 mod grid;
 mod group;
+mod nearest;
 mod patch_set;
 mod sample;
+mod view;
 
 pub use axis::{AxisWeights, axis_patches};
 pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
 pub use grid::{Grid, PIECE_LIMIT, VOXEL_LIMIT};
+pub use nearest::Nearest;
 pub use patch_set::PatchSet;
 pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels};
+pub use view::{ViewSettings, view_clusters};

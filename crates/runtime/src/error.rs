@@ -17,6 +17,9 @@ pub enum Error {
     /// Patches or form factors.
     #[error("form factors: {0}")]
     FormFactor(#[from] formfactor::Error),
+    /// Virtual patches.
+    #[error("patches: {0}")]
+    Patches(#[from] patches::Error),
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
     Write {

@@ -18,8 +18,10 @@ use crate::kernel::light::{Lights, direct_irradiance};
 use crate::math::luminance;
 use crate::types::*;
 
+mod sides;
 mod wide;
 
+pub use sides::{SidePolicy, Sides, find_sides, is_open};
 use wide::WideBvh;
 
 /// What a scene is made of: the input of [`Scene::new`].
@@ -167,6 +169,18 @@ impl Scene {
     #[inline]
     pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
         self.traverse::<true>(origin, direction, t_max).triangle != NONE
+    }
+
+    /// The mip level of a triangle's albedo texture at which one texel covers `area` m².
+    pub fn albedo_level(&self, triangle: u32, area: f32) -> u32 {
+        let t = self.triangles[triangle as usize];
+        let material = self.materials[t.material as usize];
+        let Some(texture) = self.textures.get(material.albedo_texture as usize) else { return 0 };
+        let uv = self.uvs[triangle as usize];
+        let share = (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs();
+        let texels = share * texture.width as f32 * texture.height as f32 * area / t.edge_a.cross(t.edge_b).length();
+        // A level quarters the number of texels.
+        (0..texture.levels).take_while(|&k| texels > f32::from(4u16.saturating_pow(k + 1))).count() as u32
     }
 
     #[inline]

@@ -4,9 +4,8 @@ use std::collections::HashMap;
 use std::vec::Vec;
 
 use glam::{IVec3, Vec3};
-use scene::{NONE, Scene, SurfacePoint};
+use scene::{NONE, Scene, Sides, SurfacePoint};
 
-use super::sides::Sides;
 use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, triangle_area, vertex_point};
 use crate::error::Error;
@@ -76,9 +75,10 @@ impl Receivers {
         Ok(Self { grids, vertices, points, offsets })
     }
 
-    /// Lets grid vertices whose receiver is not `good` take the nearest good one on their side of the triangle.
-    pub fn replace(&mut self, scene: &Scene, good: impl Fn(usize) -> bool) {
-        for (triangle, grid) in self.grids.iter().enumerate() {
+    /// Leaves out receivers that are not `good`: their grid vertices take the nearest good one on their side of the triangle;
+    /// a side without any has no receivers.
+    pub fn retain(&mut self, scene: &Scene, good: impl Fn(usize) -> bool) {
+        for (triangle, grid) in self.grids.iter_mut().enumerate() {
             for (front, first) in sides_of(grid) {
                 let own = first as usize..(first + vertex_count(grid.divisions)) as usize;
                 if own.clone().all(|k| good(self.vertices[k] as usize)) {
@@ -97,6 +97,11 @@ impl Receivers {
                         }
                     }
                 }
+                if kept.is_empty() {
+                    *(if front { &mut grid.front } else { &mut grid.back }) = NONE;
+                    bad.iter().for_each(|&(_, at)| self.vertices[at] = NONE);
+                    continue;
+                }
                 for (place, at) in bad {
                     let distance = |k: &&(Vec3, u32)| k.0.distance_squared(place);
                     if let Some(nearest) = kept.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) {
@@ -105,6 +110,19 @@ impl Receivers {
                 }
             }
         }
+        let mut used = vec![false; self.points.len()];
+        self.vertices.iter().filter(|&&r| r != NONE).for_each(|&r| used[r as usize] = true);
+        let mut numbers = vec![NONE; self.points.len()];
+        let mut next = 0;
+        for (number, _) in numbers.iter_mut().zip(&used).filter(|(_, used)| **used) {
+            *number = next;
+            next += 1;
+        }
+        self.points.retain(|point| used[point.patch as usize]);
+        (self.points.iter_mut().zip(0..)).for_each(|(point, number)| point.patch = number);
+        // A vertex without receiver is never asked for.
+        self.vertices.iter_mut().for_each(|r| *r = if *r == NONE { 0 } else { numbers[*r as usize] });
+        self.offsets.truncate(self.points.len() + 1);
     }
 }
 

@@ -3,11 +3,10 @@
 use glam::Vec3;
 use rayon::prelude::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{Hit, NONE, Scene, SurfacePoint};
+use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open};
 use std::vec::Vec;
 
 use super::polygon::Polygon;
-use super::sides::{SidePolicy, Sides, find_sides, is_open};
 use super::storage::check_length;
 use crate::error::Error;
 use crate::kernel::grid::{cell_corners, cell_count, owner};
@@ -215,6 +214,15 @@ pub(super) fn number_entries(
         grids.push(TriangleGrid { front, back, divisions, reserved: 0 });
     }
     Ok(grids)
+}
+
+/// Numbers the cells of all triangles, `divisions²` on each of their sides.
+///
+/// # Errors
+/// [`Error::Value`] for divisions outside 1..=4096, [`Error::Length`], [`Error::TooMany`].
+pub fn cell_grids(sides: &[Sides], divisions: &[u32]) -> Result<Vec<TriangleGrid>, Error> {
+    check_length("divisions", sides.len(), divisions.len())?;
+    number_entries(sides, divisions, cell_count)
 }
 
 struct Cell {

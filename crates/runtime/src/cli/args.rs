@@ -99,6 +99,15 @@ impl Method {
     }
 }
 
+/// Kinds of patches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Patches {
+    /// Triangles cut into like pieces.
+    Polygon,
+    /// Samples of the surface gathered by what they see: any mesh in as many patches as wanted.
+    Cluster,
+}
+
 /// Estimator of the form factors.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FormFactors {
@@ -129,6 +138,9 @@ pub struct Render {
     /// Sub-frames (classic) or paths (path) a pixel [default: 16 and 64].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub spp: Option<u32>,
+    /// What patches are [default: polygon for scenes of fewer triangles than patches, else cluster].
+    #[arg(long, value_enum)]
+    pub patches: Option<Patches>,
     /// Patches that send light.
     #[arg(long, default_value_t = 4000, value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub patch_count: u32,

@@ -16,7 +16,7 @@ use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, View};
 use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
-use crate::render::classic::{Classic, ClassicSettings, Estimator};
+use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -92,6 +92,7 @@ fn one_scene(
     }
     let device = executor.device().name.clone();
     let settings = ClassicSettings {
+        patches: PatchKind::Polygon,
         patch_count: effort.patches,
         estimator: Estimator::Hemisphere { rays: effort.rays },
         bounces: None,

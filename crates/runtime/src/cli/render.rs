@@ -8,14 +8,14 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, Precision, ReferenceData, stops_to_scale};
 
-use super::args::{Bounces, Common, FormFactors, Method, Render};
+use super::args::{Bounces, Common, FormFactors, Method, Patches, Render};
 use super::output;
 use super::report::significant;
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
-use crate::render::classic::{Classic, ClassicSettings, Estimator};
+use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -133,6 +133,12 @@ fn classic_frames(
     }
     summary.device = executor.device().name.clone();
     let settings = ClassicSettings {
+        patches: match args.patches {
+            Some(Patches::Polygon) => PatchKind::Polygon,
+            Some(Patches::Cluster) => PatchKind::Cluster,
+            None if loaded.scene.triangles.len() < args.patch_count as usize => PatchKind::Polygon,
+            None => PatchKind::Cluster,
+        },
         patch_count: args.patch_count as usize,
         estimator: match args.form_factors {
             FormFactors::Hemisphere => Estimator::Hemisphere { rays: args.rays },

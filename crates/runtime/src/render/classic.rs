@@ -5,16 +5,19 @@ use std::f32::consts::PI;
 use std::ops::ControlFlow;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Dense, FactorRows, Hemisphere, PatchSize, PointToPoint, Proceed, Receivers, SidePolicy,
-    Stop, SubdivideSettings, Subdivision, Surfaces, balance, find_sides, form_factor_blocks, form_factors, jacobi,
-    normalise_rows, subdivide,
+    AreaToArea, Contour, Csr, Dense, FactorRows, Hemisphere, PointToPoint, Proceed, Receivers, Stop, Surfaces, balance,
+    form_factor_blocks, form_factors, jacobi, normalise_rows,
 };
 use glam::{Vec3, Vec4};
+use rayon::prelude::*;
 use reference::Picture;
-use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
+use scene::sampling::hash3;
+use scene::{Camera, DirectParams, Light, Scene, SidePolicy, SurfacePoint, find_sides, is_open};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
+pub use super::senders::PatchKind;
+use super::senders::Senders;
 use crate::error::Error;
 use crate::executor::Executor;
 use crate::import::LoadedScene;
@@ -24,12 +27,8 @@ use crate::progress::Progress;
 const MOST_PATCHES: usize = 65_535;
 /// Rows of receivers whose dense form is in memory at a time.
 const RECEIVER_BLOCK: usize = 512;
-/// Sample points a patch: origins of its form-factor rays, and where its direct light is measured.
-const PATCH_POINTS: u32 = 16;
 /// Rays of a row of [`Classic::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
-/// A receiver that loses more of its rays than this is inside of something.
-const MOST_LOST: f32 = 0.3;
 /// Shadow rays to area lights at each sample point of a patch.
 const PATCH_AREA_RAYS: u32 = 8;
 /// Rays to a sky map at each sample point of a patch.
@@ -58,6 +57,8 @@ pub enum Estimator {
 /// Settings of [`Classic::bake`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassicSettings {
+    /// What patches are.
+    pub patches: PatchKind,
     /// About how many patches.
     pub patch_count: usize,
     /// Estimator of the form factors between patches.
@@ -80,6 +81,7 @@ impl Default for ClassicSettings {
     /// 4,000 patches, 4,096 rays a row, all bounces, 16 sub-frames of 960 × 540.
     fn default() -> Self {
         Self {
+            patches: PatchKind::default(),
             patch_count: 4000,
             estimator: Estimator::Hemisphere { rays: 4096 },
             bounces: None,
@@ -103,7 +105,7 @@ pub struct FrameResult {
 /// What the sides of the scene exchange, ready for frames.
 pub struct Classic {
     scene: Scene,
-    subdivision: Subdivision,
+    senders: Senders,
     receivers: usize,
     frame: Frame,
     settings: ClassicSettings,
@@ -129,72 +131,62 @@ impl Classic {
             needed,
             limit: MOST_PATCHES,
         };
-        if scene.triangles.len() > MOST_PATCHES {
+        if settings.patches == PatchKind::Polygon && scene.triangles.len() > MOST_PATCHES {
             return Err(too_many(scene.triangles.len()));
         }
-        let (subdivision, mut receivers) = progress.phase("sample", |_| -> Result<_, Error> {
-            let mut cut = SubdivideSettings {
-                size: PatchSize::Count(settings.patch_count as u32),
-                points: PATCH_POINTS,
-                seed: settings.seed,
-                ..SubdivideSettings::default()
-            };
-            let mut subdivision = subdivide(&scene, &cut)?;
-            if subdivision.patches.is_empty() {
-                // No light comes anywhere: the fronts give a black picture.
-                cut.sides = SidePolicy::Front;
-                subdivision = subdivide(&scene, &cut)?;
-            }
-            let area: f32 = subdivision.areas().iter().sum();
-            let patch_edge = (area / subdivision.patches.len().max(1) as f32).sqrt();
+        let (senders, receivers) = progress.phase("sample", |_| -> Result<_, Error> {
+            let senders = Senders::new(&scene, settings.patches, settings.patch_count, settings.seed)?;
+            let area: f32 = senders.areas().iter().sum();
+            let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
             let edge = settings.receiver_edge.unwrap_or(patch_edge);
-            let sides = find_sides(&scene, cut.sides);
-            Ok((subdivision, Receivers::new(&scene, &sides, edge)?))
+            let mut receivers = Receivers::new(&scene, &find_sides(&scene, SidePolicy::Both), edge)?;
+            let seed = settings.seed ^ 0x6f70_656e;
+            let open: Vec<bool> = (receivers.points.par_iter())
+                .map(|point| is_open(&scene, point, hash3(point.patch, 0, seed)))
+                .collect();
+            // A vertex inside of a solid is dark; no dark spot may be interpolated into the open.
+            receivers.retain(&scene, |receiver| open[receiver]);
+            Ok((senders, receivers))
         })?;
-        let count = subdivision.patches.len();
+        let count = senders.patches.len();
         if count > MOST_PATCHES {
             return Err(too_many(count));
         }
         progress.note(&format!("{count} patches, {} receivers", receivers.points.len()));
 
-        let rows = progress.phase("form_factors", |report| factors(&scene, &subdivision, &settings, report))?;
-        let (receiver_rows, lost) = progress.phase("receivers", |report| {
-            let surfaces = Surfaces {
-                seed: settings.seed ^ 0x7265_6365,
-                ..Surfaces::of_points(&scene, &subdivision, &[], &receivers.points, &receivers.offsets)
-            };
+        let rows = progress.phase("form_factors", |report| factors(&scene, &senders, &settings, report))?;
+        let receiver_rows = progress.phase("receivers", |report| {
+            let seed = settings.seed ^ 0x7265_6365;
+            let surfaces = senders.lighting(&scene, &receivers.points, &receivers.offsets, seed);
             sparse_rows(&surfaces, settings.receiver_rays, report)
         })?;
-        // A grid vertex inside of a solid sees no patch; no dark spot may be interpolated into the open.
-        receivers.replace(&scene, |receiver| lost[receiver] <= MOST_LOST);
 
-        let albedo = patch_albedo(&scene, &subdivision);
+        let albedo = &senders.albedo;
         // A constant sky's share of the direct light is known once and for all.
         let constant_sky = if scene.sky.map_width == 0 { scene.sky.radiance * PI } else { Vec3::ZERO };
         let sky_exitance: Vec<Vec4> =
             (0..count).map(|i| albedo[i] * (constant_sky * rows.sky_factor[i]).extend(0.0)).collect();
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
-            None => progress.phase("bounces", |_| enough_bounces(&rows.factors, &albedo))?,
+            None => progress.phase("bounces", |_| enough_bounces(&rows.factors, albedo))?,
         };
         let bytes = BTreeMap::from([
             ("form_factors".to_owned(), size_of_val(&rows.factors.values[..]) as u64),
-            ("samples".to_owned(), size_of_val(&subdivision.points[..]) as u64),
+            ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
             ("receivers".to_owned(), csr_bytes(&receiver_rows)),
         ]);
         let frame = Frame::load(
             executor,
             &FrameParts {
                 scene: &scene,
-                subdivision: &subdivision,
+                senders: &senders,
                 receivers: &receivers,
                 factors: &rows.factors,
                 receiver_rows: &receiver_rows,
-                albedo: &albedo,
                 base_exitance: &sky_exitance,
                 bounces,
                 direct: DirectParams {
-                    count: subdivision.points.len() as u32,
+                    count: senders.points.len() as u32,
                     area_rays: PATCH_AREA_RAYS,
                     sky_rays: if scene.sky.map_width == 0 { 0 } else { PATCH_SKY_RAYS },
                     seed: settings.seed,
@@ -206,12 +198,12 @@ impl Classic {
             },
         )?;
         let receivers = receivers.points.len();
-        Ok(Self { scene, subdivision, receivers, frame, settings, bytes })
+        Ok(Self { scene, senders, receivers, frame, settings, bytes })
     }
 
     /// Patches that send light.
     pub fn patch_count(&self) -> usize {
-        self.subdivision.patches.len()
+        self.senders.patches.len()
     }
 
     /// Points that receive it.
@@ -245,11 +237,8 @@ impl Classic {
     pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
         let exitance = self.frame.exitance()?;
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
-        let surfaces = Surfaces {
-            seed: self.settings.seed ^ 0x706f_696e,
-            ..Surfaces::of_points(&self.scene, &self.subdivision, &[], points, &offsets)
-        };
-        let (rows, _) = sparse_rows(&surfaces, POINT_RAYS, &|_| !crate::progress::is_cancelled())?;
+        let surfaces = self.senders.lighting(&self.scene, points, &offsets, self.settings.seed ^ 0x706f_696e);
+        let rows = sparse_rows(&surfaces, POINT_RAYS, &|_| !crate::progress::is_cancelled())?;
         let sum = |i: usize| {
             formfactor::kernel::product::gather_row_sparse(
                 i as u32,
@@ -279,12 +268,11 @@ fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> 
 
 fn factors(
     scene: &Scene,
-    subdivision: &Subdivision,
+    senders: &Senders,
     settings: &ClassicSettings,
     report: &(dyn Fn(f32) -> bool + Sync),
 ) -> Result<FactorRows, Error> {
-    let polygons = subdivision.polygons()?;
-    let surfaces = Surfaces { seed: settings.seed, ..Surfaces::of_patches(scene, subdivision, &polygons) };
+    let surfaces = senders.exchange(scene, settings.seed);
     let estimator: Box<dyn formfactor::Estimator> = match settings.estimator {
         Estimator::Hemisphere { rays } => Box::new(Hemisphere { rays }),
         Estimator::Contour => Box::new(Contour::default()),
@@ -292,18 +280,13 @@ fn factors(
         Estimator::Point => Box::new(PointToPoint::default()),
     };
     let mut rows = form_factors(&*estimator, &surfaces, &|done, total| proceed(report, done, total))?;
-    balance(&mut rows.factors, &mut rows.sky_factor, &subdivision.areas(), None)?;
+    balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
     Ok(rows)
 }
 
-/// Rows of any points over the patches, sparse and closed, and the share of each row's rays that met no patch.
-fn sparse_rows(
-    surfaces: &Surfaces,
-    rays: u32,
-    report: &(dyn Fn(f32) -> bool + Sync),
-) -> Result<(Csr, Vec<f32>), Error> {
+/// Rows of any points over the patches, sparse and closed.
+fn sparse_rows(surfaces: &Surfaces, rays: u32, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<Csr, Error> {
     let mut all = Csr { rows: 0, columns: surfaces.patches.len(), row_start: vec![0], ..Csr::default() };
-    let mut lost = Vec::new();
     let progress = |done: usize, total: usize| proceed(report, done, total);
     form_factor_blocks(&Hemisphere { rays }, surfaces, RECEIVER_BLOCK, &progress, |_, block| {
         let mut factors: Dense = block.factors;
@@ -314,59 +297,13 @@ fn sparse_rows(
         all.row_start.extend(part.row_start[1..].iter().map(|k| k + base));
         all.column_index.extend(part.column_index);
         all.values.extend(part.values);
-        lost.extend(block.lost);
         Ok(())
     })?;
-    Ok((all, lost))
+    Ok(all)
 }
 
 fn csr_bytes(rows: &Csr) -> u64 {
     (size_of_val(&rows.row_start[..]) + size_of_val(&rows.column_index[..]) + size_of_val(&rows.values[..])) as u64
-}
-
-/// Mean albedo of each patch: over its sample points, from the mip level at which a texel covers a point's share.
-fn patch_albedo(scene: &Scene, subdivision: &Subdivision) -> Vec<Vec4> {
-    let geometry = scene.geometry();
-    (0..subdivision.patches.len())
-        .map(|i| {
-            let (first, end) = (subdivision.offsets[i] as usize, subdivision.offsets[i + 1] as usize);
-            let patch = &subdivision.patches[i];
-            let level = mip_level(scene, patch.triangle, patch.area / (end - first).max(1) as f32);
-            let t = scene.triangles[patch.triangle as usize];
-            let sum: Vec3 = subdivision.points[first..end]
-                .iter()
-                .map(|p| {
-                    let (u, v) = shares(&t, p.position);
-                    geometry.albedo_at_level(patch.triangle, u, v, level) * p.weight
-                })
-                .sum();
-            sum.extend(0.0)
-        })
-        .collect()
-}
-
-/// Shares (u, v) of a triangle's edges at a point of it.
-fn shares(t: &scene::Triangle, position: Vec3) -> (f32, f32) {
-    let d = position - t.corner;
-    let (aa, ab, bb) = (t.edge_a.dot(t.edge_a), t.edge_a.dot(t.edge_b), t.edge_b.dot(t.edge_b));
-    let (da, db) = (d.dot(t.edge_a), d.dot(t.edge_b));
-    let inverse = 1.0 / (aa * bb - ab * ab);
-    ((da * bb - db * ab) * inverse, (db * aa - da * ab) * inverse)
-}
-
-/// The mip level of the triangle's albedo texture at which one texel covers `area` m².
-fn mip_level(scene: &Scene, triangle: u32, area: f32) -> u32 {
-    let t = scene.triangles[triangle as usize];
-    let material = scene.materials[t.material as usize];
-    let Some(texture) = scene.textures.get(material.albedo_texture as usize) else { return 0 };
-    let uv = scene.uvs[triangle as usize];
-    let texels = 0.5
-        * (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs()
-        * texture.width as f32
-        * texture.height as f32;
-    let covered = texels * area / (0.5 * t.edge_a.cross(t.edge_b).length());
-    // A level quarters the number of texels.
-    (0..texture.levels).take_while(|&k| covered > f32::from(4u16.saturating_pow(k + 1))).count() as u32
 }
 
 /// Bounces until a uniform source changes no patch by more than the tolerance, and a quarter more for sources that are not

@@ -1,13 +1,14 @@
 //! A frame as a plan: direct light at the patches, bounces, receivers, and sub-frames of the picture.
 
 use bytemuck::Pod;
-use formfactor::{Csr, Dense, GatherParams, Receivers, Subdivision};
+use formfactor::{Csr, Dense, GatherParams, Receivers};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
+use super::senders::Senders;
 use crate::error::Error;
 use crate::executor::{Executor, ExecutorError};
 use crate::plan::{BufferId, PassId, Plan, Range};
@@ -18,12 +19,10 @@ const PIXEL_RAYS: u32 = 2;
 /// What a frame is made of.
 pub struct FrameParts<'a> {
     pub scene: &'a Scene,
-    pub subdivision: &'a Subdivision,
+    pub senders: &'a Senders,
     pub receivers: &'a Receivers,
     pub factors: &'a Dense,
     pub receiver_rows: &'a Csr,
-    /// Per patch.
-    pub albedo: &'a [Vec4],
     /// Exitance that does not depend on the lights: emission, and the share of a constant sky, W/m².
     pub base_exitance: &'a [Vec4],
     pub bounces: u32,
@@ -83,7 +82,7 @@ impl Frame {
     /// Makes the plan, loads it and uploads everything that stays.
     pub fn load(mut executor: Box<dyn Executor>, parts: &FrameParts) -> Result<Self, Error> {
         let s = parts.scene;
-        let (patches, points) = (parts.subdivision.patches.len(), parts.subdivision.points.len());
+        let (patches, points) = (parts.senders.patches.len(), parts.senders.points.len());
         let receivers = parts.receivers.points.len();
         let pixels = parts.size.0 as usize * parts.size.1 as usize;
         // The default path of a scene without lights adds one.
@@ -111,9 +110,9 @@ impl Frame {
             table(&mut plan, "sky", bytemuck::cast_slice(&sky)),
             table(&mut plan, "sky_map", bytemuck::cast_slice(&s.sky_map)),
         ];
-        let patch_points = table(&mut plan, "points", bytemuck::cast_slice(&parts.subdivision.points)).1;
-        let offsets = table(&mut plan, "offsets", bytemuck::cast_slice(&parts.subdivision.offsets)).1;
-        let albedo = table(&mut plan, "albedo", bytemuck::cast_slice(parts.albedo)).1;
+        let patch_points = table(&mut plan, "points", bytemuck::cast_slice(&parts.senders.points)).1;
+        let offsets = table(&mut plan, "offsets", bytemuck::cast_slice(&parts.senders.offsets)).1;
+        let albedo = table(&mut plan, "albedo", bytemuck::cast_slice(&parts.senders.albedo)).1;
         let emission = table(&mut plan, "emission", bytemuck::cast_slice(parts.base_exitance)).1;
         let vectors = patches.div_ceil(4);
         let padded = padded_rows(parts.factors, vectors);

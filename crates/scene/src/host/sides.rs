@@ -1,10 +1,13 @@
 //! Which sides of the triangles take part in the exchange of light.
 
+use std::vec;
+use std::vec::Vec;
+
 use glam::Vec3;
 use rayon::prelude::*;
-use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
-use scene::{Hit, LIGHT_DIRECTIONAL, Scene, SurfacePoint, Visibility};
-use std::vec::Vec;
+
+use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
+use crate::{Hit, LIGHT_DIRECTIONAL, Scene, SurfacePoint, Visibility};
 
 /// The sides of a triangle that have patches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,7 +81,7 @@ const POINT_WALKS: u32 = 8;
 
 /// Whether light comes to a point: a point inside of a solid, as where a column stands on a floor, has none. By 8 random
 /// walks as in [`find_sides`].
-pub(super) fn is_open(scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
+pub fn is_open(scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
     (0..POINT_WALKS).any(|k| {
         let turn = hammersley(k, POINT_WALKS, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
         let direction = cosine_hemisphere(point.normal, turn);

@@ -1,0 +1,282 @@
+//! Patches by what samples see: all samples of the scene in one set, split top-down where position, normal, openness and
+//! light vary most. No voxel limits a patch, and a bright hidden surface never shares one with a dim visible one.
+
+use std::collections::BinaryHeap;
+use std::vec::Vec;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use scene::math::luminance;
+use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3, uniform_triangle, unit};
+use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint, is_open};
+
+use super::patch_set::PatchSet;
+use crate::error::Error;
+use crate::types::{Member, Sample};
+
+/// Rays by which the openness of a sample is measured.
+const RAYS: u32 = 16;
+/// Weight of the openness among the features.
+const OPENNESS: f32 = 8.0;
+/// Weight of the logarithm of the irradiance.
+const LIGHT: f32 = 4.0;
+/// Irradiance below this share of the mean counts as none.
+const DARK: f32 = 0.02;
+/// Other suns than the scene's own, when it has one or a sky: lights that may come later.
+const OTHER_SUNS: u32 = 6;
+/// Position, normal, openness at two distances, sky, the scene's own light.
+const OWN_FEATURES: usize = 10;
+const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
+
+type Features = [f32; FEATURES];
+
+/// Settings of [`view_clusters`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewSettings {
+    /// Patches to make; fewer when there are fewer samples.
+    pub patches: u32,
+    /// Samples a patch, on average.
+    pub samples: u32,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+impl Default for ViewSettings {
+    fn default() -> Self {
+        Self { patches: 10_000, samples: 24, seed: 0 }
+    }
+}
+
+/// Makes patches of like samples: equal-area samples of both sides of all triangles, without those inside of solids or
+/// that see no geometry; then the cluster with the greatest area × variance is split at the mean of the feature that
+/// varies most, until there are enough. O(S log S) for S samples.
+///
+/// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are free
+/// for a half and for two patch edges and that reach the sky (8), the logarithm of the irradiance from the scene's lights
+/// and, where a sun may stand elsewhere later, from six other suns (4).
+///
+/// # Errors
+/// [`Error::Setting`] for no patches or samples, [`Error::NoSamples`], [`Error::TooMany`].
+pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<PatchSet, Error> {
+    for (name, value) in [("patches", settings.patches), ("samples", settings.samples)] {
+        if value == 0 {
+            return Err(Error::Setting { name, value: 0.0, rule: "at least 1" });
+        }
+    }
+    let wanted = u64::from(settings.patches) * u64::from(settings.samples);
+    if wanted > u64::from(u32::MAX / 4) {
+        return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 4) });
+    }
+    // About half of all sides are insides and undersides.
+    let candidates = equal_area_samples(scene, 2 * wanted as u32, settings.seed);
+    let seen = see(scene, &candidates, settings);
+    let samples: Vec<Sample> = candidates.iter().zip(&seen).filter_map(|(s, f)| f.map(|_| *s)).collect();
+    let mut features: Vec<Features> = seen.into_iter().flatten().collect();
+    if samples.is_empty() {
+        return Err(Error::NoSamples);
+    }
+    add_light(scene, &samples, &mut features, settings.seed);
+    let (order, offsets) = split(&samples, &features, settings.patches as usize);
+    let members = order.iter().map(|&sample| Member { sample, weight: 1.0 }).collect();
+    let voxels = std::vec![NONE; offsets.len() - 1];
+    PatchSet::from_groups(samples, &voxels, offsets, members)
+}
+
+/// About `count` samples, each for the same area: one in each interval of the running sum of the sides' areas.
+fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
+    let geometry = scene.geometry();
+    let areas: Vec<f64> = scene.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
+    let area = 2.0 * areas.iter().sum::<f64>() / f64::from(count);
+    let (mut samples, mut sum, mut next) = (Vec::with_capacity(count as usize), 0.0, 0u32);
+    let place = |k: u32| area * (f64::from(k) + f64::from(unit(hash3(k, 0x7374_6570, seed))));
+    for side in 0..2 {
+        for (triangle, &own) in areas.iter().enumerate() {
+            sum += own;
+            let mut k = 0u32;
+            while place(next) < sum {
+                // An additive recurrence (Roberts 2018), from a start of its own on each side.
+                let word = |step: u32, salt: u32| {
+                    unit(k.wrapping_mul(step).wrapping_add(hash3(triangle as u32, side + salt, seed)))
+                };
+                let (u, v) = uniform_triangle((word(0xc13f_a9a9, 2), word(0x91e1_0da6, 4)));
+                let normal = geometry.normal(triangle as u32);
+                if !geometry.is_hole(triangle as u32, u, v) {
+                    samples.push(Sample {
+                        position: geometry.position(triangle as u32, u, v),
+                        area: area as f32,
+                        normal: if side == 0 { normal } else { -normal },
+                        triangle: triangle as u32,
+                        albedo: geometry.albedo_at_level(
+                            triangle as u32,
+                            u,
+                            v,
+                            scene.albedo_level(triangle as u32, area as f32),
+                        ),
+                        reserved: 0,
+                    });
+                }
+                (next, k) = (next + 1, k + 1);
+            }
+        }
+    }
+    samples
+}
+
+fn surface_point(sample: &Sample) -> SurfacePoint {
+    SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 }
+}
+
+/// Position, normal and openness of the samples that take part in the exchange of light.
+fn see(scene: &Scene, samples: &[Sample], settings: &ViewSettings) -> Vec<Option<Features>> {
+    let total: f64 = samples.iter().map(|s| f64::from(s.area)).sum();
+    // Half of it, as a guess: insides take no part.
+    let edge = scene::math::sqrt((0.5 * total / f64::from(settings.patches)) as f32);
+    (samples.par_iter().enumerate())
+        .map(|(index, sample)| {
+            let key = |dimension: u32| hash3(index as u32, dimension, settings.seed ^ 0x7365_6573);
+            let origin = sample.position + sample.normal * scene.ray_offset;
+            let (mut near, mut far, mut sky, mut met) = (0u32, 0u32, 0u32, false);
+            for k in 0..RAYS {
+                let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
+                let hit = scene.closest_before(origin, direction, f32::INFINITY);
+                met |= !hit.is_miss() && hit.t > 4.0 * scene.ray_offset;
+                near += u32::from(hit.is_miss() || hit.t > 0.5 * edge);
+                far += u32::from(hit.is_miss() || hit.t > 2.0 * edge);
+                sky += u32::from(hit.is_miss());
+            }
+            if !met || (sky == 0 && !is_open(scene, &surface_point(sample), key(2))) {
+                return None;
+            }
+            let mut features = [0.0; FEATURES];
+            features[..3].copy_from_slice(&(sample.position / edge).to_array());
+            features[3..6].copy_from_slice(&sample.normal.to_array());
+            for (feature, count) in features[6..9].iter_mut().zip([near, far, sky]) {
+                *feature = OPENNESS * count as f32 / RAYS as f32;
+            }
+            Some(features)
+        })
+        .collect()
+}
+
+/// Adds the logarithm of the irradiance: from the scene's own lights, and from other suns.
+fn add_light(scene: &Scene, samples: &[Sample], features: &mut [Features], seed: u32) {
+    let points: Vec<SurfacePoint> = samples.iter().map(surface_point).collect();
+    let params = DirectParams {
+        count: points.len() as u32,
+        light_count: scene.lights.len() as u32,
+        emitter_count: scene.emitters.len() as u32,
+        area_rays: 4,
+        sky_rays: if scene.sky.map_width == 0 { 0 } else { 8 },
+        seed,
+        ray_offset: scene.ray_offset,
+        first: 0,
+    };
+    let own = scene.direct_irradiance(&params, &points);
+    put_logarithm(features, OWN_FEATURES - 1, own.par_iter().map(|e| luminance(*e)).collect());
+    if !scene.has_sky() && !scene.lights.iter().any(|l| l.kind == LIGHT_DIRECTIONAL) {
+        return;
+    }
+    let (right, up) = frame(-Vec3::Y);
+    for k in 0..OTHER_SUNS {
+        // Spread over the sky, none very low.
+        let (x, turn) = hammersley(k, OTHER_SUNS, (0, hash3(seed, 0, 0)));
+        let height = 0.35 + 0.6 * x;
+        let (s, c) = scene::math::sin_cos_turn(turn);
+        let across = scene::math::sqrt(1.0 - height * height);
+        let to_sun = (right * c + up * s) * across + Vec3::Y * height;
+        let light = (points.par_iter())
+            .map(|p| {
+                let cosine = p.normal.dot(to_sun);
+                let origin = p.position + p.normal * scene.ray_offset;
+                if cosine > 0.0 && !scene.occluded(origin, to_sun, f32::INFINITY) { cosine } else { 0.0 }
+            })
+            .collect();
+        put_logarithm(features, OWN_FEATURES + k as usize, light);
+    }
+}
+
+/// Sets one feature to the weighted logarithm of an irradiance, as a share of its mean and not below [`DARK`].
+fn put_logarithm(features: &mut [Features], feature: usize, irradiance: Vec<f32>) {
+    let mean = irradiance.iter().map(|&e| f64::from(e)).sum::<f64>() / irradiance.len().max(1) as f64;
+    if mean > 0.0 {
+        features.par_iter_mut().zip(irradiance).for_each(|(f, e)| {
+            f[feature] = LIGHT * f64::from(e / mean as f32 + DARK).ln() as f32;
+        });
+    }
+}
+
+/// A cluster: a range of the order of samples, and how much splitting it would bring.
+struct Node {
+    priority: f64,
+    start: usize,
+    end: usize,
+    feature: usize,
+    mean: f32,
+}
+
+impl Node {
+    fn new(start: usize, end: usize, order: &[u32], samples: &[Sample], features: &[Features]) -> Self {
+        let (mut area, mut sum, mut squares) = (0.0f64, [0.0f64; FEATURES], [0.0f64; FEATURES]);
+        for &k in &order[start..end] {
+            let a = f64::from(samples[k as usize].area);
+            area += a;
+            for (d, &x) in features[k as usize].iter().enumerate() {
+                let x = f64::from(x);
+                sum[d] += a * x;
+                squares[d] += a * x * x;
+            }
+        }
+        let variance = |d: usize| (squares[d] / area - (sum[d] / area) * (sum[d] / area)).max(0.0);
+        let feature = (0..FEATURES).max_by(|&a, &b| variance(a).total_cmp(&variance(b))).unwrap_or(0);
+        let total: f64 = (0..FEATURES).map(variance).sum();
+        Self { priority: area * total, start, end, feature, mean: (sum[feature] / area) as f32 }
+    }
+}
+
+impl PartialEq for Node {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Node {}
+
+impl PartialOrd for Node {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Node {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.priority.total_cmp(&other.priority).then(self.start.cmp(&other.start))
+    }
+}
+
+/// Samples in the order of their clusters, and where each cluster starts, `[n + 1]`.
+fn split(samples: &[Sample], features: &[Features], clusters: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut order: Vec<u32> = (0..samples.len() as u32).collect();
+    let mut open = BinaryHeap::from([Node::new(0, order.len(), &order, samples, features)]);
+    let mut closed = Vec::new();
+    while open.len() + closed.len() < clusters {
+        let Some(node) = open.pop() else { break };
+        let own = &mut order[node.start..node.end];
+        let below = |k: &u32| features[*k as usize][node.feature] < node.mean;
+        // Stable, so that the order within a cluster is that of the samples.
+        let (low, high): (Vec<u32>, Vec<u32>) = own.iter().partition(|k| below(k));
+        if low.is_empty() || high.is_empty() {
+            closed.push((node.start, node.end));
+            continue;
+        }
+        own[..low.len()].copy_from_slice(&low);
+        own[low.len()..].copy_from_slice(&high);
+        let middle = node.start + low.len();
+        open.push(Node::new(node.start, middle, &order, samples, features));
+        open.push(Node::new(middle, node.end, &order, samples, features));
+    }
+    closed.extend(open.into_iter().map(|n| (n.start, n.end)));
+    closed.sort_unstable();
+    let mut offsets = std::vec![0];
+    offsets.extend(closed.iter().map(|&(_, end)| end as u32));
+    (order, offsets)
+}
