@@ -5,11 +5,13 @@ mod clip;
 mod cluster;
 mod grid;
 mod group;
+mod lookup;
 mod patch_set;
 mod sample;
 
 pub use axis::{AxisWeights, axis_patches};
 pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
 pub use grid::{Grid, PIECE_LIMIT, VOXEL_LIMIT};
+pub use lookup::{Lookup, LookupSettings};
 pub use patch_set::PatchSet;
 pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels};
