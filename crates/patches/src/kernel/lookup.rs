@@ -13,7 +13,7 @@ const FACING_AWAY: f32 = 1e-12;
 /// A patch whose normal has a smaller cosine than this with the point's normal may be a wall.
 const WALL_COSINE: f32 = 0.5;
 /// So far behind a wall something must lie to be hidden by it, in voxels.
-const WALL_DEPTH: f32 = 1e-3;
+const WALL_DEPTH: f32 = 1e-4;
 
 /// The value at a surface point `x` with unit normal `n`, as `Σ w h / Σ w` over the patches of the 2×2×2 voxels round x
 /// shifted by half a voxel along n [T 5.3], so that the voxel that holds x is always one of them.
