@@ -52,7 +52,7 @@ impl Lookup {
     /// [`Error::NoSamples`] without patches.
     pub fn new(grid: &Grid, set: &PatchSet, settings: LookupSettings) -> Result<Self, Error> {
         let limit = settings.plane_limit;
-        if !(limit > 0.0) {
+        if limit.is_nan() || limit <= 0.0 {
             return Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" });
         }
         if set.is_empty() {

@@ -45,7 +45,7 @@ impl PatchSet {
             check_normal("patches.normal", index, patch.normal)?;
             let range = offsets[index] as usize..offsets[index + 1] as usize;
             let sum: f64 = members[range].iter().map(|m| f64::from(m.weight)).sum();
-            if !((sum - 1.0).abs() <= SHARE_TOLERANCE) {
+            if sum.is_nan() || (sum - 1.0).abs() > SHARE_TOLERANCE {
                 let rule = "1, the sum of the patch's shares";
                 return Err(Error::Value { name: "members.weight", index, value: sum, rule });
             }
