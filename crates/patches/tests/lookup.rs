@@ -72,6 +72,10 @@ fn a_linear_field_on_a_floor_is_followed() {
         worst = worst.max((table.at(&values, x, Vec3::Y).unwrap().truncate() - x).length());
     }
     assert!(worst < 0.05 * 0.5, "{worst} m");
+    let points = set.surface_points();
+    let many = table.at_points(&values, &points).unwrap();
+    assert!(points.iter().zip(&many).all(|(p, v)| table.at(&values, p.position, p.normal).unwrap() == *v));
+    assert!(matches!(table.at_points(&values[1..], &points), Err(Error::Length { .. })));
 }
 
 /// Greatest error of a field that is 1 where `lit` and 0 elsewhere, at the samples.

@@ -8,8 +8,8 @@ use patches::{
     AxisWeights, ClusterMetric, ClusterSettings, Error, Grid, Member, PatchSet, Sample, SampleSet, SampleSettings,
     axis_patches, cluster_patches, sample_voxels,
 };
-use scene::Scene;
 use scene::sampling::{hash3, unit as unit_random};
+use scene::{DirectParams, LIGHT_POINT, Light, Scene};
 use support::{Mesh, atrium, two_rooms};
 
 fn sampled(scene: &Scene, edge: f32) -> (Grid, SampleSet) {
@@ -235,10 +235,41 @@ fn gathered_means_are_those_of_the_samples() {
     let (grid, samples) = sampled(&scene, 1.1);
     let set = axis_patches(&grid, samples, AxisWeights::Squared).unwrap();
     let values: Vec<Vec4> = set.samples.iter().map(|s| s.position.extend(1.0)).collect();
+    let means = set.gather(&values).unwrap();
     for (i, patch) in set.patches.iter().enumerate() {
-        let mean = gather_mean(i as u32, &set.offsets, &set.members, &values);
-        assert!((mean - patch.position.extend(1.0)).length() < 1e-4, "{mean} {patch:?}");
+        assert!((means[i] - patch.position.extend(1.0)).length() < 1e-4, "{} {patch:?}", means[i]);
+        assert_eq!(means[i], gather_mean(i as u32, &set.offsets, &set.members, &values));
     }
+    assert!(matches!(set.gather(&values[1..]), Err(Error::Length { .. })));
+}
+
+#[test]
+fn direct_light_gathered_over_the_patches_keeps_its_power() {
+    // A lamp in the middle of a closed room: all of its 4π W/sr arrive.
+    let mut mesh = Mesh::default();
+    mesh.cuboid(Vec3::ZERO, Vec3::new(3.0, 2.0, 2.5), true);
+    let mut scene = mesh.scene(1.0);
+    let position = Vec3::new(1.4, 0.9, 1.2);
+    scene.lights = vec![Light { kind: LIGHT_POINT, position, color: Vec3::ONE, ..Light::default() }];
+    let grid = Grid::new(&scene, Vec3::splat(0.4)).unwrap();
+    let geometry = scene.geometry();
+    let front = |s: &Sample| geometry.normal(s.triangle).dot(s.normal) > 0.0;
+    let set = sample_voxels(&scene, &grid, &SampleSettings::default(), &front).unwrap();
+    let set = axis_patches(&grid, set, AxisWeights::Squared).unwrap();
+    let points = set.surface_points();
+    let p = DirectParams {
+        count: points.len() as u32,
+        light_count: 1,
+        ray_offset: scene.ray_offset,
+        ..DirectParams::default()
+    };
+    let direct: Vec<Vec4> = scene.direct_irradiance(&p, &points).into_iter().map(|h| h.extend(0.0)).collect();
+    let power = |means: &[Vec4]| means.iter().zip(&set.patches).map(|(h, p)| f64::from(h.x * p.area)).sum::<f64>();
+    let expected = 4.0 * core::f64::consts::PI;
+    let found = power(&set.gather(&direct).unwrap());
+    assert!((found / expected - 1.0).abs() < 0.01, "{found} of {expected}");
+    let wrong: Vec<Vec4> = direct.iter().map(|&h| h * 1.02).collect();
+    assert!((power(&set.gather(&wrong).unwrap()) / expected - 1.0).abs() > 0.01);
 }
 
 fn sample(area: f32) -> Sample {

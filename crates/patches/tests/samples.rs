@@ -128,6 +128,31 @@ fn sheets_a_centimetre_apart_have_samples_on_all_four_sides() {
 }
 
 #[test]
+fn the_inside_of_a_housing_in_one_voxel_has_its_own_samples() {
+    let mut mesh = Mesh::default();
+    mesh.cuboid(Vec3::new(0.41, 0.42, 0.43), Vec3::new(0.61, 0.62, 0.63), false);
+    for corner in [Vec3::ZERO, Vec3::new(0.98, 0.0, 0.99)] {
+        mesh.quad(corner, Vec3::X * 0.01, Vec3::Y);
+    }
+    let scene = mesh.scene(1.0);
+    let grid = Grid::new(&scene, Vec3::splat(1.1)).unwrap();
+    assert_eq!(grid.len(), 1);
+    let middle = Vec3::new(0.51, 0.52, 0.53);
+    let of_housing = |s: &Sample| (s.position - middle).abs().max_element() < 0.11;
+    let settings = SampleSettings { points: 256, ..SampleSettings::default() };
+    let set = sample_voxels(&scene, &grid, &settings, &of_housing).unwrap();
+    for inside in [false, true] {
+        let of = |s: &&Sample| ((s.position - middle).dot(s.normal) < 0.0) == inside;
+        let area: f32 = set.samples.iter().filter(of).map(|s| s.area).sum();
+        assert!((area - 0.24).abs() < 1e-4, "{inside}: {area}");
+    }
+    // Refused, the inside leaves nothing behind, and its area goes to nobody.
+    let outside = |s: &Sample| of_housing(s) && (s.position - middle).dot(s.normal) > 0.0;
+    let set = sample_voxels(&scene, &grid, &settings, &outside).unwrap();
+    assert!(sums_to(&set, 0.24) && set.report.refused > 0, "{:?}", set.report);
+}
+
+#[test]
 fn a_wall_without_thickness_has_samples_for_both_rooms() {
     let scene = two_rooms().scene(1.0);
     // A voxel boundary in the wall, and voxels across it.

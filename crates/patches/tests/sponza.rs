@@ -37,7 +37,7 @@ fn sponza_is_cut_sampled_and_clustered_in_seconds() {
     let whole = mesh.area();
     let count = mesh.triangles.len();
     let scene = mesh.scene(1.0);
-    for edge in [2.0, 1.0] {
+    for edge in [2.0, 1.4] {
         let start = Instant::now();
         let grid = Grid::new(&scene, Vec3::splat(edge)).unwrap();
         let cut = start.elapsed();

@@ -3,6 +3,8 @@
 use std::vec::Vec;
 
 use glam::{UVec3, Vec3, Vec4};
+use rayon::prelude::*;
+use scene::SurfacePoint;
 
 use super::grid::Grid;
 use super::patch_set::PatchSet;
@@ -95,10 +97,28 @@ impl Lookup {
     /// # Errors
     /// [`Error::Length`] for a wrong number of values.
     pub fn at(&self, values: &[Vec4], position: Vec3, normal: Vec3) -> Result<Vec4, Error> {
+        self.check(values)?;
+        Ok(self.value(values, position, normal))
+    }
+
+    /// [`Lookup::at`] for many points, on all cores.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for a wrong number of values.
+    pub fn at_points(&self, values: &[Vec4], points: &[SurfacePoint]) -> Result<Vec<Vec4>, Error> {
+        self.check(values)?;
+        Ok(points.par_iter().map(|p| self.value(values, p.position, p.normal)).collect())
+    }
+
+    fn check(&self, values: &[Vec4]) -> Result<(), Error> {
         if values.len() != self.patches {
             return Err(Error::Length { name: "values", expected: self.patches, found: values.len() });
         }
-        Ok(lookup(&self.params, &self.cells, &self.offsets, &self.entries, values, position, normal))
+        Ok(())
+    }
+
+    fn value(&self, values: &[Vec4], position: Vec3, normal: Vec3) -> Vec4 {
+        lookup(&self.params, &self.cells, &self.offsets, &self.entries, values, position, normal)
     }
 
     /// Bytes of all tables.

@@ -2,9 +2,12 @@
 
 use std::vec::Vec;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
+use rayon::prelude::*;
+use scene::{NONE, SurfacePoint};
 
 use crate::error::Error;
+use crate::kernel::gather::gather_mean;
 use crate::types::{Member, Sample, VirtualPatch};
 
 /// Samples and the patches that share them out: patch i owns `members[offsets[i]..offsets[i + 1]]`.
@@ -93,6 +96,24 @@ impl PatchSet {
     /// Samples of patch `i` with their shares. Needs `i < len()`.
     pub fn members_of(&self, i: usize) -> &[Member] {
         &self.members[self.offsets[i] as usize..self.offsets[i + 1] as usize]
+    }
+
+    /// The samples as points at which direct light is measured, one each.
+    pub fn surface_points(&self) -> Vec<SurfacePoint> {
+        let point = |s: &Sample| SurfacePoint { position: s.position, patch: NONE, normal: s.normal, weight: 1.0 };
+        self.samples.iter().map(point).collect()
+    }
+
+    /// Area-weighted mean of a quantity over each patch, `Σ w e`, from one value a sample: [`gather_mean`] on all cores.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for a wrong number of values.
+    pub fn gather(&self, values: &[Vec4]) -> Result<Vec<Vec4>, Error> {
+        if values.len() != self.samples.len() {
+            return Err(Error::Length { name: "values", expected: self.samples.len(), found: values.len() });
+        }
+        let patches = 0..self.len() as u32;
+        Ok(patches.into_par_iter().map(|i| gather_mean(i, &self.offsets, &self.members, values)).collect())
     }
 
     /// Bytes of all tables.
