@@ -86,3 +86,23 @@ pub struct LookupPatch {
     pub reserved: u32,
 }
 const _: () = assert!(size_of::<LookupPatch>() == 32);
+
+/// [`LookupParams`]' table `cells`: marks an empty voxel; the other bits are the nearest voxel with patches.
+pub const EMPTY_CELL: u32 = 1 << 31;
+
+/// Settings of the lookup.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LookupParams {
+    /// The grid.
+    pub shape: GridShape,
+    /// A patch counts less the farther it lies from the plane of the point that asks, and (almost) nothing from this
+    /// distance on, in voxel edges along the normal.
+    pub plane_limit: f32,
+    /// 1: patches behind a wall (a patch across the point's plane, in the voxel of the point or of the other patch) do not
+    /// count.
+    pub walls: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 2],
+}
+const _: () = assert!(size_of::<LookupParams>() == 64);

@@ -2,9 +2,9 @@
 
 mod support;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use patches::{AreaRule, Error, Grid, Sample, SampleSet, SampleSettings, sample_voxels};
-use scene::Scene;
+use scene::{Material, Scene, SceneParts, Texture, TriangleUv};
 use support::{Mesh, atrium, two_rooms};
 
 fn all(_: &Sample) -> bool {
@@ -128,6 +128,31 @@ fn sheets_a_centimetre_apart_have_samples_on_all_four_sides() {
 }
 
 #[test]
+fn the_inside_of_a_housing_in_one_voxel_has_its_own_samples() {
+    let mut mesh = Mesh::default();
+    mesh.cuboid(Vec3::new(0.41, 0.42, 0.43), Vec3::new(0.61, 0.62, 0.63), false);
+    for corner in [Vec3::ZERO, Vec3::new(0.98, 0.0, 0.99)] {
+        mesh.quad(corner, Vec3::X * 0.01, Vec3::Y);
+    }
+    let scene = mesh.scene(1.0);
+    let grid = Grid::new(&scene, Vec3::splat(1.1)).unwrap();
+    assert_eq!(grid.len(), 1);
+    let middle = Vec3::new(0.51, 0.52, 0.53);
+    let of_housing = |s: &Sample| (s.position - middle).abs().max_element() < 0.11;
+    let settings = SampleSettings { points: 256, ..SampleSettings::default() };
+    let set = sample_voxels(&scene, &grid, &settings, &of_housing).unwrap();
+    for inside in [false, true] {
+        let of = |s: &&Sample| ((s.position - middle).dot(s.normal) < 0.0) == inside;
+        let area: f32 = set.samples.iter().filter(of).map(|s| s.area).sum();
+        assert!((area - 0.24).abs() < 1e-4, "{inside}: {area}");
+    }
+    // Refused, the inside leaves nothing behind, and its area goes to nobody.
+    let outside = |s: &Sample| of_housing(s) && (s.position - middle).dot(s.normal) > 0.0;
+    let set = sample_voxels(&scene, &grid, &settings, &outside).unwrap();
+    assert!(sums_to(&set, 0.24) && set.report.refused > 0, "{:?}", set.report);
+}
+
+#[test]
 fn a_wall_without_thickness_has_samples_for_both_rooms() {
     let scene = two_rooms().scene(1.0);
     // A voxel boundary in the wall, and voxels across it.
@@ -140,6 +165,76 @@ fn a_wall_without_thickness_has_samples_for_both_rooms() {
             assert!((area - 4.0).abs() < 1e-3, "{edge} {side}: {area}");
         }
     }
+}
+
+/// A picture with its pyramid: the left half white and opaque, the right half black and a hole.
+fn halves(size: u32) -> (Texture, Vec<u32>) {
+    let (mut texels, mut width, mut levels) = (Vec::new(), size, 0);
+    while width > 0 {
+        for k in 0..width * width {
+            let value = if width == 1 {
+                0x8000
+            } else if k % width < width / 2 {
+                0xffff
+            } else {
+                0
+            };
+            texels.extend([value | value << 16, value | value << 16]);
+        }
+        width /= 2;
+        levels += 1;
+    }
+    (Texture { offset: 0, width: size, height: size, levels }, texels)
+}
+
+fn textured(material: Material) -> Scene {
+    let mut mesh = Mesh::default();
+    mesh.triangle(Vec3::ZERO, Vec3::X * 8.0, Vec3::Y * 8.0);
+    mesh.triangle(Vec3::new(8.0, 8.0, 0.0), Vec3::Y * 8.0, Vec3::X * 8.0);
+    let uv = |a: Vec2, b: Vec2, c: Vec2| TriangleUv { corner: a, corner_a: b, corner_b: c };
+    // The picture twice in each direction.
+    let uvs = vec![uv(Vec2::ZERO, Vec2::X * 2.0, Vec2::Y * 2.0), uv(Vec2::ONE * 2.0, Vec2::Y * 2.0, Vec2::X * 2.0)];
+    let (texture, texels) = halves(16);
+    let (textures, materials) = (vec![texture], vec![material]);
+    Scene::new(SceneParts { triangles: mesh.triangles, uvs, materials, textures, texels, ..SceneParts::default() })
+        .unwrap()
+}
+
+#[test]
+fn holes_have_no_area() {
+    let scene = textured(Material { mask_texture: 0, ..Material::default() });
+    for edge in [0.9, 3.0, 9.0] {
+        let grid = Grid::new(&scene, Vec3::splat(edge)).unwrap();
+        let settings = SampleSettings { points: 256, ..SampleSettings::default() };
+        let front = |s: &Sample| s.normal.z > 0.0;
+        let set = sample_voxels(&scene, &grid, &settings, &front).unwrap();
+        assert!((area(&set) / 32.0 - 1.0).abs() < 0.02, "{edge}: {}", area(&set));
+        assert!(
+            set.samples
+                .iter()
+                .all(|s| (s.position.x / 4.0).fract() < 0.5 + 1e-3 || (s.position.x / 4.0).fract() > 0.97)
+        );
+    }
+    let solid = textured(Material::default());
+    let grid = Grid::new(&solid, Vec3::splat(3.0)).unwrap();
+    let set = sample_voxels(&solid, &grid, &SampleSettings::default(), &|s: &Sample| s.normal.z > 0.0).unwrap();
+    assert!(sums_to(&set, 64.0));
+}
+
+#[test]
+fn reflectance_is_filtered_over_the_area_of_a_sample() {
+    let scene = textured(Material { albedo_texture: 0, ..Material::default() });
+    let grid = Grid::new(&scene, Vec3::splat(9.0)).unwrap();
+    let values = |points: u32| {
+        let settings = SampleSettings { points, ..SampleSettings::default() };
+        let set = sample_voxels(&scene, &grid, &settings, &|s: &Sample| s.normal.z > 0.0).unwrap();
+        set.samples.iter().map(|s| s.albedo.x).collect::<Vec<_>>()
+    };
+    // Samples of a texel each see black and white, those of a picture each its mean.
+    let fine = values(2048);
+    let extreme = fine.iter().filter(|&&v| !(0.01..=0.99).contains(&v)).count();
+    assert!(extreme * 2 > fine.len(), "{extreme} of {}", fine.len());
+    assert!(values(4).iter().all(|v| (v - 0.5).abs() < 0.01));
 }
 
 #[test]

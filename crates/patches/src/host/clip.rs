@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use scene::Triangle;
+use scene::sampling::uniform_triangle;
 
 /// Corners of a triangle cut by six planes at most: each plane adds one.
 const MOST_CORNERS: usize = 10;
@@ -41,6 +42,21 @@ impl Polygon {
             weight += 3.0 * area;
         }
         if weight > 0.0 { sum / weight } else { c.iter().sum::<DVec3>() / c.len().max(1) as f64 }
+    }
+
+    /// A point of the polygon from one of the unit square, uniformly; needs three corners.
+    pub(super) fn point(&self, at: (f32, f32)) -> DVec3 {
+        let c = self.corners();
+        let double = |k: usize| (c[k - 1] - c[0]).cross(c[k] - c[0]).length();
+        let mut rest = f64::from(at.0) * (2..c.len()).map(double).sum::<f64>();
+        let mut k = 2;
+        while k + 1 < c.len() && rest > double(k) {
+            rest -= double(k);
+            k += 1;
+        }
+        let x = (rest / double(k)).clamp(0.0, 1.0) as f32;
+        let (u, v) = uniform_triangle((x, at.1));
+        c[0] + (c[k - 1] - c[0]) * f64::from(u) + (c[k] - c[0]) * f64::from(v)
     }
 
     /// The parts before and from the plane `x[axis] = at` on (Sutherland and Hodgman 1974). A polygon in the plane belongs

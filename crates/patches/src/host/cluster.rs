@@ -128,7 +128,7 @@ impl<'a, R: Fn(&[Member], &[Member]) -> f32> Merging<'a, R> {
             return Ok(f64::INFINITY);
         }
         let row = (self.row_distance)(&a.group.members, &b.group.members);
-        if !(row >= 0.0) {
+        if row.is_nan() || row < 0.0 {
             let index = a.group.members[0].sample as usize;
             return Err(Error::Value { name: "row distance", index, value: f64::from(row), rule: "at least 0" });
         }

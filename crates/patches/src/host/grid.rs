@@ -173,14 +173,14 @@ impl Grid {
         (low, low + self.shape.edges)
     }
 
-    /// Centre of the part of a triangle that lies in a voxel.
-    pub(super) fn piece_centre(&self, scene: &Scene, voxel: u32, triangle: u32) -> DVec3 {
+    /// The part of a triangle that lies in a voxel; the whole triangle if rounding leaves nothing.
+    pub(super) fn piece(&self, scene: &Scene, voxel: u32, triangle: u32) -> Polygon {
         let t = &scene.triangles[triangle as usize];
         let part = cut_to_cell(t, &layers(&self.shape), self.shape.coordinates(voxel).to_array());
-        if part.corners().is_empty() { Polygon::of_triangle(t).centroid() } else { part.centroid() }
+        if part.corners().is_empty() { Polygon::of_triangle(t) } else { part }
     }
 
-    /// Area of all surfaces, one side, m².
+    /// Area of all surfaces, one side, holes included, m².
     pub fn area(&self) -> f64 {
         self.areas.iter().map(|&a| f64::from(a)).sum()
     }

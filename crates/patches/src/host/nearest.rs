@@ -13,17 +13,15 @@ const NORMAL_EDGES: f32 = 4.0;
 /// Finds the nearest sample in position and normal, in O(log S).
 pub struct Nearest {
     tree: ImmutableKdTree<f32, 6>,
-    /// Position and normal of the samples in the metric of the tree.
+    /// Sample edges a metre.
     scale: f32,
     /// Patch of each sample.
     patches: Vec<u32>,
-    most: f32,
 }
 
 impl Nearest {
-    /// Over the samples of a set whose samples belong to one patch each. Places further than `reach` m from every sample
-    /// have no patch.
-    pub fn new(set: &PatchSet, reach: f32) -> Self {
+    /// Over the samples of a set whose samples belong to one patch each.
+    pub fn new(set: &PatchSet) -> Self {
         let total: f64 = set.samples.iter().map(|s| f64::from(s.area)).sum();
         let edge = scene::math::sqrt((total / set.samples.len().max(1) as f64) as f32);
         let scale = 1.0 / edge;
@@ -34,13 +32,14 @@ impl Nearest {
                 patches[member.sample as usize] = patch as u32;
             }
         }
-        Self { tree: ImmutableKdTree::new_from_slice(&places), scale, patches, most: reach * scale }
+        Self { tree: ImmutableKdTree::new_from_slice(&places), scale, patches }
     }
 
-    /// The patch of a place on the side of a surface with this unit normal, or [`scene::NONE`].
-    pub fn patch(&self, position: Vec3, normal: Vec3) -> u32 {
+    /// The patch of a place on the side of a surface with this unit normal, and its distance in sample edges: √ of the
+    /// square of that in space and 16 |n − n'|².
+    pub fn patch(&self, position: Vec3, normal: Vec3) -> (u32, f32) {
         let found = self.tree.nearest_one::<SquaredEuclidean>(&place(position * self.scale, normal));
-        if found.distance <= self.most * self.most { self.patches[found.item as usize] } else { NONE }
+        (self.patches[found.item as usize], scene::math::sqrt(found.distance))
     }
 }
 

@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use scene::kernel::Geometry;
 use scene::sampling::{hammersley, hash3};
-use scene::{NONE, Scene};
+use scene::{Hit, NONE, Scene, Triangle};
 
 use super::grid::Grid;
 use crate::error::Error;
@@ -15,8 +15,11 @@ use crate::types::Sample;
 /// Voxels that are sampled before their samples are put in order.
 const BATCH: usize = 1024;
 
-/// How samples get their areas. S_j is the area of triangle j inside the voxel, |samples_j| the number of samples there on
-/// the same side of it.
+/// Points at which the holes of a masked triangle in a voxel are looked for.
+const MASK_POINTS: u32 = 128;
+
+/// How samples get their areas. S_j is the area of triangle j inside the voxel without its holes (by 128 points where it has
+/// a mask), |samples_j| the number of samples there on the same side of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AreaRule {
     /// `s = S_j / |samples_j|`. A triangle that no ray met gives its area to the nearest sample of the voxel with a like
@@ -162,153 +165,197 @@ struct Met {
     sample: Sample,
 }
 
-fn sample_voxel(
+/// A voxel while it is sampled.
+struct Voxel<'a, K> {
+    scene: &'a Scene,
+    grid: &'a Grid,
+    number: u32,
+    /// Its triangles, rising.
+    triangles: &'a [u32],
+    /// Area of each inside the voxel, holes left out, m².
+    areas: Vec<f32>,
+    keep: &'a K,
+    report: SampleReport,
+}
+
+fn sample_voxel<K: Fn(&Sample) -> bool>(
     scene: &Scene,
     grid: &Grid,
     slot: usize,
     settings: &SampleSettings,
-    keep: &(impl Fn(&Sample) -> bool + Sync),
+    keep: &K,
 ) -> VoxelSamples {
-    let mut met = cast_rays(scene, grid, slot, settings);
-    for m in &mut met {
-        m.kept = keep(&m.sample);
-    }
+    let (triangles, areas) = grid.pieces(slot);
+    let mut voxel = Voxel {
+        scene,
+        grid,
+        number: grid.occupied[slot],
+        triangles,
+        areas: areas.to_vec(),
+        keep,
+        report: SampleReport { rays: 6 * u64::from(settings.points), ..SampleReport::default() },
+    };
+    voxel.leave_holes_out();
+    let mut met = voxel.cast_rays(settings);
     met.sort_by_key(|m| (m.piece, m.back));
-    let rays = 6 * u64::from(settings.points);
-    let refused = met.iter().filter(|m| !m.kept).count() as u64;
-    let mut report = SampleReport { rays, refused, ..SampleReport::default() };
 
     // Samples of each side of each triangle, and whether it was met at all.
-    let (triangles, areas) = grid.pieces(slot);
     let mut counts = std::vec![[0u32; 2]; triangles.len()];
     let mut seen = std::vec![false; triangles.len()];
     for m in &met {
         seen[m.piece as usize] = true;
         counts[m.piece as usize][usize::from(m.back)] += u32::from(m.kept);
     }
-    for (count, &area) in counts.iter().zip(areas) {
-        report.surface_area += f64::from(area) * count.iter().filter(|&&c| c > 0).count() as f64;
+    for (count, &area) in counts.iter().zip(&voxel.areas) {
+        voxel.report.surface_area += f64::from(area) * count.iter().filter(|&&c| c > 0).count() as f64;
     }
+    voxel.report.refused = met.iter().filter(|m| !m.kept).count() as u64;
     for m in met.iter_mut().filter(|m| m.kept) {
         let count = counts[m.piece as usize][usize::from(m.back)];
         m.sample.area = match settings.rule {
-            AreaRule::Clipped => areas[m.piece as usize] / count as f32,
+            AreaRule::Clipped => voxel.areas[m.piece as usize] / count as f32,
             AreaRule::Projected => m.projected,
             AreaRule::Thesis => 0.0,
         };
     }
     let mut forced = Vec::new();
     if settings.rule == AreaRule::Clipped {
-        for piece in (0..triangles.len()).filter(|&piece| !seen[piece]) {
-            donate(scene, grid, slot, piece, &counts, &mut met, &mut forced, &mut report, keep);
+        for (piece, seen) in seen.into_iter().enumerate() {
+            if !seen && voxel.areas[piece] > 0.0 {
+                voxel.donate(piece, &counts, &mut met, &mut forced);
+            }
         }
     }
     let mut samples: Vec<_> = met.iter().filter(|m| m.kept).map(|m| m.sample).collect();
     samples.extend(forced);
-    VoxelSamples { samples, report }
+    VoxelSamples { samples, report: voxel.report }
 }
 
-/// What the rays of the six faces meet, in a fixed order.
-fn cast_rays(scene: &Scene, grid: &Grid, slot: usize, settings: &SampleSettings) -> Vec<Met> {
-    let voxel = grid.occupied[slot];
-    let (low, high) = grid.voxel_box(voxel);
-    let edges = grid.shape.edges;
-    let (triangles, _) = grid.pieces(slot);
-    let geometry = scene.geometry();
-    // Rays go on a little behind what they met, and start a little outside: a surface in the face itself is met too.
-    let reach = low.abs().max(high.abs()).max_element();
-    let mut met = Vec::new();
-    for face in 0..6u32 {
-        let (axis, downwards) = ((face / 2) as usize, face % 2 == 1);
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let step = (1e-5 * edges[axis]).max(1e-6 * reach);
-        let mut direction = Vec3::ZERO;
-        direction[axis] = if downwards { -1.0 } else { 1.0 };
-        let shift = (hash3(voxel, axis as u32, settings.seed), hash3(voxel, axis as u32 + 3, settings.seed));
-        let cell = edges[u] * edges[v] / settings.points as f32;
-        for k in 0..settings.points {
-            let (x, y) = hammersley(k, settings.points, shift);
-            let mut origin = low;
-            origin[u] += x * edges[u];
-            origin[v] += y * edges[v];
-            origin[axis] = if downwards { high[axis] + step } else { low[axis] - step };
-            let mut rest = edges[axis] + 2.0 * step;
-            let mut last = NONE;
-            let mut layer = 0;
-            while layer < settings.layers && rest > 0.0 {
-                let hit = scene.closest_before(origin, direction, rest);
-                if hit.is_miss() {
-                    break;
-                }
-                let advance = hit.t + step;
-                origin[axis] += direction[axis] * advance;
-                rest -= advance;
-                if hit.triangle == last {
-                    continue;
-                }
-                last = hit.triangle;
-                layer += 1;
-                // A triangle just outside the face belongs to the neighbour.
-                let Ok(piece) = triangles.binary_search(&hit.triangle) else { continue };
-                let front = geometry.normal(hit.triangle);
-                let cosine = front.dot(direction);
-                if cosine == 0.0 || !front.is_finite() {
-                    continue;
-                }
-                let back = cosine > 0.0;
-                let sample = Sample {
-                    position: geometry.position(hit.triangle, hit.u, hit.v),
-                    normal: if back { -front } else { front },
-                    triangle: hit.triangle,
-                    ..Sample::default()
-                };
-                let projected = cell * cosine.abs();
-                met.push(Met { piece: piece as u32, back, kept: true, projected, sample });
+impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
+    /// Scales the areas of masked triangles by the share of points that are no holes.
+    fn leave_holes_out(&mut self) {
+        for piece in 0..self.triangles.len() {
+            if self.is_masked(piece) {
+                self.areas[piece] *= self.opaque_points(piece).count() as f32 / MASK_POINTS as f32;
             }
         }
     }
-    met
-}
 
-/// Gives the area of a triangle that no ray met to samples of the voxel, or makes a sample of it.
-#[allow(clippy::too_many_arguments)]
-fn donate(
-    scene: &Scene,
-    grid: &Grid,
-    slot: usize,
-    piece: usize,
-    counts: &[[u32; 2]],
-    met: &mut [Met],
-    forced: &mut Vec<Sample>,
-    report: &mut SampleReport,
-    keep: &impl Fn(&Sample) -> bool,
-) {
-    let (triangles, areas) = grid.pieces(slot);
-    let (triangle, area) = (triangles[piece], areas[piece]);
-    let centre = grid.piece_centre(scene, grid.occupied[slot], triangle).as_vec3();
-    let normal = scene.geometry().normal(triangle);
-    let Some(nearest) = nearest(met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {
-        for normal in [normal, -normal] {
-            let sample = Sample { position: centre, area, normal, triangle, ..Sample::default() };
-            if normal.is_finite() && keep(&sample) {
-                forced.push(sample);
-                report.forced += 1;
-                report.surface_area += f64::from(area);
+    fn is_masked(&self, piece: usize) -> bool {
+        let t = &self.scene.triangles[self.triangles[piece] as usize];
+        self.scene.materials[t.material as usize].mask_texture != NONE
+    }
+
+    /// Those of 128 points of a triangle's part in the voxel that are no holes.
+    fn opaque_points(&self, piece: usize) -> impl Iterator<Item = Vec3> {
+        let triangle = self.triangles[piece];
+        let part = self.grid.piece(self.scene, self.number, triangle);
+        let geometry = self.scene.geometry();
+        // Shifted, as a picture may repeat in step with the points.
+        let shift = (hash3(self.number, triangle, 1), hash3(self.number, triangle, 2));
+        (0..MASK_POINTS).map(move |k| part.point(hammersley(k, MASK_POINTS, shift)).as_vec3()).filter(move |&p| {
+            let (u, v) = shares(&geometry.triangles[triangle as usize], p);
+            !geometry.is_hole(triangle, u, v)
+        })
+    }
+
+    /// What the rays of the six faces meet, in a fixed order.
+    fn cast_rays(&mut self, settings: &SampleSettings) -> Vec<Met> {
+        let (low, high) = self.grid.voxel_box(self.number);
+        let edges = self.grid.shape.edges;
+        // Rays go on a little behind what they met, and start a little outside: a surface in the face itself is met too.
+        let reach = low.abs().max(high.abs()).max_element();
+        let mut met = Vec::new();
+        for face in 0..6u32 {
+            let (axis, downwards) = ((face / 2) as usize, face % 2 == 1);
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let step = (1e-5 * edges[axis]).max(1e-6 * reach);
+            let mut direction = Vec3::ZERO;
+            direction[axis] = if downwards { -1.0 } else { 1.0 };
+            let word = |dimension: u32| hash3(self.number, dimension, settings.seed);
+            let shift = (word(axis as u32), word(axis as u32 + 3));
+            let cell = edges[u] * edges[v] / settings.points as f32;
+            for k in 0..settings.points {
+                let (x, y) = hammersley(k, settings.points, shift);
+                let mut origin = low;
+                origin[u] += x * edges[u];
+                origin[v] += y * edges[v];
+                origin[axis] = if downwards { high[axis] + step } else { low[axis] - step };
+                let mut rest = edges[axis] + 2.0 * step;
+                let (mut last, mut layer) = (NONE, 0);
+                while layer < settings.layers && rest > 0.0 {
+                    let hit = self.scene.closest_before(origin, direction, rest);
+                    if hit.is_miss() {
+                        break;
+                    }
+                    origin[axis] += direction[axis] * (hit.t + step);
+                    rest -= hit.t + step;
+                    if hit.triangle != last {
+                        met.extend(self.meet(&hit, direction, cell));
+                        layer += 1;
+                    }
+                    last = hit.triangle;
+                }
             }
         }
-        return;
-    };
-    let neighbour = met[nearest];
-    for back in [false, true] {
-        if counts[neighbour.piece as usize][usize::from(back)] == 0 {
-            continue;
+        met
+    }
+
+    /// The sample of a hit; none for a triangle just outside the face, which belongs to the neighbour.
+    fn meet(&mut self, hit: &Hit, direction: Vec3, cell: f32) -> Option<Met> {
+        let piece = self.triangles.binary_search(&hit.triangle).ok()?;
+        let geometry = self.scene.geometry();
+        let front = geometry.normal(hit.triangle);
+        let cosine = front.dot(direction);
+        if cosine == 0.0 || !front.is_finite() {
+            return None;
         }
-        let side = if back == neighbour.back { neighbour.sample.normal } else { -neighbour.sample.normal };
-        let own = if normal.dot(side) > 0.0 { normal } else { -normal };
-        if let Some(target) = self::nearest(met, centre, |m| m.kept && m.sample.normal.dot(own) > 0.0) {
-            met[target].sample.area += area;
-            report.surface_area += f64::from(area);
-            report.donated_area += f64::from(area);
+        // A mask that hardly lets anything be seen was seen nevertheless.
+        if self.areas[piece] == 0.0 {
+            self.areas[piece] =
+                self.grid.piece(self.scene, self.number, hit.triangle).area() as f32 / MASK_POINTS as f32;
+        }
+        let back = cosine > 0.0;
+        let sample = Sample {
+            position: geometry.position(hit.triangle, hit.u, hit.v),
+            normal: if back { -front } else { front },
+            triangle: hit.triangle,
+            ..Sample::default()
+        };
+        Some(Met { piece: piece as u32, back, kept: (self.keep)(&sample), projected: cell * cosine.abs(), sample })
+    }
+
+    /// Gives the area of a triangle that no ray met to samples of the voxel, or makes samples of it.
+    fn donate(&mut self, piece: usize, counts: &[[u32; 2]], met: &mut [Met], forced: &mut Vec<Sample>) {
+        let (triangle, area) = (self.triangles[piece], self.areas[piece]);
+        let centre = self.grid.piece(self.scene, self.number, triangle).centroid().as_vec3();
+        let normal = self.scene.geometry().normal(triangle);
+        let Some(neighbour) = nearest(met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {
+            // The centre may be a hole.
+            let position = if self.is_masked(piece) { self.opaque_points(piece).next() } else { None };
+            let position = position.unwrap_or(centre);
+            for normal in [normal, -normal] {
+                let sample = Sample { position, area, normal, triangle, ..Sample::default() };
+                if normal.is_finite() && (self.keep)(&sample) {
+                    forced.push(sample);
+                    self.report.forced += 1;
+                    self.report.surface_area += f64::from(area);
+                }
+            }
+            return;
+        };
+        let neighbour = met[neighbour];
+        for back in [false, true] {
+            if counts[neighbour.piece as usize][usize::from(back)] == 0 {
+                continue;
+            }
+            let side = if back == neighbour.back { neighbour.sample.normal } else { -neighbour.sample.normal };
+            let own = if normal.dot(side) > 0.0 { normal } else { -normal };
+            if let Some(target) = nearest(met, centre, |m| m.kept && m.sample.normal.dot(own) > 0.0) {
+                met[target].sample.area += area;
+                self.report.surface_area += f64::from(area);
+                self.report.donated_area += f64::from(area);
+            }
         }
     }
 }
@@ -351,8 +398,7 @@ fn filtered_albedo(geometry: &Geometry, sample: &Sample) -> Vec3 {
     let uv = geometry.uvs[sample.triangle as usize];
     let in_texels = (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs();
     let in_texels = in_texels * texture.width as f32 * texture.height as f32;
-    let (a, b) = (t.edge_a, t.edge_b);
-    let whole = a.cross(b).length();
+    let whole = t.edge_a.cross(t.edge_b).length();
     // Texels that the sample covers; a level up, a texel is four times as large.
     let mut covered = sample.area * in_texels / whole;
     let mut level = 0;
@@ -360,9 +406,14 @@ fn filtered_albedo(geometry: &Geometry, sample: &Sample) -> Vec3 {
         covered *= 0.25;
         level += 1;
     }
-    let p = sample.position - t.corner;
-    let normal = a.cross(b);
-    let u = p.cross(b).dot(normal) / (whole * whole);
-    let v = a.cross(p).dot(normal) / (whole * whole);
+    let (u, v) = shares(&t, sample.position);
     geometry.albedo_at_level(sample.triangle, u, v, level)
+}
+
+/// Shares (u, v) of the edges at a point of a triangle's plane.
+fn shares(t: &Triangle, point: Vec3) -> (f32, f32) {
+    let p = point - t.corner;
+    let normal = t.edge_a.cross(t.edge_b);
+    let inverse = 1.0 / normal.length_squared();
+    (p.cross(t.edge_b).dot(normal) * inverse, t.edge_a.cross(p).dot(normal) * inverse)
 }

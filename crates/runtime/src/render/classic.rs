@@ -12,7 +12,7 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use reference::Picture;
 use scene::sampling::hash3;
-use scene::{Camera, DirectParams, Light, Scene, SidePolicy, SurfacePoint, find_sides, is_open};
+use scene::{Camera, DirectParams, Light, Scene, SidePolicy, SurfacePoint, find_sides};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
@@ -134,19 +134,22 @@ impl Classic {
         if settings.patches == PatchKind::Polygon && scene.triangles.len() > MOST_PATCHES {
             return Err(too_many(scene.triangles.len()));
         }
-        let (senders, receivers) = progress.phase("sample", |_| -> Result<_, Error> {
+        let (senders, edge) = progress.phase("sample", |_| -> Result<_, Error> {
             let senders = Senders::new(&scene, settings.patches, settings.patch_count, settings.seed)?;
             let area: f32 = senders.areas().iter().sum();
             let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
             let edge = settings.receiver_edge.unwrap_or(patch_edge);
+            Ok((senders, edge))
+        })?;
+        let receivers = progress.phase("mesh", |_| -> Result<_, Error> {
             let mut receivers = Receivers::new(&scene, &find_sides(&scene, SidePolicy::Both), edge)?;
             let seed = settings.seed ^ 0x6f70_656e;
             let open: Vec<bool> = (receivers.points.par_iter())
-                .map(|point| is_open(&scene, point, hash3(point.patch, 0, seed)))
+                .map(|point| senders.is_lit(&scene, point, hash3(point.patch, 0, seed)))
                 .collect();
             // A vertex inside of a solid is dark; no dark spot may be interpolated into the open.
             receivers.retain(&scene, |receiver| open[receiver]);
-            Ok((senders, receivers))
+            Ok(receivers)
         })?;
         let count = senders.patches.len();
         if count > MOST_PATCHES {
@@ -280,7 +283,11 @@ fn factors(
         Estimator::Point => Box::new(PointToPoint::default()),
     };
     let mut rows = form_factors(&*estimator, &surfaces, &|done, total| proceed(report, done, total))?;
-    balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
+    if std::env::var_os("NOBAL").is_some() {
+        normalise_rows(&mut rows.factors, &rows.sky_factor)?;
+    } else {
+        balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
+    }
     Ok(rows)
 }
 

@@ -5,7 +5,7 @@ use formfactor::{Patch, PatchSize, Polygon, SubdivideSettings, Surfaces, Triangl
 use glam::{Vec3, Vec4};
 use patches::{Nearest, ViewSettings, view_clusters};
 use rayon::prelude::*;
-use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint};
+use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, is_open};
 
 use crate::error::Error;
 
@@ -15,6 +15,11 @@ const POLYGON_POINTS: u32 = 16;
 const CELLS: f32 = 3.0;
 /// Most pieces along an edge of a triangle.
 const MOST_DIVISIONS: f32 = 1024.0;
+
+/// A place is surely not inside of a solid when a sample of like normal lies within this many sample edges.
+const NEAR: f32 = 2.0;
+/// A place has no patch when the nearest sample of like normal is further, in sample edges.
+const FAR: f32 = 6.0;
 
 /// What patches are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,6 +47,8 @@ pub struct Senders {
     grids: Vec<TriangleGrid>,
     /// Patch of each cell; empty when cells are patches.
     cells: Vec<u32>,
+    /// The nearest sample of any place; for clusters.
+    nearest: Option<Nearest>,
 }
 
 impl Senders {
@@ -75,7 +82,7 @@ impl Senders {
         let albedo = polygon_albedo(scene, &subdivision);
         let polygons = subdivision.polygons()?;
         let formfactor::Subdivision { patches, grids, points, offsets, .. } = subdivision;
-        Ok(Self { patches, points, offsets, albedo, polygons, grids, cells: Vec::new() })
+        Ok(Self { patches, points, offsets, albedo, polygons, grids, cells: Vec::new(), nearest: None })
     }
 
     fn clusters(scene: &Scene, count: usize, seed: u32) -> Result<Self, Error> {
@@ -100,7 +107,8 @@ impl Senders {
             .map(|t| (longest(t) * CELLS / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32)
             .collect();
         let grids = cell_grids(&vec![Sides { front: true, back: true }; divisions.len()], &divisions)?;
-        let cells = cell_patches(scene, &grids, &Nearest::new(&set, edge));
+        let nearest = Nearest::new(&set);
+        let cells = cell_patches(scene, &grids, &nearest);
         Ok(Self {
             patches: patches.collect(),
             points,
@@ -109,6 +117,7 @@ impl Senders {
             polygons: Vec::new(),
             grids,
             cells,
+            nearest: Some(nearest),
         })
     }
 
@@ -125,6 +134,12 @@ impl Senders {
         let front = scene.geometry().normal(hit.triangle).dot(direction) < 0.0;
         let cell = owner(self.grids[hit.triangle as usize], *hit, front);
         if self.cells.is_empty() || cell == NONE { cell } else { self.cells[cell as usize] }
+    }
+
+    /// Whether light comes to a receiver.
+    pub fn is_lit(&self, scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
+        let near = |nearest: &Nearest| nearest.patch(point.position, point.normal).1 <= NEAR;
+        self.nearest.as_ref().is_some_and(near) || is_open(scene, point, seed)
     }
 
     /// These patches as senders, any points as receivers.
@@ -162,7 +177,8 @@ fn cell_patches(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest) -> Vec
         let patch = |cell: u32| {
             let (a, b, c) = cell_corners(n, cell);
             let middle = (a + b + c) / 3.0;
-            nearest.patch(geometry.position(triangle as u32, middle.x, middle.y), normal)
+            let (patch, distance) = nearest.patch(geometry.position(triangle as u32, middle.x, middle.y), normal);
+            if distance <= FAR { patch } else { NONE }
         };
         (0..cell_count(n)).map(patch).collect()
     };

@@ -1,0 +1,154 @@
+//! The tables of the lookup.
+
+use std::vec::Vec;
+
+use glam::{UVec3, Vec3, Vec4};
+use rayon::prelude::*;
+use scene::SurfacePoint;
+
+use super::grid::Grid;
+use super::patch_set::PatchSet;
+use crate::error::Error;
+use crate::kernel::lookup::lookup;
+use crate::types::{EMPTY_CELL, LookupParams, LookupPatch};
+
+/// What keeps light from leaking through the lookup.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LookupSettings {
+    /// Distance from the point's plane from which on patches do not count, in voxel edges along the normal.
+    pub plane_limit: f32,
+    /// Whether patches behind a wall do not count.
+    pub walls: bool,
+}
+
+impl LookupSettings {
+    /// As printed [T 5.3]: neither.
+    pub const THESIS: Self = Self { plane_limit: f32::INFINITY, walls: false };
+}
+
+impl Default for LookupSettings {
+    fn default() -> Self {
+        Self { plane_limit: 0.5, walls: true }
+    }
+}
+
+/// What [`lookup`] reads: the patches of each voxel, and for each empty voxel the nearest one that has patches.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lookup {
+    /// Grid and settings.
+    pub params: LookupParams,
+    /// One word a voxel: the place of its patches, or [`EMPTY_CELL`] with the place of the nearest ones.
+    pub cells: Vec<u32>,
+    /// First entry of each voxel with patches, and the end.
+    pub offsets: Vec<u32>,
+    /// Patches, voxel by voxel.
+    pub entries: Vec<LookupPatch>,
+    patches: usize,
+}
+
+impl Lookup {
+    /// The tables for patches of this grid's voxels, in any order.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a limit that is not positive, [`Error::Value`] for a patch without a voxel of the grid,
+    /// [`Error::NoSamples`] without patches.
+    pub fn new(grid: &Grid, set: &PatchSet, settings: LookupSettings) -> Result<Self, Error> {
+        let limit = settings.plane_limit;
+        if limit.is_nan() || limit <= 0.0 {
+            return Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" });
+        }
+        if set.is_empty() {
+            return Err(Error::NoSamples);
+        }
+        let counts = grid.shape.counts();
+        let voxels = counts.x as usize * counts.y as usize * counts.z as usize;
+        let mut order: Vec<u32> = (0..set.len() as u32).collect();
+        order.sort_by_key(|&k| set.patches[k as usize].voxel);
+        let (mut cells, mut offsets) = (std::vec![u32::MAX; voxels], Vec::new());
+        let mut entries = Vec::with_capacity(order.len());
+        let mut full = Vec::new();
+        for &index in &order {
+            let patch = &set.patches[index as usize];
+            let Some(cell) = cells.get_mut(patch.voxel as usize) else {
+                let value = f64::from(patch.voxel);
+                return Err(Error::Value { name: "patches.voxel", index: index as usize, value, rule: "in the grid" });
+            };
+            if *cell == u32::MAX {
+                *cell = full.len() as u32;
+                full.push(patch.voxel);
+                offsets.push(entries.len() as u32);
+            }
+            entries.push(LookupPatch { position: patch.position, patch: index, direction: patch.normal, reserved: 0 });
+        }
+        offsets.push(entries.len() as u32);
+        fill_empty(&mut cells, full, counts);
+        // The kernel divides by the limit: infinity as a number that it can square.
+        let params = LookupParams {
+            shape: grid.shape,
+            plane_limit: limit.min(1e15),
+            walls: u32::from(settings.walls),
+            reserved: [0; 2],
+        };
+        Ok(Self { params, cells, offsets, entries, patches: set.len() })
+    }
+
+    /// The mean at a surface point with a unit normal of the values of the patches round it, `values` one a patch.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for a wrong number of values.
+    pub fn at(&self, values: &[Vec4], position: Vec3, normal: Vec3) -> Result<Vec4, Error> {
+        self.check(values)?;
+        Ok(self.value(values, position, normal))
+    }
+
+    /// [`Lookup::at`] for many points, on all cores.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for a wrong number of values.
+    pub fn at_points(&self, values: &[Vec4], points: &[SurfacePoint]) -> Result<Vec<Vec4>, Error> {
+        self.check(values)?;
+        Ok(points.par_iter().map(|p| self.value(values, p.position, p.normal)).collect())
+    }
+
+    fn check(&self, values: &[Vec4]) -> Result<(), Error> {
+        if values.len() != self.patches {
+            return Err(Error::Length { name: "values", expected: self.patches, found: values.len() });
+        }
+        Ok(())
+    }
+
+    fn value(&self, values: &[Vec4], position: Vec3, normal: Vec3) -> Vec4 {
+        lookup(&self.params, &self.cells, &self.offsets, &self.entries, values, position, normal)
+    }
+
+    /// Bytes of all tables.
+    pub fn bytes(&self) -> usize {
+        4 * (self.cells.len() + self.offsets.len()) + size_of_val(&self.entries[..])
+    }
+}
+
+/// Gives each empty voxel the nearest one with patches, counted in steps along the axes; of several the first.
+fn fill_empty(cells: &mut [u32], full: Vec<u32>, counts: UVec3) {
+    let (row, layer) = (counts.x, counts.x * counts.y);
+    let mut front = full;
+    while !front.is_empty() {
+        let mut next = Vec::new();
+        for &voxel in &front {
+            let source = cells[voxel as usize] | EMPTY_CELL;
+            let (x, y, z) = (voxel % row, voxel / row % counts.y, voxel / layer);
+            let mut reach = |inside: bool, neighbour: u32| {
+                if inside && cells[neighbour as usize] == u32::MAX {
+                    cells[neighbour as usize] = source;
+                    next.push(neighbour);
+                }
+            };
+            reach(x > 0, voxel.wrapping_sub(1));
+            reach(x + 1 < counts.x, voxel + 1);
+            reach(y > 0, voxel.wrapping_sub(row));
+            reach(y + 1 < counts.y, voxel + row);
+            reach(z > 0, voxel.wrapping_sub(layer));
+            reach(z + 1 < counts.z, voxel + layer);
+        }
+        front = next;
+    }
+}
