@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::vec::Vec;
 
 use glam::{IVec3, Vec3};
-use scene::{NONE, Scene, Sides, SurfacePoint};
+use scene::{NONE, Scene, Sides, SurfacePoint, Visibility};
 
 use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, triangle_area, vertex_point};
@@ -62,17 +62,15 @@ impl Receivers {
             for (front, first) in sides_of(&grid) {
                 for j in 0..=n {
                     for i in 0..=n - j {
-                        let point = vertex_point(scene, triangle as u32, front, n, i, j);
-                        let (u, v) = (i as f32 / n as f32, j as f32 / n as f32);
-                        let place = scene.geometry().position(triangle as u32, u, v);
-                        vertices[(first + vertex_at(n, i, j)) as usize] = welder.receiver(place, point);
+                        let point =
+                            in_sight(scene, triangle as u32, n, vertex_point(scene, triangle as u32, front, n, i, j));
+                        vertices[(first + vertex_at(n, i, j)) as usize] = welder.receiver(scene, point);
                     }
                 }
             }
         }
         let offsets = (0..=welder.points.len() as u32).collect();
-        let points = welder.points.into_iter().map(|(_, point)| point).collect();
-        Ok(Self { grids, vertices, points, offsets })
+        Ok(Self { grids, vertices, points: welder.points, offsets })
     }
 
     /// Leaves out receivers that are not `good`: their grid vertices take the nearest good one on their side of the triangle;
@@ -126,6 +124,26 @@ impl Receivers {
     }
 }
 
+/// Moves a grid vertex that lies behind a wall through which its triangle passes to this side of the wall: to where the
+/// ray from the middle of its cell comes.
+fn in_sight(scene: &Scene, triangle: u32, divisions: u32, vertex: SurfacePoint) -> SurfacePoint {
+    let third = 1.0 / 3.0;
+    let centre = scene.geometry().position(triangle, third, third);
+    let lift = vertex.normal * scene.ray_offset;
+    let middle = vertex.position + (centre - vertex.position) / divisions as f32;
+    let way = vertex.position - middle;
+    let length = way.length();
+    if length <= 0.0 {
+        return vertex;
+    }
+    let direction = way / length;
+    let hit = scene.closest_before(middle + lift, direction, length);
+    if hit.is_miss() {
+        return vertex;
+    }
+    SurfacePoint { position: middle + direction * (0.8 * hit.t), ..vertex }
+}
+
 /// Sides of a triangle that have entries: whether it is the front, and the first entry.
 fn sides_of(grid: &TriangleGrid) -> impl Iterator<Item = (bool, u32)> + use<> {
     [(true, grid.front), (false, grid.back)].into_iter().filter(|&(_, first)| first != NONE)
@@ -135,21 +153,21 @@ fn sides_of(grid: &TriangleGrid) -> impl Iterator<Item = (bool, u32)> + use<> {
 struct Welder {
     distance: f32,
     cells: HashMap<IVec3, Vec<u32>>,
-    /// The vertex itself, and the point a little inside its triangle.
-    points: Vec<(Vec3, SurfacePoint)>,
+    points: Vec<SurfacePoint>,
 }
 
 impl Welder {
-    /// The receiver of a vertex: one that is there, or a new one.
-    fn receiver(&mut self, place: Vec3, point: SurfacePoint) -> u32 {
+    /// The receiver of a vertex: one that is there with nothing between, or a new one.
+    fn receiver(&mut self, scene: &Scene, point: SurfacePoint) -> u32 {
+        let place = point.position;
         let home = (place / self.distance).floor().as_ivec3();
         let mut best = (self.distance * self.distance, NONE);
         for k in 0..27 {
             let cell = home + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
             for &id in self.cells.get(&cell).map_or(&[][..], Vec::as_slice) {
-                let (other, there) = &self.points[id as usize];
-                let offset = (place - *other).dot(there.normal).abs();
-                let squared = place.distance_squared(*other);
+                let there = &self.points[id as usize];
+                let offset = (place - there.position).dot(there.normal).abs();
+                let squared = place.distance_squared(there.position);
                 if point.normal.dot(there.normal) >= LEAST_COSINE
                     && offset <= MOST_OFFSET * self.distance
                     && squared < best.0
@@ -158,9 +176,17 @@ impl Welder {
                 }
             }
         }
+        if best.1 != NONE {
+            let there = &self.points[best.1 as usize];
+            // High enough to pass over the curvature that welding allows.
+            let lift = (point.normal + there.normal) * (scene.ray_offset + MOST_OFFSET * self.distance);
+            if scene.any_hit(place + lift, there.position + lift) {
+                best.1 = NONE;
+            }
+        }
         if best.1 == NONE {
             best.1 = self.points.len() as u32;
-            self.points.push((place, SurfacePoint { patch: best.1, ..point }));
+            self.points.push(SurfacePoint { patch: best.1, ..point });
             self.cells.entry(home).or_default().push(best.1);
         }
         best.1

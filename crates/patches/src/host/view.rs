@@ -20,6 +20,8 @@ const RAYS: u32 = 16;
 const OPENNESS: f32 = 8.0;
 /// Weight of the logarithm of the irradiance.
 const LIGHT: f32 = 4.0;
+/// The same for each of the other suns.
+const OTHER_LIGHT: f32 = 1.5;
 /// Irradiance below this share of the mean counts as none.
 const DARK: f32 = 0.02;
 /// Other suns than the scene's own, when it has one or a sky: lights that may come later.
@@ -53,7 +55,7 @@ impl Default for ViewSettings {
 ///
 /// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are free
 /// for a half and for two patch edges and that reach the sky (8), the logarithm of the irradiance from the scene's lights
-/// and, where a sun may stand elsewhere later, from six other suns (4).
+/// (4) and, where a sun may stand elsewhere later, from six other suns (1.5).
 ///
 /// # Errors
 /// [`Error::Setting`] for no patches or samples, [`Error::NoSamples`], [`Error::TooMany`].
@@ -198,9 +200,10 @@ fn add_light(scene: &Scene, samples: &[Sample], features: &mut [Features], seed:
 /// Sets one feature to the weighted logarithm of an irradiance, as a share of its mean and not below [`DARK`].
 fn put_logarithm(features: &mut [Features], feature: usize, irradiance: Vec<f32>) {
     let mean = irradiance.iter().map(|&e| f64::from(e)).sum::<f64>() / irradiance.len().max(1) as f64;
+    let weight = if feature < OWN_FEATURES { LIGHT } else { OTHER_LIGHT };
     if mean > 0.0 {
         features.par_iter_mut().zip(irradiance).for_each(|(f, e)| {
-            f[feature] = LIGHT * f64::from(e / mean as f32 + DARK).ln() as f32;
+            f[feature] = weight * f64::from(e / mean as f32 + DARK).ln() as f32;
         });
     }
 }

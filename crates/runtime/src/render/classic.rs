@@ -283,10 +283,11 @@ fn factors(
         Estimator::Point => Box::new(PointToPoint::default()),
     };
     let mut rows = form_factors(&*estimator, &surfaces, &|done, total| proceed(report, done, total))?;
-    if std::env::var_os("NOBAL").is_some() {
-        normalise_rows(&mut rows.factors, &rows.sky_factor)?;
-    } else {
+    if settings.patches == PatchKind::Polygon {
         balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
+    } else {
+        // The areas of clusters are estimates by samples: reciprocity with them would make good rows worse.
+        normalise_rows(&mut rows.factors, &rows.sky_factor)?;
     }
     Ok(rows)
 }

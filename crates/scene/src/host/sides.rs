@@ -105,7 +105,13 @@ fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> b
         let normal = if facing { front } else { -front };
         let point = geometry.position(hit.triangle, hit.u, hit.v) + normal * scene.ray_offset;
         let random = |dimension: u32| unit(hash3(seed, step, dimension));
-        for light in scene.lights.iter().filter(|l| l.kind != LIGHT_DIRECTIONAL) {
+        for light in &scene.lights {
+            if light.kind == LIGHT_DIRECTIONAL {
+                if light.direction.dot(normal) < 0.0 && !scene.occluded(point, -light.direction, f32::INFINITY) {
+                    return true;
+                }
+                continue;
+            }
             let to_light = light.position + light.edge_a * random(0) + light.edge_b * random(1) - point;
             let distance = to_light.length();
             if to_light.dot(normal) > 0.0 && !scene.occluded(point, to_light / distance, distance - scene.ray_offset) {
