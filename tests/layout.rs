@@ -130,7 +130,7 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "hits" => layout::<Hit>(),
         "points" => layout::<SurfacePoint>(),
         "grids" => layout::<TriangleGrid>(),
-        "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" => layout::<u32>(),
+        "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "vertices" => layout::<u32>(),
         "factors" if kernel == "formfactor_hemisphere_row" => layout::<f32>(),
         "factors" if kernel == "formfactor_gather_half" => layout::<UVec2>(),
         "values" if kernel == "formfactor_gather_csr" => layout::<f32>(),

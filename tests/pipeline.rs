@@ -141,6 +141,24 @@ fn both_executors_render_the_same_pictures() {
 }
 
 #[test]
+fn clusters_carry_the_light_that_polygons_do() {
+    let loaded = procedural::build("cornell").unwrap();
+    let light = |loaded: &LoadedScene, patches: PatchKind| {
+        let settings = ClassicSettings { patches, ..settings(600) };
+        let mut classic = Classic::bake(loaded, settings, cpu(), &mut Progress::new(true)).unwrap();
+        let camera = loaded.view.camera(SIZE.0, SIZE.1);
+        mean(&classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures.indirect)
+    };
+    let polygons = light(&loaded, PatchKind::Polygon);
+    let off = |x: f32| (x / polygons - 1.0).abs();
+    let clusters = light(&loaded, PatchKind::Cluster);
+    assert!(off(clusters) < 0.03, "{clusters} {polygons}");
+    let mut darker = procedural::build("cornell").unwrap();
+    darker.scene.materials.iter_mut().for_each(|m| m.albedo *= 0.95);
+    assert!(off(light(&darker, PatchKind::Cluster)) > 0.03);
+}
+
+#[test]
 fn operator_keeps_energy_reciprocity_and_closure_in_the_atrium() {
     let scene = procedural::build("atrium:3000").unwrap().scene;
     let cut = SubdivideSettings { size: PatchSize::Count(3000), ..SubdivideSettings::default() };

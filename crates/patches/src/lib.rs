@@ -12,7 +12,8 @@
 //! [`axis_patches`] makes at most six a voxel, `w = n_axis²` on the side the normal points to;
 //! [`cluster_patches`] merges the closest pair of clusters until `max_patches` a voxel are left, by
 //! `M(i,j) = (1 + |c_i − c_j|)(2 − n_i·n_j)(1 + √Σ_k((F_ik − F_jk)² + (F_ki − F_kj)²))`.
-//! A [`PatchSet`] may also be put together by other means, from groups of samples. [`Lookup`] gives a value between
+//! [`view_clusters`] needs no voxels: it splits equal-area samples of the whole scene top-down, where what they see varies
+//! most, and [`Nearest`] finds the patch of any place. A [`PatchSet`] may also be put together by other means. [`Lookup`] gives a value between
 //! patches: `h(x, n) = Σ w_j h_j / Σ w_j`, trilinear over 2×2×2 voxels times `max(0, n·n_j)²`, without those off the plane
 //! of x or behind a wall ([`kernel::lookup`], which needs no `std` and runs as SPIR-V and on the host alike).
 //!

@@ -31,7 +31,7 @@ pub enum Error {
     /// The scene has too many triangles for polygon patches.
     #[error(
         "{scene}: {triangles} triangles give at least {needed} polygon patches, classic radiosity takes at most {limit}; \
-         choose --method path, or a scene with fewer triangles"
+         choose --patches cluster, --method path, or a scene with fewer triangles"
     )]
     TooManyPatches {
         /// The scene.

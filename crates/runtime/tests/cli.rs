@@ -199,7 +199,7 @@ fn an_unknown_device_is_named() {
 
 #[test]
 fn too_many_triangles_for_classic_is_said_with_a_remedy() {
-    let message = fails(1, &["render", "atrium:120000", "--method", "classic", "--quiet", "--size", "32x24"]);
+    let message = fails(1, &["render", "atrium:120000", "--patches", "polygon", "--quiet", "--size", "32x24"]);
     assert!(message.contains("--method path"), "{message}");
 }
 

@@ -4,12 +4,13 @@ use std::collections::HashMap;
 use std::vec::Vec;
 
 use glam::{IVec3, Vec3};
+use rayon::prelude::*;
 use scene::{NONE, Scene, Sides, SurfacePoint, Visibility};
 
 use super::storage::check_length;
-use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, triangle_area, vertex_point};
+use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area, vertex_point};
 use crate::error::Error;
-use crate::kernel::grid::{vertex_at, vertex_count};
+use crate::kernel::grid::{cell_corners, cell_count, vertex_at, vertex_count};
 use crate::types::TriangleGrid;
 
 /// Grid vertices nearer than this share of the longest edge share a receiver, where the surface is near enough to flat.
@@ -18,6 +19,9 @@ const WELD: f32 = 0.4;
 const LEAST_COSINE: f32 = 0.94;
 /// Most distance of a vertex from the plane of its receiver, as a share of the welding distance.
 const MOST_OFFSET: f32 = 0.1;
+
+/// Cells of a side that are tried when none of its vertices serves.
+const MIDDLES: u32 = 8;
 
 /// Points at which irradiance is wanted: the vertices of a grid on each triangle, those that lie together merged.
 #[derive(Clone, Debug, Default)]
@@ -73,13 +77,15 @@ impl Receivers {
         Ok(Self { grids, vertices, points: welder.points, offsets })
     }
 
-    /// Leaves out receivers that are not `good`: their grid vertices take the nearest good one on their side of the triangle;
-    /// a side without any has no receivers.
-    pub fn retain(&mut self, scene: &Scene, good: impl Fn(usize) -> bool) {
+    /// Leaves out receivers that are not good: their grid vertices take the nearest good one on their side of the triangle. A
+    /// side without a good vertex takes the middle of one of its cells; if none is good, it has no receivers.
+    pub fn retain(&mut self, scene: &Scene, is_good: impl Fn(&SurfacePoint) -> bool + Sync) {
+        let mut flags: Vec<bool> = self.points.par_iter().map(&is_good).collect();
+        let good = |flags: &[bool], receiver: u32| flags[receiver as usize];
         for (triangle, grid) in self.grids.iter_mut().enumerate() {
             for (front, first) in sides_of(grid) {
                 let own = first as usize..(first + vertex_count(grid.divisions)) as usize;
-                if own.clone().all(|k| good(self.vertices[k] as usize)) {
+                if own.clone().all(|k| good(&flags, self.vertices[k])) {
                     continue;
                 }
                 let mut kept: Vec<(Vec3, u32)> = Vec::new();
@@ -88,7 +94,7 @@ impl Receivers {
                     for i in 0..=grid.divisions - j {
                         let at = own.start + vertex_at(grid.divisions, i, j) as usize;
                         let place = vertex_point(scene, triangle as u32, front, grid.divisions, i, j).position;
-                        if good(self.vertices[at] as usize) {
+                        if good(&flags, self.vertices[at]) {
                             kept.push((place, self.vertices[at]));
                         } else {
                             bad.push((place, at));
@@ -96,6 +102,18 @@ impl Receivers {
                     }
                 }
                 if kept.is_empty() {
+                    let cells = cell_count(grid.divisions);
+                    let middles = (0..cells.min(MIDDLES)).map(|k| {
+                        let (a, b, c) = cell_corners(grid.divisions, k * cells / cells.min(MIDDLES));
+                        side_point(scene, triangle as u32, front, (a + b + c) / 3.0)
+                    });
+                    if let Some(point) = middles.into_iter().find(&is_good) {
+                        let number = self.points.len() as u32;
+                        self.points.push(SurfacePoint { patch: number, ..point });
+                        flags.push(true);
+                        bad.iter().for_each(|&(_, at)| self.vertices[at] = number);
+                        continue;
+                    }
                     *(if front { &mut grid.front } else { &mut grid.back }) = NONE;
                     bad.iter().for_each(|&(_, at)| self.vertices[at] = NONE);
                     continue;
@@ -111,16 +129,13 @@ impl Receivers {
         let mut used = vec![false; self.points.len()];
         self.vertices.iter().filter(|&&r| r != NONE).for_each(|&r| used[r as usize] = true);
         let mut numbers = vec![NONE; self.points.len()];
-        let mut next = 0;
-        for (number, _) in numbers.iter_mut().zip(&used).filter(|(_, used)| **used) {
-            *number = next;
-            next += 1;
-        }
+        let kept = numbers.iter_mut().zip(&used).filter(|(_, used)| **used);
+        kept.zip(0..).for_each(|((number, _), next)| *number = next);
         self.points.retain(|point| used[point.patch as usize]);
         (self.points.iter_mut().zip(0..)).for_each(|(point, number)| point.patch = number);
         // A vertex without receiver is never asked for.
         self.vertices.iter_mut().for_each(|r| *r = if *r == NONE { 0 } else { numbers[*r as usize] });
-        self.offsets.truncate(self.points.len() + 1);
+        self.offsets = (0..=self.points.len() as u32).collect();
     }
 }
 

@@ -1,6 +1,6 @@
 //! Triangles of a scene cut into patches and receivers.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open};
@@ -172,13 +172,16 @@ fn largest_step(n: u32, value: impl Fn(u32, u32) -> f32) -> f32 {
 
 /// Grid vertex (i, j) of a triangle side, moved inwards by a twentieth of a cell.
 pub(super) fn vertex_point(scene: &Scene, triangle: u32, front: bool, n: u32, i: u32, j: u32) -> SurfacePoint {
-    let inwards = 0.05 / n as f32;
-    let (u, v) = (i as f32 / n as f32, j as f32 / n as f32);
-    let third = 1.0 / 3.0;
+    let shares = Vec2::new(i as f32, j as f32) / n as f32;
+    side_point(scene, triangle, front, shares + (Vec2::splat(1.0 / 3.0) - shares) * (0.05 / n as f32))
+}
+
+/// The point of a triangle side at these shares of its edges.
+pub(super) fn side_point(scene: &Scene, triangle: u32, front: bool, shares: Vec2) -> SurfacePoint {
     let geometry = scene.geometry();
     let normal = geometry.normal(triangle);
     SurfacePoint {
-        position: geometry.position(triangle, u + (third - u) * inwards, v + (third - v) * inwards),
+        position: geometry.position(triangle, shares.x, shares.y),
         patch: NONE,
         normal: if front { normal } else { -normal },
         weight: 1.0,
@@ -359,7 +362,7 @@ fn make_cell(
             places = (0..points as usize).map(|k| kept[k * kept.len() / points as usize]).collect();
         }
     }
-    let position = |p: glam::Vec2| geometry.position(triangle, p.x, p.y);
+    let position = |p: Vec2| geometry.position(triangle, p.x, p.y);
     let area = triangle_area(scene, triangle as usize) / (divisions * divisions) as f32 * solid;
     Cell {
         patch: Patch { centroid: position((a + b + c) / 3.0), area, normal, triangle },

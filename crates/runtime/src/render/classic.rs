@@ -9,7 +9,6 @@ use formfactor::{
     form_factor_blocks, form_factors, jacobi, normalise_rows,
 };
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
 use reference::Picture;
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SidePolicy, SurfacePoint, find_sides};
@@ -144,11 +143,11 @@ impl Classic {
         let receivers = progress.phase("mesh", |_| -> Result<_, Error> {
             let mut receivers = Receivers::new(&scene, &find_sides(&scene, SidePolicy::Both), edge)?;
             let seed = settings.seed ^ 0x6f70_656e;
-            let open: Vec<bool> = (receivers.points.par_iter())
-                .map(|point| senders.is_lit(&scene, point, hash3(point.patch, 0, seed)))
-                .collect();
             // A vertex inside of a solid is dark; no dark spot may be interpolated into the open.
-            receivers.retain(&scene, |receiver| open[receiver]);
+            receivers.retain(&scene, |point| {
+                let place = point.position.to_array().map(f32::to_bits);
+                senders.is_lit(&scene, point, hash3(place[0], place[1], hash3(place[2], seed, 0)))
+            });
             Ok(receivers)
         })?;
         let count = senders.patches.len();

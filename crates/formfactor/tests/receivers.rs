@@ -1,0 +1,140 @@
+//! Receivers: few, in the open, and enough for what lies between them.
+
+use formfactor::kernel::product::interpolate_receivers;
+use formfactor::{Error, Receivers};
+use glam::{Vec3, Vec4};
+use scene::{Hit, Material, NONE, Scene, SceneParts, SidePolicy, Triangle, TriangleUv, find_sides};
+
+fn triangle(a: Vec3, b: Vec3, c: Vec3) -> Triangle {
+    Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() }
+}
+
+fn scene(triangles: Vec<Triangle>) -> Scene {
+    let uvs = vec![TriangleUv::default(); triangles.len()];
+    Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }).unwrap()
+}
+
+/// A rectangle of n × n pairs of triangles, fronts on the side of a × b.
+fn sheet(corner: Vec3, a: Vec3, b: Vec3, n: u32) -> Vec<Triangle> {
+    let at = |i: u32, j: u32| corner + a * (i as f32 / n as f32) + b * (j as f32 / n as f32);
+    let pair = |i: u32, j: u32| {
+        [triangle(at(i, j), at(i + 1, j), at(i, j + 1)), triangle(at(i + 1, j + 1), at(i, j + 1), at(i + 1, j))]
+    };
+    (0..n * n).flat_map(|k| pair(k % n, k / n)).collect()
+}
+
+fn receivers(scene: &Scene, edge: f32) -> Receivers {
+    Receivers::new(scene, &find_sides(scene, SidePolicy::Both), edge).unwrap()
+}
+
+/// The interpolated values at points of both sides of all triangles, beside the points themselves.
+fn between(scene: &Scene, set: &Receivers, value: impl Fn(Vec3) -> f32) -> Vec<(Vec3, f32)> {
+    let values: Vec<Vec4> = set.points.iter().map(|p| Vec4::splat(value(p.position))).collect();
+    let mut found = Vec::new();
+    for t in 0..scene.triangles.len() as u32 {
+        for (u, v) in [(0.33, 0.33), (0.1, 0.7), (0.6, 0.05), (0.02, 0.02)] {
+            let hit = Hit { triangle: t, u, v, t: 1.0 };
+            let place = scene.geometry().position(t, u, v);
+            for front in [true, false] {
+                found.push((place, interpolate_receivers(&set.grids, &set.vertices, &values, hit, front).x));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn a_fine_mesh_needs_no_more_receivers_than_a_coarse_one() {
+    let of = |n: u32| receivers(&scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, n)), 0.2).points.len();
+    let (coarse, fine) = (of(1), of(64));
+    assert!(fine <= 3 * coarse && fine < 2 * 65 * 65 / 10, "{coarse} {fine}");
+    // The two sides share nothing.
+    let flat = scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, 1));
+    let set = receivers(&flat, 0.2);
+    assert_eq!(set.points.iter().filter(|p| p.normal.y > 0.0).count() * 2, set.points.len());
+}
+
+#[test]
+fn values_between_receivers_follow_a_linear_field() {
+    let ramp = |p: Vec3| 1.0 + 2.0 * p.x - 0.5 * p.z;
+    for n in [1, 7, 40] {
+        let scene = scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, n));
+        let edge = 0.1;
+        let set = receivers(&scene, edge);
+        // A vertex may take the value of a receiver 0.4 edges away.
+        let bound = 0.45 * edge * Vec3::new(2.0, 0.0, 0.5).length();
+        let worst = |set: &Receivers| {
+            between(&scene, set, ramp).into_iter().map(|(p, found)| (found - ramp(p)).abs()).fold(0.0, f32::max)
+        };
+        assert!(worst(&set) < bound, "{n}: {} above {bound}", worst(&set));
+        let constant = between(&scene, &set, |_| 3.0);
+        assert!(constant.iter().all(|(_, found)| (found - 3.0).abs() < 1e-5));
+        let mut shuffled = set.clone();
+        shuffled.vertices.rotate_left(set.vertices.len() / 3);
+        assert!(worst(&shuffled) > bound);
+    }
+}
+
+#[test]
+fn receivers_do_not_look_through_a_wall() {
+    // The floor runs on below a wall without thickness at x = 0.93; its cells straddle the wall.
+    let mut triangles = sheet(Vec3::ZERO, Vec3::Z, Vec3::X * 2.0, 4);
+    triangles.extend(sheet(Vec3::new(0.93, -0.5, -1.0), Vec3::Y * 2.0, Vec3::Z * 3.0, 1));
+    let scene = scene(triangles);
+    let set = receivers(&scene, 1.0);
+    let geometry = scene.geometry();
+    // The middle of every triangle of the floor sees the receivers of its vertices.
+    let blind = |set: &Receivers| {
+        let mut count = 0;
+        for (t, grid) in set.grids.iter().enumerate().filter(|&(t, _)| geometry.normal(t as u32).y.abs() > 0.9) {
+            let third = 1.0 / 3.0;
+            let up = geometry.normal(t as u32) * 0.02;
+            let middle = geometry.position(t as u32, third, third) + up;
+            for k in 0..3 {
+                let to = set.points[set.vertices[(grid.front + k) as usize] as usize].position + up;
+                let way = to - middle;
+                count += usize::from(scene.occluded(middle, way.normalize(), way.length()));
+            }
+        }
+        count
+    };
+    assert_eq!(blind(&set), 0);
+    // The vertices themselves lie beyond it.
+    let mut naive = set.clone();
+    for (t, grid) in set.grids.iter().enumerate() {
+        for (k, (u, v)) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].into_iter().enumerate() {
+            let receiver = naive.vertices[grid.front as usize + k] as usize;
+            naive.points[receiver].position = geometry.position(t as u32, u, v);
+        }
+    }
+    assert!(blind(&naive) > 0);
+}
+
+#[test]
+fn vertices_of_bad_receivers_take_good_ones_of_their_side() {
+    let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
+    let full = receivers(&scene, 0.25);
+    let mut set = full.clone();
+    set.retain(&scene, |p| p.position.x > 0.5 && p.normal.y > 0.0);
+    assert!(set.points.len() < full.points.len() && set.offsets.len() == set.points.len() + 1);
+    assert!(set.points.iter().all(|p| p.position.x > 0.5 && p.normal.y > 0.0));
+    assert!(set.points.iter().enumerate().all(|(k, p)| p.patch as usize == k));
+    // Nothing is left below; above, every place has a value.
+    assert!(set.grids.iter().all(|g| (g.front == NONE) != (g.back == NONE)));
+    let found = between(&scene, &set, |_| 1.0);
+    assert_eq!(found.iter().filter(|(_, value)| *value == 1.0).count() * 2, found.len());
+    // Good in the middle only: one receiver serves the side.
+    let mut middle = full.clone();
+    middle.retain(&scene, |p| p.normal.y > 0.0 && (p.position - Vec3::new(0.4, 0.0, 0.4)).length() < 0.1);
+    assert!(!middle.points.is_empty() && middle.points.len() < set.points.len());
+}
+
+#[test]
+fn wrong_edges_are_refused() {
+    let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
+    for edge in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        let found = Receivers::new(&scene, &find_sides(&scene, SidePolicy::Both), edge);
+        assert!(matches!(found, Err(Error::Setting { name: "edge", .. })), "{edge}");
+    }
+    assert!(matches!(Receivers::new(&scene, &[], 1.0), Err(Error::Length { .. })));
+}
