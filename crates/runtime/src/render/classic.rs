@@ -11,7 +11,7 @@ use formfactor::{
 use glam::{Vec3, Vec4};
 use reference::Picture;
 use scene::sampling::hash3;
-use scene::{Camera, DirectParams, Light, Scene, SidePolicy, SurfacePoint, find_sides};
+use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
@@ -141,7 +141,7 @@ impl Classic {
             Ok((senders, edge))
         })?;
         let receivers = progress.phase("mesh", |_| -> Result<_, Error> {
-            let mut receivers = Receivers::new(&scene, &find_sides(&scene, SidePolicy::Both), edge)?;
+            let mut receivers = Receivers::new(&scene, &senders.sides(), edge)?;
             let seed = settings.seed ^ 0x6f70_656e;
             // A vertex inside of a solid is dark; no dark spot may be interpolated into the open.
             receivers.retain(&scene, |point| {
