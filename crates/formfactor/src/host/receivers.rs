@@ -5,7 +5,8 @@ use std::vec::Vec;
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
-use scene::{NONE, Scene, Sides, SurfacePoint, Visibility};
+use scene::sampling::hash3;
+use scene::{NONE, Scene, Sides, SurfacePoint, Visibility, is_open};
 
 use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area, vertex_point};
@@ -153,7 +154,9 @@ fn in_sight(scene: &Scene, triangle: u32, divisions: u32, vertex: SurfacePoint) 
     }
     let direction = way / length;
     let hit = scene.closest_before(middle + lift, direction, length);
-    if hit.is_miss() {
+    // A middle that is buried in what stands on the surface judges nobody.
+    let seed = hash3(triangle, vertex.position.x.to_bits(), vertex.position.z.to_bits());
+    if hit.is_miss() || !is_open(scene, &SurfacePoint { position: middle, ..vertex }, seed) {
         return vertex;
     }
     SurfacePoint { position: middle + direction * (0.8 * hit.t), ..vertex }

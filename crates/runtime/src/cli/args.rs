@@ -138,7 +138,7 @@ pub struct Render {
     /// Sub-frames (classic) or paths (path) a pixel [default: 16 and 64].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub spp: Option<u32>,
-    /// What patches are [default: polygon for scenes of fewer triangles than patches, else cluster].
+    /// What patches are [default: polygon where triangles are few beside the patches, else cluster].
     #[arg(long, value_enum)]
     pub patches: Option<Patches>,
     /// Patches that send light.

@@ -92,7 +92,7 @@ fn one_scene(
     }
     let device = executor.device().name.clone();
     let settings = ClassicSettings {
-        patches: PatchKind::Polygon,
+        patches: PatchKind::suited(loaded.scene.triangles.len(), effort.patches),
         patch_count: effort.patches,
         estimator: Estimator::Hemisphere { rays: effort.rays },
         bounces: None,

@@ -136,8 +136,7 @@ fn classic_frames(
         patches: match args.patches {
             Some(Patches::Polygon) => PatchKind::Polygon,
             Some(Patches::Cluster) => PatchKind::Cluster,
-            None if loaded.scene.triangles.len() < args.patch_count as usize => PatchKind::Polygon,
-            None => PatchKind::Cluster,
+            None => PatchKind::suited(loaded.scene.triangles.len(), args.patch_count as usize),
         },
         patch_count: args.patch_count as usize,
         estimator: match args.form_factors {

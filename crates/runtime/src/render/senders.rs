@@ -31,6 +31,13 @@ pub enum PatchKind {
     Cluster,
 }
 
+impl PatchKind {
+    /// Polygons where triangles are few and large beside the patches, else clusters.
+    pub fn suited(triangles: usize, patches: usize) -> Self {
+        if 4 * triangles < patches { Self::Polygon } else { Self::Cluster }
+    }
+}
+
 /// The senders of a scene.
 pub struct Senders {
     /// Centroid, area, normal.
