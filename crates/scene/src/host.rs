@@ -171,16 +171,33 @@ impl Scene {
         self.traverse::<true>(origin, direction, t_max).triangle != NONE
     }
 
-    /// The mip level of a triangle's albedo texture at which one texel covers `area` m².
-    pub fn albedo_level(&self, triangle: u32, area: f32) -> u32 {
+    /// Shares (u, v) of a triangle's edges at a point of its plane, m.
+    pub fn shares(&self, triangle: u32, position: Vec3) -> (f32, f32) {
+        let t = self.triangles[triangle as usize];
+        let p = position - t.corner;
+        let normal = t.edge_a.cross(t.edge_b);
+        let inverse = 1.0 / normal.length_squared();
+        (p.cross(t.edge_b).dot(normal) * inverse, t.edge_a.cross(p).dot(normal) * inverse)
+    }
+
+    /// Reflectance at a point of a triangle, averaged over about `area` m² of it: from the level of the texture's pyramid
+    /// whose texels are nearest to that in size.
+    pub fn filtered_albedo(&self, triangle: u32, position: Vec3, area: f32) -> Vec3 {
         let t = self.triangles[triangle as usize];
         let material = self.materials[t.material as usize];
-        let Some(texture) = self.textures.get(material.albedo_texture as usize) else { return 0 };
+        let Some(texture) = self.textures.get(material.albedo_texture as usize) else { return material.albedo };
         let uv = self.uvs[triangle as usize];
         let share = (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs();
-        let texels = share * texture.width as f32 * texture.height as f32 * area / t.edge_a.cross(t.edge_b).length();
-        // A level quarters the number of texels.
-        (0..texture.levels).take_while(|&k| texels > f32::from(4u16.saturating_pow(k + 1))).count() as u32
+        let texels = share * texture.width as f32 * texture.height as f32;
+        // Texels that the area covers; a level up, a texel is four times as large.
+        let mut covered = area * texels / t.edge_a.cross(t.edge_b).length();
+        let mut level = 0;
+        while covered > 2.0 && level + 1 < texture.levels {
+            covered *= 0.25;
+            level += 1;
+        }
+        let (u, v) = self.shares(triangle, position);
+        self.geometry().albedo_at_level(triangle, u, v, level)
     }
 
     #[inline]

@@ -4,9 +4,8 @@ use std::vec::Vec;
 
 use glam::Vec3;
 use rayon::prelude::*;
-use scene::kernel::Geometry;
 use scene::sampling::{hammersley, hash3};
-use scene::{Hit, NONE, Scene, Triangle};
+use scene::{Hit, NONE, Scene};
 
 use super::grid::Grid;
 use crate::error::Error;
@@ -133,8 +132,9 @@ pub fn sample_voxels(
     if settings.rule == AreaRule::Thesis {
         whole_triangle_areas(scene, &mut set.samples);
     }
-    let geometry = scene.geometry();
-    set.samples.par_iter_mut().for_each(|sample| sample.albedo = filtered_albedo(&geometry, sample));
+    set.samples
+        .par_iter_mut()
+        .for_each(|sample| sample.albedo = scene.filtered_albedo(sample.triangle, sample.position, sample.area));
     set.report.sample_area = set.samples.iter().map(|s| f64::from(s.area)).sum();
     Ok(set)
 }
@@ -254,7 +254,7 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
         // Shifted, as a picture may repeat in step with the points.
         let shift = (hash3(self.number, triangle, 1), hash3(self.number, triangle, 2));
         (0..MASK_POINTS).map(move |k| part.point(hammersley(k, MASK_POINTS, shift)).as_vec3()).filter(move |&p| {
-            let (u, v) = shares(&geometry.triangles[triangle as usize], p);
+            let (u, v) = self.scene.shares(triangle, p);
             !geometry.is_hole(triangle, u, v)
         })
     }
@@ -385,35 +385,4 @@ fn whole_triangle_areas(scene: &Scene, samples: &mut [Sample]) {
         let whole = 0.5 * t.edge_a.cross(t.edge_b).length();
         s.area = whole / counts[s.triangle as usize][is_back(s)] as f32;
     }
-}
-
-/// Reflectance from the level of the texture's pyramid whose texels are nearest to the sample's area in size.
-fn filtered_albedo(geometry: &Geometry, sample: &Sample) -> Vec3 {
-    let t = geometry.triangles[sample.triangle as usize];
-    let material = geometry.materials[t.material as usize];
-    if material.albedo_texture == NONE {
-        return material.albedo;
-    }
-    let texture = geometry.textures[material.albedo_texture as usize];
-    let uv = geometry.uvs[sample.triangle as usize];
-    let in_texels = (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs();
-    let in_texels = in_texels * texture.width as f32 * texture.height as f32;
-    let whole = t.edge_a.cross(t.edge_b).length();
-    // Texels that the sample covers; a level up, a texel is four times as large.
-    let mut covered = sample.area * in_texels / whole;
-    let mut level = 0;
-    while covered > 2.0 && level + 1 < texture.levels {
-        covered *= 0.25;
-        level += 1;
-    }
-    let (u, v) = shares(&t, sample.position);
-    geometry.albedo_at_level(sample.triangle, u, v, level)
-}
-
-/// Shares (u, v) of the edges at a point of a triangle's plane.
-fn shares(t: &Triangle, point: Vec3) -> (f32, f32) {
-    let p = point - t.corner;
-    let normal = t.edge_a.cross(t.edge_b);
-    let inverse = 1.0 / normal.length_squared();
-    (p.cross(t.edge_b).dot(normal) * inverse, t.edge_a.cross(p).dot(normal) * inverse)
 }

@@ -103,17 +103,13 @@ fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
                 let (u, v) = uniform_triangle((word(0xc13f_a9a9, 2), word(0x91e1_0da6, 4)));
                 let normal = geometry.normal(triangle as u32);
                 if !geometry.is_hole(triangle as u32, u, v) {
+                    let position = geometry.position(triangle as u32, u, v);
                     samples.push(Sample {
-                        position: geometry.position(triangle as u32, u, v),
+                        position,
                         area: area as f32,
                         normal: if side == 0 { normal } else { -normal },
                         triangle: triangle as u32,
-                        albedo: geometry.albedo_at_level(
-                            triangle as u32,
-                            u,
-                            v,
-                            scene.albedo_level(triangle as u32, area as f32),
-                        ),
+                        albedo: scene.filtered_albedo(triangle as u32, position, area as f32),
                         reserved: 0,
                     });
                 }

@@ -212,32 +212,14 @@ fn cell_patches(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest) -> Vec
         .collect()
 }
 
-/// Mean albedo of each polygon patch: over its sample points, from the mip level at which a texel covers a point's share.
+/// Mean albedo of each polygon patch, over its sample points.
 fn polygon_albedo(scene: &Scene, subdivision: &formfactor::Subdivision) -> Vec<Vec4> {
-    let geometry = scene.geometry();
-    (0..subdivision.patches.len())
-        .map(|i| {
-            let (first, end) = (subdivision.offsets[i] as usize, subdivision.offsets[i + 1] as usize);
-            let patch = &subdivision.patches[i];
-            let level = scene.albedo_level(patch.triangle, patch.area / (end - first).max(1) as f32);
-            let t = scene.triangles[patch.triangle as usize];
-            let sum: Vec3 = subdivision.points[first..end]
-                .iter()
-                .map(|p| {
-                    let (u, v) = shares(&t, p.position);
-                    geometry.albedo_at_level(patch.triangle, u, v, level) * p.weight
-                })
-                .sum();
-            sum.extend(0.0)
+    (subdivision.patches.iter().zip(subdivision.offsets.windows(2)))
+        .map(|(patch, range)| {
+            let points = &subdivision.points[range[0] as usize..range[1] as usize];
+            let area = patch.area / points.len().max(1) as f32;
+            let albedo = |p: &SurfacePoint| scene.filtered_albedo(patch.triangle, p.position, area) * p.weight;
+            points.iter().map(albedo).sum::<Vec3>().extend(0.0)
         })
         .collect()
-}
-
-/// Shares (u, v) of a triangle's edges at a point of it.
-fn shares(t: &scene::Triangle, position: Vec3) -> (f32, f32) {
-    let d = position - t.corner;
-    let (aa, ab, bb) = (t.edge_a.dot(t.edge_a), t.edge_a.dot(t.edge_b), t.edge_b.dot(t.edge_b));
-    let (da, db) = (d.dot(t.edge_a), d.dot(t.edge_b));
-    let inverse = 1.0 / (aa * bb - ab * ab);
-    ((da * bb - db * ab) * inverse, (db * aa - da * ab) * inverse)
 }
