@@ -18,4 +18,4 @@ pub use lookup::{Lookup, LookupSettings};
 pub use nearest::Nearest;
 pub use patch_set::PatchSet;
 pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels};
-pub use view::{ViewSettings, view_clusters};
+pub use view::{ViewClusters, ViewSettings, view_clusters};

@@ -16,7 +16,7 @@ use super::polygon::Polygon;
 use super::storage::{Dense, check_length};
 use super::subdivide::Subdivision;
 use crate::error::Error;
-use crate::kernel::hemisphere::{EXTRA_COLUMNS, hemisphere_ray, hemisphere_row};
+use crate::kernel::hemisphere::{EXTRA_COLUMNS, hemisphere_ray, hemisphere_row, ray_share};
 use crate::types::{HemisphereParams, Patch};
 
 /// Whether a long computation goes on: `Break(())` cancels it.
@@ -86,7 +86,7 @@ impl<'a> Surfaces<'a> {
         &self.points[self.offsets[row] as usize..self.offsets[row + 1] as usize]
     }
 
-    fn check(&self) -> Result<(), Error> {
+    pub(super) fn check(&self) -> Result<(), Error> {
         let rows = self.rows();
         if self.offsets.is_empty() {
             return Err(Error::Length { name: "offsets", expected: 1, found: 0 });
@@ -225,6 +225,24 @@ fn hemisphere_params(surfaces: &Surfaces, row: usize, rays: u32) -> HemispherePa
     }
 }
 
+/// Column of what ray `k` of a row meets: a patch, `patch_count` for the sky, `patch_count + 1` for what no patch owns.
+fn hemisphere_column(s: &Surfaces, p: &HemisphereParams, row: usize, k: u32) -> u32 {
+    let (origin, direction) = hemisphere_ray(p, s.offsets, s.points, row as u32, k);
+    let hit = s.visibility.closest(origin, direction);
+    if hit.is_miss() {
+        return p.patch_count;
+    }
+    let id = (s.owner)(&hit, direction);
+    if id < p.patch_count { id } else { p.patch_count + 1 }
+}
+
+/// Columns of what the rays of a row meet, with the share of the row's energy that each carries.
+pub(super) fn hemisphere_hits(s: &Surfaces, row: usize, rays: u32) -> Vec<(u32, f32)> {
+    let p = hemisphere_params(s, row, rays);
+    let share = |k: u32| ray_share(&p, s.offsets, s.points, row as u32, k);
+    (0..rays).map(|k| (hemisphere_column(s, &p, row, k), share(k))).collect()
+}
+
 /// Share of the row's hemisphere that sees no geometry, by `rays` rays.
 fn sky_factor(surfaces: &Surfaces, row: usize, rays: u32) -> f32 {
     let p = hemisphere_params(surfaces, row, rays);
@@ -244,17 +262,7 @@ impl Estimator for Hemisphere {
 
     fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
         let p = hemisphere_params(s, row, self.rays);
-        let ids: Vec<u32> = (0..self.rays)
-            .map(|k| {
-                let (origin, direction) = hemisphere_ray(&p, s.offsets, s.points, row as u32, k);
-                let hit = s.visibility.closest(origin, direction);
-                if hit.is_miss() {
-                    return p.patch_count;
-                }
-                let id = (s.owner)(&hit, direction);
-                if id < p.patch_count { id } else { p.patch_count + 1 }
-            })
-            .collect();
+        let ids: Vec<u32> = (0..self.rays).map(|k| hemisphere_column(s, &p, row, k)).collect();
         let n = factors.len();
         let mut whole = vec![0.0; n + EXTRA_COLUMNS as usize];
         hemisphere_row(&p, s.offsets, s.points, &ids, 0, &mut whole);

@@ -2,7 +2,6 @@
 //! irradiance in W/m²; the fourth component is not used.
 
 use glam::{Vec2, Vec3, Vec4};
-use scene::kernel::shade::source_exitance;
 use scene::{Hit, NONE, SurfacePoint, Triangle};
 
 use super::grid::interpolate;
@@ -136,9 +135,9 @@ pub fn bounce(source: Vec4, albedo: Vec4, irradiance: Vec4) -> Vec4 {
     source + albedo * irradiance
 }
 
-/// First exitance of patch `i`, `E = M_e + ρ Σ_k w_k H_d,k` over its points, W/m².
+/// First exitance of patch `i`, `E = M_e + Σ_k w_k ρ_k H_d,k` over its points, W/m².
 ///
-/// Shapes: `points` and `direct` by point, row `i` has `offsets[i]..offsets[i + 1]`; `emission` and `albedo` by patch.
+/// Shapes: `points`, `direct` and `albedo` by point, row `i` has `offsets[i]..offsets[i + 1]`; `emission` by patch.
 #[inline]
 pub fn assemble_source(
     i: u32,
@@ -148,11 +147,11 @@ pub fn assemble_source(
     emission: &[Vec4],
     albedo: &[Vec4],
 ) -> Vec4 {
-    let mut mean = Vec4::ZERO;
+    let mut sum = emission[i as usize];
     for k in offsets[i as usize]..offsets[i as usize + 1] {
-        mean += direct[k as usize] * points[k as usize].weight;
+        sum += albedo[k as usize] * direct[k as usize] * points[k as usize].weight;
     }
-    source_exitance(emission[i as usize], albedo[i as usize], mean)
+    sum
 }
 
 /// Irradiance of the side of a surface that a pixel shows, W/m²: [`interpolate_receivers`] at its hit, on the side on

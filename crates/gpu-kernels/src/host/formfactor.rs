@@ -51,8 +51,8 @@ pub(crate) fn assemble_source(kernel: &Kernel, call: &mut HostCall) -> Result<()
     let n = agreed(elements, p.count)?;
     let offsets = offsets.read::<u32>(n + 1)?;
     let points = points.read::<SurfacePoint>(0)?;
-    let direct = direct.read::<Rgb>(0)?;
-    let (emission, albedo) = (emission.read::<Rgb>(n)?, albedo.read::<Rgb>(n)?);
+    let (direct, albedo) = (direct.read::<Rgb>(0)?, albedo.read::<Rgb>(0)?);
+    let emission = emission.read::<Rgb>(n)?;
     fill(source.write(n)?, |k| product::assemble_source(k, offsets, points, direct, emission, albedo));
     Ok(())
 }

@@ -1,11 +1,12 @@
-//! The patch of any place on a surface: that of the nearest sample of like normal.
+//! The sample of any place on a surface: the nearest of like normal.
+
+use std::num::NonZero;
 
 use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::vec::Vec;
 
-use super::patch_set::PatchSet;
-use scene::NONE;
+use crate::types::Sample;
 
 /// A turn of the normal by 60° counts as much as this many sample edges.
 const NORMAL_EDGES: f32 = 4.0;
@@ -15,31 +16,30 @@ pub struct Nearest {
     tree: ImmutableKdTree<f32, 6>,
     /// Sample edges a metre.
     scale: f32,
-    /// Patch of each sample.
-    patches: Vec<u32>,
 }
 
 impl Nearest {
-    /// Over the samples of a set whose samples belong to one patch each.
-    pub fn new(set: &PatchSet) -> Self {
-        let total: f64 = set.samples.iter().map(|s| f64::from(s.area)).sum();
-        let edge = scene::math::sqrt((total / set.samples.len().max(1) as f64) as f32);
+    /// Over samples of about equal area.
+    pub fn new(samples: &[Sample]) -> Self {
+        let total: f64 = samples.iter().map(|s| f64::from(s.area)).sum();
+        let edge = scene::math::sqrt((total / samples.len().max(1) as f64) as f32);
         let scale = 1.0 / edge;
-        let places: Vec<[f32; 6]> = set.samples.iter().map(|s| place(s.position * scale, s.normal)).collect();
-        let mut patches = std::vec![NONE; set.samples.len()];
-        for (patch, range) in set.offsets.windows(2).enumerate() {
-            for member in &set.members[range[0] as usize..range[1] as usize] {
-                patches[member.sample as usize] = patch as u32;
-            }
-        }
-        Self { tree: ImmutableKdTree::new_from_slice(&places), scale, patches }
+        let places: Vec<[f32; 6]> = samples.iter().map(|s| place(s.position * scale, s.normal)).collect();
+        Self { tree: ImmutableKdTree::new_from_slice(&places), scale }
     }
 
-    /// The patch of a place on the side of a surface with this unit normal, and its distance in sample edges: √ of the
-    /// square of that in space and 16 |n − n'|².
-    pub fn patch(&self, position: Vec3, normal: Vec3) -> (u32, f32) {
+    /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in sample edges: √ of
+    /// the square of that in space and 16 |n − n'|².
+    pub fn sample(&self, position: Vec3, normal: Vec3) -> (u32, f32) {
         let found = self.tree.nearest_one::<SquaredEuclidean>(&place(position * self.scale, normal));
-        (self.patches[found.item as usize], scene::math::sqrt(found.distance))
+        (found.item as u32, scene::math::sqrt(found.distance))
+    }
+
+    /// The nearest samples, as [`Nearest::sample`] finds one.
+    pub fn samples(&self, position: Vec3, normal: Vec3, count: usize) -> Vec<(u32, f32)> {
+        let Some(count) = NonZero::new(count.min(self.tree.size())) else { return Vec::new() };
+        let found = self.tree.nearest_n::<SquaredEuclidean>(&place(position * self.scale, normal), count);
+        found.iter().map(|f| (f.item as u32, scene::math::sqrt(f.distance))).collect()
     }
 }
 

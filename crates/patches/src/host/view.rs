@@ -10,6 +10,7 @@ use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3, uniform_triangle, unit};
 use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint, is_open};
 
+use super::nearest::Nearest;
 use super::patch_set::PatchSet;
 use crate::error::Error;
 use crate::types::{Member, Sample};
@@ -28,6 +29,14 @@ const DARK: f32 = 0.02;
 const OTHER_SUNS: u32 = 6;
 /// Position, normal, openness at two distances, sky, the scene's own light.
 const OWN_FEATURES: usize = 10;
+/// The candidates that are all asked whether light comes to them: one of so many samples, and no fewer than these.
+const PILOT_SHARE: u64 = 4;
+/// Candidates for a sample, at most.
+const MOST_CANDIDATES: f64 = 30.0;
+const LEAST_PILOTS: u64 = 8192;
+/// The others take the answer of this many near ones that agree, unless one is further than this many of their edges.
+const NEIGHBOURS: usize = 4;
+const MOST_DISTANCE: f32 = 3.0;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
 
 type Features = [f32; FEATURES];
@@ -39,19 +48,35 @@ pub struct ViewSettings {
     pub patches: u32,
     /// Samples a patch, on average.
     pub samples: u32,
+    /// Facets a patch, on average.
+    pub facets: u32,
+    /// Most facets in all.
+    pub most_facets: u32,
     /// Changes every random number.
     pub seed: u32,
 }
 
 impl Default for ViewSettings {
     fn default() -> Self {
-        Self { patches: 10_000, samples: 24, seed: 0 }
+        Self { patches: 10_000, samples: 24, facets: 6, most_facets: 1 << 16, seed: 0 }
     }
+}
+
+/// Patches, and each of them cut into facets.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ViewClusters {
+    /// Samples and patches. Each sample belongs to one patch, and the samples of a patch follow each other.
+    pub set: PatchSet,
+    /// Facet f owns `set.samples[facets[f]..facets[f + 1]]`, `[facets + 1]`.
+    pub facets: Vec<u32>,
+    /// Patch i owns the facets `patch_facets[i]..patch_facets[i + 1]`, `[patches + 1]`.
+    pub patch_facets: Vec<u32>,
 }
 
 /// Makes patches of like samples: equal-area samples of both sides of all triangles, without those inside of solids or
 /// that see no geometry; then the cluster with the greatest area × variance is split at the mean of the feature that
-/// varies most, until there are enough. O(S log S) for S samples.
+/// varies most, until there are enough. Going on in the same way cuts each patch into facets, over which light may be
+/// gathered more finely than patches send it. O(S log S) for S samples.
 ///
 /// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are free
 /// for a half and for two patch edges and that reach the sky (8), the logarithm of the irradiance from the scene's lights
@@ -59,29 +84,50 @@ impl Default for ViewSettings {
 ///
 /// # Errors
 /// [`Error::Setting`] for no patches or samples, [`Error::NoSamples`], [`Error::TooMany`].
-pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<PatchSet, Error> {
-    for (name, value) in [("patches", settings.patches), ("samples", settings.samples)] {
+pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<ViewClusters, Error> {
+    let counts = [
+        ("patches", settings.patches),
+        ("samples", settings.samples),
+        ("facets", settings.facets),
+        ("most_facets", settings.most_facets),
+    ];
+    for (name, value) in counts {
         if value == 0 {
             return Err(Error::Setting { name, value: 0.0, rule: "at least 1" });
         }
     }
     let wanted = u64::from(settings.patches) * u64::from(settings.samples);
-    if wanted > u64::from(u32::MAX / 4) {
-        return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 4) });
+    if wanted > u64::from(u32::MAX / 64) {
+        return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 64) });
     }
-    // About half of all sides are insides and undersides.
-    let candidates = equal_area_samples(scene, 2 * wanted as u32, settings.seed);
-    let seen = see(scene, &candidates, settings);
+    // A few candidates tell where light comes at all: insides, undersides and far sides may be most of the surface.
+    let pilots = equal_area_samples(scene, (wanted / PILOT_SHARE).max(LEAST_PILOTS) as u32, settings.seed ^ 0x7069_6c6f);
+    let lit = Lit::new(scene, pilots, settings);
+    let area: f64 = lit.samples.iter().zip(&lit.open).filter(|(_, open)| **open).map(|(s, _)| f64::from(s.area)).sum();
+    if area == 0.0 {
+        return Err(Error::NoSamples);
+    }
+    let total: f64 = lit.samples.iter().map(|s| f64::from(s.area)).sum();
+    // No more than memory holds, however little of the surface is lit.
+    let count = (wanted as f64 * (total / area).min(MOST_CANDIDATES)) as u32;
+    let candidates = equal_area_samples(scene, count, settings.seed);
+    let edge = scene::math::sqrt((area / f64::from(settings.patches)) as f32);
+    let seen = see(scene, &candidates, edge, settings.seed, |sample| lit.verdict(sample));
     let samples: Vec<Sample> = candidates.iter().zip(&seen).filter_map(|(s, f)| f.map(|_| *s)).collect();
     let mut features: Vec<Features> = seen.into_iter().flatten().collect();
     if samples.is_empty() {
         return Err(Error::NoSamples);
     }
     add_light(scene, &samples, &mut features, settings.seed);
-    let (order, offsets) = split(&samples, &features, settings.patches as usize);
-    let members = order.iter().map(|&sample| Member { sample, weight: 1.0 }).collect();
-    let voxels = std::vec![NONE; offsets.len() - 1];
-    PatchSet::from_groups(samples, &voxels, offsets, members)
+    let facets = settings.patches.saturating_mul(settings.facets).min(settings.most_facets).max(settings.patches);
+    let cut = split(&samples, &features, settings.patches as usize, facets as usize);
+    let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
+    let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
+    let voxels = std::vec![NONE; cut.patches.len() - 1];
+    let first_facet = |sample: &u32| cut.facets.partition_point(|f| f < sample) as u32;
+    let patch_facets = cut.patches.iter().map(first_facet).collect();
+    let set = PatchSet::from_groups(samples, &voxels, cut.patches, members)?;
+    Ok(ViewClusters { set, facets: cut.facets, patch_facets })
 }
 
 /// About `count` samples, each for the same area: one in each interval of the running sum of the sides' areas.
@@ -124,14 +170,50 @@ fn surface_point(sample: &Sample) -> SurfacePoint {
     SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 }
 }
 
-/// Position, normal and openness of the samples that take part in the exchange of light.
-fn see(scene: &Scene, samples: &[Sample], settings: &ViewSettings) -> Vec<Option<Features>> {
-    let total: f64 = samples.iter().map(|s| f64::from(s.area)).sum();
-    // Half of it, as a guess: insides take no part.
-    let edge = scene::math::sqrt((0.5 * total / f64::from(settings.patches)) as f32);
+/// Samples of which it is known whether they take part in the exchange of light.
+struct Lit {
+    samples: Vec<Sample>,
+    open: Vec<bool>,
+    nearest: Nearest,
+}
+
+impl Lit {
+    fn new(scene: &Scene, samples: Vec<Sample>, settings: &ViewSettings) -> Self {
+        let seed = settings.seed ^ 0x6c69_7421;
+        let open = see(scene, &samples, 1.0, seed, |_| None).iter().map(Option::is_some).collect();
+        Self { open, nearest: Nearest::new(&samples), samples }
+    }
+
+    /// Whether a sample takes part, where the known ones round it agree.
+    fn verdict(&self, sample: &Sample) -> Option<bool> {
+        let near = self.nearest.samples(sample.position, sample.normal, NEIGHBOURS);
+        let open = near.iter().filter(|&&(k, _)| self.open[k as usize]).count();
+        let far = near.iter().any(|&(_, distance)| distance > MOST_DISTANCE);
+        match open {
+            _ if far => None,
+            0 => Some(false),
+            _ if open == near.len() => Some(true),
+            _ => None,
+        }
+    }
+}
+
+/// Position, normal and openness of the samples that take part in the exchange of light; `verdict` says so of those of which
+/// it is known. `edge` is the typical edge of a patch.
+fn see(
+    scene: &Scene,
+    samples: &[Sample],
+    edge: f32,
+    seed: u32,
+    verdict: impl Fn(&Sample) -> Option<bool> + Sync,
+) -> Vec<Option<Features>> {
     (samples.par_iter().enumerate())
         .map(|(index, sample)| {
-            let key = |dimension: u32| hash3(index as u32, dimension, settings.seed ^ 0x7365_6573);
+            let known = verdict(sample);
+            if known == Some(false) {
+                return None;
+            }
+            let key = |dimension: u32| hash3(index as u32, dimension, seed ^ 0x7365_6573);
             let origin = sample.position + sample.normal * scene.ray_offset;
             let (mut near, mut far, mut sky, mut met) = (0u32, 0u32, 0u32, false);
             for k in 0..RAYS {
@@ -142,7 +224,7 @@ fn see(scene: &Scene, samples: &[Sample], settings: &ViewSettings) -> Vec<Option
                 far += u32::from(hit.is_miss() || hit.t > 2.0 * edge);
                 sky += u32::from(hit.is_miss());
             }
-            if !met || (sky == 0 && !is_open(scene, &surface_point(sample), key(2))) {
+            if !met || (sky == 0 && known.is_none() && !is_open(scene, &surface_point(sample), key(2))) {
                 return None;
             }
             let mut features = [0.0; FEATURES];
@@ -252,19 +334,36 @@ impl Ord for Node {
     }
 }
 
-/// Samples in the order of their clusters, and where each cluster starts, `[n + 1]`.
-fn split(samples: &[Sample], features: &[Features], clusters: usize) -> (Vec<u32>, Vec<u32>) {
+/// Samples in the order of their clusters, and where each patch and each facet starts.
+struct Cut {
+    order: Vec<u32>,
+    patches: Vec<u32>,
+    facets: Vec<u32>,
+}
+
+fn split(samples: &[Sample], features: &[Features], patches: usize, facets: usize) -> Cut {
     let mut order: Vec<u32> = (0..samples.len() as u32).collect();
     let mut open = BinaryHeap::from([Node::new(0, order.len(), &order, samples, features)]);
     let mut closed = Vec::new();
-    while open.len() + closed.len() < clusters {
+    let starts = |open: &BinaryHeap<Node>, closed: &[usize]| {
+        let mut starts: Vec<u32> = open.iter().map(|n| n.start as u32).collect();
+        starts.extend(closed.iter().map(|&start| start as u32));
+        starts.push(samples.len() as u32);
+        starts.sort_unstable();
+        starts
+    };
+    let mut patch_starts = None;
+    while open.len() + closed.len() < facets {
+        if open.len() + closed.len() == patches {
+            patch_starts = Some(starts(&open, &closed));
+        }
         let Some(node) = open.pop() else { break };
         let own = &mut order[node.start..node.end];
         let below = |k: &u32| features[*k as usize][node.feature] < node.mean;
         // Stable, so that the order within a cluster is that of the samples.
         let (low, high): (Vec<u32>, Vec<u32>) = own.iter().partition(|k| below(k));
         if low.is_empty() || high.is_empty() {
-            closed.push((node.start, node.end));
+            closed.push(node.start);
             continue;
         }
         own[..low.len()].copy_from_slice(&low);
@@ -273,9 +372,6 @@ fn split(samples: &[Sample], features: &[Features], clusters: usize) -> (Vec<u32
         open.push(Node::new(node.start, middle, &order, samples, features));
         open.push(Node::new(middle, node.end, &order, samples, features));
     }
-    closed.extend(open.into_iter().map(|n| (n.start, n.end)));
-    closed.sort_unstable();
-    let mut offsets = std::vec![0];
-    offsets.extend(closed.iter().map(|&(_, end)| end as u32));
-    (order, offsets)
+    let facets = starts(&open, &closed);
+    Cut { order, patches: patch_starts.unwrap_or_else(|| facets.clone()), facets }
 }

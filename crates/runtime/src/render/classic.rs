@@ -1,12 +1,11 @@
 //! Classic radiosity: polygon patches, the full matrix, one product a bounce; receivers on the mesh.
 
 use std::collections::BTreeMap;
-use std::f32::consts::PI;
 use std::ops::ControlFlow;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Dense, FactorRows, Hemisphere, PointToPoint, Proceed, Receivers, Stop, Surfaces, balance,
-    form_factor_blocks, form_factors, jacobi, normalise_rows,
+    AreaToArea, Contour, Csr, Dense, Hemisphere, PointToPoint, Proceed, Receivers, SparseRows, Stop, balance,
+    form_factors, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
 use reference::Picture;
@@ -16,7 +15,7 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
 pub use super::senders::PatchKind;
-use super::senders::Senders;
+use super::senders::{Columns, Senders};
 use crate::error::Error;
 use crate::executor::Executor;
 use crate::import::LoadedScene;
@@ -24,8 +23,8 @@ use crate::progress::Progress;
 
 /// Largest number of patches: F is dense, 17 GB at this size.
 const MOST_PATCHES: usize = 65_535;
-/// Rows of receivers whose dense form is in memory at a time.
-const RECEIVER_BLOCK: usize = 512;
+/// Fewest rays of a facet's row.
+const LEAST_FACET_RAYS: u64 = 64;
 /// Rays of a row of [`Classic::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
 /// Shadow rays to area lights at each sample point of a patch.
@@ -156,26 +155,23 @@ impl Classic {
         }
         progress.note(&format!("{count} patches, {} receivers", receivers.points.len()));
 
-        let rows = progress.phase("form_factors", |report| factors(&scene, &senders, &settings, report))?;
+        let Exchange { factors, facet_rows } =
+            progress.phase("form_factors", |report| exchange(&scene, &senders, &settings, report))?;
         let receiver_rows = progress.phase("receivers", |report| {
-            let seed = settings.seed ^ 0x7265_6365;
-            let surfaces = senders.lighting(&scene, &receivers.points, &receivers.offsets, seed);
-            sparse_rows(&surfaces, settings.receiver_rays, report)
+            let (points, offsets, seed) = (&receivers.points, &receivers.offsets, settings.seed ^ 0x7265_6365);
+            let surfaces = senders.lighting(&scene, Columns::Facets, points, offsets, seed);
+            sparse_rows(&surfaces, settings.receiver_rays, &|done, total| proceed(report, done, total))
         })?;
 
-        let albedo = &senders.albedo;
-        // A constant sky's share of the direct light is known once and for all.
-        let constant_sky = if scene.sky.map_width == 0 { scene.sky.radiance * PI } else { Vec3::ZERO };
-        let sky_exitance: Vec<Vec4> =
-            (0..count).map(|i| albedo[i] * (constant_sky * rows.sky_factor[i]).extend(0.0)).collect();
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
-            None => progress.phase("bounces", |_| enough_bounces(&rows.factors, albedo))?,
+            None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
         };
         let bytes = BTreeMap::from([
-            ("form_factors".to_owned(), size_of_val(&rows.factors.values[..]) as u64),
+            ("form_factors".to_owned(), size_of_val(&factors.values[..]) as u64),
+            ("facets".to_owned(), csr_bytes(&facet_rows.factors)),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
-            ("receivers".to_owned(), csr_bytes(&receiver_rows)),
+            ("receivers".to_owned(), csr_bytes(&receiver_rows.factors)),
         ]);
         let frame = Frame::load(
             executor,
@@ -183,9 +179,9 @@ impl Classic {
                 scene: &scene,
                 senders: &senders,
                 receivers: &receivers,
-                factors: &rows.factors,
-                receiver_rows: &receiver_rows,
-                base_exitance: &sky_exitance,
+                factors: &factors,
+                facet_rows: &facet_rows,
+                receiver_rows: &receiver_rows.factors,
                 bounces,
                 direct: DirectParams {
                     count: senders.points.len() as u32,
@@ -239,8 +235,13 @@ impl Classic {
     pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
         let exitance = self.frame.exitance()?;
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
-        let surfaces = self.senders.lighting(&self.scene, points, &offsets, self.settings.seed ^ 0x706f_696e);
-        let rows = sparse_rows(&surfaces, POINT_RAYS, &|_| !crate::progress::is_cancelled())?;
+        let seed = self.settings.seed ^ 0x706f_696e;
+        let surfaces = self.senders.lighting(&self.scene, Columns::Facets, points, &offsets, seed);
+        let go_on = |_, _| match crate::progress::is_cancelled() {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        };
+        let rows = sparse_rows(&surfaces, POINT_RAYS, &go_on)?.factors;
         let sum = |i: usize| {
             formfactor::kernel::product::gather_row_sparse(
                 i as u32,
@@ -268,45 +269,54 @@ fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> 
     if report(done as f32 / total.max(1) as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
 }
 
-fn factors(
+/// Form factors between patches, and from patches to facets.
+struct Exchange {
+    factors: Dense,
+    facet_rows: SparseRows,
+}
+
+fn exchange(
     scene: &Scene,
     senders: &Senders,
     settings: &ClassicSettings,
     report: &(dyn Fn(f32) -> bool + Sync),
-) -> Result<FactorRows, Error> {
+) -> Result<Exchange, Error> {
     let surfaces = senders.exchange(scene, settings.seed);
-    let estimator: Box<dyn formfactor::Estimator> = match settings.estimator {
-        Estimator::Hemisphere { rays } => Box::new(Hemisphere { rays }),
-        Estimator::Contour => Box::new(Contour::default()),
-        Estimator::Area => Box::new(AreaToArea::default()),
-        Estimator::Point => Box::new(PointToPoint::default()),
-    };
-    let mut rows = form_factors(&*estimator, &surfaces, &|done, total| proceed(report, done, total))?;
-    if settings.patches == PatchKind::Polygon {
-        balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
-    } else {
-        // The areas of clusters are estimates by samples: reciprocity with them would make good rows worse.
-        normalise_rows(&mut rows.factors, &rows.sky_factor)?;
-    }
-    Ok(rows)
-}
-
-/// Rows of any points over the patches, sparse and closed.
-fn sparse_rows(surfaces: &Surfaces, rays: u32, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<Csr, Error> {
-    let mut all = Csr { rows: 0, columns: surfaces.patches.len(), row_start: vec![0], ..Csr::default() };
     let progress = |done: usize, total: usize| proceed(report, done, total);
-    form_factor_blocks(&Hemisphere { rays }, surfaces, RECEIVER_BLOCK, &progress, |_, block| {
-        let mut factors: Dense = block.factors;
-        normalise_rows(&mut factors, &block.sky_factor)?;
-        let part = factors.to_csr(0.0)?;
-        let base = all.values.len() as u32;
-        all.rows += part.rows;
-        all.row_start.extend(part.row_start[1..].iter().map(|k| k + base));
-        all.column_index.extend(part.column_index);
-        all.values.extend(part.values);
-        Ok(())
-    })?;
-    Ok(all)
+    if settings.patches == PatchKind::Polygon || !senders.polygons.is_empty() {
+        let estimator: Box<dyn formfactor::Estimator> = match settings.estimator {
+            Estimator::Hemisphere { rays } => Box::new(Hemisphere { rays }),
+            Estimator::Contour => Box::new(Contour::default()),
+            Estimator::Area => Box::new(AreaToArea::default()),
+            Estimator::Point => Box::new(PointToPoint::default()),
+        };
+        let mut rows = form_factors(&*estimator, &surfaces, &progress)?;
+        balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
+        let facet_rows =
+            SparseRows { factors: rows.factors.to_csr(0.0)?, sky_factor: rows.sky_factor, lost: rows.lost };
+        return Ok(Exchange { factors: rows.factors, facet_rows });
+    }
+    let Estimator::Hemisphere { rays } = settings.estimator else {
+        return Err(formfactor::Error::NoOutlines { estimator: "this estimator" }.into());
+    };
+    // As many rays as rows of the patches' own would take.
+    let (patches, facets) = (senders.patches.len(), senders.facets.len());
+    let facet_rays = (u64::from(rays) * patches as u64).div_ceil(facets.max(1) as u64).max(LEAST_FACET_RAYS) as u32;
+    let facet_rows = sparse_rows(&surfaces, facet_rays, &progress)?;
+    // The row of a patch is the mean of those of its facets. No balance: the areas of clusters are estimates by samples,
+    // and reciprocity with them would make good rows worse.
+    let shares = senders.facet_shares();
+    let mut factors = Dense::zeros(patches, patches);
+    for (i, range) in senders.patch_facets.windows(2).enumerate() {
+        let row = factors.row_mut(i);
+        for facet in range[0] as usize..range[1] as usize {
+            let entries = facet_rows.factors.row_start[facet] as usize..facet_rows.factors.row_start[facet + 1] as usize;
+            for k in entries {
+                row[facet_rows.factors.column_index[k] as usize] += shares[facet] * facet_rows.factors.values[k];
+            }
+        }
+    }
+    Ok(Exchange { factors, facet_rows })
 }
 
 fn csr_bytes(rows: &Csr) -> u64 {

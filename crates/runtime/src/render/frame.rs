@@ -1,7 +1,9 @@
 //! A frame as a plan: direct light at the patches, bounces, receivers, and sub-frames of the picture.
 
+use std::f32::consts::PI;
+
 use bytemuck::Pod;
-use formfactor::{Csr, Dense, GatherParams, Receivers};
+use formfactor::{Csr, Dense, GatherParams, Receivers, SparseRows};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
@@ -22,9 +24,10 @@ pub struct FrameParts<'a> {
     pub senders: &'a Senders,
     pub receivers: &'a Receivers,
     pub factors: &'a Dense,
+    /// From patches to facets.
+    pub facet_rows: &'a SparseRows,
+    /// From facets to receivers.
     pub receiver_rows: &'a Csr,
-    /// Exitance that does not depend on the lights: emission, and the share of a constant sky, W/m².
-    pub base_exitance: &'a [Vec4],
     pub bounces: u32,
     /// Direct light at the patches' sample points.
     pub direct: DirectParams,
@@ -41,7 +44,6 @@ pub struct Frame {
     exitance: BufferId,
     full: BufferId,
     direct: BufferId,
-    patches: usize,
     pixels: usize,
     patch_light: (PassId, DirectParams),
     sub_frames: Vec<SubFrame>,
@@ -83,6 +85,7 @@ impl Frame {
     pub fn load(mut executor: Box<dyn Executor>, parts: &FrameParts) -> Result<Self, Error> {
         let s = parts.scene;
         let (patches, points) = (parts.senders.patches.len(), parts.senders.points.len());
+        let facets = parts.senders.facets.len();
         let receivers = parts.receivers.points.len();
         let pixels = parts.size.0 as usize * parts.size.1 as usize;
         // The default path of a scene without lights adds one.
@@ -112,15 +115,31 @@ impl Frame {
         ];
         let patch_points = table(&mut plan, "points", bytemuck::cast_slice(&parts.senders.points)).1;
         let offsets = table(&mut plan, "offsets", bytemuck::cast_slice(&parts.senders.offsets)).1;
+        let point_albedo = table(&mut plan, "point albedo", bytemuck::cast_slice(&parts.senders.point_albedo)).1;
         let albedo = table(&mut plan, "albedo", bytemuck::cast_slice(&parts.senders.albedo)).1;
-        let emission = table(&mut plan, "emission", bytemuck::cast_slice(parts.base_exitance)).1;
+        let facet_albedo = table(&mut plan, "facet albedo", bytemuck::cast_slice(&parts.senders.facet_albedo)).1;
+        // A constant sky's share of the direct light is known once and for all.
+        let constant_sky = if s.sky.map_width == 0 { s.sky.radiance * PI } else { Vec3::ZERO };
+        let sky_light = parts.senders.facet_albedo.iter().zip(&parts.facet_rows.sky_factor);
+        let sky_light: Vec<Vec4> = sky_light.map(|(albedo, share)| *albedo * (constant_sky * *share).extend(0.0)).collect();
+        let emission = table(&mut plan, "emission", bytemuck::cast_slice(&sky_light)).1;
+        let patch_facets = table(&mut plan, "patch facets", bytemuck::cast_slice(&parts.senders.patch_facets)).1;
+        let every: Vec<u32> = (0..facets as u32).collect();
+        let facet_numbers = table(&mut plan, "facet numbers", bytemuck::cast_slice(&every)).1;
+        let facet_shares = table(&mut plan, "facet shares", bytemuck::cast_slice(&parts.senders.facet_shares())).1;
+        let mut csr = |plan: &mut Plan, names: [&'static str; 3], rows: &Csr| {
+            [
+                ("row_start", table(plan, names[0], bytemuck::cast_slice(&rows.row_start)).1),
+                ("columns", table(plan, names[1], bytemuck::cast_slice(&rows.column_index)).1),
+                ("values", table(plan, names[2], bytemuck::cast_slice(&rows.values)).1),
+            ]
+        };
+        let facet_rows = csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
+        let receiver_rows = csr(&mut plan, ["row starts", "columns", "values"], parts.receiver_rows);
         let vectors = patches.div_ceil(4);
         let padded = padded_rows(parts.factors, vectors);
         let factors = table(&mut plan, "factors", bytemuck::cast_slice(&padded)).1;
         drop(padded);
-        let row_start = table(&mut plan, "row_start", bytemuck::cast_slice(&parts.receiver_rows.row_start)).1;
-        let columns = table(&mut plan, "columns", bytemuck::cast_slice(&parts.receiver_rows.column_index)).1;
-        let values = table(&mut plan, "values", bytemuck::cast_slice(&parts.receiver_rows.values)).1;
         let grids = table(&mut plan, "grids", bytemuck::cast_slice(&parts.receivers.grids)).1;
         let vertices = table(&mut plan, "vertices", bytemuck::cast_slice(&parts.receivers.vertices)).1;
 
@@ -128,6 +147,9 @@ impl Frame {
         let mut shared = scene_tables.to_vec();
         shared.push(("lights", Range::from(lights)));
         let patch_direct = plan.storage("patch direct", rgb(points));
+        let facet_source = plan.storage("facet source", rgb(facets));
+        let facet_irradiance = plan.storage("facet irradiance", rgb(facets));
+        let facet_exitance = plan.storage("facet exitance", rgb(facets));
         let source = plan.storage("source", rgb(patches));
         let irradiance = plan.storage("irradiance", rgb(patches));
         // Whole vectors of four; what is beyond the patches stays zero.
@@ -137,26 +159,41 @@ impl Frame {
         let patch_own = [("points", patch_points), ("irradiance", Range::from(patch_direct))];
         let patch_light =
             pass(&mut plan, "direct", &table::SCENE_DIRECT_LIGHT, &patch_own, &shared, &parts.direct, points as u32)?;
-        let patch_count = CountParams { count: patches as u32 };
-        let patch_tables = [
+        let (patch_count, facet_count) =
+            (CountParams { count: patches as u32 }, CountParams { count: facets as u32 });
+        // First exitance of the facets from their samples, of the patches from their facets.
+        let own = [
             ("points", patch_points),
             ("offsets", offsets),
             ("direct", Range::from(patch_direct)),
-            ("albedo", albedo),
+            ("albedo", point_albedo),
             ("emission", emission),
+            ("source", Range::from(facet_source)),
+        ];
+        let kernel = &table::FORMFACTOR_ASSEMBLE_SOURCE;
+        pass(&mut plan, "gather", kernel, &own, &[], &facet_count, facets as u32)?;
+        let own = [
+            ("row_start", patch_facets),
+            ("columns", facet_numbers),
+            ("values", facet_shares),
+            ("exitance", Range::from(facet_source)),
+            ("irradiance", Range::from(source)),
+        ];
+        pass(&mut plan, "gather", &table::FORMFACTOR_GATHER_CSR, &own, &[], &patch_count, patches as u32)?;
+        let patch_tables = [
+            ("albedo", albedo),
             ("source", Range::from(source)),
             ("irradiance", Range::from(irradiance)),
             ("exitance", Range::from(exitance)),
         ];
-        let kernel = &table::FORMFACTOR_ASSEMBLE_SOURCE;
-        pass(&mut plan, "gather", kernel, &[], &patch_tables, &patch_count, patches as u32)?;
         // B = E to begin with: a bounce of no irradiance.
         let dark = plan.storage("dark", rgb(patches));
         let first = [("irradiance", Range::from(dark))];
         pass(&mut plan, "gather", &table::FORMFACTOR_BOUNCE, &first, &patch_tables, &patch_count, patches as u32)?;
         let row_bytes = (vectors * size_of::<Vec4>()) as u64;
         let block = block_rows(row_bytes, executor.device().max_storage_buffer_range, patches);
-        for _ in 0..parts.bounces {
+        // The last bounce arrives at the receivers, the one before at the facets.
+        for _ in 2..parts.bounces {
             for first_row in (0..patches).step_by(block) {
                 let rows = block.min(patches - first_row);
                 let range = factors.buffer.range(first_row as u64 * row_bytes, rows as u64 * row_bytes);
@@ -171,15 +208,21 @@ impl Frame {
             }
             pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
         }
+        let kernel = &table::FORMFACTOR_GATHER_CSR;
+        if parts.bounces > 1 {
+            let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(facet_irradiance))];
+            pass(&mut plan, "lookup", kernel, &own, &facet_rows, &facet_count, facets as u32)?;
+        }
         let own = [
-            ("row_start", row_start),
-            ("columns", columns),
-            ("values", values),
-            ("exitance", Range::from(exitance)),
-            ("irradiance", Range::from(received)),
+            ("albedo", facet_albedo),
+            ("source", Range::from(facet_source)),
+            ("irradiance", Range::from(facet_irradiance)),
+            ("exitance", Range::from(facet_exitance)),
         ];
+        pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &[], &facet_count, facets as u32)?;
+        let own = [("exitance", Range::from(facet_exitance)), ("irradiance", Range::from(received))];
         let push = CountParams { count: receivers as u32 };
-        pass(&mut plan, "lookup", &table::FORMFACTOR_GATHER_CSR, &own, &[], &push, receivers as u32)?;
+        pass(&mut plan, "lookup", kernel, &own, &receiver_rows, &push, receivers as u32)?;
 
         // Sub-frames share the pixel buffers: what one leaves the next overwrites.
         let hits = plan.storage("hits", (pixels * size_of::<Hit>()) as u64);
@@ -232,6 +275,7 @@ impl Frame {
             executor.upload_at(buffer, 0, &bytes)?;
         }
         executor.upload(dark, &vec![Vec4::ZERO; patches])?;
+        executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
         let patch_light = (patch_light, parts.direct);
         let seed = parts.seed;
@@ -239,10 +283,9 @@ impl Frame {
             executor,
             lights,
             light_room,
-            exitance,
+            exitance: facet_exitance,
             full,
             direct,
-            patches,
             pixels,
             patch_light,
             sub_frames,
@@ -285,11 +328,9 @@ impl Frame {
         Ok((full, direct, times))
     }
 
-    /// Exitance of the patches after the last frame, W/m².
+    /// Exitance of the facets after the last frame, W/m².
     pub fn exitance(&mut self) -> Result<Vec<Vec4>, Error> {
-        let mut exitance: Vec<Vec4> = self.executor.download_table(self.exitance)?;
-        exitance.truncate(self.patches);
-        Ok(exitance)
+        Ok(self.executor.download_table(self.exitance)?)
     }
 
     fn picture(&mut self, sum: BufferId, sub_frames: u32) -> Result<Vec<Vec3>, Error> {

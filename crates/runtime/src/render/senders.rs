@@ -3,7 +3,7 @@
 use formfactor::kernel::grid::{cell_corners, cell_count, owner};
 use formfactor::{Patch, PatchSize, Polygon, SubdivideSettings, Surfaces, TriangleGrid, cell_grids, subdivide};
 use glam::{Vec3, Vec4};
-use patches::{Nearest, ViewSettings, view_clusters};
+use patches::{Nearest, Sample, ViewSettings, view_clusters};
 use rayon::prelude::*;
 use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, is_open};
 
@@ -11,8 +11,8 @@ use crate::error::Error;
 
 /// Sample points of a polygon patch: origins of its form-factor rays, and where its direct light is measured.
 const POLYGON_POINTS: u32 = 16;
-/// Cells a patch edge: how finely triangles are looked up.
-const CELLS: f32 = 3.0;
+/// Cells a facet's edge: how finely triangles are looked up.
+const CELLS: f32 = 2.0;
 /// Most pieces along an edge of a triangle.
 const MOST_DIVISIONS: f32 = 1024.0;
 
@@ -38,24 +38,43 @@ impl PatchKind {
     }
 }
 
-/// The senders of a scene.
+/// The senders of a scene: patches, cut into facets, over which light is gathered more finely than patches send it.
 pub struct Senders {
     /// Centroid, area, normal.
     pub patches: Vec<Patch>,
-    /// Sample points, patch by patch.
-    pub points: Vec<SurfacePoint>,
-    /// Patch i owns `points[offsets[i]..offsets[i + 1]]`.
-    pub offsets: Vec<u32>,
     /// Mean albedo.
     pub albedo: Vec<Vec4>,
+    /// Patch i owns the facets `patch_facets[i]..patch_facets[i + 1]`.
+    pub patch_facets: Vec<u32>,
+    /// The facets; those of polygon patches are the patches.
+    pub facets: Vec<Patch>,
+    /// Mean albedo of each facet.
+    pub facet_albedo: Vec<Vec4>,
+    /// Sample points, facet by facet; their weights are shares of the facet.
+    pub points: Vec<SurfacePoint>,
+    /// Albedo at each sample point.
+    pub point_albedo: Vec<Vec4>,
+    /// Facet f owns `points[offsets[f]..offsets[f + 1]]`.
+    pub offsets: Vec<u32>,
     /// Outlines; none for clusters.
     pub polygons: Vec<Polygon>,
     /// Per triangle, the numbers of its cells.
     grids: Vec<TriangleGrid>,
-    /// Patch of each cell; empty when cells are patches.
+    /// Facet of each cell; empty when cells are facets.
     cells: Vec<u32>,
+    /// Patch of each facet; empty when facets are patches.
+    facet_patch: Vec<u32>,
     /// The nearest sample of any place; for clusters.
     nearest: Option<Nearest>,
+}
+
+/// What rays look for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Columns {
+    /// Patches.
+    Patches,
+    /// Facets.
+    Facets,
 }
 
 impl Senders {
@@ -86,26 +105,68 @@ impl Senders {
             cut.sides = SidePolicy::Front;
             subdivision = subdivide(scene, &cut)?;
         }
-        let albedo = polygon_albedo(scene, &subdivision);
         let polygons = subdivision.polygons()?;
         let formfactor::Subdivision { patches, grids, points, offsets, .. } = subdivision;
-        Ok(Self { patches, points, offsets, albedo, polygons, grids, cells: Vec::new(), nearest: None })
+        let mut point_albedo = Vec::with_capacity(points.len());
+        for (patch, range) in patches.iter().zip(offsets.windows(2)) {
+            let own = &points[range[0] as usize..range[1] as usize];
+            let area = patch.area / own.len().max(1) as f32;
+            let albedo = |p: &SurfacePoint| scene.filtered_albedo(patch.triangle, p.position, area).extend(0.0);
+            point_albedo.extend(own.iter().map(albedo));
+        }
+        let albedo = mean_albedo(&offsets, &points, &point_albedo);
+        Ok(Self {
+            patch_facets: (0..=patches.len() as u32).collect(),
+            facets: patches.clone(),
+            facet_albedo: albedo.clone(),
+            patches,
+            albedo,
+            points,
+            point_albedo,
+            offsets,
+            polygons,
+            grids,
+            cells: Vec::new(),
+            facet_patch: Vec::new(),
+            nearest: None,
+        })
     }
 
     fn clusters(scene: &Scene, count: usize, seed: u32) -> Result<Self, Error> {
-        let set = view_clusters(scene, &ViewSettings { patches: count as u32, seed, ..ViewSettings::default() })?;
-        let area: f64 = set.patches.iter().map(|p| f64::from(p.area)).sum();
-        let edge = scene::math::sqrt((area / set.len() as f64) as f32);
+        let found = view_clusters(scene, &ViewSettings { patches: count as u32, seed, ..ViewSettings::default() })?;
+        let patches = found.set.patches.iter();
         let patches =
-            set.patches.iter().map(|p| Patch { centroid: p.position, area: p.area, normal: p.normal, triangle: NONE });
-        let albedo = set.patches.iter().map(|p| p.albedo.extend(0.0)).collect();
-        let mut points = Vec::with_capacity(set.members.len());
-        for patch in 0..set.len() {
-            points.extend(set.members_of(patch).iter().map(|m| {
-                let sample = &set.samples[m.sample as usize];
-                SurfacePoint { position: sample.position, patch: patch as u32, normal: sample.normal, weight: m.weight }
-            }));
+            patches.map(|p| Patch { centroid: p.position, area: p.area, normal: p.normal, triangle: NONE }).collect();
+        let albedo = found.set.patches.iter().map(|p| p.albedo.extend(0.0)).collect();
+        let mut points = Vec::with_capacity(found.set.samples.len());
+        let mut facets = Vec::with_capacity(found.facets.len());
+        for (facet, range) in found.facets.windows(2).enumerate() {
+            let samples = &found.set.samples[range[0] as usize..range[1] as usize];
+            let weight = 1.0 / samples.len() as f32;
+            let point = |s: &Sample| SurfacePoint {
+                position: s.position,
+                patch: facet as u32,
+                normal: s.normal,
+                weight,
+            };
+            points.extend(samples.iter().map(point));
+            let mean = |value: fn(&Sample) -> Vec3| samples.iter().map(value).sum::<Vec3>() * weight;
+            facets.push(Patch {
+                centroid: mean(|s| s.position),
+                area: samples.iter().map(|s| s.area).sum(),
+                normal: mean(|s| s.normal).normalize_or(samples[0].normal),
+                triangle: NONE,
+            });
         }
+        let point_albedo: Vec<Vec4> = found.set.samples.iter().map(|s| s.albedo.extend(0.0)).collect();
+        let facet_albedo = mean_albedo(&found.facets, &points, &point_albedo);
+        let mut facet_patch = vec![0; facets.len()];
+        for (patch, range) in found.patch_facets.windows(2).enumerate() {
+            facet_patch[range[0] as usize..range[1] as usize].fill(patch as u32);
+        }
+
+        let area: f64 = facets.iter().map(|f: &Patch| f64::from(f.area)).sum();
+        let edge = scene::math::sqrt((area / facets.len() as f64) as f32);
         let longest =
             |t: &scene::Triangle| t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length());
         let divisions: Vec<u32> = scene
@@ -114,16 +175,21 @@ impl Senders {
             .map(|t| (longest(t) * CELLS / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32)
             .collect();
         let grids = cell_grids(&vec![Sides { front: true, back: true }; divisions.len()], &divisions)?;
-        let nearest = Nearest::new(&set);
-        let cells = cell_patches(scene, &grids, &nearest);
+        let nearest = Nearest::new(&found.set.samples);
+        let cells = cell_facets(scene, &grids, &nearest, &points);
         Ok(Self {
-            patches: patches.collect(),
-            points,
-            offsets: set.offsets,
+            patches,
             albedo,
+            patch_facets: found.patch_facets,
+            facets,
+            facet_albedo,
+            points,
+            point_albedo,
+            offsets: found.facets,
             polygons: Vec::new(),
             grids,
             cells,
+            facet_patch,
             nearest: Some(nearest),
         })
     }
@@ -147,8 +213,8 @@ impl Senders {
         self.patches.iter().map(|p| p.area).collect()
     }
 
-    /// The patch that owns a hit, or [`NONE`].
-    pub fn owner(&self, scene: &Scene, hit: &Hit, direction: Vec3) -> u32 {
+    /// The facet that owns a hit, or [`NONE`].
+    pub fn facet(&self, scene: &Scene, hit: &Hit, direction: Vec3) -> u32 {
         if hit.is_miss() {
             return NONE;
         }
@@ -157,51 +223,74 @@ impl Senders {
         if self.cells.is_empty() || cell == NONE { cell } else { self.cells[cell as usize] }
     }
 
+    /// The patch that owns a hit, or [`NONE`].
+    pub fn patch(&self, scene: &Scene, hit: &Hit, direction: Vec3) -> u32 {
+        let facet = self.facet(scene, hit, direction);
+        if self.facet_patch.is_empty() || facet == NONE { facet } else { self.facet_patch[facet as usize] }
+    }
+
+    /// Share of its patch's area that each facet has.
+    pub fn facet_shares(&self) -> Vec<f32> {
+        let mut shares: Vec<f32> = self.facets.iter().map(|f| f.area).collect();
+        for range in self.patch_facets.windows(2) {
+            let own = &mut shares[range[0] as usize..range[1] as usize];
+            let scale = 1.0 / own.iter().sum::<f32>();
+            own.iter_mut().for_each(|share| *share *= scale);
+        }
+        shares
+    }
+
     /// Whether light comes to a receiver.
     pub fn is_lit(&self, scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
-        let near = |nearest: &Nearest| nearest.patch(point.position, point.normal).1 <= NEAR;
+        let near = |nearest: &Nearest| nearest.sample(point.position, point.normal).1 <= NEAR;
         self.nearest.as_ref().is_some_and(near) || is_open(scene, point, seed)
     }
 
-    /// These patches as senders, any points as receivers.
+    /// Patches or facets as senders, any points as receivers.
     pub fn lighting<'a>(
         &'a self,
         scene: &'a Scene,
+        columns: Columns,
         points: &'a [SurfacePoint],
         offsets: &'a [u32],
         seed: u32,
     ) -> Surfaces<'a> {
+        let (patches, owner): (&[Patch], formfactor::Owner) = match columns {
+            Columns::Patches => (&self.patches, Box::new(|hit, direction| self.patch(scene, hit, direction))),
+            Columns::Facets => (&self.facets, Box::new(|hit, direction| self.facet(scene, hit, direction))),
+        };
         Surfaces {
-            patches: &self.patches,
+            patches,
             polygons: &self.polygons,
             row_polygons: &[],
             points,
             offsets,
             visibility: scene,
-            owner: Box::new(|hit, direction| self.owner(scene, hit, direction)),
+            owner,
             ray_offset: scene.ray_offset,
             seed,
         }
     }
 
-    /// These patches as senders and receivers.
+    /// Patches as senders, facets as receivers.
     pub fn exchange<'a>(&'a self, scene: &'a Scene, seed: u32) -> Surfaces<'a> {
-        Surfaces { row_polygons: &self.polygons, ..self.lighting(scene, &self.points, &self.offsets, seed) }
+        let surfaces = self.lighting(scene, Columns::Patches, &self.points, &self.offsets, seed);
+        Surfaces { row_polygons: &self.polygons, ..surfaces }
     }
 }
 
-/// The patch of each cell: that of the nearest sample.
-fn cell_patches(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest) -> Vec<u32> {
+/// The facet of each cell: that of the nearest sample.
+fn cell_facets(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest, points: &[SurfacePoint]) -> Vec<u32> {
     let geometry = scene.geometry();
     let side = |triangle: usize, normal: Vec3| -> Vec<u32> {
         let n = grids[triangle].divisions;
-        let patch = |cell: u32| {
+        let facet = |cell: u32| {
             let (a, b, c) = cell_corners(n, cell);
             let middle = (a + b + c) / 3.0;
-            let (patch, distance) = nearest.patch(geometry.position(triangle as u32, middle.x, middle.y), normal);
-            if distance <= FAR { patch } else { NONE }
+            let (sample, distance) = nearest.sample(geometry.position(triangle as u32, middle.x, middle.y), normal);
+            if distance <= FAR { points[sample as usize].patch } else { NONE }
         };
-        (0..cell_count(n)).map(patch).collect()
+        (0..cell_count(n)).map(facet).collect()
     };
     (0..grids.len())
         .into_par_iter()
@@ -212,14 +301,8 @@ fn cell_patches(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest) -> Vec
         .collect()
 }
 
-/// Mean albedo of each polygon patch, over its sample points.
-fn polygon_albedo(scene: &Scene, subdivision: &formfactor::Subdivision) -> Vec<Vec4> {
-    (subdivision.patches.iter().zip(subdivision.offsets.windows(2)))
-        .map(|(patch, range)| {
-            let points = &subdivision.points[range[0] as usize..range[1] as usize];
-            let area = patch.area / points.len().max(1) as f32;
-            let albedo = |p: &SurfacePoint| scene.filtered_albedo(patch.triangle, p.position, area) * p.weight;
-            points.iter().map(albedo).sum::<Vec3>().extend(0.0)
-        })
-        .collect()
+/// Mean albedo of groups of sample points.
+fn mean_albedo(offsets: &[u32], points: &[SurfacePoint], albedo: &[Vec4]) -> Vec<Vec4> {
+    let mean = |range: &[u32]| (range[0] as usize..range[1] as usize).map(|k| albedo[k] * points[k].weight).sum();
+    offsets.windows(2).map(mean).collect()
 }

@@ -10,12 +10,6 @@ use super::light::{Lights, meet_rect, sky_radiance};
 use crate::math::{clamp, pow};
 use crate::types::{Camera, Hit, NONE};
 
-/// First exitance of a patch, `E = M_e + ρ H_d`, W/m² [design 1].
-#[inline]
-pub fn source_exitance(emission: Vec4, albedo: Vec4, direct: Vec4) -> Vec4 {
-    emission + albedo * direct
-}
-
 /// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface, shows
 /// its own radiance.
 #[inline]
