@@ -1,9 +1,9 @@
 //! Receivers: points at which irradiance is evaluated, and the grids of triangle vertices that take their values.
 
-use std::collections::HashMap;
 use std::vec::Vec;
 
 use glam::{IVec3, Vec3};
+use hashbrown::HashMap;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 use scene::{NONE, Scene, Sides, SurfacePoint, Visibility, is_open};

@@ -34,7 +34,7 @@ const PILOT_SHARE: u64 = 4;
 /// Candidates for a sample, at most.
 const MOST_CANDIDATES: f64 = 30.0;
 const LEAST_PILOTS: u64 = 8192;
-/// The others take the answer of this many near ones that agree, unless one is further than this many of their edges.
+/// The others take the answer of this many that agree within this many of their edges.
 const NEIGHBOURS: usize = 4;
 const MOST_DISTANCE: f32 = 3.0;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
@@ -186,13 +186,11 @@ impl Lit {
 
     /// Whether a sample takes part, where the known ones round it agree.
     fn verdict(&self, sample: &Sample) -> Option<bool> {
-        let near = self.nearest.samples(sample.position, sample.normal, NEIGHBOURS);
-        let open = near.iter().filter(|&&(k, _)| self.open[k as usize]).count();
-        let far = near.iter().any(|&(_, distance)| distance > MOST_DISTANCE);
-        match open {
-            _ if far => None,
+        let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
+        match near[..found].iter().filter(|&&k| self.open[k as usize]).count() {
+            _ if found < NEIGHBOURS => None,
             0 => Some(false),
-            _ if open == near.len() => Some(true),
+            NEIGHBOURS => Some(true),
             _ => None,
         }
     }

@@ -242,7 +242,7 @@ impl Senders {
 
     /// Whether light comes to a receiver.
     pub fn is_lit(&self, scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
-        let near = |nearest: &Nearest| nearest.sample(point.position, point.normal).1 <= NEAR;
+        let near = |nearest: &Nearest| nearest.sample(point.position, point.normal, NEAR).is_some();
         self.nearest.as_ref().is_some_and(near) || is_open(scene, point, seed)
     }
 
@@ -287,8 +287,8 @@ fn cell_facets(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest, points:
         let facet = |cell: u32| {
             let (a, b, c) = cell_corners(n, cell);
             let middle = (a + b + c) / 3.0;
-            let (sample, distance) = nearest.sample(geometry.position(triangle as u32, middle.x, middle.y), normal);
-            if distance <= FAR { points[sample as usize].patch } else { NONE }
+            let place = geometry.position(triangle as u32, middle.x, middle.y);
+            nearest.sample(place, normal, FAR).map_or(NONE, |(sample, _)| points[sample as usize].patch)
         };
         (0..cell_count(n)).map(facet).collect()
     };
