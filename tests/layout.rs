@@ -1,7 +1,7 @@
 //! Shared structures lie in the compiled modules where the host has them, scalar by scalar.
 
 use bytemuck::{Pod, Zeroable};
-use formfactor::{GatherParams, HemisphereParams, TriangleGrid};
+use formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
 use glam::{UVec2, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
@@ -96,6 +96,7 @@ structure!(DirectParams {
     ray_offset: f32,
     first: u32,
 });
+structure!(ReceiverCell { first: u32, divisions: u32 });
 structure!(TriangleGrid { front: u32, back: u32, divisions: u32, reserved: u32 });
 structure!(HemisphereParams {
     first_row: u32,
@@ -129,6 +130,7 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "sky" => layout::<Sky>(),
         "hits" => layout::<Hit>(),
         "points" => layout::<SurfacePoint>(),
+        "cells" => layout::<ReceiverCell>(),
         "grids" => layout::<TriangleGrid>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "vertices" => layout::<u32>(),
         "factors" if kernel == "formfactor_hemisphere_row" => layout::<f32>(),

@@ -82,7 +82,7 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "formfactor_assemble_source" => entry!(ff::assemble_source, CountParams, Vec4, [0, 1, 2, 3, 4]),
         "formfactor_gather_csr" => entry!(ff::gather_csr, CountParams, Vec4, [0, 1, 2, 3]),
         "formfactor_bounce" => entry!(ff::bounce, CountParams, Vec4, [0, 1, 2]),
-        "formfactor_interpolate" => entry!(ff::interpolate, CountParams, Vec4, [0, 1, 2, 3, 4, 5]),
+        "formfactor_interpolate" => entry!(ff::interpolate, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6]),
         _ => return None,
     })
 }

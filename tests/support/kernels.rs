@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use bytemuck::{Pod, Zeroable};
 use formfactor::kernel::grid::{cell_count, vertex_count};
 use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
-use formfactor::{GatherParams, HemisphereParams, TriangleGrid};
+use formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
@@ -340,11 +340,19 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             if name == "scene_primary" {
                 return call(p.count, p, vec![room::<Hit>("hits", n), room::<SurfacePoint>("points", n)]);
             }
-            let (grids, values) = grids(r, scene, vertex_count);
+            let (grids, count) = grids(r, scene, cell_count);
+            let mut values = 0;
+            let cell = |_| {
+                let divisions = 1 + r.below(4);
+                values += vertex_count(divisions);
+                ReceiverCell { first: values - vertex_count(divisions), divisions }
+            };
+            let cells: Vec<ReceiverCell> = (0..count).map(cell).collect();
             let tables = vec![
                 buffer("hits", &hits),
                 buffer("points", &points),
                 buffer("grids", &grids),
+                buffer("cells", &cells),
                 buffer("vertices", &(0..values).rev().collect::<Vec<u32>>()),
                 buffer("values", &r.colors(values as usize)),
                 buffer("direct", &r.colors(n)),

@@ -19,7 +19,7 @@ pub struct Patch {
 const _: () = assert!(size_of::<Patch>() == 32);
 
 /// How one triangle of the scene is cut into `divisions²` like triangles, and where their values stand in a table. The
-/// same structure numbers cells (patches) and, in a second table, grid vertices (receivers).
+/// same structure numbers patches and, in a second table, the cells of receivers.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct TriangleGrid {
@@ -33,6 +33,18 @@ pub struct TriangleGrid {
     pub reserved: u32,
 }
 const _: () = assert!(size_of::<TriangleGrid>() == 16);
+
+/// A cell of a triangle's grid as receivers take it: cut once more into `divisions²` like triangles, whose vertices have
+/// entries of their own.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct ReceiverCell {
+    /// First of its (divisions + 1)(divisions + 2)/2 vertices.
+    pub first: u32,
+    /// Pieces along each edge, ≥ 1.
+    pub divisions: u32,
+}
+const _: () = assert!(size_of::<ReceiverCell>() == 8);
 
 /// Settings of the hemisphere kernels.
 #[repr(C)]

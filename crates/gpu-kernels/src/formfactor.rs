@@ -2,7 +2,7 @@
 
 use ::formfactor::kernel::product::{LANES, ROWS_TOGETHER, VECTOR_IMAGE_WIDTH};
 use ::formfactor::kernel::{hemisphere, product};
-use ::formfactor::{GatherParams, HemisphereParams, TriangleGrid};
+use ::formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
 use ::scene::kernel::bvh;
 use ::scene::{BvhNode, Geometry, Hit, Material, Rgb, SurfacePoint, Texture, Triangle, TriangleUv};
 use glam::{UVec2, UVec3, Vec4};
@@ -250,13 +250,14 @@ pub fn interpolate(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] points: &[SurfacePoint],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] triangles: &[Triangle],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] grids: &[TriangleGrid],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] vertices: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] values: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] irradiance: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] cells: &[ReceiverCell],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] vertices: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] values: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] irradiance: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
         let i = k as usize;
-        irradiance[i] = product::interpolate_pixel(grids, vertices, triangles, values, hits[i], points[i]);
+        irradiance[i] = product::interpolate_pixel(grids, cells, vertices, triangles, values, hits[i], points[i]);
     }
 }

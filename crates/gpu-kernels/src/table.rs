@@ -1,7 +1,7 @@
 //! What the host knows of each kernel: name, module, bindings, how many elements a workgroup takes, and its host form.
 
 use ::formfactor::kernel::product::ROWS_TOGETHER;
-use ::formfactor::{GatherParams, HemisphereParams, TriangleGrid};
+use ::formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
@@ -416,6 +416,7 @@ pub static FORMFACTOR_INTERPOLATE: Kernel = Kernel {
         read::<SurfacePoint>("points"),
         read::<Triangle>("triangles"),
         read::<TriangleGrid>("grids"),
+        read::<ReceiverCell>("cells"),
         read::<u32>("vertices"),
         read::<Rgb>("values"),
         write::<Rgb>("irradiance"),

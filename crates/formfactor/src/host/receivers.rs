@@ -2,34 +2,37 @@
 
 use std::vec::Vec;
 
-use glam::{IVec3, Vec3};
+use glam::{IVec3, Vec2, Vec3};
 use hashbrown::HashMap;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 use scene::{NONE, Scene, Sides, SurfacePoint, Visibility, is_open};
 
 use super::storage::check_length;
-use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area, vertex_point};
+use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
-use crate::kernel::grid::{cell_corners, cell_count, vertex_at, vertex_count};
-use crate::types::TriangleGrid;
+use crate::kernel::grid::{cell_corners, cell_count, vertex_count};
+use crate::types::{ReceiverCell, TriangleGrid};
 
-/// Grid vertices nearer than this share of the longest edge share a receiver, where the surface is near enough to flat.
-const WELD: f32 = 0.4;
 /// Least cosine between their normals.
-const LEAST_COSINE: f32 = 0.94;
+const LEAST_COSINE: f32 = 0.97;
 /// Most distance of a vertex from the plane of its receiver, as a share of the welding distance.
 const MOST_OFFSET: f32 = 0.1;
 
-/// Cells of a side that are tried when none of its vertices serves.
-const MIDDLES: u32 = 8;
+/// Vertices are moved inwards by this share of an edge between them.
+const INWARDS: f32 = 0.05;
+/// Most pieces along the edge of a cell.
+const MOST_WITHIN: f32 = 32.0;
 
 /// Points at which irradiance is wanted: the vertices of a grid on each triangle, those that lie together merged.
 #[derive(Clone, Debug, Default)]
 pub struct Receivers {
-    /// Per triangle of the scene, where its vertices stand in `vertices`; see [`crate::kernel::grid::interpolate`].
+    /// Per triangle of the scene, where the cells of its sides stand in `cells`.
     pub grids: Vec<TriangleGrid>,
-    /// Per grid vertex, its receiver.
+    /// The cells, and where their vertices stand in `vertices`, [`NONE`] for a cell without; see
+    /// [`crate::kernel::product::interpolate_receivers`].
+    pub cells: Vec<ReceiverCell>,
+    /// Per vertex of a cell, its receiver.
     pub vertices: Vec<u32>,
     /// The receivers, a little inside of a triangle, with the normal of its side; `patch` is their own number.
     pub points: Vec<SurfacePoint>,
@@ -37,126 +40,186 @@ pub struct Receivers {
     pub offsets: Vec<u32>,
 }
 
+/// A side of a triangle.
+#[derive(Clone, Copy)]
+struct Side {
+    triangle: u32,
+    front: bool,
+    divisions: u32,
+    /// First cell.
+    first: u32,
+}
+
 impl Receivers {
-    /// Grid vertices on each side in `sides`, edges at most `edge` m long. Vertices closer than 0.4 edges on nearly the same
-    /// plane and side are one receiver, so that finely tessellated meshes need no more receivers than coarse ones.
+    /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
+    /// are no longer than `within` says for its middle and its corners; a cell for which it says nothing has no vertices, one
+    /// that is smaller than that a single one.
+    /// Vertices closer than `weld` m on nearly the same plane and side are one receiver.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
-    pub fn new(scene: &Scene, sides: &[Sides], edge: f32) -> Result<Self, Error> {
+    pub fn new(
+        scene: &Scene,
+        sides: &[Sides],
+        edge: f32,
+        weld: f32,
+        within: impl Fn(&SurfacePoint) -> Option<f32> + Sync,
+    ) -> Result<Self, Error> {
         check_length("sides", scene.triangles.len(), sides.len())?;
         check_positive("edge", edge)?;
-        let divisions: Vec<u32> = scene
-            .triangles
-            .iter()
-            .map(|t| {
-                let longest = t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length());
-                (longest / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
-            })
+        check_positive("weld", weld)?;
+        let divisions: Vec<u32> = (0..scene.triangles.len())
+            .map(|t| (longest_edge(scene, t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32)
             .collect();
-        let grids = number_entries(sides, &divisions, vertex_count)?;
-        let total: u32 = grids.iter().map(|g| sides_of(g).count() as u32 * vertex_count(g.divisions)).sum();
-        let mut welder = Welder { distance: WELD * edge, cells: HashMap::new(), points: Vec::new() };
-        let mut vertices = vec![NONE; total as usize];
-        // The largest triangles first: theirs are the safest places.
-        let mut order: Vec<(f32, usize)> = (0..grids.len()).map(|t| (triangle_area(scene, t), t)).collect();
-        order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        for (_, triangle) in order {
-            let grid = grids[triangle];
-            let n = grid.divisions;
-            for (front, first) in sides_of(&grid) {
-                for j in 0..=n {
-                    for i in 0..=n - j {
-                        let point =
-                            in_sight(scene, triangle as u32, n, vertex_point(scene, triangle as u32, front, n, i, j));
-                        vertices[(first + vertex_at(n, i, j)) as usize] = welder.receiver(scene, point);
-                    }
+        let grids = number_entries(sides, &divisions, cell_count)?;
+        let total: u32 = grids.iter().map(|g| sides_of(g).count() as u32 * cell_count(g.divisions)).sum();
+        let cells = vec![ReceiverCell { first: NONE, divisions: 1 }; total as usize];
+        let mut new = Self { grids, cells, ..Self::default() };
+        let sides = new.sides(scene);
+        // The places on all cores, then the receivers one after the other.
+        let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> = sides.par_iter().map(|s| places(scene, s, &within)).collect();
+        let mut welder = Welder { distance: weld, cells: HashMap::new(), points: Vec::new() };
+        let found: u64 = places.iter().flatten().map(|p| p.1.len() as u64).sum();
+        if found >= u64::from(NONE) {
+            return Err(Error::TooMany { found, limit: u64::from(NONE) - 1 });
+        }
+        for (side, places) in sides.iter().zip(places) {
+            for (k, (divisions, points)) in (0u32..).zip(places) {
+                if divisions > 0 {
+                    new.cells[(side.first + k) as usize] = ReceiverCell { first: new.vertices.len() as u32, divisions };
+                    new.vertices.extend(points.into_iter().map(|point| welder.receiver(scene, point)));
                 }
             }
         }
-        let offsets = (0..=welder.points.len() as u32).collect();
-        Ok(Self { grids, vertices, points: welder.points, offsets })
+        new.points = welder.points;
+        new.offsets = (0..=new.points.len() as u32).collect();
+        Ok(new)
     }
 
-    /// Leaves out receivers that are not good: their grid vertices take the nearest good one on their side of the triangle. A
-    /// side without a good vertex takes the middle of one of its cells; if none is good, it has no receivers.
-    pub fn retain(&mut self, scene: &Scene, is_good: impl Fn(&SurfacePoint) -> bool + Sync) {
-        let mut flags: Vec<bool> = self.points.par_iter().map(&is_good).collect();
-        let good = |flags: &[bool], receiver: u32| flags[receiver as usize];
-        for (triangle, grid) in self.grids.iter_mut().enumerate() {
-            for (front, first) in sides_of(grid) {
-                let own = first as usize..(first + vertex_count(grid.divisions)) as usize;
-                if own.clone().all(|k| good(&flags, self.vertices[k])) {
+    /// Sides that have cells, the largest triangles first: theirs are the safest places.
+    fn sides(&self, scene: &Scene) -> Vec<Side> {
+        let mut order: Vec<(f32, usize)> = (0..self.grids.len()).map(|t| (triangle_area(scene, t), t)).collect();
+        order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let sides = order.into_iter().flat_map(|(_, t)| {
+            let grid = self.grids[t];
+            let side = move |(front, first)| Side { triangle: t as u32, front, divisions: grid.divisions, first };
+            sides_of(&grid).map(side)
+        });
+        sides.collect()
+    }
+
+    /// Leaves out receivers that are not good where their cell has a good one: their vertices take the nearest of these.
+    /// Returns whether each of those that are left is good.
+    pub fn retain(&mut self, scene: &Scene, is_good: impl Fn(&SurfacePoint) -> bool + Sync) -> Vec<bool> {
+        let flags: Vec<bool> = self.points.par_iter().map(&is_good).collect();
+        for side in self.sides(scene) {
+            for k in 0..cell_count(side.divisions) {
+                let cell = self.cells[(side.first + k) as usize];
+                if cell.first == NONE {
                     continue;
                 }
-                let mut kept: Vec<(Vec3, u32)> = Vec::new();
-                let mut bad: Vec<(Vec3, usize)> = Vec::new();
-                for j in 0..=grid.divisions {
-                    for i in 0..=grid.divisions - j {
-                        let at = own.start + vertex_at(grid.divisions, i, j) as usize;
-                        let place = vertex_point(scene, triangle as u32, front, grid.divisions, i, j).position;
-                        if good(&flags, self.vertices[at]) {
-                            kept.push((place, self.vertices[at]));
-                        } else {
-                            bad.push((place, at));
-                        }
-                    }
-                }
-                if kept.is_empty() {
-                    let cells = cell_count(grid.divisions);
-                    let middles = (0..cells.min(MIDDLES)).map(|k| {
-                        let (a, b, c) = cell_corners(grid.divisions, k * cells / cells.min(MIDDLES));
-                        side_point(scene, triangle as u32, front, (a + b + c) / 3.0)
-                    });
-                    if let Some(point) = middles.into_iter().find(&is_good) {
-                        let number = self.points.len() as u32;
-                        self.points.push(SurfacePoint { patch: number, ..point });
-                        flags.push(true);
-                        bad.iter().for_each(|&(_, at)| self.vertices[at] = number);
-                        continue;
-                    }
-                    *(if front { &mut grid.front } else { &mut grid.back }) = NONE;
-                    bad.iter().for_each(|&(_, at)| self.vertices[at] = NONE);
+                let own = &mut self.vertices[cell.first as usize..(cell.first + vertex_count(cell.divisions)) as usize];
+                let good = own.iter().filter(|&&r| flags[r as usize]).count();
+                if good == 0 || good == own.len() {
                     continue;
                 }
-                for (place, at) in bad {
-                    let distance = |k: &&(Vec3, u32)| k.0.distance_squared(place);
+                let places: Vec<Vec2> = vertex_places(&side, k, cell.divisions).collect();
+                let place = |v: usize| scene.geometry().position(side.triangle, places[v].x, places[v].y);
+                let kept: Vec<(Vec3, u32)> =
+                    (0..own.len()).filter(|&v| flags[own[v] as usize]).map(|v| (place(v), own[v])).collect();
+                for v in (0..own.len()).filter(|&v| !flags[own[v] as usize]).collect::<Vec<usize>>() {
+                    let here = place(v);
+                    let distance = |k: &&(Vec3, u32)| k.0.distance_squared(here);
                     if let Some(nearest) = kept.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) {
-                        self.vertices[at] = nearest.1;
+                        own[v] = nearest.1;
                     }
                 }
             }
         }
         let mut used = vec![false; self.points.len()];
-        self.vertices.iter().filter(|&&r| r != NONE).for_each(|&r| used[r as usize] = true);
+        self.vertices.iter().for_each(|&r| used[r as usize] = true);
         let mut numbers = vec![NONE; self.points.len()];
         let kept = numbers.iter_mut().zip(&used).filter(|(_, used)| **used);
         kept.zip(0..).for_each(|((number, _), next)| *number = next);
         self.points.retain(|point| used[point.patch as usize]);
+        let left = self.points.iter().map(|point| flags[point.patch as usize]).collect();
         (self.points.iter_mut().zip(0..)).for_each(|(point, number)| point.patch = number);
-        // A vertex without receiver is never asked for.
-        self.vertices.iter_mut().for_each(|r| *r = if *r == NONE { 0 } else { numbers[*r as usize] });
+        self.vertices.iter_mut().for_each(|r| *r = numbers[*r as usize]);
         self.offsets = (0..=self.points.len() as u32).collect();
+        left
     }
 }
 
-/// Moves a grid vertex that lies behind a wall through which its triangle passes to this side of the wall: to where the
-/// ray from the middle of its cell comes.
-fn in_sight(scene: &Scene, triangle: u32, divisions: u32, vertex: SurfacePoint) -> SurfacePoint {
-    let third = 1.0 / 3.0;
-    let centre = scene.geometry().position(triangle, third, third);
-    let lift = vertex.normal * scene.ray_offset;
-    let middle = vertex.position + (centre - vertex.position) / divisions as f32;
+fn longest_edge(scene: &Scene, triangle: u32) -> f32 {
+    let t = scene.triangles[triangle as usize];
+    t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length())
+}
+
+/// Divisions and places of the vertices of each cell of a side; divisions of 0 for a cell without.
+fn places(
+    scene: &Scene,
+    side: &Side,
+    within: &(impl Fn(&SurfacePoint) -> Option<f32> + Sync),
+) -> Vec<(u32, Vec<SurfacePoint>)> {
+    let longest = longest_edge(scene, side.triangle) / side.divisions as f32;
+    let cell = |k: u32| {
+        let (a, b, c) = cell_corners(side.divisions, k);
+        let point = |place: Vec2| side_point(scene, side.triangle, side.front, place);
+        let middle = point((a + b + c) / 3.0);
+        let here = within(&middle);
+        // What is smaller than that has one value: all vertices are its middle.
+        if here.is_some_and(|length| longest <= length) {
+            return (1, vec![middle; 3]);
+        }
+        // A cell may lie across the border of what is lit.
+        let near = |p: Vec2, q: Vec2, r: Vec2| within(&point(p * 0.9 + (q + r) * 0.05));
+        let corners = [near(a, b, c), near(b, c, a), near(c, a, b)];
+        let Some(length) = corners.into_iter().flatten().chain(here).reduce(f32::min) else {
+            return (0, Vec::new());
+        };
+        let divisions = (longest / length * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_WITHIN) as u32;
+        (divisions, cell_vertices(scene, side, k, divisions, middle.position))
+    };
+    (0..cell_count(side.divisions)).map(cell).collect()
+}
+
+/// Places (u, v) of the vertices of cell `k` of a side, in their order.
+fn vertex_places(side: &Side, k: u32, divisions: u32) -> impl Iterator<Item = Vec2> + use<> {
+    let (a, b, c) = cell_corners(side.divisions, k);
+    let step = 1.0 / divisions as f32;
+    (0..=divisions).flat_map(move |j| {
+        (0..=divisions - j).map(move |i| a + (b - a) * (i as f32 * step) + (c - a) * (j as f32 * step))
+    })
+}
+
+/// The receivers that the vertices of cell `k` of a side would have alone: a little inwards, and in sight of its middle.
+fn cell_vertices(scene: &Scene, side: &Side, k: u32, divisions: u32, middle: Vec3) -> Vec<SurfacePoint> {
+    let third = Vec2::splat(1.0 / 3.0);
+    let inwards = INWARDS / (side.divisions * divisions) as f32;
+    let mut open = None;
+    let vertex = |place: Vec2| {
+        let place = place + (third - place) * inwards;
+        in_sight(scene, middle, side_point(scene, side.triangle, side.front, place), &mut open)
+    };
+    vertex_places(side, k, divisions).map(vertex).collect()
+}
+
+/// Moves a vertex that lies behind a wall through which its triangle passes to this side of the wall: to where the ray
+/// from the middle of its cell comes. A middle that is buried in what stands on the surface judges nobody; `open` keeps
+/// whether it is not.
+fn in_sight(scene: &Scene, middle: Vec3, vertex: SurfacePoint, open: &mut Option<bool>) -> SurfacePoint {
     let way = vertex.position - middle;
     let length = way.length();
     if length <= 0.0 {
         return vertex;
     }
     let direction = way / length;
-    let hit = scene.closest_before(middle + lift, direction, length);
-    // A middle that is buried in what stands on the surface judges nobody.
-    let seed = hash3(triangle, vertex.position.x.to_bits(), vertex.position.z.to_bits());
-    if hit.is_miss() || !is_open(scene, &SurfacePoint { position: middle, ..vertex }, seed) {
+    let hit = scene.closest_before(middle + vertex.normal * scene.ray_offset, direction, length);
+    if hit.is_miss() {
+        return vertex;
+    }
+    let seed = hash3(middle.x.to_bits(), middle.y.to_bits(), middle.z.to_bits());
+    if !*open.get_or_insert_with(|| is_open(scene, &SurfacePoint { position: middle, ..vertex }, seed)) {
         return vertex;
     }
     SurfacePoint { position: middle + direction * (0.8 * hit.t), ..vertex }

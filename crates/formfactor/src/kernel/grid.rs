@@ -73,6 +73,16 @@ pub fn cell_corners(divisions: u32, cell: u32) -> (Vec2, Vec2, Vec2) {
     }
 }
 
+/// The cell of (u, v), and where in it: the place is `a + (b − a) s + (c − a) t` of its corners.
+#[inline]
+pub fn place_in_cell(divisions: u32, u: f32, v: f32) -> (u32, f32, f32) {
+    let (i, j, half) = locate(divisions, u, v);
+    let n = divisions as f32;
+    let (x, y) = (u * n - i as f32, v * n - j as f32);
+    let cell = cell_at(divisions, u, v);
+    if half == 0 { (cell, x, y) } else { (cell, 1.0 - x, 1.0 - y) }
+}
+
 /// The three vertices round (u, v) and their barycentric weights, which sum to 1.
 #[inline]
 pub fn interpolate(divisions: u32, u: f32, v: f32) -> (UVec3, Vec3) {
@@ -138,6 +148,20 @@ mod tests {
             // Places outside go to a cell that exists.
             for (u, v) in [(1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (1.1, -0.1), (f32::NAN, 0.3)] {
                 assert!(cell_at(n, u, v) < cell_count(n));
+            }
+        }
+    }
+
+    #[test]
+    fn places_in_cells_lead_back() {
+        for n in 1..=9 {
+            for k in 0..500 {
+                let (u, v) = scene::sampling::uniform_triangle(scene::sampling::hammersley(k, 500, (3, 4)));
+                let (cell, s, t) = place_in_cell(n, u, v);
+                let (a, b, c) = cell_corners(n, cell);
+                let back = a + (b - a) * s + (c - a) * t;
+                assert!((back - Vec2::new(u, v)).length() < 1e-5, "{n} {u} {v}: {back}");
+                assert!(s > -1e-4 && t > -1e-4 && s + t < 1.0001);
             }
         }
     }

@@ -4,8 +4,8 @@
 use glam::{Vec2, Vec3, Vec4};
 use scene::{Hit, NONE, SurfacePoint, Triangle};
 
-use super::grid::interpolate;
-use crate::types::{GatherParams, TriangleGrid};
+use super::grid::{interpolate, place_in_cell};
+use crate::types::{GatherParams, ReceiverCell, TriangleGrid};
 
 /// Irradiance of row `i`, `H_i = Σ_j F_ij B_j`, W/m².
 ///
@@ -157,8 +157,10 @@ pub fn assemble_source(
 /// Irradiance of the side of a surface that a pixel shows, W/m²: [`interpolate_receivers`] at its hit, on the side on
 /// which its point's normal stands.
 #[inline]
+#[allow(clippy::too_many_arguments)]
 pub fn interpolate_pixel(
     grids: &[TriangleGrid],
+    cells: &[ReceiverCell],
     vertices: &[u32],
     triangles: &[Triangle],
     values: &[Vec4],
@@ -169,14 +171,21 @@ pub fn interpolate_pixel(
         return Vec4::ZERO;
     }
     let t = triangles[hit.triangle as usize];
-    interpolate_receivers(grids, vertices, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
+    interpolate_receivers(grids, cells, vertices, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
 }
 
-/// Irradiance at a hit, W/m²: linear between the three grid vertices of its triangle round it, zero where that side has
-/// no receivers. `grids[triangle]` numbers the vertices, `vertices` names the receiver of each, `values` holds their
-/// irradiance.
+/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell, zero where there are no
+/// receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the receiver of each, `values`
+/// holds their irradiance.
 #[inline]
-pub fn interpolate_receivers(grids: &[TriangleGrid], vertices: &[u32], values: &[Vec4], hit: Hit, front: bool) -> Vec4 {
+pub fn interpolate_receivers(
+    grids: &[TriangleGrid],
+    cells: &[ReceiverCell],
+    vertices: &[u32],
+    values: &[Vec4],
+    hit: Hit,
+    front: bool,
+) -> Vec4 {
     if hit.triangle == NONE {
         return Vec4::ZERO;
     }
@@ -185,9 +194,14 @@ pub fn interpolate_receivers(grids: &[TriangleGrid], vertices: &[u32], values: &
     if first == NONE {
         return Vec4::ZERO;
     }
-    let (ids, w) = interpolate(grid.divisions, hit.u, hit.v);
-    let a = values[vertices[(first + ids.x) as usize] as usize];
-    let b = values[vertices[(first + ids.y) as usize] as usize];
-    let c = values[vertices[(first + ids.z) as usize] as usize];
+    let (index, s, t) = place_in_cell(grid.divisions, hit.u, hit.v);
+    let cell = cells[(first + index) as usize];
+    if cell.first == NONE {
+        return Vec4::ZERO;
+    }
+    let (ids, w) = interpolate(cell.divisions, s, t);
+    let a = values[vertices[(cell.first + ids.x) as usize] as usize];
+    let b = values[vertices[(cell.first + ids.y) as usize] as usize];
+    let c = values[vertices[(cell.first + ids.z) as usize] as usize];
     a * w.x + b * w.y + c * w.z
 }

@@ -173,13 +173,15 @@ pub(crate) fn bounce(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErr
 
 pub(crate) fn interpolate(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [hits, points, triangles, grids, vertices, values, irradiance]) = call.parts::<CountParams, 7>(kernel)?;
+    let (p, [hits, points, triangles, grids, cells, vertices, values, irradiance]) =
+        call.parts::<CountParams, 8>(kernel)?;
     let n = agreed(elements, p.count)?;
     let (hits, points) = (hits.read::<Hit>(n)?, points.read::<SurfacePoint>(n)?);
     let triangles = triangles.read(1)?;
-    let (grids, vertices, values) = (grids.read(triangles.len())?, vertices.read(0)?, values.read::<Rgb>(0)?);
+    let (grids, cells) = (grids.read(triangles.len())?, cells.read(0)?);
+    let (vertices, values) = (vertices.read(0)?, values.read::<Rgb>(0)?);
     fill(irradiance.write(n)?, |k| {
-        product::interpolate_pixel(grids, vertices, triangles, values, hits[k as usize], points[k as usize])
+        product::interpolate_pixel(grids, cells, vertices, triangles, values, hits[k as usize], points[k as usize])
     });
     Ok(())
 }

@@ -1,13 +1,17 @@
 //! The sample of any place on a surface: the nearest of like normal.
 
 use glam::{IVec3, Vec3};
-use hashbrown::HashMap;
+use hashbrown::{HashMap, HashSet};
 use std::vec::Vec;
 
 use crate::types::Sample;
 
 /// A turn of the normal by 60° counts as much as this many sample edges.
 const NORMAL_EDGES: f32 = 4.0;
+/// What is added to the square of the distance along the normal, so that it counts four times: sheets may be near.
+const OFFSET: f32 = 15.0;
+/// Edge of the coarse cells by which far places are told, in cells.
+const COARSE: i32 = 4;
 /// Edge of a cell of the search grid, in sample edges.
 const CELL: f32 = 2.0;
 
@@ -19,6 +23,8 @@ pub struct Nearest {
     order: Vec<u32>,
     /// First and one past the last of each cell in `order`.
     cells: HashMap<IVec3, (u32, u32)>,
+    /// Coarse cells that hold samples, and those beside them.
+    about: HashSet<IVec3>,
     /// Cells a metre.
     scale: f32,
 }
@@ -36,30 +42,40 @@ impl Nearest {
         for (place, &k) in (0u32..).zip(&order) {
             cells.entry(cell(k)).or_insert((place, place)).1 = place + 1;
         }
+        let coarse: HashSet<IVec3> = cells.keys().map(|cell| cell.div_euclid(IVec3::splat(COARSE))).collect();
+        let beside = |cell: &IVec3| {
+            let cell = *cell;
+            (0..27).map(move |k| cell + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))
+        };
+        let about = coarse.iter().flat_map(beside).collect();
         let samples = samples.iter().map(|s| (s.position, s.normal)).collect();
-        Self { samples, order, cells, scale }
+        Self { samples, order, cells, about, scale }
     }
 
     /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in sample edges: √ of
-    /// the square of that in space and 16 |n − n'|². None when there is none within `most` sample edges.
+    /// the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when there is none within `most` sample edges.
     pub fn sample(&self, position: Vec3, normal: Vec3, most: f32) -> Option<(u32, f32)> {
         let mut best = [(0, most * most)];
         let found = self.search(position, normal, &mut best);
         (found > 0).then(|| (best[0].0, scene::math::sqrt(best[0].1)))
     }
 
-    /// Up to N nearest samples within `most` sample edges, the nearest first, as [`Nearest::sample`] finds one, and how
-    /// many there are.
-    pub fn samples<const N: usize>(&self, position: Vec3, normal: Vec3, most: f32) -> ([u32; N], usize) {
+    /// Up to N nearest samples within `most` sample edges, the nearest first with their distances, as
+    /// [`Nearest::sample`] finds one, and how many there are.
+    pub fn samples<const N: usize>(&self, position: Vec3, normal: Vec3, most: f32) -> ([(u32, f32); N], usize) {
         let mut best = [(0, most * most); N];
         let found = self.search(position, normal, &mut best);
-        (best.map(|b| b.0), found)
+        (best.map(|(sample, squared)| (sample, scene::math::sqrt(squared))), found)
     }
 
     /// Fills `best` with the nearest samples whose squared distance is below what stands there.
     fn search(&self, position: Vec3, normal: Vec3, best: &mut [(u32, f32)]) -> usize {
         let home = (position * self.scale).floor().as_ivec3();
         let (mut found, last) = (0, best.len() - 1);
+        // Nothing within COARSE · CELL edges; nobody asks for more.
+        if !self.about.contains(&home.div_euclid(IVec3::splat(COARSE))) {
+            return 0;
+        }
         let edges = CELL * self.scale; // sample edges a metre
         let mut ring = 0i32;
         // All that lies in rings beyond is at least this far.
@@ -73,7 +89,8 @@ impl Nearest {
                         for &k in &self.order[from as usize..to as usize] {
                             let (there, its) = self.samples[k as usize];
                             let turn = NORMAL_EDGES * NORMAL_EDGES * normal.distance_squared(its);
-                            let squared = position.distance_squared(there) * edges * edges + turn;
+                            let (way, off) = (there - position, normal.dot(there - position));
+                            let squared = (way.length_squared() + OFFSET * off * off) * edges * edges + turn;
                             if squared < best[last].1 {
                                 found = (found + 1).min(best.len());
                                 let mut at = last;

@@ -7,10 +7,10 @@ use std::vec::Vec;
 use glam::Vec3;
 use rayon::prelude::*;
 use scene::math::luminance;
-use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3, uniform_triangle, unit};
-use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint, is_open};
+use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3};
+use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint};
 
-use super::nearest::Nearest;
+use super::lit::LitSampler;
 use super::patch_set::PatchSet;
 use crate::error::Error;
 use crate::types::{Member, Sample};
@@ -29,14 +29,8 @@ const DARK: f32 = 0.02;
 const OTHER_SUNS: u32 = 6;
 /// Position, normal, openness at two distances, sky, the scene's own light.
 const OWN_FEATURES: usize = 10;
-/// The candidates that are all asked whether light comes to them: one of so many samples, and no fewer than these.
+/// One pilot for so many samples.
 const PILOT_SHARE: u64 = 4;
-/// Candidates for a sample, at most.
-const MOST_CANDIDATES: f64 = 30.0;
-const LEAST_PILOTS: u64 = 8192;
-/// The others take the answer of this many that agree within this many of their edges.
-const NEIGHBOURS: usize = 4;
-const MOST_DISTANCE: f32 = 3.0;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
 
 type Features = [f32; FEATURES];
@@ -100,27 +94,22 @@ pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<ViewClust
     if wanted > u64::from(u32::MAX / 64) {
         return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 64) });
     }
-    // A few candidates tell where light comes at all: insides, undersides and far sides may be most of the surface.
-    let pilots = equal_area_samples(scene, (wanted / PILOT_SHARE).max(LEAST_PILOTS) as u32, settings.seed ^ 0x7069_6c6f);
-    let lit = Lit::new(scene, pilots, settings);
-    let area: f64 = lit.samples.iter().zip(&lit.open).filter(|(_, open)| **open).map(|(s, _)| f64::from(s.area)).sum();
-    if area == 0.0 {
-        return Err(Error::NoSamples);
-    }
-    let total: f64 = lit.samples.iter().map(|s| f64::from(s.area)).sum();
-    // No more than memory holds, however little of the surface is lit.
-    let count = (wanted as f64 * (total / area).min(MOST_CANDIDATES)) as u32;
-    let candidates = equal_area_samples(scene, count, settings.seed);
-    let edge = scene::math::sqrt((area / f64::from(settings.patches)) as f32);
-    let seen = see(scene, &candidates, edge, settings.seed, |sample| lit.verdict(sample));
-    let samples: Vec<Sample> = candidates.iter().zip(&seen).filter_map(|(s, f)| f.map(|_| *s)).collect();
-    let mut features: Vec<Features> = seen.into_iter().flatten().collect();
+    let t0 = std::time::Instant::now();
+    let sampler = LitSampler::new(scene, wanted.div_ceil(PILOT_SHARE) as u32, settings.seed)?;
+    std::eprintln!("pilots {:.1?}", t0.elapsed());
+    let samples = sampler.samples(wanted as u32, settings.seed);
+    std::eprintln!("sampled {:.1?}", t0.elapsed());
     if samples.is_empty() {
         return Err(Error::NoSamples);
     }
+    let edge = scene::math::sqrt((sampler.lit_area() / f64::from(settings.patches)) as f32);
+    let mut features = see(scene, &samples, edge, settings.seed);
+    std::eprintln!("seen {:.1?}", t0.elapsed());
     add_light(scene, &samples, &mut features, settings.seed);
+    std::eprintln!("light {:.1?}", t0.elapsed());
     let facets = settings.patches.saturating_mul(settings.facets).min(settings.most_facets).max(settings.patches);
     let cut = split(&samples, &features, settings.patches as usize, facets as usize);
+    std::eprintln!("split {:.1?}", t0.elapsed());
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
     let voxels = std::vec![NONE; cut.patches.len() - 1];
@@ -130,100 +119,23 @@ pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<ViewClust
     Ok(ViewClusters { set, facets: cut.facets, patch_facets })
 }
 
-/// About `count` samples, each for the same area: one in each interval of the running sum of the sides' areas.
-fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
-    let geometry = scene.geometry();
-    let areas: Vec<f64> = scene.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
-    let area = 2.0 * areas.iter().sum::<f64>() / f64::from(count);
-    let (mut samples, mut sum, mut next) = (Vec::with_capacity(count as usize), 0.0, 0u32);
-    let place = |k: u32| area * (f64::from(k) + f64::from(unit(hash3(k, 0x7374_6570, seed))));
-    for side in 0..2 {
-        for (triangle, &own) in areas.iter().enumerate() {
-            sum += own;
-            let mut k = 0u32;
-            while place(next) < sum {
-                // An additive recurrence (Roberts 2018), from a start of its own on each side.
-                let word = |step: u32, salt: u32| {
-                    unit(k.wrapping_mul(step).wrapping_add(hash3(triangle as u32, side + salt, seed)))
-                };
-                let (u, v) = uniform_triangle((word(0xc13f_a9a9, 2), word(0x91e1_0da6, 4)));
-                let normal = geometry.normal(triangle as u32);
-                if !geometry.is_hole(triangle as u32, u, v) {
-                    let position = geometry.position(triangle as u32, u, v);
-                    samples.push(Sample {
-                        position,
-                        area: area as f32,
-                        normal: if side == 0 { normal } else { -normal },
-                        triangle: triangle as u32,
-                        albedo: scene.filtered_albedo(triangle as u32, position, area as f32),
-                        reserved: 0,
-                    });
-                }
-                (next, k) = (next + 1, k + 1);
-            }
-        }
-    }
-    samples
-}
-
 fn surface_point(sample: &Sample) -> SurfacePoint {
     SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 }
 }
 
-/// Samples of which it is known whether they take part in the exchange of light.
-struct Lit {
-    samples: Vec<Sample>,
-    open: Vec<bool>,
-    nearest: Nearest,
-}
-
-impl Lit {
-    fn new(scene: &Scene, samples: Vec<Sample>, settings: &ViewSettings) -> Self {
-        let seed = settings.seed ^ 0x6c69_7421;
-        let open = see(scene, &samples, 1.0, seed, |_| None).iter().map(Option::is_some).collect();
-        Self { open, nearest: Nearest::new(&samples), samples }
-    }
-
-    /// Whether a sample takes part, where the known ones round it agree.
-    fn verdict(&self, sample: &Sample) -> Option<bool> {
-        let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
-        match near[..found].iter().filter(|&&k| self.open[k as usize]).count() {
-            _ if found < NEIGHBOURS => None,
-            0 => Some(false),
-            NEIGHBOURS => Some(true),
-            _ => None,
-        }
-    }
-}
-
-/// Position, normal and openness of the samples that take part in the exchange of light; `verdict` says so of those of which
-/// it is known. `edge` is the typical edge of a patch.
-fn see(
-    scene: &Scene,
-    samples: &[Sample],
-    edge: f32,
-    seed: u32,
-    verdict: impl Fn(&Sample) -> Option<bool> + Sync,
-) -> Vec<Option<Features>> {
+/// Position, normal and openness of samples; `edge` is the typical edge of a patch, m.
+fn see(scene: &Scene, samples: &[Sample], edge: f32, seed: u32) -> Vec<Features> {
     (samples.par_iter().enumerate())
         .map(|(index, sample)| {
-            let known = verdict(sample);
-            if known == Some(false) {
-                return None;
-            }
             let key = |dimension: u32| hash3(index as u32, dimension, seed ^ 0x7365_6573);
             let origin = sample.position + sample.normal * scene.ray_offset;
-            let (mut near, mut far, mut sky, mut met) = (0u32, 0u32, 0u32, false);
+            let (mut near, mut far, mut sky) = (0u32, 0u32, 0u32);
             for k in 0..RAYS {
                 let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
                 let hit = scene.closest_before(origin, direction, f32::INFINITY);
-                met |= !hit.is_miss() && hit.t > 4.0 * scene.ray_offset;
                 near += u32::from(hit.is_miss() || hit.t > 0.5 * edge);
                 far += u32::from(hit.is_miss() || hit.t > 2.0 * edge);
                 sky += u32::from(hit.is_miss());
-            }
-            if !met || (sky == 0 && known.is_none() && !is_open(scene, &surface_point(sample), key(2))) {
-                return None;
             }
             let mut features = [0.0; FEATURES];
             features[..3].copy_from_slice(&(sample.position / edge).to_array());
@@ -231,7 +143,7 @@ fn see(
             for (feature, count) in features[6..9].iter_mut().zip([near, far, sky]) {
                 *feature = OPENNESS * count as f32 / RAYS as f32;
             }
-            Some(features)
+            features
         })
         .collect()
 }

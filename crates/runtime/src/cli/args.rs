@@ -147,9 +147,13 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
-    /// Longest distance between the mesh points at which indirect light is evaluated, m [default: the patches' mean edge].
+    /// Distance between the points at which indirect light is gathered where it is even, m [default: a third of the patches'
+    /// mean edge].
     #[arg(long)]
     pub receiver_edge: Option<f32>,
+    /// Most of those points; where light bends they stand closer.
+    #[arg(long, default_value_t = 300_000, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
+    pub most_receivers: u32,
     /// Estimator of the form factors.
     #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
     pub form_factors: FormFactors,
@@ -157,7 +161,7 @@ pub struct Render {
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub rays: u32,
     /// Rays from each of those points.
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub receiver_rays: u32,
     /// Folder with full.exr, indirect.exr, points.csv to compare with.
     #[arg(long)]

@@ -4,17 +4,18 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Dense, Hemisphere, PointToPoint, Proceed, Receivers, SparseRows, Stop, balance,
+    AreaToArea, Contour, Csr, Dense, Hemisphere, PointToPoint, Proceed, SparseRows, Stop, balance,
     form_factors, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
+use patches::LitSampler;
 use reference::Picture;
-use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
 pub use super::senders::PatchKind;
+use super::receivers::{MeshReceivers, Placing, test_lights};
 use super::senders::{Columns, Senders};
 use crate::error::Error;
 use crate::executor::Executor;
@@ -23,6 +24,10 @@ use crate::progress::Progress;
 
 /// Largest number of patches: F is dense, 17 GB at this size.
 const MOST_PATCHES: usize = 65_535;
+/// Receivers along the edge of a patch.
+const RECEIVERS_AN_EDGE: f32 = 3.0;
+/// Samples that are asked where light comes before receivers are placed.
+const RECEIVER_PILOTS: u32 = 32_768;
 /// Fewest rays of a facet's row.
 const LEAST_FACET_RAYS: u64 = 64;
 /// Rays of a row of [`Classic::irradiance_at`].
@@ -63,8 +68,10 @@ pub struct ClassicSettings {
     pub estimator: Estimator,
     /// Bounces; `None` for all.
     pub bounces: Option<u32>,
-    /// Longest distance between receivers, m; `None` takes the patches' mean edge.
+    /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge.
     pub receiver_edge: Option<f32>,
+    /// Most receivers: beyond those of the distance, where light bends.
+    pub most_receivers: usize,
     /// Rays of a receiver's row.
     pub receiver_rays: u32,
     /// Sub-frames a picture: positions in each pixel, and shadow rays of area lights.
@@ -84,7 +91,8 @@ impl Default for ClassicSettings {
             estimator: Estimator::Hemisphere { rays: 4096 },
             bounces: None,
             receiver_edge: None,
-            receiver_rays: 1024,
+            most_receivers: 300_000,
+            receiver_rays: 256,
             sub_frames: 16,
             seed: 0,
             size: (960, 540),
@@ -136,32 +144,45 @@ impl Classic {
             let senders = Senders::new(&scene, settings.patches, settings.patch_count, settings.seed)?;
             let area: f32 = senders.areas().iter().sum();
             let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
-            let edge = settings.receiver_edge.unwrap_or(patch_edge);
+            let edge = settings.receiver_edge.unwrap_or(patch_edge / RECEIVERS_AN_EDGE);
             Ok((senders, edge))
-        })?;
-        let receivers = progress.phase("mesh", |_| -> Result<_, Error> {
-            let mut receivers = Receivers::new(&scene, &senders.sides(), edge)?;
-            let seed = settings.seed ^ 0x6f70_656e;
-            // A vertex inside of a solid is dark; no dark spot may be interpolated into the open.
-            receivers.retain(&scene, |point| {
-                let place = point.position.to_array().map(f32::to_bits);
-                senders.is_lit(&scene, point, hash3(place[0], place[1], hash3(place[2], seed, 0)))
-            });
-            Ok(receivers)
         })?;
         let count = senders.patches.len();
         if count > MOST_PATCHES {
             return Err(too_many(count));
         }
-        progress.note(&format!("{count} patches, {} receivers", receivers.points.len()));
-
         let Exchange { factors, facet_rows } =
             progress.phase("form_factors", |report| exchange(&scene, &senders, &settings, report))?;
-        let receiver_rows = progress.phase("receivers", |report| {
-            let (points, offsets, seed) = (&receivers.points, &receivers.offsets, settings.seed ^ 0x7265_6365);
-            let surfaces = senders.lighting(&scene, Columns::Facets, points, offsets, seed);
-            sparse_rows(&surfaces, settings.receiver_rays, &|done, total| proceed(report, done, total))
+        let direct = DirectParams {
+            count: senders.points.len() as u32,
+            area_rays: PATCH_AREA_RAYS,
+            sky_rays: if scene.sky.map_width == 0 { 0 } else { PATCH_SKY_RAYS },
+            seed: settings.seed,
+            ..direct_params(&scene)
+        };
+        let receivers = progress.phase("receivers", |report| -> Result<_, Error> {
+            let seed = settings.seed ^ 0x7265_6365;
+            let sampler = match LitSampler::new(&scene, RECEIVER_PILOTS, seed) {
+                Ok(sampler) => sampler,
+                Err(patches::Error::NoSamples) => return Ok(MeshReceivers::none(&scene)?),
+                Err(error) => return Err(error.into()),
+            };
+            let lights = test_lights(&scene, &senders, &factors, &facet_rows.factors, &direct)?;
+            let placing = Placing { edge, most: settings.most_receivers, seed };
+            // How many there will be is not known: the bar shows the rows of each round.
+            let rows = |points: &[SurfacePoint]| {
+                let offsets: Vec<u32> = (0..=points.len() as u32).collect();
+                let surfaces = senders.lighting(&scene, Columns::Facets, points, &offsets, seed);
+                Ok(sparse_rows(&surfaces, settings.receiver_rays, &|done, total| proceed(report, done, total))?)
+            };
+            MeshReceivers::place(&scene, &sampler, &senders, &placing, &lights, &rows)
         })?;
+        progress.note(&format!(
+            "{count} patches, {} facets, {} receivers, {} nodes",
+            senders.facets.len(),
+            receivers.points.len(),
+            receivers.nodes.points.len()
+        ));
 
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
@@ -171,7 +192,8 @@ impl Classic {
             ("form_factors".to_owned(), size_of_val(&factors.values[..]) as u64),
             ("facets".to_owned(), csr_bytes(&facet_rows.factors)),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
-            ("receivers".to_owned(), csr_bytes(&receiver_rows.factors)),
+            ("receivers".to_owned(), csr_bytes(&receivers.rows)),
+            ("nodes".to_owned(), csr_bytes(&receivers.weights)),
         ]);
         let frame = Frame::load(
             executor,
@@ -181,15 +203,8 @@ impl Classic {
                 receivers: &receivers,
                 factors: &factors,
                 facet_rows: &facet_rows,
-                receiver_rows: &receiver_rows.factors,
                 bounces,
-                direct: DirectParams {
-                    count: senders.points.len() as u32,
-                    area_rays: PATCH_AREA_RAYS,
-                    sky_rays: if scene.sky.map_width == 0 { 0 } else { PATCH_SKY_RAYS },
-                    seed: settings.seed,
-                    ..direct_params(&scene)
-                },
+                direct,
                 size: settings.size,
                 sub_frames: settings.sub_frames,
                 seed: settings.seed,

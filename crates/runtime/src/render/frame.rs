@@ -3,13 +3,14 @@
 use std::f32::consts::PI;
 
 use bytemuck::Pod;
-use formfactor::{Csr, Dense, GatherParams, Receivers, SparseRows};
+use formfactor::{Csr, Dense, GatherParams, SparseRows};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
+use super::receivers::MeshReceivers;
 use super::senders::Senders;
 use crate::error::Error;
 use crate::executor::{Executor, ExecutorError};
@@ -22,12 +23,11 @@ const PIXEL_RAYS: u32 = 2;
 pub struct FrameParts<'a> {
     pub scene: &'a Scene,
     pub senders: &'a Senders,
-    pub receivers: &'a Receivers,
+    /// From facets to receivers, and from them to the mesh.
+    pub receivers: &'a MeshReceivers,
     pub factors: &'a Dense,
     /// From patches to facets.
     pub facet_rows: &'a SparseRows,
-    /// From facets to receivers.
-    pub receiver_rows: &'a Csr,
     pub bounces: u32,
     /// Direct light at the patches' sample points.
     pub direct: DirectParams,
@@ -135,13 +135,15 @@ impl Frame {
             ]
         };
         let facet_rows = csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
-        let receiver_rows = csr(&mut plan, ["row starts", "columns", "values"], parts.receiver_rows);
+        let receiver_rows = csr(&mut plan, ["row starts", "columns", "values"], &parts.receivers.rows);
+        let node_rows = csr(&mut plan, ["node starts", "node columns", "node weights"], &parts.receivers.weights);
         let vectors = patches.div_ceil(4);
         let padded = padded_rows(parts.factors, vectors);
         let factors = table(&mut plan, "factors", bytemuck::cast_slice(&padded)).1;
         drop(padded);
-        let grids = table(&mut plan, "grids", bytemuck::cast_slice(&parts.receivers.grids)).1;
-        let vertices = table(&mut plan, "vertices", bytemuck::cast_slice(&parts.receivers.vertices)).1;
+        let grids = table(&mut plan, "grids", bytemuck::cast_slice(&parts.receivers.nodes.grids)).1;
+        let cells = table(&mut plan, "cells", bytemuck::cast_slice(&parts.receivers.nodes.cells)).1;
+        let vertices = table(&mut plan, "vertices", bytemuck::cast_slice(&parts.receivers.nodes.vertices)).1;
 
         let lights = plan.storage("lights", (light_room * size_of::<Light>()) as u64);
         let mut shared = scene_tables.to_vec();
@@ -155,6 +157,8 @@ impl Frame {
         // Whole vectors of four; what is beyond the patches stays zero.
         let exitance = plan.storage("exitance", rgb(4 * vectors));
         let received = plan.storage("received", rgb(receivers));
+        let nodes = parts.receivers.nodes.points.len();
+        let node_light = plan.storage("node irradiance", rgb(nodes));
 
         let patch_own = [("points", patch_points), ("irradiance", Range::from(patch_direct))];
         let patch_light =
@@ -223,6 +227,9 @@ impl Frame {
         let own = [("exitance", Range::from(facet_exitance)), ("irradiance", Range::from(received))];
         let push = CountParams { count: receivers as u32 };
         pass(&mut plan, "lookup", kernel, &own, &receiver_rows, &push, receivers as u32)?;
+        let own = [("exitance", Range::from(received)), ("irradiance", Range::from(node_light))];
+        let push = CountParams { count: nodes as u32 };
+        pass(&mut plan, "lookup", kernel, &own, &node_rows, &push, nodes as u32)?;
 
         // Sub-frames share the pixel buffers: what one leaves the next overwrites.
         let hits = plan.storage("hits", (pixels * size_of::<Hit>()) as u64);
@@ -239,8 +246,9 @@ impl Frame {
             ("direct", Range::from(pixel_direct)),
             ("indirect", Range::from(pixel_indirect)),
             ("grids", grids),
+            ("cells", cells),
             ("vertices", vertices),
-            ("values", Range::from(received)),
+            ("values", Range::from(node_light)),
         ]);
         let pixel_count = pixels as u32;
         let count = CountParams { count: pixel_count };

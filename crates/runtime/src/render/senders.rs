@@ -5,21 +5,19 @@ use formfactor::{Patch, PatchSize, Polygon, SubdivideSettings, Surfaces, Triangl
 use glam::{Vec3, Vec4};
 use patches::{Nearest, Sample, ViewSettings, view_clusters};
 use rayon::prelude::*;
-use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, is_open};
+use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint};
 
 use crate::error::Error;
 
 /// Sample points of a polygon patch: origins of its form-factor rays, and where its direct light is measured.
 const POLYGON_POINTS: u32 = 16;
 /// Cells a facet's edge: how finely triangles are looked up.
-const CELLS: f32 = 2.0;
+const CELLS: f32 = 1.5;
 /// Most pieces along an edge of a triangle.
 const MOST_DIVISIONS: f32 = 1024.0;
 
-/// A place is surely not inside of a solid when a sample of like normal lies within this many sample edges.
-const NEAR: f32 = 2.0;
 /// A place has no patch when the nearest sample of like normal is further, in sample edges.
-const FAR: f32 = 6.0;
+const FAR: f32 = 4.0;
 
 /// What patches are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,8 +62,6 @@ pub struct Senders {
     cells: Vec<u32>,
     /// Patch of each facet; empty when facets are patches.
     facet_patch: Vec<u32>,
-    /// The nearest sample of any place; for clusters.
-    nearest: Option<Nearest>,
 }
 
 /// What rays look for.
@@ -128,7 +124,6 @@ impl Senders {
             grids,
             cells: Vec::new(),
             facet_patch: Vec::new(),
-            nearest: None,
         })
     }
 
@@ -190,7 +185,6 @@ impl Senders {
             grids,
             cells,
             facet_patch,
-            nearest: Some(nearest),
         })
     }
 
@@ -238,12 +232,6 @@ impl Senders {
             own.iter_mut().for_each(|share| *share *= scale);
         }
         shares
-    }
-
-    /// Whether light comes to a receiver.
-    pub fn is_lit(&self, scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
-        let near = |nearest: &Nearest| nearest.sample(point.position, point.normal, NEAR).is_some();
-        self.nearest.as_ref().is_some_and(near) || is_open(scene, point, seed)
     }
 
     /// Patches or facets as senders, any points as receivers.
