@@ -152,8 +152,8 @@ pub fn cut_to_cell(t: &Triangle, layers: &[Layers; 3], cell: [u32; 3]) -> Polygo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
     use crate::sampling::{hash3, unit};
+    use glam::Vec3;
 
     fn layers(count: u32) -> [Layers; 3] {
         [Layers { origin: 0.0, edge: 1.0 / f64::from(count), count }; 3]
