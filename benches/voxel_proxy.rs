@@ -10,7 +10,6 @@
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::time::Instant;
 
 use benches::SEED;
 use formfactor::{Hemisphere, Patch, Stop, Surfaces, balance, form_factors, jacobi};
@@ -24,12 +23,8 @@ use runtime::render::classic::{Classic, ClassicSettings, PatchKind, direct_param
 use scene::{DirectParams, NONE, SidePolicy, SurfacePoint, find_sides};
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-/// Folder of the scene file, its name, folder of the reference.
-const SCENES: [(&str, &str, &str); 3] = [
-    ("cornell", "cornell", "cornell"),
-    ("cornell-dragon", "cornell-dragon", "cornell-dragon"),
-    ("sponza", "sponza", "sponza"),
-];
+/// Names of the scenes: of the folder, of the file in it, and of the folder with the reference.
+const SCENES: [&str; 3] = ["cornell", "cornell-dragon", "sponza"];
 const COUNTS: [usize; 2] = [2000, 10_000];
 /// Rays of a row of F.
 const RAYS: u32 = 4096;
@@ -56,9 +51,8 @@ fn patches_of(proxy: &VoxelProxy) -> (Vec<u32>, usize) {
     (takes_part.into_iter().map(number).collect(), count)
 }
 
-/// Indirect irradiance of all faces, W/m²; faces that take no part have none.
-fn solve(proxy: &VoxelProxy) -> Outcome<Vec<Vec3>> {
-    let (numbers, _) = patches_of(proxy);
+/// Indirect irradiance of all faces, W/m², by the patch of each; faces that take no part have none.
+fn solve(proxy: &VoxelProxy, numbers: &[u32]) -> Outcome<Vec<Vec3>> {
     let is_patch = |face: u32| numbers[face as usize] != NONE;
     let faces = || proxy.faces.iter().zip(0..).filter(|(_, face)| is_patch(*face));
     let patches: Vec<Patch> = faces()
@@ -108,9 +102,9 @@ fn solve(proxy: &VoxelProxy) -> Outcome<Vec<Vec3>> {
     Ok(numbers.iter().map(of_patch).collect())
 }
 
-fn print_row(scene: &str, what: &str, edge: &str, patches: usize, errors: &PointErrors, seconds: f64) {
+fn print_row(scene: &str, what: &str, geometry: &str, patches: usize, errors: &PointErrors) {
     println!(
-        "| {scene} | {what} | {edge} | {patches} | {:.1} % | {:.0} % | {:.3} | {seconds:.0} s |",
+        "| {scene} | {what} | {geometry} | {patches} | {:.1} % | {:.0} % | {:.3} |",
         100.0 * errors.median_relative_error,
         100.0 * errors.p95_relative_error,
         errors.mean_ratio
@@ -118,21 +112,19 @@ fn print_row(scene: &str, what: &str, edge: &str, patches: usize, errors: &Point
 }
 
 fn measure_proxy(name: &str, loaded: &LoadedScene, reference: &ReferenceData, count: usize) -> Outcome<()> {
-    let proxy = VoxelProxy::for_count(&loaded.scene, count, |p| patches_of(p).1)?;
-    let patches = patches_of(&proxy).1;
-    let start = Instant::now();
-    let light = solve(&proxy)?;
-    let seconds = start.elapsed().as_secs_f64();
+    let mut proxy = VoxelProxy::for_count(&loaded.scene, count, |p| patches_of(p).1)?;
+    let (numbers, patches) = patches_of(&proxy);
+    let light = solve(&proxy, &numbers)?;
+    proxy.hide_faces(|face| numbers[face as usize] == NONE);
+    let geometry = format!("{} faces of {:.1} cm", proxy.faces.len(), 100.0 * proxy.edge);
     for (lookup, what) in [(ProxyLookup::Face, "voxel faces"), (ProxyLookup::Bilinear, "voxel faces, bilinear")] {
         let ours: Vec<Vec3> = reference
             .surface_points(loaded.metres_per_unit)
             .iter()
             .map(|p| proxy.value_at(&light, p.position, p.normal, lookup))
             .collect::<Result<_, _>>()?;
-        let errors = compare_points(&ours, &reference.point_indirect())?;
-        print_row(name, what, &format!("{:.3} m", proxy.edge), patches, &errors, seconds);
+        print_row(name, what, &geometry, patches, &compare_points(&ours, &reference.point_indirect())?);
     }
-    println!("<!-- {name}: {} faces, {patches} of them lit -->", proxy.faces.len());
     Ok(())
 }
 
@@ -148,32 +140,30 @@ fn measure_own(name: &str, loaded: &LoadedScene, reference: &ReferenceData, coun
         seed: SEED,
         ..ClassicSettings::default()
     };
-    let start = Instant::now();
     let mut classic = Classic::bake(loaded, settings, open(&DeviceChoice::Cpu)?.0, &mut Progress::new(true))?;
     classic.frame(&loaded.scene.lights, &loaded.view.camera(16, 16), 0)?;
-    let seconds = start.elapsed().as_secs_f64();
     let ours = classic.irradiance_at(&reference.surface_points(loaded.metres_per_unit))?;
     let errors = compare_points(&ours, &reference.point_indirect())?;
-    print_row(name, "clusters", "", classic.patch_count(), &errors, seconds);
+    let geometry = format!("{} triangles", loaded.scene.triangles.len());
+    print_row(name, "clusters", &geometry, classic.patch_count(), &errors);
     Ok(())
 }
 
 fn run() -> Outcome<()> {
     let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
-    println!("| scene | patches are | voxel edge | patches | median | p95 | mean ratio | solve |");
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
-    for (name, folder, data) in SCENES {
+    println!("| scene | patches are | geometry | patches | median | p95 | mean ratio |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    for name in SCENES {
         if !(wanted.is_empty() || wanted.iter().any(|w| w == name)) {
             continue;
         }
-        let scenes = Path::new(SHARED).join("scenes").join(folder);
-        let file = scenes.join(format!("{folder}.toml"));
+        let file = Path::new(SHARED).join("scenes").join(name).join(format!("{name}.toml"));
         if !file.exists() {
-            println!("<!-- {name}: {} is not there -->", file.display());
+            println!("| {name} | {} is not there | | | | | |", file.display());
             continue;
         }
         let loaded = runtime::import::load(&file)?;
-        let reference = ReferenceData::load(&Path::new(SHARED).join("reference").join(data))?;
+        let reference = ReferenceData::load(&Path::new(SHARED).join("reference").join(name))?;
         for count in COUNTS {
             measure_proxy(name, &loaded, &reference, count)?;
             measure_own(name, &loaded, &reference, count)?;

@@ -177,6 +177,15 @@ impl VoxelProxy {
         points
     }
 
+    /// Leaves faces out of the lookup: those to which no light comes, say. They stay in the way of light.
+    pub fn hide_faces(&mut self, is_hidden: impl Fn(u32) -> bool) {
+        for face in self.sides.iter_mut().flatten().filter(|f| **f != NONE) {
+            if is_hidden(*face) {
+                *face = NONE;
+            }
+        }
+    }
+
     /// The face that a ray in this direction met from outside; [`NONE`] for a miss, and inside of a voxel.
     pub fn face_of(&self, hit: &Hit, direction: Vec3) -> u32 {
         if hit.is_miss() {

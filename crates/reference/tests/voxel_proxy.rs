@@ -213,6 +213,20 @@ fn the_lookup_finds_the_face_above_a_point() {
 }
 
 #[test]
+fn hidden_faces_are_not_found() {
+    let mut proxy = proxy_of(&unit_box(0.5).build());
+    let (place, normal) = (vec3(0.4, 0.0, 0.6), Vec3::Y);
+    let before = proxy.face_at(place, normal).unwrap();
+    proxy.hide_faces(|face| face == before);
+    let after = proxy.face_at(place, normal).unwrap();
+    let step = proxy.faces[after as usize].centre - proxy.faces[before as usize].centre;
+    assert!((step.length() - EDGE).abs() < 1e-5 && step.y == 0.0, "{step}");
+    let count = proxy.faces.len() as u32;
+    proxy.hide_faces(|face| face < count);
+    assert_eq!(proxy.face_at(place, normal), None);
+}
+
+#[test]
 fn both_sides_of_a_sheet_have_faces_of_their_own() {
     let mut b = Builder::default();
     let m = b.material(Vec3::splat(0.5), Vec3::ZERO);
