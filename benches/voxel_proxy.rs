@@ -23,7 +23,7 @@ use runtime::render::classic::{Classic, ClassicSettings, PatchKind, direct_param
 use scene::{DirectParams, NONE, SidePolicy, SurfacePoint, find_sides};
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-/// Names of the scenes: of the folder, of the file in it, and of the folder with the reference.
+/// Scenes: the name of the folder, of the file in it, and of the folder with the reference.
 const SCENES: [&str; 3] = ["cornell", "cornell-dragon", "sponza"];
 const COUNTS: [usize; 2] = [2000, 10_000];
 /// Rays of a row of F.
