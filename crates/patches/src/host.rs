@@ -1,7 +1,6 @@
 //! The host side: voxels, samples and patches, on all cores, the same bytes for any number of them.
 
 mod axis;
-mod clip;
 mod cluster;
 mod grid;
 mod group;

@@ -120,6 +120,35 @@ pub enum Error {
         /// Size of the camera's picture.
         camera: (u32, u32),
     },
+    /// A setting has a value that makes no sense.
+    #[error("{name} {value}: must be {rule}")]
+    Setting {
+        /// What is set.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// The numbers of proxy faces differ.
+    #[error("{found} values given for {expected} proxy faces")]
+    FaceCount {
+        /// Faces.
+        expected: usize,
+        /// Values.
+        found: usize,
+    },
+    /// A normal is no direction.
+    #[error("the point {position} with the normal {normal} has no side")]
+    NoDirection {
+        /// Position, m.
+        position: glam::Vec3,
+        /// What should be its normal.
+        normal: glam::Vec3,
+    },
+    /// A scene could not be made.
+    #[error(transparent)]
+    Scene(#[from] scene::Error),
     /// A file is no accumulation that can be resumed.
     #[error("cannot resume from {}: {reason}", path.display())]
     Resume {

@@ -12,6 +12,8 @@
 //! - `Picture` reads EXR, HDR and PNG and writes EXR and PNG, each file whole or not at all.
 //! - `metrics` compares pictures (MSE, PSNR, SSIM, FLIP on displayed values; median relative error, PSNR and mean ratio on 8 × 8
 //!   block means) and irradiance at points. `ReferenceData` reads a folder of pictures and points made by another program.
+//! - `VoxelProxy` is a baseline: a scene of the faces of its occupied voxels, and the face that lights a point of the true
+//!   surface.
 //!
 //! Units: metres, radiance W/m²/sr, irradiance W/m², linear Rec.709 RGB.
 //!
@@ -48,6 +50,7 @@ pub mod picture;
 mod sampler;
 mod sky;
 mod sun;
+pub mod voxel_proxy;
 
 pub use accumulation::{Accumulation, BlockErrors, fingerprint};
 pub use data::{ReferenceData, ReferencePoint};
@@ -55,3 +58,4 @@ pub use error::{Error, ResumeError};
 pub use metrics::{PictureErrors, PointErrors};
 pub use path::{PathSettings, PathTracer, PointIrradiance, Strategy};
 pub use picture::{Picture, Precision, stops_to_scale};
+pub use voxel_proxy::{ProxyFace, ProxyLookup, VoxelProxy};

@@ -18,6 +18,7 @@ use crate::kernel::light::{Lights, direct_irradiance};
 use crate::math::luminance;
 use crate::types::*;
 
+pub mod clip;
 mod sides;
 mod wide;
 

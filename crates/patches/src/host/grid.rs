@@ -6,8 +6,8 @@ use std::vec::Vec;
 use glam::{DVec3, UVec3, Vec3};
 use rayon::prelude::*;
 use scene::Scene;
+use scene::host::clip::{Layers, Polygon, cut_to_cell, cut_triangle};
 
-use super::clip::{Layers, Polygon, cut_to_cell, cut_triangle};
 use crate::error::Error;
 use crate::types::GridShape;
 

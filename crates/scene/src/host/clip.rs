@@ -1,39 +1,42 @@
-//! Triangles cut at the planes of the voxels, in double precision.
+//! Triangles cut at the planes of a grid of voxels, in double precision.
 
 use glam::DVec3;
-use scene::Triangle;
-use scene::sampling::uniform_triangle;
+
+use crate::Triangle;
+use crate::sampling::uniform_triangle;
 
 /// Corners of a triangle cut by six planes at most: each plane adds one.
 const MOST_CORNERS: usize = 10;
 
 /// A convex flat polygon.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Polygon {
+pub struct Polygon {
     corners: [DVec3; MOST_CORNERS],
     len: usize,
 }
 
 impl Polygon {
-    pub(super) fn of_triangle(t: &Triangle) -> Self {
+    /// The whole of a triangle.
+    pub fn of_triangle(t: &Triangle) -> Self {
         let mut corners = [DVec3::ZERO; MOST_CORNERS];
         let corner = t.corner.as_dvec3();
         corners[..3].copy_from_slice(&[corner, corner + t.edge_a.as_dvec3(), corner + t.edge_b.as_dvec3()]);
         Self { corners, len: 3 }
     }
 
-    pub(super) fn corners(&self) -> &[DVec3] {
+    /// Its corners in order; none for what a cut leaves of nothing.
+    pub fn corners(&self) -> &[DVec3] {
         &self.corners[..self.len]
     }
 
     /// Area, m²; 0 for fewer than three corners.
-    pub(super) fn area(&self) -> f64 {
+    pub fn area(&self) -> f64 {
         let c = self.corners();
         (2..c.len()).map(|k| (c[k - 1] - c[0]).cross(c[k] - c[0])).sum::<DVec3>().length() * 0.5
     }
 
     /// Centre of mass; the mean corner for a polygon without area.
-    pub(super) fn centroid(&self) -> DVec3 {
+    pub fn centroid(&self) -> DVec3 {
         let c = self.corners();
         let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
         for k in 2..c.len() {
@@ -45,7 +48,7 @@ impl Polygon {
     }
 
     /// A point of the polygon from one of the unit square, uniformly; needs three corners.
-    pub(super) fn point(&self, at: (f32, f32)) -> DVec3 {
+    pub fn point(&self, at: (f32, f32)) -> DVec3 {
         let c = self.corners();
         let double = |k: usize| (c[k - 1] - c[0]).cross(c[k] - c[0]).length();
         let mut rest = f64::from(at.0) * (2..c.len()).map(double).sum::<f64>();
@@ -91,16 +94,20 @@ impl Polygon {
     }
 }
 
-/// Planes of the layers along one axis.
+/// Half-open layers along one axis: layer k is `[origin + k·edge, origin + (k + 1)·edge)`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layers {
-    pub(super) origin: f64,
-    pub(super) edge: f64,
-    pub(super) count: u32,
+pub struct Layers {
+    /// Where the first begins, m.
+    pub origin: f64,
+    /// Thickness, m.
+    pub edge: f64,
+    /// How many, at least 1.
+    pub count: u32,
 }
 
 impl Layers {
-    fn layer_of(&self, x: f64) -> u32 {
+    /// The layer of a coordinate; the nearest one for what lies outside.
+    pub fn layer_of(&self, x: f64) -> u32 {
         (((x - self.origin) / self.edge).max(0.0) as u32).min(self.count - 1)
     }
 
@@ -123,8 +130,8 @@ impl Layers {
     }
 }
 
-/// Gives the part of a triangle in each voxel that it touches to `take(i, j, k, part)`.
-pub(super) fn cut_triangle(t: &Triangle, layers: &[Layers; 3], mut take: impl FnMut([u32; 3], &Polygon)) {
+/// Gives the part of a triangle in each voxel (i, j, k) that it touches to `take(i, j, k, part)`.
+pub fn cut_triangle(t: &Triangle, layers: &[Layers; 3], mut take: impl FnMut([u32; 3], &Polygon)) {
     let [x, y, z] = layers;
     x.slice(&Polygon::of_triangle(t), 0, |i, slab| {
         y.slice(slab, 1, |j, beam| z.slice(beam, 2, |k, part| take([i, j, k], part)));
@@ -132,7 +139,7 @@ pub(super) fn cut_triangle(t: &Triangle, layers: &[Layers; 3], mut take: impl Fn
 }
 
 /// The part of a triangle in one voxel.
-pub(super) fn cut_to_cell(t: &Triangle, layers: &[Layers; 3], cell: [u32; 3]) -> Polygon {
+pub fn cut_to_cell(t: &Triangle, layers: &[Layers; 3], cell: [u32; 3]) -> Polygon {
     let mut part = Polygon::of_triangle(t);
     for (axis, layer) in layers.iter().enumerate() {
         let low = layer.origin + f64::from(cell[axis]) * layer.edge;
@@ -145,8 +152,8 @@ pub(super) fn cut_to_cell(t: &Triangle, layers: &[Layers; 3], cell: [u32; 3]) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampling::{hash3, unit};
     use glam::Vec3;
-    use scene::sampling::{hash3, unit};
 
     fn layers(count: u32) -> [Layers; 3] {
         [Layers { origin: 0.0, edge: 1.0 / f64::from(count), count }; 3]
