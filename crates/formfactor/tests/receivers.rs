@@ -1,5 +1,6 @@
 //! Receivers: few, in the open, and enough for what lies between them.
 
+use formfactor::kernel::grid::{cell_corners, cell_count, vertex_count};
 use formfactor::kernel::product::interpolate_receivers;
 use formfactor::{Error, Receivers};
 use glam::{Vec3, Vec4};
@@ -23,8 +24,29 @@ fn sheet(corner: Vec3, a: Vec3, b: Vec3, n: u32) -> Vec<Triangle> {
     (0..n * n).flat_map(|k| pair(k % n, k / n)).collect()
 }
 
+/// Vertices `edge` apart, in cells of three times as much.
 fn receivers(scene: &Scene, edge: f32) -> Receivers {
-    Receivers::new(scene, &find_sides(scene, SidePolicy::Both), edge).unwrap()
+    Receivers::new(scene, &find_sides(scene, SidePolicy::Both), 3.0 * edge, 0.4 * edge, |_, _| Some(edge)).unwrap()
+}
+
+/// The receivers of each cell of one side of a triangle, and the middle of the cell.
+fn cells(scene: &Scene, set: &Receivers, triangle: u32, front: bool) -> Vec<(Vec3, Vec<u32>)> {
+    let grid = set.grids[triangle as usize];
+    let first = if front { grid.front } else { grid.back };
+    if first == NONE {
+        return Vec::new();
+    }
+    let cell = |k: u32| {
+        let cell = set.cells[(first + k) as usize];
+        let (a, b, c) = cell_corners(grid.divisions, k);
+        let middle = (a + b + c) / 3.0;
+        let own = match cell.first {
+            NONE => Vec::new(),
+            start => set.vertices[start as usize..(start + vertex_count(cell.divisions)) as usize].to_vec(),
+        };
+        (scene.geometry().position(triangle, middle.x, middle.y), own)
+    };
+    (0..cell_count(grid.divisions)).map(cell).collect()
 }
 
 /// The interpolated values at points of both sides of all triangles, beside the points themselves.
@@ -36,7 +58,8 @@ fn between(scene: &Scene, set: &Receivers, value: impl Fn(Vec3) -> f32) -> Vec<(
             let hit = Hit { triangle: t, u, v, t: 1.0 };
             let place = scene.geometry().position(t, u, v);
             for front in [true, false] {
-                found.push((place, interpolate_receivers(&set.grids, &set.vertices, &values, hit, front).x));
+                found
+                    .push((place, interpolate_receivers(&set.grids, &set.cells, &set.vertices, &values, hit, front).x));
             }
         }
     }
@@ -61,8 +84,8 @@ fn values_between_receivers_follow_a_linear_field() {
         let scene = scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, n));
         let edge = 0.1;
         let set = receivers(&scene, edge);
-        // A vertex may take the value of a receiver 0.4 edges away.
-        let bound = 0.45 * edge * Vec3::new(2.0, 0.0, 0.5).length();
+        // A vertex may take the value of a receiver 0.4 edges away, a small triangle that of its middle.
+        let bound = 0.8 * edge * Vec3::new(2.0, 0.0, 0.5).length();
         let worst = |set: &Receivers| {
             between(&scene, set, ramp).into_iter().map(|(p, found)| (found - ramp(p)).abs()).fold(0.0, f32::max)
         };
@@ -81,60 +104,85 @@ fn receivers_do_not_look_through_a_wall() {
     let mut triangles = sheet(Vec3::ZERO, Vec3::Z, Vec3::X * 2.0, 4);
     triangles.extend(sheet(Vec3::new(0.93, -0.5, -1.0), Vec3::Y * 2.0, Vec3::Z * 3.0, 1));
     let scene = scene(triangles);
-    let set = receivers(&scene, 1.0);
+    let set = receivers(&scene, 0.2);
     let geometry = scene.geometry();
-    // The middle of every triangle of the floor sees the receivers of its vertices.
+    // The middle of every cell of the floor sees the receivers of its vertices.
     let blind = |set: &Receivers| {
         let mut count = 0;
-        for (t, grid) in set.grids.iter().enumerate().filter(|&(t, _)| geometry.normal(t as u32).y.abs() > 0.9) {
-            let third = 1.0 / 3.0;
-            let up = geometry.normal(t as u32) * 0.02;
-            let middle = geometry.position(t as u32, third, third) + up;
-            for k in 0..3 {
-                let to = set.points[set.vertices[(grid.front + k) as usize] as usize].position + up;
-                let way = to - middle;
-                count += usize::from(scene.occluded(middle, way.normalize(), way.length()));
+        for t in (0..scene.triangles.len() as u32).filter(|&t| geometry.normal(t).y.abs() > 0.9) {
+            for (front, sign) in [(true, 1.0), (false, -1.0)] {
+                let up = geometry.normal(t) * (0.02 * sign);
+                for (middle, own) in cells(&scene, set, t, front) {
+                    for receiver in own {
+                        let way = set.points[receiver as usize].position - middle;
+                        count += usize::from(scene.occluded(middle + up, way.normalize(), way.length()));
+                    }
+                }
             }
         }
         count
     };
     assert_eq!(blind(&set), 0);
-    // The vertices themselves lie beyond it.
+    // Without care the vertices of a cell lie beyond it.
     let mut naive = set.clone();
-    for (t, grid) in set.grids.iter().enumerate() {
-        for (k, (u, v)) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].into_iter().enumerate() {
-            let receiver = naive.vertices[grid.front as usize + k] as usize;
-            naive.points[receiver].position = geometry.position(t as u32, u, v);
-        }
+    for point in naive.points.iter_mut().filter(|p| p.normal.y.abs() > 0.9 && p.position.x < 0.93) {
+        point.position.x += 0.2;
     }
     assert!(blind(&naive) > 0);
 }
 
 #[test]
-fn vertices_of_bad_receivers_take_good_ones_of_their_side() {
+fn vertices_of_bad_receivers_take_good_ones_of_their_cell() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
-    let full = receivers(&scene, 0.25);
+    let full = receivers(&scene, 0.1);
     let mut set = full.clone();
-    set.retain(&scene, |p| p.position.x > 0.5 && p.normal.y > 0.0);
-    assert!(set.points.len() < full.points.len() && set.offsets.len() == set.points.len() + 1);
-    assert!(set.points.iter().all(|p| p.position.x > 0.5 && p.normal.y > 0.0));
+    let flags = set.retain(&scene, |p| p.position.x > 0.45);
+    assert!(set.points.len() <= full.points.len() && set.offsets.len() == set.points.len() + 1);
     assert!(set.points.iter().enumerate().all(|(k, p)| p.patch as usize == k));
-    // Nothing is left below; above, every place has a value.
-    assert!(set.grids.iter().all(|g| (g.front == NONE) != (g.back == NONE)));
-    let found = between(&scene, &set, |_| 1.0);
-    assert_eq!(found.iter().filter(|(_, value)| *value == 1.0).count() * 2, found.len());
-    // Good in the middle only: one receiver serves the side.
-    let mut middle = full.clone();
-    middle.retain(&scene, |p| p.normal.y > 0.0 && (p.position - Vec3::new(0.4, 0.0, 0.4)).length() < 0.1);
-    assert!(!middle.points.is_empty() && middle.points.len() < set.points.len());
+    assert_eq!(flags.len(), set.points.len());
+    let (mut good, mut mixed_before) = (0, 0);
+    for t in 0..2 {
+        for (own, before) in cells(&scene, &set, t, true).iter().zip(cells(&scene, &full, t, true)) {
+            let all = own.1.iter().filter(|&&r| flags[r as usize]).count();
+            // A cell is all good or, where nothing in it is, as it was.
+            assert!(all == 0 || all == own.1.len());
+            let good_before = before.1.iter().filter(|&&r| full.points[r as usize].position.x > 0.45).count();
+            assert_eq!(all > 0, good_before > 0);
+            mixed_before += usize::from(good_before > 0 && good_before < before.1.len());
+            good += usize::from(all > 0);
+        }
+    }
+    assert!(mixed_before > 0 && good > 0);
+}
+
+#[test]
+fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
+    let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
+    let sides = find_sides(&scene, SidePolicy::Both);
+    let with = |length: fn(&scene::SurfacePoint, f32) -> Option<f32>| {
+        Receivers::new(&scene, &sides, 0.25, 0.01, length).unwrap()
+    };
+    let even = with(|_, _| Some(0.25));
+    let half = with(|p, _| (p.position.x > 0.5).then_some(0.25));
+    let fine = with(|p, _| Some(if p.position.x > 0.5 { 0.05 } else { 0.25 }));
+    assert!(half.points.len() < even.points.len() && fine.points.len() > 5 * even.points.len());
+    assert!(half.points.iter().all(|p| p.position.x > 0.2));
+    let left = fine.points.iter().filter(|p| p.position.x < 0.4).count();
+    assert!(left < fine.points.len() / 5);
+    let found = between(&scene, &half, |_| 1.0);
+    assert!(found.iter().any(|(p, value)| p.x < 0.2 && *value == 0.0));
+    assert!(found.iter().filter(|(p, _)| p.x > 0.5).all(|(_, value)| (*value - 1.0).abs() < 1e-5));
 }
 
 #[test]
 fn wrong_edges_are_refused() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     for edge in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        let found = Receivers::new(&scene, &find_sides(&scene, SidePolicy::Both), edge);
+        let sides = find_sides(&scene, SidePolicy::Both);
+        let found = Receivers::new(&scene, &sides, edge, 0.1, |_, _| Some(0.1));
         assert!(matches!(found, Err(Error::Setting { name: "edge", .. })), "{edge}");
+        let found = Receivers::new(&scene, &sides, 0.1, edge, |_, _| Some(0.1));
+        assert!(matches!(found, Err(Error::Setting { name: "weld", .. })), "{edge}");
     }
-    assert!(matches!(Receivers::new(&scene, &[], 1.0), Err(Error::Length { .. })));
+    assert!(matches!(Receivers::new(&scene, &[], 1.0, 0.1, |_, _| None), Err(Error::Length { .. })));
 }

@@ -3,7 +3,7 @@
 mod support;
 
 use glam::Vec3;
-use patches::{Error, Nearest, PatchSet, ViewSettings, view_clusters};
+use patches::{Error, Nearest, PatchSet, ViewClusters, ViewSettings, view_clusters};
 use scene::{Scene, Sky};
 use support::{Mesh, atrium};
 
@@ -16,8 +16,12 @@ fn open_hall() -> Scene {
     scene
 }
 
-fn clusters(scene: &Scene, patches: u32, seed: u32) -> PatchSet {
+fn cut(scene: &Scene, patches: u32, seed: u32) -> ViewClusters {
     view_clusters(scene, &ViewSettings { patches, seed, ..ViewSettings::default() }).unwrap()
+}
+
+fn clusters(scene: &Scene, patches: u32, seed: u32) -> PatchSet {
+    cut(scene, patches, seed).set
 }
 
 /// Area-weighted mean of 1 − n·n̄ over all samples: 0 for flat patches.
@@ -67,22 +71,68 @@ fn areas_are_those_of_the_surfaces_that_light_reaches() {
 }
 
 #[test]
+fn facets_cut_patches_and_samples_into_runs() {
+    let scene = open_hall();
+    let found = cut(&scene, 200, 0);
+    let (samples, facets) = (found.set.samples.len() as u32, found.facets.len() - 1);
+    assert!(facets > 4 * 200 && facets <= 6 * 200, "{facets}");
+    assert_eq!((found.facets[0], found.facets[facets]), (0, samples));
+    assert!(found.facets.windows(2).all(|f| f[0] < f[1]));
+    // A patch begins where its first facet begins.
+    let starts: Vec<u32> = found.patch_facets.iter().map(|&f| found.facets[f as usize]).collect();
+    assert_eq!(starts, found.set.offsets);
+    // Facets bend less than patches.
+    let mean = |k: std::ops::Range<usize>| found.set.samples[k].iter().map(|s| s.normal).sum::<Vec3>().length();
+    let length = |starts: &[u32]| starts.windows(2).map(|r| mean(r[0] as usize..r[1] as usize)).sum::<f32>();
+    assert!(length(&found.facets) > length(&found.set.offsets));
+    // No more facets than samples, nor than wanted.
+    let few = ViewSettings { patches: 10, facets: 1000, most_facets: 50, ..ViewSettings::default() };
+    assert_eq!(view_clusters(&scene, &few).unwrap().facets.len(), 51);
+}
+
+#[test]
 fn every_sample_is_nearest_to_itself_and_sides_are_apart() {
     let scene = open_hall();
     let set = clusters(&scene, 300, 2);
-    let nearest = Nearest::new(&set);
+    let nearest = Nearest::new(&set.samples);
     let (mut wrong, mut same_behind) = (0, 0);
-    for (i, range) in set.offsets.windows(2).enumerate() {
-        for m in &set.members[range[0] as usize..range[1] as usize] {
-            let s = &set.samples[m.sample as usize];
-            let (patch, distance) = nearest.patch(s.position, s.normal);
-            assert!(distance < 1e-3);
-            wrong += usize::from(patch != i as u32);
-            same_behind += usize::from(nearest.patch(s.position, -s.normal).0 == i as u32);
-        }
+    for (k, s) in set.samples.iter().enumerate() {
+        let (found, distance) = nearest.sample(s.position, s.normal, 1.0).unwrap();
+        assert!(distance < 1e-3);
+        wrong += usize::from(found as usize != k);
+        same_behind += usize::from(nearest.sample(s.position, -s.normal, 7.9).is_some_and(|f| f.0 as usize == k));
     }
     assert!(wrong <= set.samples.len() / 1000, "{wrong}");
-    assert!(same_behind <= set.samples.len() / 10, "{same_behind} of {}", set.samples.len());
+    assert_eq!(same_behind, 0);
+}
+
+#[test]
+fn the_grid_finds_what_looking_at_all_samples_finds() {
+    let set = clusters(&open_hall(), 300, 2);
+    let nearest = Nearest::new(&set.samples);
+    let area: f32 = set.samples.iter().map(|s| s.area).sum();
+    let edge = (area / set.samples.len() as f32).sqrt();
+    let distance = |k: usize, p: Vec3, n: Vec3| {
+        let s = &set.samples[k];
+        let (way, off) = ((s.position - p) / edge, n.dot((s.position - p) / edge));
+        (way.length_squared() + 15.0 * off * off + 16.0 * n.distance_squared(s.normal)).sqrt()
+    };
+    let (mut differ, mut none) = (0, 0);
+    for k in 0..300u32 {
+        let unit = |d: u32| scene::sampling::unit(scene::sampling::hash3(k, d, 9));
+        let place = Vec3::new(unit(0), unit(1), unit(2)) * 8.0 - 1.0;
+        let normal =
+            scene::sampling::cosine_hemisphere([Vec3::Y, Vec3::X, -Vec3::Z][k as usize % 3], (unit(3), unit(4)));
+        let mut all: Vec<f32> = (0..set.samples.len()).map(|s| distance(s, place, normal)).collect();
+        all.sort_by(f32::total_cmp);
+        let (found, count) = nearest.samples::<3>(place, normal, 6.0);
+        let expected = all.iter().filter(|d| **d < 6.0).count().min(3);
+        none += usize::from(expected == 0);
+        let same = count == expected && (0..count).all(|i| (found[i].1 - all[i]).abs() < 1e-3 * all[i].max(1.0));
+        differ += usize::from(!same);
+    }
+    assert!(none < 290, "the places see nothing");
+    assert_eq!(differ, 0);
 }
 
 #[test]

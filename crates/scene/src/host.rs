@@ -22,7 +22,7 @@ pub mod clip;
 mod sides;
 mod wide;
 
-pub use sides::{SidePolicy, Sides, find_sides, is_open};
+pub use sides::{POINT_WALKS, SidePolicy, Sides, find_sides, is_open};
 use wide::WideBvh;
 
 /// What a scene is made of: the input of [`Scene::new`].

@@ -2,7 +2,9 @@
 
 use glam::{Vec3, vec3};
 use scene::sampling::{hash3, unit};
-use scene::{Material, NONE, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides, is_open};
+use scene::{
+    Material, NONE, POINT_WALKS, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides, is_open,
+};
 
 const ROOM: u32 = 0;
 const LAMP: u32 = 1;
@@ -46,7 +48,7 @@ fn open_shares(scene: &Scene) -> (f32, f32) {
             let place = low + edge * vec3(unit(hash3(k, 0, 3)), 0.0, unit(hash3(k, 1, 3)));
             SurfacePoint { position: place, patch: NONE, normal: Vec3::Y, weight: 1.0 }
         });
-        points.zip(0..).filter(|(p, seed)| is_open(scene, p, *seed)).count() as f32 / 500.0
+        points.zip(0..).filter(|(p, seed)| is_open(scene, p, POINT_WALKS, *seed)).count() as f32 / 500.0
     };
     (share(vec3(-2.0, 0.0, -2.0), 4.0), share(vec3(1.0, 0.5, 1.0), 0.5))
 }

@@ -6,7 +6,7 @@ use glam::{IVec3, Vec2, Vec3};
 use hashbrown::HashMap;
 use rayon::prelude::*;
 use scene::sampling::hash3;
-use scene::{NONE, Scene, Sides, SurfacePoint, Visibility, is_open};
+use scene::{NONE, POINT_WALKS, Scene, Sides, SurfacePoint, Visibility, is_open};
 
 use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area};
@@ -52,7 +52,7 @@ struct Side {
 
 impl Receivers {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
-    /// are no longer than `within` says for its middle and its corners; a cell for which it says nothing has no vertices, one
+    /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says nothing has no vertices, one
     /// that is smaller than that a single one.
     /// Vertices closer than `weld` m on nearly the same plane and side are one receiver.
     ///
@@ -63,13 +63,15 @@ impl Receivers {
         sides: &[Sides],
         edge: f32,
         weld: f32,
-        within: impl Fn(&SurfacePoint) -> Option<f32> + Sync,
+        within: impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync,
     ) -> Result<Self, Error> {
         check_length("sides", scene.triangles.len(), sides.len())?;
         check_positive("edge", edge)?;
         check_positive("weld", weld)?;
         let divisions: Vec<u32> = (0..scene.triangles.len())
-            .map(|t| (longest_edge(scene, t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32)
+            .map(|t| {
+                (longest_edge(scene, t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
+            })
             .collect();
         let grids = number_entries(sides, &divisions, cell_count)?;
         let total: u32 = grids.iter().map(|g| sides_of(g).count() as u32 * cell_count(g.divisions)).sum();
@@ -159,20 +161,20 @@ fn longest_edge(scene: &Scene, triangle: u32) -> f32 {
 fn places(
     scene: &Scene,
     side: &Side,
-    within: &(impl Fn(&SurfacePoint) -> Option<f32> + Sync),
+    within: &(impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync),
 ) -> Vec<(u32, Vec<SurfacePoint>)> {
     let longest = longest_edge(scene, side.triangle) / side.divisions as f32;
     let cell = |k: u32| {
         let (a, b, c) = cell_corners(side.divisions, k);
         let point = |place: Vec2| side_point(scene, side.triangle, side.front, place);
         let middle = point((a + b + c) / 3.0);
-        let here = within(&middle);
+        let here = within(&middle, longest);
         // What is smaller than that has one value: all vertices are its middle.
         if here.is_some_and(|length| longest <= length) {
             return (1, vec![middle; 3]);
         }
         // A cell may lie across the border of what is lit.
-        let near = |p: Vec2, q: Vec2, r: Vec2| within(&point(p * 0.9 + (q + r) * 0.05));
+        let near = |p: Vec2, q: Vec2, r: Vec2| within(&point(p * 0.9 + (q + r) * 0.05), longest);
         let corners = [near(a, b, c), near(b, c, a), near(c, a, b)];
         let Some(length) = corners.into_iter().flatten().chain(here).reduce(f32::min) else {
             return (0, Vec::new());
@@ -219,7 +221,7 @@ fn in_sight(scene: &Scene, middle: Vec3, vertex: SurfacePoint, open: &mut Option
         return vertex;
     }
     let seed = hash3(middle.x.to_bits(), middle.y.to_bits(), middle.z.to_bits());
-    if !*open.get_or_insert_with(|| is_open(scene, &SurfacePoint { position: middle, ..vertex }, seed)) {
+    if !*open.get_or_insert_with(|| is_open(scene, &SurfacePoint { position: middle, ..vertex }, POINT_WALKS, seed)) {
         return vertex;
     }
     SurfacePoint { position: middle + direction * (0.8 * hit.t), ..vertex }

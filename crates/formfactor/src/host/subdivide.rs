@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open};
+use scene::{Hit, NONE, POINT_WALKS, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open};
 use std::vec::Vec;
 
 use super::polygon::Polygon;
@@ -289,7 +289,7 @@ impl Subdivision {
     /// that are open, and the patch's area shrinks in proportion. A patch wholly inside keeps a trace of area.
     pub fn clear_buried(&mut self, scene: &Scene, seed: u32) {
         let open: Vec<bool> = (self.points.par_iter().enumerate())
-            .map(|(k, point)| is_open(scene, point, hash3(k as u32, 0x6f70_656e, seed)))
+            .map(|(k, point)| is_open(scene, point, POINT_WALKS, hash3(k as u32, 0x6f70_656e, seed)))
             .collect();
         for (i, patch) in self.patches.iter_mut().enumerate() {
             let own = self.offsets[i] as usize..self.offsets[i + 1] as usize;

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use rayon::prelude::*;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
-use scene::{Scene, SurfacePoint, is_open};
+use scene::{POINT_WALKS, Scene, SurfacePoint, is_open};
 
 use super::nearest::Nearest;
 use crate::error::Error;
@@ -17,6 +17,8 @@ const MOST_CANDIDATES: f64 = 30.0;
 const LEAST_PILOTS: u32 = 8192;
 /// A candidate takes the answer of pilots that agree: as many as there are, up to this many, within this many of their edges.
 const NEIGHBOURS: usize = 4;
+/// Walks of a candidate near which pilots do not agree: one that is left out by mistake has neighbours.
+const WALKS: u32 = 3;
 const MOST_DISTANCE: f32 = 3.0;
 
 /// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
@@ -38,7 +40,8 @@ impl<'a> LitSampler<'a> {
     pub fn new(scene: &'a Scene, pilots: u32, seed: u32) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
         let pilots = equal_area_samples(scene, pilots.max(LEAST_PILOTS), seed);
-        let lit: Vec<bool> = pilots.par_iter().enumerate().map(|(k, s)| takes_part(scene, s, k as u32, seed)).collect();
+        let lit: Vec<bool> =
+            pilots.par_iter().enumerate().map(|(k, s)| takes_part(scene, s, k as u32, POINT_WALKS, seed)).collect();
         let lit_area = pilots.iter().zip(&lit).filter(|(_, lit)| **lit).map(|(s, _)| f64::from(s.area)).sum();
         if lit_area == 0.0 {
             return Err(Error::NoSamples);
@@ -58,7 +61,7 @@ impl<'a> LitSampler<'a> {
         let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
         let candidates = equal_area_samples(self.scene, candidates as u32, seed);
         let lit = |(k, sample): (usize, &Sample)| {
-            self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, k as u32, seed))
+            self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, k as u32, WALKS, seed))
         };
         let flags: Vec<bool> = candidates.par_iter().enumerate().map(lit).collect();
         candidates.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect()
@@ -77,7 +80,7 @@ impl<'a> LitSampler<'a> {
 }
 
 /// Whether a sample sees geometry and light comes to it.
-fn takes_part(scene: &Scene, sample: &Sample, index: u32, seed: u32) -> bool {
+fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32) -> bool {
     let key = |dimension: u32| hash3(index, dimension, seed ^ 0x6c69_7421);
     let origin = sample.position + sample.normal * scene.ray_offset;
     let (mut sky, mut met) = (false, false);
@@ -88,7 +91,7 @@ fn takes_part(scene: &Scene, sample: &Sample, index: u32, seed: u32) -> bool {
         sky |= hit.is_miss();
     }
     let point = SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 };
-    met && (sky || is_open(scene, &point, key(2)))
+    met && (sky || is_open(scene, &point, walks, key(2)))
 }
 
 /// About `count` samples, each for the same area: one in each interval of the running sum of the sides' areas.

@@ -94,22 +94,16 @@ pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<ViewClust
     if wanted > u64::from(u32::MAX / 64) {
         return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 64) });
     }
-    let t0 = std::time::Instant::now();
     let sampler = LitSampler::new(scene, wanted.div_ceil(PILOT_SHARE) as u32, settings.seed)?;
-    std::eprintln!("pilots {:.1?}", t0.elapsed());
     let samples = sampler.samples(wanted as u32, settings.seed);
-    std::eprintln!("sampled {:.1?}", t0.elapsed());
     if samples.is_empty() {
         return Err(Error::NoSamples);
     }
     let edge = scene::math::sqrt((sampler.lit_area() / f64::from(settings.patches)) as f32);
     let mut features = see(scene, &samples, edge, settings.seed);
-    std::eprintln!("seen {:.1?}", t0.elapsed());
     add_light(scene, &samples, &mut features, settings.seed);
-    std::eprintln!("light {:.1?}", t0.elapsed());
     let facets = settings.patches.saturating_mul(settings.facets).min(settings.most_facets).max(settings.patches);
     let cut = split(&samples, &features, settings.patches as usize, facets as usize);
-    std::eprintln!("split {:.1?}", t0.elapsed());
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
     let voxels = std::vec![NONE; cut.patches.len() - 1];

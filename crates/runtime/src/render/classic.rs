@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Dense, Hemisphere, PointToPoint, Proceed, SparseRows, Stop, balance,
-    form_factors, jacobi, sparse_rows,
+    AreaToArea, Contour, Csr, Dense, Hemisphere, PointToPoint, Proceed, SparseRows, Stop, balance, form_factors,
+    jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
 use patches::LitSampler;
@@ -14,8 +14,8 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
-pub use super::senders::PatchKind;
 use super::receivers::{MeshReceivers, Placing, test_lights};
+pub use super::senders::PatchKind;
 use super::senders::{Columns, Senders};
 use crate::error::Error;
 use crate::executor::Executor;
@@ -325,7 +325,8 @@ fn exchange(
     for (i, range) in senders.patch_facets.windows(2).enumerate() {
         let row = factors.row_mut(i);
         for facet in range[0] as usize..range[1] as usize {
-            let entries = facet_rows.factors.row_start[facet] as usize..facet_rows.factors.row_start[facet + 1] as usize;
+            let entries =
+                facet_rows.factors.row_start[facet] as usize..facet_rows.factors.row_start[facet + 1] as usize;
             for k in entries {
                 row[facet_rows.factors.column_index[k] as usize] += shares[facet] * facet_rows.factors.values[k];
             }

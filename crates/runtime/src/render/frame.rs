@@ -121,7 +121,8 @@ impl Frame {
         // A constant sky's share of the direct light is known once and for all.
         let constant_sky = if s.sky.map_width == 0 { s.sky.radiance * PI } else { Vec3::ZERO };
         let sky_light = parts.senders.facet_albedo.iter().zip(&parts.facet_rows.sky_factor);
-        let sky_light: Vec<Vec4> = sky_light.map(|(albedo, share)| *albedo * (constant_sky * *share).extend(0.0)).collect();
+        let sky_light: Vec<Vec4> =
+            sky_light.map(|(albedo, share)| *albedo * (constant_sky * *share).extend(0.0)).collect();
         let emission = table(&mut plan, "emission", bytemuck::cast_slice(&sky_light)).1;
         let patch_facets = table(&mut plan, "patch facets", bytemuck::cast_slice(&parts.senders.patch_facets)).1;
         let every: Vec<u32> = (0..facets as u32).collect();
@@ -163,8 +164,7 @@ impl Frame {
         let patch_own = [("points", patch_points), ("irradiance", Range::from(patch_direct))];
         let patch_light =
             pass(&mut plan, "direct", &table::SCENE_DIRECT_LIGHT, &patch_own, &shared, &parts.direct, points as u32)?;
-        let (patch_count, facet_count) =
-            (CountParams { count: patches as u32 }, CountParams { count: facets as u32 });
+        let (patch_count, facet_count) = (CountParams { count: patches as u32 }, CountParams { count: facets as u32 });
         // First exitance of the facets from their samples, of the patches from their facets.
         let own = [
             ("points", patch_points),

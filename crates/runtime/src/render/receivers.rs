@@ -24,18 +24,21 @@ const ROUNDS: usize = 2;
 /// Receivers are added where those about differ from their neighbours' mean by more than this share.
 const TOLERANCE: f32 = 0.05;
 /// Candidates for a receiver to be added.
-const CANDIDATES: usize = 4;
+const CANDIDATES: usize = 2;
 /// Receivers that a node takes the mean of; one more gives the distance at which the weight is zero.
 const NEIGHBOURS: usize = 6;
 const SEARCHED: usize = NEIGHBOURS + 1;
 /// Furthest that a receiver may be from a node, in edges between receivers.
-const FAR: f32 = 6.0;
+const FAR: f32 = 4.0;
+/// The same for what is smaller than this many edges.
+const SMALL: f32 = 3.0;
+const FURTHEST: f32 = 8.0;
 /// Receivers nearer than this, in the same measure, need not be seen.
 const TOUCHING: f32 = 0.2;
 /// Edge of the cells over which the distance between nodes may change, in mean edges between receivers.
 const CELL_EDGE: f32 = 6.0;
 /// Least distance between nodes, in the same.
-const LEAST_NODE_EDGE: f32 = 0.7;
+const LEAST_NODE_EDGE: f32 = 1.0;
 /// Nodes nearer than this may be one, in the same.
 const WELD: f32 = 0.25;
 /// Height at which nodes look for receivers, in edges between receivers: above what bends in between.
@@ -70,7 +73,7 @@ pub struct MeshReceivers {
 impl MeshReceivers {
     /// No receivers, for a scene that no light comes to.
     pub fn none(scene: &Scene) -> Result<Self, Error> {
-        let nodes = Receivers::new(scene, &vec![Sides::default(); scene.triangles.len()], 1.0, 1.0, |_| None)?;
+        let nodes = Receivers::new(scene, &vec![Sides::default(); scene.triangles.len()], 1.0, 1.0, |_, _| None)?;
         let empty = || Csr { row_start: vec![0], ..Csr::default() };
         Ok(Self { points: Vec::new(), rows: empty(), nodes, weights: empty() })
     }
@@ -88,12 +91,10 @@ impl MeshReceivers {
         let mut samples = sampler.samples(wanted.clamp(1.0, placing.most as f64) as u32, placing.seed);
         let mut points = surface_points(&samples, 0);
         let mut rows = make_rows(&points)?.factors;
-        let t0 = std::time::Instant::now();
         for round in 0..ROUNDS {
             let room = placing.most.saturating_sub(points.len()) / (ROUNDS - round);
             let candidates = sampler.samples((CANDIDATES * room) as u32, placing.seed.wrapping_add(1 + round as u32));
             let added = worst_places(&samples, &irradiance(&rows, lights), candidates, room);
-            eprintln!("round {round}: {} receivers, room {room}, added {}, {:.1?}", points.len(), added.len(), t0.elapsed());
             if added.is_empty() {
                 break;
             }
@@ -114,25 +115,20 @@ impl MeshReceivers {
                 edge * found[..count].iter().map(|f| f.1).sum::<f32>() / (count.max(2) - 1) as f32
             })
             .collect();
-        let within = |point: &SurfacePoint| {
-            let (found, count) = nearest.samples::<3>(point.position, point.normal, FAR);
+        // What is small may have no receiver of its own.
+        let within = |point: &SurfacePoint, size: f32| {
+            let far = if size <= SMALL * edge { FURTHEST } else { FAR };
+            let (found, count) = nearest.samples::<3>(point.position, point.normal, far);
             let mean = found[..count].iter().map(|f| spacing[f.0 as usize]).sum::<f32>() / count as f32;
             (count > 0).then(|| mean.max(LEAST_NODE_EDGE * edge))
         };
         let mut nodes = Receivers::new(scene, &senders.sides(), CELL_EDGE * edge, WELD * edge, within)?;
-        eprintln!("nodes {} {:.1?} edge {edge} area {}", nodes.points.len(), t0.elapsed(), sampler.lit_area());
-        {
-            let mut h = std::collections::BTreeMap::new();
-            for c in &nodes.cells { let e = h.entry(if c.first == scene::NONE { 0 } else { c.divisions }).or_insert((0u64, 0u64)); e.0 += 1; e.1 += ((c.divisions + 1) * (c.divisions + 2) / 2) as u64; }
-            eprintln!("{h:?}");
-        }
         let weigh = |node: &SurfacePoint, seen: bool| node_weights(scene, &nearest, &samples, edge, node, seen);
         // A node that sees no receiver is inside of a solid or behind a wall: others of its cell serve. Where there are none,
         // the nearest receivers have to.
         let good = nodes.retain(scene, |node| !weigh(node, true).is_empty());
         let weights: Vec<Vec<(u32, f32)>> =
             nodes.points.par_iter().zip(good).map(|(node, good)| weigh(node, good)).collect();
-        eprintln!("weights {} {:.1?}", nodes.points.len(), t0.elapsed());
         let mut table = Csr { rows: weights.len(), columns: points.len(), row_start: vec![0], ..Csr::default() };
         for mut node in weights {
             node.sort_unstable_by_key(|w| w.0);
@@ -145,7 +141,8 @@ impl MeshReceivers {
 }
 
 fn surface_points(samples: &[Sample], first: u32) -> Vec<SurfacePoint> {
-    let point = |(s, patch): (&Sample, u32)| SurfacePoint { position: s.position, patch, normal: s.normal, weight: 1.0 };
+    let point =
+        |(s, patch): (&Sample, u32)| SurfacePoint { position: s.position, patch, normal: s.normal, weight: 1.0 };
     samples.iter().zip(first..).map(point).collect()
 }
 
@@ -210,7 +207,10 @@ fn node_weights(
     node: &SurfacePoint,
     must_be_seen: bool,
 ) -> Vec<(u32, f32)> {
-    let (found, count) = nearest.samples::<SEARCHED>(node.position, node.normal, FAR);
+    let (mut found, mut count) = nearest.samples::<SEARCHED>(node.position, node.normal, FAR);
+    if count == 0 {
+        (found, count) = nearest.samples::<SEARCHED>(node.position, node.normal, FURTHEST);
+    }
     if count == 0 {
         return Vec::new();
     }

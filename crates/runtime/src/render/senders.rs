@@ -138,12 +138,8 @@ impl Senders {
         for (facet, range) in found.facets.windows(2).enumerate() {
             let samples = &found.set.samples[range[0] as usize..range[1] as usize];
             let weight = 1.0 / samples.len() as f32;
-            let point = |s: &Sample| SurfacePoint {
-                position: s.position,
-                patch: facet as u32,
-                normal: s.normal,
-                weight,
-            };
+            let point =
+                |s: &Sample| SurfacePoint { position: s.position, patch: facet as u32, normal: s.normal, weight };
             points.extend(samples.iter().map(point));
             let mean = |value: fn(&Sample) -> Vec3| samples.iter().map(value).sum::<Vec3>() * weight;
             facets.push(Patch {

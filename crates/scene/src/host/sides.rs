@@ -78,14 +78,14 @@ fn takes_part(scene: &Scene, triangle: u32, normal: Vec3) -> bool {
     false
 }
 
-/// Random walks from a point.
-const POINT_WALKS: u32 = 8;
+/// Random walks from a point that are enough where the answer matters by itself.
+pub const POINT_WALKS: u32 = 8;
 
-/// Whether light comes to a point: a point inside of a solid, as where a column stands on a floor, has none. By 8 random
-/// walks as in [`find_sides`].
-pub fn is_open(scene: &Scene, point: &SurfacePoint, seed: u32) -> bool {
-    (0..POINT_WALKS).any(|k| {
-        let turn = hammersley(k, POINT_WALKS, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
+/// Whether light comes to a point: a point inside of a solid, as where a column stands on a floor, has none. By this
+/// many random walks as in [`find_sides`].
+pub fn is_open(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> bool {
+    (0..walks).any(|k| {
+        let turn = hammersley(k, walks, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
         let direction = cosine_hemisphere(point.normal, turn);
         let hit = scene.closest(point.position + point.normal * scene.ray_offset, direction);
         (hit.is_miss() || hit.t > 4.0 * scene.ray_offset) && finds_light(scene, hit, direction, hash3(seed, k, 2))
