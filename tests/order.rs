@@ -8,8 +8,9 @@ use bytemuck::Pod;
 use formfactor::{GatherParams, HemisphereParams};
 use glam::{UVec3, Vec4};
 use gpu_kernels::table::MAX_GROUPS_X;
-use gpu_kernels::{formfactor as ff, scene as sc};
+use gpu_kernels::{formfactor as ff, patches as pa, scene as sc};
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
+use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
 use scene::{DirectParams, Hit, SurfacePoint};
 
@@ -83,6 +84,10 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "formfactor_gather_csr" => entry!(ff::gather_csr, CountParams, Vec4, [0, 1, 2, 3]),
         "formfactor_bounce" => entry!(ff::bounce, CountParams, Vec4, [0, 1, 2]),
         "formfactor_interpolate" => entry!(ff::interpolate, CountParams, Vec4, [0, 1, 2, 3, 4, 5]),
+        "patches_gather_mean" => entry!(pa::gather_mean, CountParams, Vec4, [0, 1, 2]),
+        "patches_lookup" => entry!(pa::lookup, LookupParams, Vec4, [0, 1, 2, 3, 4]),
+        "patches_volume_lookup" => entry!(pa::volume_lookup, VolumeParams, Vec4, [0, 1, 2, 3]),
+        "patches_volume_lookup_sh" => entry!(pa::volume_lookup_sh, VolumeParams, Vec4, [0, 1, 2, 3]),
         _ => return None,
     })
 }
@@ -103,7 +108,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 12 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 16 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

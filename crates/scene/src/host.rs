@@ -18,9 +18,11 @@ use crate::kernel::light::{Lights, direct_irradiance};
 use crate::math::luminance;
 use crate::types::*;
 
+mod receivers;
 mod sides;
 mod wide;
 
+pub use receivers::ReceiverSet;
 pub use sides::{SidePolicy, Sides, find_sides, is_open};
 use wide::WideBvh;
 

@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::vec::Vec;
 
-use glam::{IVec3, Vec3};
+use glam::{IVec3, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::sampling::hash3;
-use scene::{NONE, Scene, Sides, SurfacePoint, Visibility, is_open};
+use scene::{NONE, ReceiverSet, Scene, Sides, SurfacePoint, Visibility, is_open};
 
 use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area, vertex_point};
@@ -137,6 +137,36 @@ impl Receivers {
         // A vertex without receiver is never asked for.
         self.vertices.iter_mut().for_each(|r| *r = if *r == NONE { 0 } else { numbers[*r as usize] });
         self.offsets = (0..=self.points.len() as u32).collect();
+    }
+}
+
+impl ReceiverSet for Receivers {
+    fn points(&self) -> &[SurfacePoint] {
+        &self.points
+    }
+}
+
+impl Receivers {
+    /// Irradiance at the mesh's own vertices, W/m²: at the corner, the end of `edge_a` and the end of `edge_b` of every
+    /// triangle, on its front or its back; zero where that side has no receivers. Corners of different triangles that
+    /// share a receiver have the same value, so that a vertex of a smooth mesh may take that of any of its triangles.
+    /// `values` holds one entry a receiver.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for a wrong number of values.
+    pub fn corner_irradiance(&self, values: &[Vec4], front: bool) -> Result<Vec<[Vec4; 3]>, Error> {
+        check_length("values", self.points.len(), values.len())?;
+        let corners = |grid: &TriangleGrid| {
+            let first = if front { grid.front } else { grid.back };
+            let value = |i: u32, j: u32| {
+                if first == NONE {
+                    return Vec4::ZERO;
+                }
+                values[self.vertices[(first + vertex_at(grid.divisions, i, j)) as usize] as usize]
+            };
+            [value(0, 0), value(grid.divisions, 0), value(0, grid.divisions)]
+        };
+        Ok(self.grids.iter().map(corners).collect())
     }
 }
 
