@@ -229,6 +229,15 @@ fn calls_that_do_not_suit_the_table_are_refused() {
     let mut push = input.clone();
     push.push.pop();
     assert!(matches!(push.run_on_host(), Err(HostError::PushLength { expected: 4, found: 3, .. })));
+    let volume = all.iter().find(|i| i.kernel.name == "patches_volume_lookup").unwrap();
+    let mut flat = volume.clone();
+    let mut p: VolumeParams = flat.push();
+    p.shape.count_y = 0;
+    flat.push = bytemuck::bytes_of(&p).to_vec();
+    assert!(matches!(flat.run_on_host(), Err(HostError::TooShort { needed: 1, found: 0, .. })));
+    let mut probes = volume.clone();
+    probes.bindings[0] = Data::Buffer(Bytes::of(&[0u32; 7]));
+    assert!(matches!(probes.run_on_host(), Err(HostError::TooShort { binding: "probes", needed: 60, found: 7 })));
     let mut count = input.clone();
     count.elements += 1;
     assert!(matches!(count.run_on_host(), Err(HostError::Elements { .. })));

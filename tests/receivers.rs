@@ -11,12 +11,11 @@ use scene::{Material, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, Surface
 fn room() -> Scene {
     let mut triangles = Vec::new();
     let size = Vec3::new(3.0, 2.0, 2.0);
-    for (corner, side) in [(Vec3::ZERO, size), (size, -size)] {
-        for (a, b) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
-            let (a, b) = (a * side, b * side);
-            triangles.push(Triangle { corner, edge_a: a, edge_b: b, ..Triangle::default() });
-            triangles.push(Triangle { corner: corner + a + b, edge_a: -a, edge_b: -b, ..Triangle::default() });
-        }
+    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    let low = Vec3::ZERO;
+    for (corner, a, b) in [(low, x, y), (low, y, z), (low, z, x), (size, -y, -x), (size, -z, -y), (size, -x, -z)] {
+        triangles.push(Triangle { corner, edge_a: a, edge_b: b, ..Triangle::default() });
+        triangles.push(Triangle { corner: corner + a + b, edge_a: -a, edge_b: -b, ..Triangle::default() });
     }
     let uvs = vec![TriangleUv::default(); triangles.len()];
     Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }).unwrap()

@@ -22,9 +22,10 @@ pub(crate) fn gather_mean(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
 }
 
 /// Voxels of a grid; a count that does not fit is more than any table has.
-fn voxels(shape: &GridShape) -> usize {
+fn voxels(shape: &GridShape) -> Result<usize, HostError> {
     let counts = [shape.count_x, shape.count_y, shape.count_z].map(|n| n as usize);
-    counts.into_iter().fold(1, usize::saturating_mul)
+    let found = counts.into_iter().fold(1, usize::saturating_mul);
+    if found == 0 { Err(HostError::TooShort { binding: "voxels of the grid", needed: 1, found }) } else { Ok(found) }
 }
 
 /// The greatest number in a table of cells, and one more.
@@ -36,7 +37,7 @@ pub(crate) fn lookup(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErr
     let elements = call.elements;
     let (p, [cells, offsets, entries, values, points, irradiance]) = call.parts::<LookupParams, 6>(kernel)?;
     let n = agreed(elements, p.count)?;
-    let cells = cells.read::<u32>(voxels(&p.shape).max(1))?;
+    let cells = cells.read::<u32>(voxels(&p.shape)?)?;
     let offsets = offsets.read::<u32>(named(cells) + 1)?;
     let entries = entries.read::<LookupPatch>(offsets[named(cells)] as usize)?;
     let (values, points) = (values.read::<Rgb>(0)?, points.read::<SurfacePoint>(n)?);
@@ -57,7 +58,7 @@ fn between_probes(
     let elements = call.elements;
     let (p, [probes, planes, values, points, irradiance]) = call.parts::<VolumeParams, 5>(kernel)?;
     let n = agreed(elements, p.count)?;
-    let probes = probes.read::<u32>(voxels(&p.shape).max(1))?;
+    let probes = probes.read::<u32>(voxels(&p.shape)?)?;
     let count = named(probes);
     let planes = planes.read::<f32>(count * PLANE_WORDS as usize)?;
     let values = values.read::<Rgb>(count * size as usize)?;

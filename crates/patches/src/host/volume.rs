@@ -60,8 +60,8 @@ impl Default for VolumeSettings {
 /// A probe that touches a surface, or to none of whose sides light comes, is left out and takes no part. A point does not
 /// take light from probes that it does not see, judged by the planes of the surfaces that rays from each probe to the 26
 /// voxels round it met ([`crate::kernel::volume`]): walls without thickness along the grid keep rooms apart wherever each
-/// room has probes in sight; of walls across the grid, corners that no ray comes near to may take light from outside (about
-/// 0.2 % of places in tests). A closed space smaller than the voxels has no probe, and takes the light of the nearest.
+/// room has probes in sight; of walls across the grid, corners that no ray comes near to may take light from outside (0.2 %
+/// of places in tests). A closed space smaller than the voxels has no probe, and takes the light of the nearest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelVolume {
     /// Grid and settings.
