@@ -100,7 +100,7 @@ fn voxel_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dy
     let sampled = sample_voxels(scene, &grid, &settings, &|_: &Sample| true)?;
     let set = axis_patches(&grid, sampled.clone(), AxisWeights::Squared)?;
     let patches = set.len();
-    table.time("sample_voxels", |_| patches, || sample_voxels(scene, &grid, &settings, &|_: &Sample| true));
+    table.time("sample_voxels", |_| patches, || sample_voxels(scene, &grid, &settings, &|_: &Sample| true))?;
     let settings = ClusterSettings { max_patches: CLUSTERS, ..ClusterSettings::default() };
     let no_rows = |_: &[Member], _: &[Member]| 0.0;
     table.time(
