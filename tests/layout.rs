@@ -6,6 +6,7 @@ use glam::{UVec2, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
+use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
@@ -111,6 +112,11 @@ structure!(GatherParams { rows: u32, vectors: u32, first_row: u32, reserved: u32
 structure!(CountParams { count: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
+structure!(Member { sample: u32, weight: f32 });
+structure!(LookupPatch { position: Vec3, patch: u32, direction: Vec3, reserved: u32 });
+structure!(GridShape { origin: Vec3, count_x: u32, edges: Vec3, count_y: u32, count_z: u32, reserved: [u32; 3] });
+structure!(LookupParams { shape: GridShape, plane_limit: f32, walls: u32, count: u32, reserved: u32 });
+structure!(VolumeParams { shape: GridShape, lift: f32, walls: u32, count: u32, reserved: u32 });
 
 fn layout<T: Scalars>() -> Layout {
     Layout { offsets: T::offsets(0), size: size_of::<T>() as u32 }
@@ -132,12 +138,16 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "points" => layout::<SurfacePoint>(),
         "cells" => layout::<ReceiverCell>(),
         "grids" => layout::<TriangleGrid>(),
-        "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "vertices" => layout::<u32>(),
+        "members" => layout::<Member>(),
+        "entries" => layout::<LookupPatch>(),
+        "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "vertices" | "cells"
+        | "probes" => layout::<u32>(),
+        "planes" => layout::<f32>(),
         "factors" if kernel == "formfactor_hemisphere_row" => layout::<f32>(),
         "factors" if kernel == "formfactor_gather_half" => layout::<UVec2>(),
         "values" if kernel == "formfactor_gather_csr" => layout::<f32>(),
         "factors" | "values" | "sky_map" | "irradiance" | "direct" | "indirect" | "sum" | "source" | "albedo"
-        | "emission" | "exitance" => layout::<Vec4>(),
+        | "emission" | "exitance" | "means" | "cubes" | "harmonics" => layout::<Vec4>(),
         other => panic!("{kernel}: say the type of the binding {other} here"),
     }
 }
@@ -152,6 +162,8 @@ fn push(kernel: &str) -> Layout {
         "formfactor_gather" | "formfactor_gather_half" | "formfactor_gather_image" | "formfactor_gather_half_image" => {
             layout::<GatherParams>()
         }
+        "patches_lookup" => layout::<LookupParams>(),
+        "patches_volume_lookup" | "patches_volume_lookup_sh" => layout::<VolumeParams>(),
         _ => layout::<CountParams>(),
     }
 }

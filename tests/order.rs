@@ -8,8 +8,9 @@ use bytemuck::Pod;
 use formfactor::{GatherParams, HemisphereParams};
 use glam::{UVec3, Vec4};
 use gpu_kernels::table::MAX_GROUPS_X;
-use gpu_kernels::{formfactor as ff, scene as sc};
+use gpu_kernels::{formfactor as ff, patches as pa, scene as sc};
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
+use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
 use scene::{DirectParams, Hit, SurfacePoint};
 
@@ -83,6 +84,10 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "formfactor_gather_csr" => entry!(ff::gather_csr, CountParams, Vec4, [0, 1, 2, 3]),
         "formfactor_bounce" => entry!(ff::bounce, CountParams, Vec4, [0, 1, 2]),
         "formfactor_interpolate" => entry!(ff::interpolate, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6]),
+        "patches_gather_mean" => entry!(pa::gather_mean, CountParams, Vec4, [0, 1, 2]),
+        "patches_lookup" => entry!(pa::lookup, LookupParams, Vec4, [0, 1, 2, 3, 4]),
+        "patches_volume_lookup" => entry!(pa::volume_lookup, VolumeParams, Vec4, [0, 1, 2, 3]),
+        "patches_volume_lookup_sh" => entry!(pa::volume_lookup_sh, VolumeParams, Vec4, [0, 1, 2, 3]),
         _ => return None,
     })
 }
@@ -103,7 +108,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 12 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 16 * 9, "an entry point of the table is not called here");
 }
 
 #[test]
@@ -224,6 +229,15 @@ fn calls_that_do_not_suit_the_table_are_refused() {
     let mut push = input.clone();
     push.push.pop();
     assert!(matches!(push.run_on_host(), Err(HostError::PushLength { expected: 4, found: 3, .. })));
+    let volume = all.iter().find(|i| i.kernel.name == "patches_volume_lookup").unwrap();
+    let mut flat = volume.clone();
+    let mut p: VolumeParams = flat.push();
+    p.shape.count_y = 0;
+    flat.push = bytemuck::bytes_of(&p).to_vec();
+    assert!(matches!(flat.run_on_host(), Err(HostError::TooShort { needed: 1, found: 0, .. })));
+    let mut probes = volume.clone();
+    probes.bindings[0] = Data::Buffer(Bytes::of(&[0u32; 7]));
+    assert!(matches!(probes.run_on_host(), Err(HostError::TooShort { binding: "probes", needed: 60, found: 7 })));
     let mut count = input.clone();
     count.elements += 1;
     assert!(matches!(count.run_on_host(), Err(HostError::Elements { .. })));

@@ -11,6 +11,8 @@ use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{Access, KERNELS, Kernel};
+use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
+use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
@@ -245,6 +247,47 @@ fn surface_points(r: &mut Random, scene: &Scene, n: usize) -> Vec<SurfacePoint> 
         .collect()
 }
 
+/// Points and normals anywhere in and around the unit cube.
+fn points_in_space(r: &mut Random, n: usize) -> Vec<SurfacePoint> {
+    (0..n)
+        .map(|_| SurfacePoint {
+            position: r.vector() * 1.4 - 0.2,
+            patch: NONE,
+            normal: r.direction(),
+            weight: r.unit(),
+        })
+        .collect()
+}
+
+/// First members of `n` groups that are not empty, and their end.
+fn offsets(r: &mut Random, n: usize) -> Vec<u32> {
+    let mut offsets = vec![0u32];
+    for k in 0..n {
+        offsets.push(offsets[k] + 1 + r.below(6));
+    }
+    offsets
+}
+
+/// Voxels over the unit cube, a third of them empty; the number of each full one, that of any full one for the others,
+/// and how many are full.
+fn voxels(r: &mut Random) -> (GridShape, Vec<u32>, usize) {
+    let (count_x, count_y, count_z) = (5, 4, 3);
+    let edges = Vec3::new(0.2, 0.25, 1.0 / 3.0);
+    let shape = GridShape { origin: Vec3::ZERO, count_x, edges, count_y, count_z, reserved: [0; 3] };
+    let is_full: Vec<bool> = (0..count_x * count_y * count_z).map(|k| k == 0 || r.below(3) > 0).collect();
+    let full = is_full.iter().filter(|full| **full).count();
+    let mut next = 0;
+    let mut cell = |is_full: bool| {
+        if !is_full {
+            return r.below(full as u32) | EMPTY_CELL;
+        }
+        next += 1;
+        next - 1
+    };
+    let cells = is_full.into_iter().map(&mut cell).collect();
+    (shape, cells, full)
+}
+
 /// Names of the bindings and their contents.
 type Tables = Vec<(&'static str, Data)>;
 
@@ -461,6 +504,60 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 vec![("factors", Data::Buffer(bytes)), buffer("exitance", &exitance)]
             };
             call(rows, p, [tables, vec![room::<Vec4>("irradiance", rows as usize + 3)]].concat())
+        }
+        "patches_gather_mean" => {
+            let (offsets, values) = (offsets(r, 200), r.colors(300));
+            let members: Vec<Member> =
+                (0..offsets[200]).map(|_| Member { sample: r.below(300), weight: r.unit() }).collect();
+            let tables = vec![
+                buffer("offsets", &offsets),
+                buffer("members", &members),
+                buffer("values", &values),
+                room::<Vec4>("means", 200),
+            ];
+            call(200, CountParams { count: 200 }, tables)
+        }
+        "patches_lookup" => {
+            let (shape, cells, full) = voxels(r);
+            let offsets = offsets(r, full);
+            let count = offsets[full];
+            let entries: Vec<LookupPatch> = (0..count)
+                .map(|k| LookupPatch {
+                    position: r.vector(),
+                    patch: count - 1 - k,
+                    direction: r.direction(),
+                    reserved: 0,
+                })
+                .collect();
+            let n = 500;
+            let p = LookupParams { shape, plane_limit: 0.5, walls: 1, count: n as u32, reserved: 0 };
+            let tables = vec![
+                buffer("cells", &cells),
+                buffer("offsets", &offsets),
+                buffer("entries", &entries),
+                buffer("values", &r.colors(count as usize)),
+                buffer("points", &points_in_space(r, n)),
+                room::<Vec4>("irradiance", n),
+            ];
+            call(n as u32, p, tables)
+        }
+        "patches_volume_lookup" | "patches_volume_lookup_sh" => {
+            let (shape, probes, full) = voxels(r);
+            // Planes at all distances from half a voxel on, and directions that met nothing.
+            let planes: Vec<f32> = (0..full * (PLANE_WORDS / 3) as usize)
+                .flat_map(|_| if r.below(3) == 0 { [0.0; 3] } else { (r.vector() * 4.0 - 2.0).to_array() })
+                .collect();
+            let n = 500;
+            let p = VolumeParams { shape, lift: 0.01, walls: 1, count: n as u32, reserved: 0 };
+            let tables = vec![
+                buffer("probes", &probes),
+                buffer("planes", &planes),
+                buffer("cubes", &r.colors(full * CUBE_SIDES as usize)),
+                buffer("harmonics", &r.colors(full * SH_COEFFICIENTS as usize)),
+                buffer("points", &points_in_space(r, n)),
+                room::<Vec4>("irradiance", n),
+            ];
+            call(n as u32, p, tables)
         }
         other => panic!("the kernel {other} has no input here: add one"),
     }

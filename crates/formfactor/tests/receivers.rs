@@ -186,3 +186,41 @@ fn wrong_edges_are_refused() {
     }
     assert!(matches!(Receivers::new(&scene, &[], 1.0, 0.1, |_, _| None), Err(Error::Length { .. })));
 }
+
+#[test]
+fn corners_of_the_mesh_have_the_values_of_their_receivers() {
+    let scene = scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, 5));
+    let set = receivers(&scene, 0.07);
+    let ramp = |p: Vec3| 1.0 + 2.0 * p.x - 0.5 * p.z;
+    let values: Vec<Vec4> = set.points.iter().map(|p| Vec4::splat(ramp(p.position))).collect();
+    let worst = |values: &[Vec4]| {
+        let mut worst = 0.0f32;
+        for front in [true, false] {
+            for (t, found) in scene.triangles.iter().zip(set.corner_irradiance(values, front).unwrap()) {
+                for (corner, found) in [t.corner, t.corner + t.edge_a, t.corner + t.edge_b].into_iter().zip(found) {
+                    worst = worst.max((found.x - ramp(corner)).abs());
+                }
+            }
+        }
+        worst
+    };
+    // A vertex may take the value of a receiver 0.4 edges away.
+    let bound = 0.5 * 0.07 * Vec3::new(2.0, 0.0, 0.5).length();
+    assert!(worst(&values) < bound, "{}", worst(&values));
+    let mut reversed = values.clone();
+    reversed.reverse();
+    assert!(worst(&reversed) > bound);
+    // The same as the interpolation says.
+    let front = set.corner_irradiance(&values, true).unwrap();
+    for (triangle, (u, v), k) in [(3, (0.0, 0.0), 0), (7, (1.0, 0.0), 1), (9, (0.0, 1.0), 2)] {
+        let hit = Hit { triangle, u, v, t: 1.0 };
+        let found = interpolate_receivers(&set.grids, &set.vertices, &values, hit, true);
+        assert!((found - front[triangle as usize][k]).abs().max_element() < 1e-5);
+    }
+    assert!(matches!(set.corner_irradiance(&values[1..], true), Err(Error::Length { .. })));
+    let mut dark = set.clone();
+    dark.retain(&scene, |p| p.normal.y > 0.0);
+    let up = scene.geometry().normal(0).y > 0.0;
+    let kept = vec![Vec4::ONE; dark.points.len()];
+    assert!(dark.corner_irradiance(&kept, !up).unwrap().iter().flatten().all(|v| *v == Vec4::ZERO));
+}

@@ -2,6 +2,7 @@
 //! so the result does not depend on the number of threads.
 
 pub(crate) mod formfactor;
+pub(crate) mod patches;
 pub(crate) mod scene;
 
 use std::vec::Vec;

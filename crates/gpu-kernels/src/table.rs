@@ -2,6 +2,7 @@
 
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
+use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
@@ -143,6 +144,10 @@ pub static KERNELS: &[&Kernel] = &[
     &FORMFACTOR_GATHER_CSR,
     &FORMFACTOR_BOUNCE,
     &FORMFACTOR_INTERPOLATE,
+    &PATCHES_GATHER_MEAN,
+    &PATCHES_LOOKUP,
+    &PATCHES_VOLUME_LOOKUP,
+    &PATCHES_VOLUME_LOOKUP_SH,
 ];
 
 /// Nearest hit of every ray. An element is a ray.
@@ -422,4 +427,67 @@ pub static FORMFACTOR_INTERPOLATE: Kernel = Kernel {
         write::<Rgb>("irradiance"),
     ],
     host: host::formfactor::interpolate,
+};
+
+/// Mean of a quantity over the samples of every patch, as of the first exitance, W/m². An element is a patch.
+pub static PATCHES_GATHER_MEAN: Kernel = Kernel {
+    name: "patches_gather_mean",
+    spv: spv!("patches_gather_mean"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[read::<u32>("offsets"), read::<Member>("members"), read::<Rgb>("values"), write::<Rgb>("means")],
+    host: host::patches::gather_mean,
+};
+
+/// Value of the patches round every point, W/m² for irradiance. An element is a point.
+pub static PATCHES_LOOKUP: Kernel = Kernel {
+    name: "patches_lookup",
+    spv: spv!("patches_lookup"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<LookupParams>() as u32,
+    bindings: &[
+        read::<u32>("cells"),
+        read::<u32>("offsets"),
+        read::<LookupPatch>("entries"),
+        read::<Rgb>("values"),
+        read::<SurfacePoint>("points"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::patches::lookup,
+};
+
+/// Irradiance of the ambient cubes round every point, W/m². An element is a point.
+pub static PATCHES_VOLUME_LOOKUP: Kernel = Kernel {
+    name: "patches_volume_lookup",
+    spv: spv!("patches_volume_lookup"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<VolumeParams>() as u32,
+    bindings: &[
+        read::<u32>("probes"),
+        read::<f32>("planes"),
+        read::<Rgb>("cubes"),
+        read::<SurfacePoint>("points"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::patches::volume_lookup,
+};
+
+/// The same of spherical harmonics of degree 1, four coefficients a probe.
+pub static PATCHES_VOLUME_LOOKUP_SH: Kernel = Kernel {
+    name: "patches_volume_lookup_sh",
+    spv: spv!("patches_volume_lookup_sh"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<VolumeParams>() as u32,
+    bindings: &[
+        read::<u32>("probes"),
+        read::<f32>("planes"),
+        read::<Rgb>("harmonics"),
+        read::<SurfacePoint>("points"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::patches::volume_lookup_sh,
 };

@@ -45,6 +45,9 @@ pub enum Error {
         /// How many there may be.
         limit: u64,
     },
+    /// No probe stands in the open.
+    #[error("no probe stands where light comes to: the volume would be empty")]
+    NoProbes,
     /// No ray met a surface.
     #[error("no ray met a surface: there are no samples to make patches of")]
     NoSamples,

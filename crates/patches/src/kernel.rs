@@ -2,4 +2,6 @@
 
 pub mod gather;
 pub mod grid;
+pub mod lightmap;
 pub mod lookup;
+pub mod volume;

@@ -17,6 +17,11 @@
 //! patches: `h(x, n) = Σ w_j h_j / Σ w_j`, trilinear over 2×2×2 voxels times `max(0, n·n_j)²`, without those off the plane
 //! of x or behind a wall ([`kernel::lookup`], which needs no `std` and runs as SPIR-V and on the host alike).
 //!
+//! Receivers beside the mesh, all [`scene::ReceiverSet`]s: a [`VoxelVolume`] of probes in the air gives irradiance to what
+//! moves, from ambient cubes, `E(x, n) = Σ_a n_a² cube[a, sign n_a]`, or spherical harmonics of degree 1,
+//! `E(x, n) = π Y_00 L_00 + (2π/3) Σ_a Y_1a(n) L_1a`, and takes nothing through walls ([`kernel::volume`]);
+//! [`LightmapTexels`] lays the triangles out in an atlas ([`kernel::lightmap`]).
+//!
 //! Lengths are metres, areas m², reflectance linear Rec.709. Each step runs on all cores, voxel by voxel, and gives the
 //! same bytes for any number of threads.
 //!

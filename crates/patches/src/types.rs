@@ -87,7 +87,7 @@ pub struct LookupPatch {
 }
 const _: () = assert!(size_of::<LookupPatch>() == 32);
 
-/// [`LookupParams`]' table `cells`: marks an empty voxel; the other bits are the nearest voxel with patches.
+/// Marks a voxel without patches, or without a probe; the other bits are the nearest one that has.
 pub const EMPTY_CELL: u32 = 1 << 31;
 
 /// Settings of the lookup.
@@ -102,7 +102,37 @@ pub struct LookupParams {
     /// 1: patches behind a wall (a patch across the point's plane, in the voxel of the point or of the other patch) do not
     /// count.
     pub walls: u32,
+    /// Points of a dispatch; the body does not ask.
+    pub count: u32,
     /// Keeps the size a multiple of 16.
-    pub reserved: [u32; 2],
+    pub reserved: u32,
 }
 const _: () = assert!(size_of::<LookupParams>() == 64);
+
+/// Where the probes of a volume are, and how they are used.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct VolumeParams {
+    /// The grid; probes stand in the middles of its voxels.
+    pub shape: GridShape,
+    /// Distance along its normal from which a point looks at the probes, m.
+    pub lift: f32,
+    /// 1: probes that the point does not see do not count.
+    pub walls: u32,
+    /// Points of a dispatch; the body does not ask.
+    pub count: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<VolumeParams>() == 64);
+
+/// Size of a lightmap.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct LightmapParams {
+    /// Texels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+const _: () = assert!(size_of::<LightmapParams>() == 8);

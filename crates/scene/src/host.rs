@@ -19,9 +19,11 @@ use crate::math::luminance;
 use crate::types::*;
 
 pub mod clip;
+mod receivers;
 mod sides;
 mod wide;
 
+pub use receivers::ReceiverSet;
 pub use sides::{POINT_WALKS, SidePolicy, Sides, find_sides, is_open};
 use wide::WideBvh;
 

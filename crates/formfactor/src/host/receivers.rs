@@ -2,16 +2,17 @@
 
 use std::vec::Vec;
 
-use glam::{IVec3, Vec2, Vec3};
+use glam::{IVec3, Vec2, Vec3, Vec4};
 use hashbrown::HashMap;
 use rayon::prelude::*;
 use scene::sampling::hash3;
-use scene::{NONE, POINT_WALKS, Scene, Sides, SurfacePoint, Visibility, is_open};
+use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Visibility, is_open};
 
 use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
 use crate::kernel::grid::{cell_corners, cell_count, vertex_count};
+use crate::kernel::product::interpolate_receivers;
 use crate::types::{ReceiverCell, TriangleGrid};
 
 /// Least cosine between their normals.
@@ -149,6 +150,31 @@ impl Receivers {
         self.vertices.iter_mut().for_each(|r| *r = numbers[*r as usize]);
         self.offsets = (0..=self.points.len() as u32).collect();
         left
+    }
+}
+
+impl ReceiverSet for Receivers {
+    fn points(&self) -> &[SurfacePoint] {
+        &self.points
+    }
+}
+
+impl Receivers {
+    /// Irradiance at the mesh's own vertices, W/m²: at the corner, the end of `edge_a` and the end of `edge_b` of every
+    /// triangle, on its front or its back; zero where that side has no receivers. Corners of different triangles that
+    /// share a receiver have the same value, so that a vertex of a smooth mesh may take that of any of its triangles.
+    /// `values` holds one entry a receiver.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for a wrong number of values.
+    pub fn corner_irradiance(&self, values: &[Vec4], front: bool) -> Result<Vec<[Vec4; 3]>, Error> {
+        check_length("values", self.points.len(), values.len())?;
+        let corner = |triangle: usize, u: f32, v: f32| {
+            let hit = Hit { triangle: triangle as u32, u, v, t: 1.0 };
+            interpolate_receivers(&self.grids, &self.cells, &self.vertices, values, hit, front)
+        };
+        let corners = |t: usize| [corner(t, 0.0, 0.0), corner(t, 1.0, 0.0), corner(t, 0.0, 1.0)];
+        Ok((0..self.grids.len()).map(corners).collect())
     }
 }
 

@@ -87,7 +87,8 @@ impl Lookup {
             shape: grid.shape,
             plane_limit: limit.min(1e15),
             walls: u32::from(settings.walls),
-            reserved: [0; 2],
+            count: 0,
+            reserved: 0,
         };
         Ok(Self { params, cells, offsets, entries, patches: set.len() })
     }
@@ -128,7 +129,7 @@ impl Lookup {
 }
 
 /// Gives each empty voxel the nearest one with patches, counted in steps along the axes; of several the first.
-fn fill_empty(cells: &mut [u32], full: Vec<u32>, counts: UVec3) {
+pub(super) fn fill_empty(cells: &mut [u32], full: Vec<u32>, counts: UVec3) {
     let (row, layer) = (counts.x, counts.x * counts.y);
     let mut front = full;
     while !front.is_empty() {

@@ -1,0 +1,151 @@
+//! The lightmap: constants stay, linear fields too, charts never mix, what stands on a floor leaves no dark rim.
+
+mod support;
+
+use glam::{Vec2, Vec3, Vec4};
+use patches::{Error, LIGHTMAP_LIMIT, LightmapTexels};
+use scene::sampling::{hash3, uniform_triangle, unit};
+use scene::{ReceiverSet, Scene, Sides, SurfacePoint};
+use support::{Mesh, atrium};
+
+const BOTH: Sides = Sides { front: true, back: true };
+
+fn lightmap(scene: &Scene, texel: f32) -> LightmapTexels {
+    LightmapTexels::new(scene, &vec![BOTH; scene.triangles.len()], texel, &|_| true).unwrap()
+}
+
+/// A place on a side of any triangle.
+fn random(scene: &Scene, k: u32) -> (u32, bool, f32, f32) {
+    let number = |d: u32| unit(hash3(k, d, 33));
+    let (u, v) = uniform_triangle((number(0), number(1)));
+    (hash3(k, 5, 5) % scene.triangles.len() as u32, number(2) < 0.5, u, v)
+}
+
+#[test]
+fn a_constant_stays_constant_everywhere() {
+    let scene = atrium().scene(1.0);
+    let map = lightmap(&scene, 0.11);
+    let constant = Vec4::new(0.3, 7.0, 1e-3, 1.0);
+    let mut values = vec![constant; map.points().len()];
+    let is_constant = |values: &[Vec4]| {
+        (0..10_000).all(|k| {
+            let (triangle, front, u, v) = random(&scene, k);
+            let found = map.at(values, triangle, front, u, v).unwrap();
+            ((found - constant) / constant).abs().max_element() < 1e-5
+        })
+    };
+    assert!(is_constant(&values));
+    let half = values.len() / 2;
+    values[half..].iter_mut().for_each(|v| *v *= 1.01);
+    assert!(!is_constant(&values));
+}
+
+#[test]
+fn a_linear_field_is_reproduced_and_no_chart_shows_another() {
+    let scene = atrium().scene(1.0);
+    let texel = 0.13;
+    let map = lightmap(&scene, texel);
+    let geometry = scene.geometry();
+    let places: Vec<Vec4> = map.points().iter().map(|p| p.position.extend(0.0)).collect();
+    let normals: Vec<Vec4> = map.points().iter().map(|p| p.normal.extend(0.0)).collect();
+    let (mut worst, mut inner) = (0.0f32, 0);
+    for k in 0..20_000 {
+        let (triangle, front, u, v) = random(&scene, k);
+        let place = geometry.position(triangle, u, v);
+        let normal = geometry.normal(triangle) * if front { 1.0 } else { -1.0 };
+        let error = (map.at(&places, triangle, front, u, v).unwrap().truncate() - place).length();
+        // Border texels stand at the edge of their triangle: no further away than their middles.
+        assert!(error < 1.5 * texel, "{error} at triangle {triangle}");
+        let found = map.at(&normals, triangle, front, u, v).unwrap().truncate();
+        assert!(found.distance(normal) < 1e-3, "{found} {normal}");
+        let t = scene.triangles[triangle as usize];
+        let double = t.edge_a.cross(t.edge_b).length();
+        let heights = [
+            u * double / t.edge_b.length(),
+            v * double / t.edge_a.length(),
+            (1.0 - u - v) * double / (t.edge_b - t.edge_a).length(),
+        ];
+        if heights.into_iter().fold(f32::INFINITY, f32::min) > 1.5 * texel {
+            worst = worst.max(error);
+            inner += 1;
+        }
+    }
+    assert!(inner > 50 && worst < 1e-4, "{worst} over {inner}");
+}
+
+#[test]
+fn the_two_halves_of_a_rectangle_share_a_chart() {
+    let mut mesh = Mesh::default();
+    mesh.quad(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 3.0);
+    let scene = mesh.scene(1.0);
+    let map = lightmap(&scene, 0.1);
+    // Texels of 0.1 m on 6 m² and round their edges, two sides.
+    assert!((1200..=1400).contains(&map.points().len()), "{}", map.points().len());
+    let values: Vec<Vec4> = map.points().iter().map(|p| Vec4::splat(p.position.x * p.position.z)).collect();
+    let geometry = scene.geometry();
+    for k in 0..100 {
+        // Along the diagonal that both have: u + v = 1.
+        let t = k as f32 / 99.0;
+        let place = geometry.position(0, 1.0 - t, t);
+        let other = (0..=1000).map(|j| j as f32 / 1000.0).min_by(|a, b| {
+            let far = |s: f32| geometry.position(1, 1.0 - s, s).distance(place);
+            far(*a).total_cmp(&far(*b))
+        });
+        let s = other.unwrap();
+        let (a, b) = (map.at(&values, 0, true, 1.0 - t, t).unwrap(), map.at(&values, 1, true, 1.0 - s, s).unwrap());
+        assert!((a.x - b.x).abs() < 0.02, "{place}: {a} {b}");
+    }
+    // The picture holds the same values; a texture unit would read them bilinearly.
+    let picture = map.picture(&values).unwrap();
+    let uv = map.uv(0, true).unwrap();
+    let size = Vec2::new(map.params.width as f32, map.params.height as f32);
+    let middle = ((uv.corner + uv.corner_a + uv.corner_b) / 3.0 * size).floor();
+    let at = (middle.x as u32 + map.params.width * middle.y as u32) as usize;
+    let there = map.points()[map.texels[at] as usize];
+    assert_eq!(picture[at].x, there.position.x * there.position.z);
+    assert!(there.position.distance(geometry.position(0, 1.0 / 3.0, 1.0 / 3.0)) < 0.15);
+}
+
+#[test]
+fn receivers_under_what_stands_on_a_floor_are_left_out() {
+    let mut mesh = Mesh::default();
+    mesh.quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
+    let scene = mesh.scene(1.0);
+    let sides = vec![Sides { front: true, back: false }; 2];
+    let is_open = |p: &SurfacePoint| (p.position - Vec3::new(2.0, 0.0, 2.0)).abs().max_element() > 0.5;
+    let value = |p: &SurfacePoint| Vec4::splat(f32::from(u8::from(is_open(p))));
+    let dark_rim = |map: &LightmapTexels| {
+        let values: Vec<Vec4> = map.points().iter().map(value).collect();
+        (0..5000).any(|k| {
+            let (triangle, _, u, v) = random(&scene, k);
+            map.at(&values, triangle, true, u, v).unwrap().x < 0.999
+        })
+    };
+    let map = LightmapTexels::new(&scene, &sides, 0.1, &is_open).unwrap();
+    assert!(!dark_rim(&map));
+    assert!(dark_rim(&LightmapTexels::new(&scene, &sides, 0.1, &|_| true).unwrap()));
+    assert_eq!(map.at(&vec![Vec4::ONE; map.points().len()], 0, false, 0.3, 0.3).unwrap(), Vec4::ZERO);
+    assert!(map.uv(0, false).is_none() && map.uv(9, true).is_none());
+    // A scene without light has no charts.
+    let none = LightmapTexels::new(&scene, &sides, 0.1, &|_| false).unwrap();
+    assert!(none.points().is_empty() && none.uv(0, true).is_none());
+}
+
+#[test]
+fn threads_change_nothing_and_wrong_input_is_refused() {
+    let scene = atrium().scene(1.0);
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let make = || lightmap(&scene, 0.2);
+    assert!(pool(1).install(make) == pool(2).install(make));
+    let sides = vec![BOTH; scene.triangles.len()];
+    let new = |sides: &[Sides], texel| LightmapTexels::new(&scene, sides, texel, &|_| true);
+    for texel in [0.0, -1.0, f32::NAN] {
+        assert!(matches!(new(&sides, texel), Err(Error::Setting { name: "texel", .. })));
+    }
+    assert!(matches!(new(&sides[1..], 0.1), Err(Error::Length { name: "sides", .. })));
+    assert!(matches!(new(&sides, 1e-4), Err(Error::TooMany { limit, .. }) if limit == u64::from(LIGHTMAP_LIMIT)));
+    assert!(matches!(new(&sides, 0.0015), Err(Error::TooMany { .. })));
+    let map = make();
+    assert!(matches!(map.at(&[], 0, true, 0.1, 0.1), Err(Error::Length { .. })));
+    assert!(matches!(map.picture(&[]), Err(Error::Length { .. })));
+}
