@@ -172,8 +172,10 @@ fn probe_at(p: &VolumeParams, probes: &[u32], counts: Vec3, c: Vec3) -> u32 {
 /// whatever their direction; where a surface ends within the quadrant its plane hides a little too much. What is smaller
 /// than the distance between the rays may be missed. So that there is always a mean, a
 /// hidden probe keeps 10⁻¹² times the fourth power of the share of the planes that it has q in front of.
+///
+/// Shapes: `planes[81 · probes]`, g of each direction as x, y, z. Needs `probe` below the number of probes.
 #[inline]
-fn probe_weight(p: &VolumeParams, planes: &[f32], probe: u32, q: Vec3, trilinear: f32) -> f32 {
+pub fn probe_weight(p: &VolumeParams, planes: &[f32], probe: u32, q: Vec3, trilinear: f32) -> f32 {
     let any = trilinear + 1e-3;
     if p.walls == 0 {
         return trilinear + LEAST * any;
