@@ -136,7 +136,7 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "sky" => layout::<Sky>(),
         "hits" => layout::<Hit>(),
         "points" => layout::<SurfacePoint>(),
-        "cells" => layout::<ReceiverCell>(),
+        "receiver_cells" => layout::<ReceiverCell>(),
         "grids" => layout::<TriangleGrid>(),
         "members" => layout::<Member>(),
         "entries" => layout::<LookupPatch>(),

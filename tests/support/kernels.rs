@@ -395,7 +395,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("hits", &hits),
                 buffer("points", &points),
                 buffer("grids", &grids),
-                buffer("cells", &cells),
+                buffer("receiver_cells", &cells),
                 buffer("vertices", &(0..values).rev().collect::<Vec<u32>>()),
                 buffer("values", &r.colors(values as usize)),
                 buffer("direct", &r.colors(n)),
@@ -450,7 +450,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("points", &points),
                 buffer("direct", &r.colors(points.len())),
                 buffer("emission", &r.colors(200)),
-                buffer("albedo", &r.colors(200)),
+                buffer("albedo", &r.colors(points.len())),
                 room::<Vec4>("source", 200),
             ];
             call(200, CountParams { count: 200 }, tables)

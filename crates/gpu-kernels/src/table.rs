@@ -421,7 +421,7 @@ pub static FORMFACTOR_INTERPOLATE: Kernel = Kernel {
         read::<SurfacePoint>("points"),
         read::<Triangle>("triangles"),
         read::<TriangleGrid>("grids"),
-        read::<ReceiverCell>("cells"),
+        read::<ReceiverCell>("receiver_cells"),
         read::<u32>("vertices"),
         read::<Rgb>("values"),
         write::<Rgb>("irradiance"),

@@ -9,7 +9,7 @@ use glam::{Quat, Vec3, Vec4};
 use patches::{Error, PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};
 use rayon::prelude::*;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, unit};
-use scene::{Material, ReceiverSet, Scene, SceneParts, SurfacePoint, TriangleUv, Visibility, is_open};
+use scene::{Material, POINT_WALKS, ReceiverSet, Scene, SceneParts, SurfacePoint, TriangleUv, Visibility, is_open};
 use support::{Mesh, atrium, two_rooms};
 
 fn settings(edge: f32) -> VolumeSettings {
@@ -185,7 +185,9 @@ fn in_a_white_furnace_all_cubes_are_pi_times_the_radiance() {
     let scene = shining(mesh);
     let cubes = |volume: &VoxelVolume| irradiance(&scene, volume.points(), 64, |_, front| f32::from(u8::from(front)));
     let worst = |cubes: &[f32]| cubes.iter().map(|e| (e - PI).abs()).fold(0.0, f32::max);
-    let is_lit = |p: &SurfacePoint| is_open(&scene, p, hash3(p.position.x.to_bits(), p.position.y.to_bits(), p.patch));
+    let is_lit = |p: &SurfacePoint| {
+        is_open(&scene, p, POINT_WALKS, hash3(p.position.x.to_bits(), p.position.y.to_bits(), p.patch))
+    };
     let volume = VoxelVolume::new(&scene, &settings(0.25), &is_lit).unwrap();
     assert!(volume.points().iter().all(|p| {
         let place = p.position;
@@ -291,7 +293,9 @@ fn sizes_and_bytes_are_as_asked_for() {
         assert!(voxels <= count as usize && voxels * 2 > count as usize, "{voxels} for {count}");
     }
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let make = || VoxelVolume::new(&scene, &settings(0.6), &|p| is_open(&scene, p, 1) || p.position.y > 1.0).unwrap();
+    let make = || {
+        VoxelVolume::new(&scene, &settings(0.6), &|p| is_open(&scene, p, POINT_WALKS, 1) || p.position.y > 1.0).unwrap()
+    };
     assert!(pool(1).install(make) == pool(2).install(make));
 }
 

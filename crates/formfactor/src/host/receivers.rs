@@ -11,7 +11,7 @@ use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Vis
 use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
-use crate::kernel::grid::{cell_corners, cell_count, vertex_count};
+use crate::kernel::grid::{cell_corners, cell_count, vertex_at, vertex_count};
 use crate::kernel::product::interpolate_receivers;
 use crate::types::{ReceiverCell, TriangleGrid};
 
@@ -111,7 +111,8 @@ impl Receivers {
         sides.collect()
     }
 
-    /// Leaves out receivers that are not good where their cell has a good one: their vertices take the nearest of these.
+    /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good vertex beside
+    /// them.
     /// Returns whether each of those that are left is good.
     pub fn retain(&mut self, scene: &Scene, is_good: impl Fn(&SurfacePoint) -> bool + Sync) -> Vec<bool> {
         let flags: Vec<bool> = self.points.par_iter().map(&is_good).collect();
@@ -126,15 +127,21 @@ impl Receivers {
                 if good == 0 || good == own.len() {
                     continue;
                 }
-                let places: Vec<Vec2> = vertex_places(&side, k, cell.divisions).collect();
-                let place = |v: usize| scene.geometry().position(side.triangle, places[v].x, places[v].y);
-                let kept: Vec<(Vec3, u32)> =
-                    (0..own.len()).filter(|&v| flags[own[v] as usize]).map(|v| (place(v), own[v])).collect();
-                for v in (0..own.len()).filter(|&v| !flags[own[v] as usize]).collect::<Vec<usize>>() {
-                    let here = place(v);
-                    let distance = |k: &&(Vec3, u32)| k.0.distance_squared(here);
-                    if let Some(nearest) = kept.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) {
-                        own[v] = nearest.1;
+                // Only beside a good one: what lies further in is dark, and may be seen from its own side of a wall.
+                let n = cell.divisions;
+                let at = |i: u32, j: u32| vertex_at(n, i, j) as usize;
+                let before = own.to_vec();
+                for (i, j) in (0..=n).flat_map(|j| (0..=n - j).map(move |i| (i, j))) {
+                    if flags[before[at(i, j)] as usize] {
+                        continue;
+                    }
+                    let beside = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)];
+                    let found = beside.iter().find_map(|&(di, dj)| {
+                        let (x, y) = (i.checked_add_signed(di)?, j.checked_add_signed(dj)?);
+                        (x + y <= n && flags[before[at(x, y)] as usize]).then(|| before[at(x, y)])
+                    });
+                    if let Some(receiver) = found {
+                        own[at(i, j)] = receiver;
                     }
                 }
             }

@@ -13,18 +13,18 @@ use crate::error::Error;
 /// Rows that one task makes.
 const TASK_ROWS: usize = 64;
 
-/// Sparse rows of form factors, closed: the factors of a row and its sky factor sum to 1.
+/// Sparse rows of form factors: the factors of a row, its sky factor and its lost share sum to 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SparseRows {
     /// `F_ij`, rows × patches.
     pub factors: Csr,
     /// `F_i0`: share of each row's hemisphere that sees no geometry.
     pub sky_factor: Vec<f32>,
-    /// Share of each row's rays that met something no patch owns; the others carry its part.
+    /// Share of each row's rays that met something no patch owns: surfaces without patches are dark, and send nothing.
     pub lost: Vec<f32>,
 }
 
-/// The rows that [`Hemisphere`] makes, sparse and closed, on all cores, the same bytes for any number of threads.
+/// The rows that [`Hemisphere`] makes, sparse, on all cores, the same bytes for any number of threads.
 /// `progress(done, total)` is called now and then, from any thread; breaking it cancels.
 ///
 /// # Errors
@@ -61,8 +61,8 @@ pub fn sparse_rows(
     if found > u64::from(u32::MAX) {
         return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
     }
-    let mut out = SparseRows::default();
-    out.factors = Csr { rows: total, columns: patches as usize, row_start: std::vec![0], ..Csr::default() };
+    let factors = Csr { rows: total, columns: patches as usize, row_start: std::vec![0], ..Csr::default() };
+    let mut out = SparseRows { factors, ..SparseRows::default() };
     out.factors.column_index.reserve_exact(found as usize);
     out.factors.values.reserve_exact(found as usize);
     for part in parts {
@@ -106,11 +106,8 @@ impl Part {
                 self.values.push(share);
             }
         }
-        let rest: f32 = sky + self.values[start..].iter().sum::<f32>();
-        let scale = if rest > 0.0 { 1.0 / rest } else { 0.0 };
-        self.values[start..].iter_mut().for_each(|value| *value *= scale);
         self.ends.push(self.values.len() as u32);
-        self.sky_factor.push(sky * scale);
+        self.sky_factor.push(sky);
         self.lost.push(lost);
     }
 }

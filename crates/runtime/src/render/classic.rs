@@ -164,7 +164,7 @@ impl Classic {
             let seed = settings.seed ^ 0x7265_6365;
             let sampler = match LitSampler::new(&scene, RECEIVER_PILOTS, seed) {
                 Ok(sampler) => sampler,
-                Err(patches::Error::NoSamples) => return Ok(MeshReceivers::none(&scene)?),
+                Err(patches::Error::NoSamples) => return MeshReceivers::none(&scene),
                 Err(error) => return Err(error.into()),
             };
             let lights = test_lights(&scene, &senders, &factors, &facet_rows.factors, &direct)?;
@@ -324,11 +324,11 @@ fn exchange(
     let mut factors = Dense::zeros(patches, patches);
     for (i, range) in senders.patch_facets.windows(2).enumerate() {
         let row = factors.row_mut(i);
-        for facet in range[0] as usize..range[1] as usize {
-            let entries =
-                facet_rows.factors.row_start[facet] as usize..facet_rows.factors.row_start[facet + 1] as usize;
-            for k in entries {
-                row[facet_rows.factors.column_index[k] as usize] += shares[facet] * facet_rows.factors.values[k];
+        let own = range[0] as usize..range[1] as usize;
+        for (facet, share) in own.clone().zip(&shares[own]) {
+            let rows = &facet_rows.factors;
+            for k in rows.row_start[facet] as usize..rows.row_start[facet + 1] as usize {
+                row[rows.column_index[k] as usize] += share * rows.values[k];
             }
         }
     }

@@ -143,7 +143,7 @@ impl Frame {
         let factors = table(&mut plan, "factors", bytemuck::cast_slice(&padded)).1;
         drop(padded);
         let grids = table(&mut plan, "grids", bytemuck::cast_slice(&parts.receivers.nodes.grids)).1;
-        let cells = table(&mut plan, "cells", bytemuck::cast_slice(&parts.receivers.nodes.cells)).1;
+        let cells = table(&mut plan, "receiver_cells", bytemuck::cast_slice(&parts.receivers.nodes.cells)).1;
         let vertices = table(&mut plan, "vertices", bytemuck::cast_slice(&parts.receivers.nodes.vertices)).1;
 
         let lights = plan.storage("lights", (light_room * size_of::<Light>()) as u64);
@@ -246,7 +246,7 @@ impl Frame {
             ("direct", Range::from(pixel_direct)),
             ("indirect", Range::from(pixel_indirect)),
             ("grids", grids),
-            ("cells", cells),
+            ("receiver_cells", cells),
             ("vertices", vertices),
             ("values", Range::from(node_light)),
         ]);

@@ -7,8 +7,8 @@ use glam::{Vec3, Vec4};
 use patches::{LitSampler, Nearest, Sample};
 use rayon::prelude::*;
 use scene::math::luminance;
-use scene::sampling::{frame, hammersley};
-use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, Sides, SurfacePoint, Visibility};
+use scene::sampling::{frame, hammersley, hash3};
+use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, Sides, SurfacePoint, Visibility, is_open};
 
 use super::senders::Senders;
 use crate::error::Error;
@@ -43,6 +43,9 @@ const LEAST_NODE_EDGE: f32 = 1.0;
 const WELD: f32 = 0.25;
 /// Height at which nodes look for receivers, in edges between receivers: above what bends in between.
 const LIFT: f32 = 0.1;
+
+/// Walks by which a node that sees no receiver looks for light.
+const WALKS: u32 = 2;
 
 /// How receivers are placed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,10 +128,14 @@ impl MeshReceivers {
         let mut nodes = Receivers::new(scene, &senders.sides(), CELL_EDGE * edge, WELD * edge, within)?;
         let weigh = |node: &SurfacePoint, seen: bool| node_weights(scene, &nearest, &samples, edge, node, seen);
         // A node that sees no receiver is inside of a solid or behind a wall: others of its cell serve. Where there are none,
-        // the nearest receivers have to.
+        // the nearest receivers have to, unless no light comes there at all.
         let good = nodes.retain(scene, |node| !weigh(node, true).is_empty());
-        let weights: Vec<Vec<(u32, f32)>> =
-            nodes.points.par_iter().zip(good).map(|(node, good)| weigh(node, good)).collect();
+        let weights: Vec<Vec<(u32, f32)>> = (nodes.points.par_iter().zip(good))
+            .map(|(node, good)| {
+                let lit = good || is_open(scene, node, WALKS, hash3(node.patch, 0, placing.seed));
+                if lit { weigh(node, good) } else { Vec::new() }
+            })
+            .collect();
         let mut table = Csr { rows: weights.len(), columns: points.len(), row_start: vec![0], ..Csr::default() };
         for mut node in weights {
             node.sort_unstable_by_key(|w| w.0);

@@ -5,7 +5,8 @@ use formfactor::{Patch, PatchSize, Polygon, SubdivideSettings, Surfaces, Triangl
 use glam::{Vec3, Vec4};
 use patches::{Nearest, Sample, ViewSettings, view_clusters};
 use rayon::prelude::*;
-use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint};
+use scene::sampling::hash3;
+use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, Visibility, is_open};
 
 use crate::error::Error;
 
@@ -18,6 +19,14 @@ const MOST_DIVISIONS: f32 = 1024.0;
 
 /// A place has no patch when the nearest sample of like normal is further, in sample edges.
 const FAR: f32 = 4.0;
+/// Samples that are tried, the nearest first.
+const TRIED: usize = 6;
+/// A sample nearer than this, in sample edges, need not be seen.
+const TOUCHING: f32 = 0.2;
+/// Walks by which a place that sees no sample looks for light.
+const WALKS: u32 = 2;
+/// Height at which places look for samples, in sample edges: above what bends in between.
+const LIFT: f32 = 0.1;
 
 /// What patches are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -167,7 +176,8 @@ impl Senders {
             .collect();
         let grids = cell_grids(&vec![Sides { front: true, back: true }; divisions.len()], &divisions)?;
         let nearest = Nearest::new(&found.set.samples);
-        let cells = cell_facets(scene, &grids, &nearest, &points);
+        let cells =
+            cell_facets(scene, &grids, &nearest, &points, scene::math::sqrt((area / points.len() as f64) as f32));
         Ok(Self {
             patches,
             albedo,
@@ -263,8 +273,14 @@ impl Senders {
     }
 }
 
-/// The facet of each cell: that of the nearest sample.
-fn cell_facets(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest, points: &[SurfacePoint]) -> Vec<u32> {
+/// The facet of each cell: that of the nearest sample that it sees, samples being `edge` m apart.
+fn cell_facets(
+    scene: &Scene,
+    grids: &[TriangleGrid],
+    nearest: &Nearest,
+    points: &[SurfacePoint],
+    edge: f32,
+) -> Vec<u32> {
     let geometry = scene.geometry();
     let side = |triangle: usize, normal: Vec3| -> Vec<u32> {
         let n = grids[triangle].divisions;
@@ -272,7 +288,21 @@ fn cell_facets(scene: &Scene, grids: &[TriangleGrid], nearest: &Nearest, points:
             let (a, b, c) = cell_corners(n, cell);
             let middle = (a + b + c) / 3.0;
             let place = geometry.position(triangle as u32, middle.x, middle.y);
-            nearest.sample(place, normal, FAR).map_or(NONE, |(sample, _)| points[sample as usize].patch)
+            let (found, count) = nearest.samples::<TRIED>(place, normal, FAR);
+            // Nothing may stand between: a dark place has no facet, however bright it is beyond a wall.
+            let lift = scene.ray_offset + LIFT * edge;
+            let seen = |&(sample, distance): &(u32, f32)| {
+                let there = &points[sample as usize];
+                distance < TOUCHING || !scene.any_hit(place + normal * lift, there.position + there.normal * lift)
+            };
+            let found = &found[..count];
+            // What is small may hide from all samples of like normal, and be lit nevertheless.
+            let lit = || {
+                let point = SurfacePoint { position: place, patch: NONE, normal, weight: 1.0 };
+                n == 1 && is_open(scene, &point, WALKS, hash3(triangle as u32, cell, 0x6869_6465))
+            };
+            let chosen = found.iter().find(|f| seen(f)).or_else(|| found.first().filter(|_| lit()));
+            chosen.map_or(NONE, |f| points[f.0 as usize].patch)
         };
         (0..cell_count(n)).map(facet).collect()
     };
