@@ -25,7 +25,7 @@ fn settings(patches: usize) -> ClassicSettings {
         estimator: Estimator::Hemisphere { rays: 1024 },
         bounces: None,
         receiver_edge: None,
-        most_receivers: 20_000,
+        most_receivers: None,
         receiver_rays: 256,
         sub_frames: 8,
         seed: 3,

@@ -132,7 +132,7 @@ impl Baked {
             estimator: Estimator::Hemisphere { rays: 512 },
             bounces: None,
             receiver_edge: None,
-            most_receivers: 20_000,
+            most_receivers: None,
             receiver_rays: 256,
             sub_frames: 2,
             seed: 5,

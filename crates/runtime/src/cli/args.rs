@@ -151,9 +151,9 @@ pub struct Render {
     /// mean edge].
     #[arg(long)]
     pub receiver_edge: Option<f32>,
-    /// Most of those points; where light bends they stand closer.
-    #[arg(long, default_value_t = 300_000, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
-    pub most_receivers: u32,
+    /// Most of those points; where light bends they stand closer [default: 30 a patch].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
+    pub most_receivers: Option<u32>,
     /// Estimator of the form factors.
     #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
     pub form_factors: FormFactors,

@@ -97,7 +97,7 @@ fn one_scene(
         estimator: Estimator::Hemisphere { rays: effort.rays },
         bounces: None,
         receiver_edge: None,
-        most_receivers: 100_000,
+        most_receivers: None,
         receiver_rays: effort.rays / 2,
         sub_frames: 6,
         seed: common.seed,

@@ -150,7 +150,7 @@ fn classic_frames(
             Bounces::Count(k) => Some(k),
         },
         receiver_edge: args.receiver_edge,
-        most_receivers: args.most_receivers as usize,
+        most_receivers: args.most_receivers.map(|most| most as usize),
         receiver_rays: args.receiver_rays,
         sub_frames: args.spp.unwrap_or(16),
         seed: common.seed,

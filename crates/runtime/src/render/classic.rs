@@ -26,6 +26,8 @@ use crate::progress::Progress;
 const MOST_PATCHES: usize = 65_535;
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
+/// Most receivers for each patch.
+const RECEIVERS_A_PATCH: usize = 30;
 /// Samples that are asked where light comes before receivers are placed.
 const RECEIVER_PILOTS: u32 = 32_768;
 /// Fewest rays of a facet's row.
@@ -70,8 +72,8 @@ pub struct ClassicSettings {
     pub bounces: Option<u32>,
     /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge.
     pub receiver_edge: Option<f32>,
-    /// Most receivers: beyond those of the distance, where light bends.
-    pub most_receivers: usize,
+    /// Most receivers: beyond those of the distance, where light bends; `None` for 30 a patch.
+    pub most_receivers: Option<usize>,
     /// Rays of a receiver's row.
     pub receiver_rays: u32,
     /// Sub-frames a picture: positions in each pixel, and shadow rays of area lights.
@@ -91,7 +93,7 @@ impl Default for ClassicSettings {
             estimator: Estimator::Hemisphere { rays: 4096 },
             bounces: None,
             receiver_edge: None,
-            most_receivers: 300_000,
+            most_receivers: None,
             receiver_rays: 256,
             sub_frames: 16,
             seed: 0,
@@ -168,7 +170,7 @@ impl Classic {
                 Err(error) => return Err(error.into()),
             };
             let lights = test_lights(&scene, &senders, &factors, &facet_rows.factors, &direct)?;
-            let placing = Placing { edge, most: settings.most_receivers, seed };
+            let placing = Placing { edge, most: settings.most_receivers.unwrap_or(RECEIVERS_A_PATCH * count), seed };
             // How many there will be is not known: the bar shows the rows of each round.
             let rows = |points: &[SurfacePoint]| {
                 let offsets: Vec<u32> = (0..=points.len() as u32).collect();
