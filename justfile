@@ -23,7 +23,7 @@ spv:
 spv-check:
     cd crates/gpu-kernels/builder && cargo run --release -- --check
 
-# Criterion benches: bandwidth of the dense product, rays a second, scaling of patches and lookups.
+# Criterion benches: bandwidth of the dense and of the receivers' product, rays a second, scaling of patches and lookups.
 bench:
     cargo bench
 

@@ -140,12 +140,14 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "grids" => layout::<TriangleGrid>(),
         "members" => layout::<Member>(),
         "entries" => layout::<LookupPatch>(),
-        "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "vertices" | "cells"
-        | "probes" => layout::<u32>(),
+        "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"
+        | "cells" | "probes" => layout::<u32>(),
         "planes" => layout::<f32>(),
         "factors" if kernel == "formfactor_hemisphere_row" => layout::<f32>(),
         "factors" if kernel == "formfactor_gather_half" => layout::<UVec2>(),
         "values" if kernel == "formfactor_gather_csr" => layout::<f32>(),
+        "scales" => layout::<f32>(),
+        "quads" => layout::<UVec2>(),
         "factors" | "values" | "sky_map" | "irradiance" | "direct" | "indirect" | "sum" | "source" | "albedo"
         | "emission" | "exitance" | "means" | "cubes" | "harmonics" => layout::<Vec4>(),
         other => panic!("{kernel}: say the type of the binding {other} here"),

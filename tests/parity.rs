@@ -115,11 +115,10 @@ fn count_offset(kernel: &Kernel) -> usize {
         "scene_primary" | "scene_shade" => offset_of!(PixelParams, count),
         "scene_tone_map" => offset_of!(ToneMapParams, count),
         "formfactor_hemisphere_hits" | "formfactor_hemisphere_row" => offset_of!(HemisphereParams, row_count),
-        name if name.starts_with("formfactor_gather") && name != "formfactor_gather_csr" => {
-            offset_of!(GatherParams, rows)
-        }
         "patches_lookup" => offset_of!(LookupParams, count),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => offset_of!(VolumeParams, count),
+        "formfactor_gather_csr" | "formfactor_gather_hits" => offset_of!(CountParams, count),
+        name if name.starts_with("formfactor_gather") => offset_of!(GatherParams, rows),
         _ => offset_of!(CountParams, count),
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use bytemuck::{Pod, Zeroable};
 use formfactor::kernel::grid::{cell_count, vertex_count};
 use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
-use formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
+use formfactor::{GatherParams, HemisphereParams, HitRows, ReceiverCell, TriangleGrid};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
@@ -476,6 +476,24 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 room::<Vec4>("irradiance", 150),
             ];
             call(150, CountParams { count: 150 }, tables)
+        }
+        "formfactor_gather_hits" => {
+            // Half of the hits lie in a few columns: counts from one to more than four different columns can have.
+            let (rows, rays, columns) = (150, 300, 90);
+            let hits: Vec<u32> =
+                (0..rows * rays).map(|k| if k % 2 == 0 { r.below(columns + 9) } else { r.below(4) / 3 }).collect();
+            let scales: Vec<f32> = (0..rows).map(|_| r.unit() / rays as f32).collect();
+            let mut rows_of_hits = HitRows::new(columns as usize).expect("few columns");
+            rows_of_hits.push(&hits, &scales).expect("as many rays for every row");
+            let tables = vec![
+                buffer("row_start", rows_of_hits.row_start()),
+                buffer("quads", rows_of_hits.quads()),
+                buffer("counts", &rows_of_hits.count_words()),
+                buffer("scales", rows_of_hits.scales()),
+                buffer("exitance", &r.colors(columns as usize)),
+                room::<Vec4>("irradiance", rows as usize),
+            ];
+            call(rows, CountParams { count: rows }, tables)
         }
         "formfactor_gather" | "formfactor_gather_half" | "formfactor_gather_image" | "formfactor_gather_half_image" => {
             // More senders than a row of the vector's image has texels.

@@ -5,6 +5,7 @@ mod balance;
 mod contour;
 mod estimate;
 mod file;
+mod hits;
 mod polygon;
 mod product;
 mod receivers;
@@ -20,6 +21,7 @@ pub use estimate::{
     form_factors,
 };
 pub use file::{RowFile, RowFileWriter};
+pub use hits::HitRows;
 pub use polygon::Polygon;
 pub use product::{Operator, widen_half};
 pub use receivers::Receivers;

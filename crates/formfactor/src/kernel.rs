@@ -2,4 +2,5 @@
 
 pub mod grid;
 pub mod hemisphere;
+pub mod hits;
 pub mod product;

@@ -1,7 +1,7 @@
 //! Entry points of the form factors and of the products with them.
 
 use ::formfactor::kernel::product::{LANES, ROWS_TOGETHER, VECTOR_IMAGE_WIDTH};
-use ::formfactor::kernel::{hemisphere, product};
+use ::formfactor::kernel::{hemisphere, hits, product};
 use ::formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
 use ::scene::kernel::bvh;
 use ::scene::{BvhNode, Geometry, Hit, Material, Rgb, SurfacePoint, Texture, Triangle, TriangleUv};
@@ -217,6 +217,26 @@ pub fn gather_csr(
     let k = element(id, groups);
     if k < p.count {
         irradiance[k as usize] = product::gather_row_sparse(k, row_start, columns, values, exitance);
+    }
+}
+
+/// Irradiance of every row of counts of hits: [`hits::gather_row_hits`].
+#[spirv(compute(threads(64), entry_point_name = "formfactor_gather_hits"))]
+#[inline(never)]
+pub fn gather_hits(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(push_constant)] p: &CountParams,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] quads: &[UVec2],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] counts: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] scales: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] exitance: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] irradiance: &mut [Rgb],
+) {
+    let k = element(id, groups);
+    if k < p.count {
+        irradiance[k as usize] = hits::gather_row_hits(k, row_start, quads, counts, scales, exitance);
     }
 }
 

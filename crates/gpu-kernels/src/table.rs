@@ -142,6 +142,7 @@ pub static KERNELS: &[&Kernel] = &[
     &FORMFACTOR_GATHER_IMAGE,
     &FORMFACTOR_GATHER_HALF_IMAGE,
     &FORMFACTOR_GATHER_CSR,
+    &FORMFACTOR_GATHER_HITS,
     &FORMFACTOR_BOUNCE,
     &FORMFACTOR_INTERPOLATE,
     &PATCHES_GATHER_MEAN,
@@ -396,6 +397,24 @@ pub static FORMFACTOR_GATHER_CSR: Kernel = Kernel {
         write::<Rgb>("irradiance"),
     ],
     host: host::formfactor::gather_csr,
+};
+
+/// Product with rows of counts of hits (`formfactor::HitRows`). An element is a row.
+pub static FORMFACTOR_GATHER_HITS: Kernel = Kernel {
+    name: "formfactor_gather_hits",
+    spv: spv!("formfactor_gather_hits"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[
+        read::<u32>("row_start"),
+        read::<UVec2>("quads"),
+        read::<u32>("counts"),
+        read::<f32>("scales"),
+        read::<Rgb>("exitance"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::formfactor::gather_hits,
 };
 
 /// Exitance of every patch after a bounce, W/m². An element is a patch.

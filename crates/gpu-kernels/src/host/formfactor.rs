@@ -1,6 +1,7 @@
 //! Host forms of the form-factor kernels and of the products.
 
 use ::formfactor::kernel::hemisphere::{self, EXTRA_COLUMNS};
+use ::formfactor::kernel::hits::{self, WORD_COUNTS};
 use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums, VECTOR_IMAGE_WIDTH};
 use ::formfactor::{GatherParams, HemisphereParams};
 use ::scene::kernel::bvh;
@@ -159,6 +160,18 @@ pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), Hos
     let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
     let exitance = exitance.read::<Rgb>(0)?;
     fill(irradiance.write(n)?, |k| product::gather_row_sparse(k, row_start, columns, values, exitance));
+    Ok(())
+}
+
+pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [row_start, quads, counts, scales, exitance, irradiance]) = call.parts::<CountParams, 6>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let row_start = row_start.read::<u32>(n + 1)?;
+    let quads = quads.read::<UVec2>(row_start[n] as usize)?;
+    let counts = counts.read::<u32>(row_start[n].div_ceil(WORD_COUNTS) as usize)?;
+    let (scales, exitance) = (scales.read::<f32>(n)?, exitance.read::<Rgb>(0)?);
+    fill(irradiance.write(n)?, |k| hits::gather_row_hits(k, row_start, quads, counts, scales, exitance));
     Ok(())
 }
 

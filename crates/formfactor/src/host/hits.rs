@@ -1,0 +1,249 @@
+//! Rows of a rectangular operator as counts of hits: storage, and the product on all cores.
+
+use std::vec::Vec;
+
+use glam::{UVec2, Vec4};
+use rayon::prelude::*;
+
+use super::product::Operator;
+use super::storage::{Csr, check_length};
+use crate::error::Error;
+use crate::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, QUAD_COLUMNS, WORD_COUNTS};
+
+/// As a size of arrays.
+const MOST_COLUMNS: usize = MOST_HIT_COLUMNS as usize;
+/// Columns of a quad.
+const FOUR: usize = QUAD_COLUMNS as usize;
+/// Steps of a hit: [`COUNT_STEP`] is one over it.
+const STEPS: usize = FOUR;
+/// Greatest count of four columns that differ: four times this fits a byte.
+const MOST_COUNT: usize = u8::MAX as usize / STEPS;
+/// Rows one task works through.
+const TASK_ROWS: usize = 128;
+
+/// A rectangular operator whose rows come from rays: `F_ij = s_i c_ij`, c the number of row i's rays that hit column j, s a
+/// scale of the row. About 2.4 bytes an entry that is not zero: columns are 16-bit numbers (so at most 65,536), in quads of
+/// four with like counts, and a quad has one byte. The product adds up exitance and multiplies once a quad.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HitRows {
+    columns: usize,
+    row_start: Vec<u32>,
+    quads: Vec<UVec2>,
+    counts: Vec<u8>,
+    scales: Vec<f32>,
+}
+
+impl HitRows {
+    /// An operator without rows yet.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] above 65,536 columns.
+    pub fn new(columns: usize) -> Result<Self, Error> {
+        if columns > MOST_COLUMNS {
+            return Err(Error::TooMany { found: columns as u64, limit: MOST_COLUMNS as u64 });
+        }
+        Ok(Self { columns, row_start: vec![0], ..Self::default() })
+    }
+
+    /// Adds rows, coded on all cores: row k of the block was hit by `hits[k · rays..(k + 1) · rays]`, in any order; what is
+    /// no column (the sky, hits without owner) is left out. `scales[k]` is the factor of one of its hits, usually one over
+    /// the number of its rays. Rows may come in blocks, so that all hits are never together in memory.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless `hits` holds the same number of rays for every row; [`Error::Value`] for a scale that is not
+    /// finite; [`Error::TooMany`] beyond 2³² − 1 quads. Nothing is added then.
+    pub fn push(&mut self, hits: &[u32], scales: &[f32]) -> Result<(), Error> {
+        let rows = scales.len();
+        let rays = hits.len().checked_div(rows).unwrap_or(0);
+        check_length("hits", rows * rays, hits.len())?;
+        if let Some(index) = scales.iter().position(|s| !s.is_finite()) {
+            return Err(Error::Value { name: "scales", index, value: f64::from(scales[index]), rule: "finite" });
+        }
+        let coded: Vec<Row> =
+            (0..rows).into_par_iter().map(|k| Row::new(&hits[k * rays..(k + 1) * rays], self.columns)).collect();
+        let found = (self.quads.len() + coded.iter().map(|row| row.quads.len()).sum::<usize>()) as u64;
+        if found > u64::from(u32::MAX) {
+            return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+        }
+        for row in coded {
+            self.quads.extend(row.quads);
+            self.counts.extend(row.counts);
+            self.row_start.push(self.quads.len() as u32);
+        }
+        self.scales.extend(scales);
+        Ok(())
+    }
+
+    /// Row i owns the quads `row_start[i]..row_start[i + 1]`; `[rows + 1]`.
+    pub fn row_start(&self) -> &[u32] {
+        &self.row_start
+    }
+
+    /// The columns of each quad, 16 bits each, the first in the lowest bits.
+    pub fn quads(&self) -> &[UVec2] {
+        &self.quads
+    }
+
+    /// How often a quad's columns were hit, in steps of [`COUNT_STEP`], one byte a quad.
+    pub fn counts(&self) -> &[u8] {
+        &self.counts
+    }
+
+    /// The counts as the kernel takes them: four a word, the first in the lowest bits.
+    pub fn count_words(&self) -> Vec<u32> {
+        let word = |four: &[u8]| four.iter().rev().fold(0, |word, &count| word << 8 | u32::from(count));
+        self.counts.chunks(WORD_COUNTS as usize).map(word).collect()
+    }
+
+    /// Factor of one hit, `[rows]`.
+    pub fn scales(&self) -> &[f32] {
+        &self.scales
+    }
+
+    /// Bytes of the tables: what a product reads beside the exitance.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.row_start[..])
+            + size_of_val(&self.quads[..])
+            + size_of_val(&self.counts[..])
+            + size_of_val(&self.scales[..])
+    }
+
+    /// The columns that row `i` hits, ascending, and how many of its rays hit each; nothing for a row that is not there.
+    pub fn row(&self, i: usize) -> Vec<(u32, u32)> {
+        let (Some(&first), Some(&end)) = (self.row_start.get(i), self.row_start.get(i + 1)) else { return Vec::new() };
+        let mut steps: Vec<(u32, u32)> = Vec::new();
+        for quad in first as usize..end as usize {
+            let (UVec2 { x, y }, count) = (self.quads[quad], u32::from(self.counts[quad]));
+            steps.extend([x & 0xffff, x >> 16, y & 0xffff, y >> 16].map(|column| (column, count)));
+        }
+        steps.sort_unstable();
+        steps
+            .chunk_by(|a, b| a.0 == b.0)
+            .map(|same| (same[0].0, same.iter().map(|s| s.1).sum::<u32>() / STEPS as u32))
+            .collect()
+    }
+
+    /// The same operator as compressed sparse rows.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] when there are more than 2³² − 1 entries.
+    pub fn to_csr(&self) -> Result<Csr, Error> {
+        let rows = self.scales.len();
+        let mut csr = Csr { rows, columns: self.columns, row_start: vec![0], ..Csr::default() };
+        for (i, scale) in self.scales.iter().enumerate() {
+            for (column, count) in self.row(i) {
+                csr.column_index.push(column);
+                csr.values.push(count as f32 * scale);
+            }
+            let found = csr.values.len() as u64;
+            if found > u64::from(u32::MAX) {
+                return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+            }
+            csr.row_start.push(found as u32);
+        }
+        Ok(csr)
+    }
+}
+
+/// The quads of one row.
+#[derive(Default)]
+struct Row {
+    quads: Vec<UVec2>,
+    counts: Vec<u8>,
+}
+
+impl Row {
+    fn new(hits: &[u32], columns: usize) -> Self {
+        let mut known: Vec<u32> = hits.iter().copied().filter(|&column| (column as usize) < columns).collect();
+        known.sort_unstable();
+        // Columns by what is left of their counts.
+        let mut left: [Vec<u32>; MOST_COUNT + 1] = [const { Vec::new() }; MOST_COUNT + 1];
+        for same in known.chunk_by(|a, b| a == b) {
+            for part in same.chunks(MOST_COUNT) {
+                left[part.len()].push(part[0]);
+            }
+        }
+        let mut row = Self::default();
+        for count in (1..=MOST_COUNT).rev() {
+            let class = core::mem::take(&mut left[count]);
+            let fours = class.chunks_exact(FOUR);
+            let rest = fours.remainder();
+            for four in fours {
+                row.add([four[0], four[1], four[2], four[3]], count * STEPS);
+            }
+            // Up to three columns without company join those of the next lower count, and come again with the difference;
+            // where none is near, they fill quads by standing in them repeatedly.
+            let lower = (count.div_ceil(2)..count).rev().find(|&lower| !left[lower].is_empty());
+            match (lower, rest) {
+                (Some(lower), _) => {
+                    left[lower].extend(rest);
+                    left[count - lower].extend(rest);
+                }
+                (None, &[a]) => row.add([a; FOUR], count),
+                (None, &[a, b]) => row.add([a, b, a, b], 2 * count),
+                (None, &[a, b, c]) => {
+                    row.add([a, b, a, b], 2 * count);
+                    row.add([c; FOUR], count);
+                }
+                _ => {}
+            }
+        }
+        row
+    }
+
+    fn add(&mut self, columns: [u32; FOUR], steps: usize) {
+        self.quads.push(UVec2::new(columns[0] | columns[1] << 16, columns[2] | columns[3] << 16));
+        self.counts.push(steps as u8);
+    }
+}
+
+impl Operator for HitRows {
+    fn rows(&self) -> usize {
+        self.scales.len()
+    }
+
+    fn columns(&self) -> usize {
+        self.columns
+    }
+
+    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        check_length("exitance", self.columns, exitance.len())?;
+        check_length("irradiance", self.scales.len(), irradiance.len())?;
+        // An entry for every number of 16 bits: nothing is left to check in the inner loop.
+        let mut table = vec![Vec4::ZERO; MOST_COLUMNS];
+        table[..exitance.len()].copy_from_slice(exitance);
+        let table: &Table = table.first_chunk().ok_or(Error::Length {
+            name: "exitance",
+            expected: MOST_COLUMNS,
+            found: exitance.len(),
+        })?;
+        irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
+            for (k, out) in out.iter_mut().enumerate() {
+                let i = task * TASK_ROWS + k;
+                let own = self.row_start[i] as usize..self.row_start[i + 1] as usize;
+                let sum = row_sum(&self.quads[own.clone()], &self.counts[own], table);
+                *out = (sum * (COUNT_STEP * self.scales[i])).truncate().extend(0.0);
+            }
+        });
+        Ok(())
+    }
+}
+
+/// Exitance by column.
+type Table = [Vec4; MOST_COLUMNS];
+
+/// `Σ_q c_q (B_q0 + B_q1 + B_q2 + B_q3)`. Two sums: an addition to one takes as long as a quad.
+#[inline]
+fn row_sum(quads: &[UVec2], counts: &[u8], exitance: &Table) -> Vec4 {
+    let b = |column: u32| exitance[column as usize];
+    let light = |quad: UVec2| (b(quad.x & 0xffff) + b(quad.x >> 16)) + (b(quad.y & 0xffff) + b(quad.y >> 16));
+    let (mut even, mut odd) = (Vec4::ZERO, Vec4::ZERO);
+    let (quads, counts) = (quads.chunks_exact(2), counts.chunks_exact(2));
+    let last = quads.remainder().iter().zip(counts.remainder());
+    for (quads, counts) in quads.zip(counts) {
+        even += light(quads[0]) * f32::from(counts[0]);
+        odd += light(quads[1]) * f32::from(counts[1]);
+    }
+    last.for_each(|(quad, count)| even += light(*quad) * f32::from(*count));
+    even + odd
+}
