@@ -3,6 +3,7 @@
 pub mod classic;
 mod frame;
 pub mod path;
+mod pixels;
 mod receivers;
 mod senders;
 

@@ -57,11 +57,17 @@ impl<'a> LitSampler<'a> {
 
     /// About `count` samples to which light comes, each for the same area.
     pub fn samples(&self, count: u32, seed: u32) -> Vec<Sample> {
+        self.samples_where(count, seed, |_| true)
+    }
+
+    /// Those of [`LitSampler::samples`] that are wanted; the others are not asked whether light comes to them.
+    pub fn samples_where(&self, count: u32, seed: u32, is_wanted: impl Fn(&Sample) -> bool + Sync) -> Vec<Sample> {
         // No more than memory holds, however little of the surface is lit.
         let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
         let candidates = equal_area_samples(self.scene, candidates as u32, seed);
         let lit = |(k, sample): (usize, &Sample)| {
-            self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, k as u32, WALKS, seed))
+            let takes_part = || takes_part(self.scene, sample, k as u32, WALKS, seed);
+            is_wanted(sample) && self.verdict(sample).unwrap_or_else(takes_part)
         };
         let flags: Vec<bool> = candidates.par_iter().enumerate().map(lit).collect();
         candidates.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect()

@@ -108,6 +108,15 @@ pub enum Patches {
     Cluster,
 }
 
+/// Where irradiance is gathered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ReceiverPlaces {
+    /// Points of the surface, close where light bends; pixels take the mean of those about.
+    Mesh,
+    /// Every visible point, with nothing in between: slow, for measuring (try --receiver-rays 64 --spp 1).
+    Pixels,
+}
+
 /// Estimator of the form factors.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FormFactors {
@@ -147,6 +156,9 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
+    /// Where irradiance is gathered.
+    #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
+    pub receivers: ReceiverPlaces,
     /// Distance between the points at which indirect light is gathered where it is even, m [default: a third of the patches'
     /// mean edge].
     #[arg(long)]

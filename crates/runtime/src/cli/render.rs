@@ -8,14 +8,14 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, Precision, ReferenceData, stops_to_scale};
 
-use super::args::{Bounces, Common, FormFactors, Method, Patches, Render};
+use super::args::{Bounces, Common, FormFactors, Method, Patches, ReceiverPlaces, Render};
 use super::output;
 use super::report::significant;
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
-use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
+use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -148,6 +148,10 @@ fn classic_frames(
         bounces: match args.bounces {
             Bounces::All => None,
             Bounces::Count(k) => Some(k),
+        },
+        receivers: match args.receivers {
+            ReceiverPlaces::Mesh => ReceiverKind::Mesh,
+            ReceiverPlaces::Pixels => ReceiverKind::Pixels,
         },
         receiver_edge: args.receiver_edge,
         most_receivers: args.most_receivers.map(|most| most as usize),
