@@ -6,6 +6,8 @@ pub mod path;
 mod pixels;
 mod receivers;
 mod senders;
+mod sight;
+mod test_lights;
 
 use reference::Picture;
 

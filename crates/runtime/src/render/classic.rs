@@ -16,9 +16,10 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
 use super::pixels::PixelGather;
-use super::receivers::{MeshReceivers, Placing, test_lights};
+use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
 use super::senders::{Columns, Senders};
+use super::test_lights::test_lights;
 use crate::error::Error;
 use crate::executor::Executor;
 use crate::import::LoadedScene;
@@ -188,9 +189,7 @@ impl Classic {
                 Err(error) => return Err(error.into()),
             };
             let lights = test_lights(&scene, &senders, &factors, &facet_rows.factors, &direct)?;
-            let views = [loaded.view.camera(settings.size.0, settings.size.1)];
             let placing = Placing {
-                views: &views,
                 rays: settings.receiver_rays,
                 edge,
                 most: settings.most_receivers.unwrap_or(RECEIVERS_A_PATCH * count),
@@ -222,6 +221,7 @@ impl Classic {
             ("facets".to_owned(), csr_bytes(&facet_rows.factors)),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
             ("receivers".to_owned(), receivers.rows.bytes() as u64),
+            ("smoothing".to_owned(), csr_bytes(&receivers.smoothing)),
             ("nodes".to_owned(), csr_bytes(&receivers.weights)),
         ]);
         let frame = Frame::load(

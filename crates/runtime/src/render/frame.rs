@@ -157,6 +157,8 @@ impl Frame {
         let facet_rows =
             uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
         let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], parts.factors);
+        let names = ["smoothing starts", "smoothing columns", "smoothing weights"];
+        let smoothing_rows = uploads.csr(&mut plan, names, &parts.receivers.smoothing);
         let node_rows =
             uploads.csr(&mut plan, ["node starts", "node columns", "node weights"], &parts.receivers.weights);
         let hits = &parts.receivers.rows;
@@ -181,6 +183,7 @@ impl Frame {
         let irradiance = plan.storage("irradiance", rgb(patches));
         let exitance = plan.storage("exitance", rgb(patches));
         let received = plan.storage("received", rgb(receivers));
+        let smooth = plan.storage("smooth", rgb(receivers));
         let nodes = parts.receivers.nodes.points.len();
         let node_light = plan.storage("node irradiance", rgb(nodes));
 
@@ -242,7 +245,10 @@ impl Frame {
             let push = HitsParams { rows: rows.len() as u32, first_quad };
             pass(&mut plan, "lookup", &table::FORMFACTOR_GATHER_HITS, &light, &own, &push, push.rows)?;
         }
-        let own = [("exitance", Range::from(received)), ("irradiance", Range::from(node_light))];
+        let own = [("exitance", Range::from(received)), ("irradiance", Range::from(smooth))];
+        let push = CountParams { count: receivers as u32 };
+        pass(&mut plan, "lookup", kernel, &own, &smoothing_rows, &push, receivers as u32)?;
+        let own = [("exitance", Range::from(smooth)), ("irradiance", Range::from(node_light))];
         let push = CountParams { count: nodes as u32 };
         pass(&mut plan, "lookup", kernel, &own, &node_rows, &push, nodes as u32)?;
 

@@ -6,8 +6,9 @@ use glam::{Vec3, Vec4};
 use patches::{Nearest, Sample, ViewSettings, view_clusters};
 use rayon::prelude::*;
 use scene::sampling::hash3;
-use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, Visibility, is_open};
+use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, is_open};
 
+use super::sight::sees;
 use crate::error::Error;
 
 /// Sample points of a polygon patch: origins of its form-factor rays, and where its direct light is measured.
@@ -25,8 +26,6 @@ const TRIED: usize = 6;
 const TOUCHING: f32 = 0.2;
 /// Walks by which a place that sees no sample looks for light.
 const WALKS: u32 = 2;
-/// Height at which places look for samples, in sample edges: above what bends in between.
-const LIFT: f32 = 0.1;
 
 /// What patches are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -290,10 +289,9 @@ fn cell_facets(
             let place = geometry.position(triangle as u32, middle.x, middle.y);
             let (found, count) = nearest.samples::<TRIED>(place, normal, FAR);
             // Nothing may stand between: a dark place has no facet, however bright it is beyond a wall.
-            let lift = scene.ray_offset + LIFT * edge;
             let seen = |&(sample, distance): &(u32, f32)| {
                 let there = &points[sample as usize];
-                distance < TOUCHING || !scene.any_hit(place + normal * lift, there.position + there.normal * lift)
+                distance < TOUCHING || sees(scene, (place, normal), (there.position, there.normal), edge)
             };
             let found = &found[..count];
             // What is small may hide from all samples of like normal, and be lit nevertheless.
