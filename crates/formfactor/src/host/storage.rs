@@ -165,9 +165,9 @@ impl Csr {
             let (from, to) = (range[0] as usize, range[1] as usize);
             let entries = self.row_start[from] as usize..self.row_start[to] as usize;
             let mut sums: Vec<(u32, f32)> = Vec::with_capacity(entries.len());
-            for k in from..to {
+            for (k, weight) in (from..to).zip(&weights[from..to]) {
                 let own = self.row_start[k] as usize..self.row_start[k + 1] as usize;
-                sums.extend(own.map(|e| (self.column_index[e], weights[k] * self.values[e])));
+                sums.extend(own.map(|e| (self.column_index[e], weight * self.values[e])));
             }
             // Stable: the entries of a column are added in the order of the rows.
             sums.sort_by_key(|entry| entry.0);

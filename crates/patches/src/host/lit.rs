@@ -20,6 +20,8 @@ const NEIGHBOURS: usize = 4;
 /// Walks of a candidate near which pilots do not agree: one that is left out by mistake has neighbours.
 const WALKS: u32 = 3;
 const MOST_DISTANCE: f32 = 3.0;
+/// The nearest of pilots that say no is no further than this.
+const DARK_DISTANCE: f32 = 1.0;
 
 /// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
 /// or that see no geometry. A few pilots are asked by random walks; where they agree, candidates take their answer.
@@ -78,7 +80,8 @@ impl<'a> LitSampler<'a> {
         let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
         match near[..found].iter().filter(|&&(k, _)| self.lit[k as usize]).count() {
             _ if found == 0 => None,
-            0 => Some(false),
+            // A surface that is left out by mistake is black: dark ones must be many and near.
+            0 => (found == NEIGHBOURS && near[0].1 < DARK_DISTANCE).then_some(false),
             lit if lit == found => Some(true),
             _ => None,
         }

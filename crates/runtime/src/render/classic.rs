@@ -203,7 +203,7 @@ impl Classic {
                 let progress = |done, total| proceed(report, done, total);
                 Ok(add_hit_rows(rows, &surfaces, settings.receiver_rays, &progress)?)
             };
-            MeshReceivers::place(&scene, &sampler, &senders, &placing, &lights, &add)
+            MeshReceivers::place(&scene, &sampler, senders.facets.len(), &placing, &lights, &add)
         })?;
         progress.note(&format!(
             "{count} patches, {} facets, {} receivers, {} nodes",

@@ -239,11 +239,11 @@ impl Frame {
         ];
         pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &[], &facet_count, facets as u32)?;
         let range = executor.device().max_storage_buffer_range;
-        for (rows, own, first_quad) in hit_tables.blocks(hits, range) {
+        for RowBlock { rows, tables, first_quad } in hit_tables.blocks(hits, range) {
             let light = received.range(rgb(rows.start), rgb(rows.len()));
             let light = [("exitance", Range::from(facet_exitance)), ("irradiance", light)];
             let push = HitsParams { rows: rows.len() as u32, first_quad };
-            pass(&mut plan, "lookup", &table::FORMFACTOR_GATHER_HITS, &light, &own, &push, push.rows)?;
+            pass(&mut plan, "lookup", &table::FORMFACTOR_GATHER_HITS, &light, &tables, &push, push.rows)?;
         }
         let own = [("exitance", Range::from(received)), ("irradiance", Range::from(smooth))];
         let push = CountParams { count: receivers as u32 };
@@ -385,9 +385,17 @@ struct HitTables {
 /// Blocks of rows begin at multiples of this, and their quads too: ranges of a buffer begin at multiples of 256 bytes.
 const BLOCK_STEP: usize = 256;
 
+/// Some of the receivers' rows, and what a pass over them binds.
+#[derive(Debug)]
+struct RowBlock {
+    rows: std::ops::Range<usize>,
+    tables: [(&'static str, Range); 4],
+    first_quad: u32,
+}
+
 impl HitTables {
-    /// Blocks of rows whose quads fit into one binding: the rows, what to bind, and the number of the first quad there.
-    fn blocks(&self, hits: &HitRows, range: u64) -> Vec<(std::ops::Range<usize>, [(&'static str, Range); 4], u32)> {
+    /// Blocks of rows whose quads fit into one binding.
+    fn blocks(&self, hits: &HitRows, range: u64) -> Vec<RowBlock> {
         let (starts, count) = (hits.row_start(), hits.rows());
         let quad_bytes = size_of_val(hits.quads()) as u64 / hits.quads().len().max(1) as u64;
         let most = (range / quad_bytes.max(1)).saturating_sub(BLOCK_STEP as u64);
@@ -411,8 +419,44 @@ impl HitTables {
                 ("scales", part(self.scales, rows.start, rows.end, 4)),
             ];
             first = rows.end;
-            blocks.push((rows, tables, quad as u32));
+            blocks.push(RowBlock { rows, tables, first_quad: quad as u32 });
         }
         blocks
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_hold_every_row_once_and_fit_into_a_binding() {
+        // 3,000 rows of 40 hits in different columns: 10 quads of 8 bytes each.
+        let mut hits = HitRows::new(1000).unwrap();
+        let columns: Vec<u32> = (0..3000 * 40).map(|k| k * 7 % 1000).collect();
+        hits.push(&columns, &[0.025; 3000]).unwrap();
+        let mut plan = Plan::new();
+        let mut room = |name: &str| plan.storage(name, 1 << 24);
+        let tables = HitTables {
+            row_start: room("starts"),
+            quads: room("quads"),
+            counts: room("counts"),
+            scales: room("scales"),
+        };
+        for (range, expected) in [(u64::MAX, 1), (100_000, 4), (1, 12)] {
+            let blocks = tables.blocks(&hits, range);
+            assert_eq!(blocks.len(), expected, "{range}");
+            let mut next = 0;
+            for RowBlock { rows, tables, first_quad } in blocks {
+                assert_eq!(rows.start, next);
+                next = rows.end;
+                let quads = hits.row_start()[rows.end] - first_quad;
+                assert!(hits.row_start()[rows.start] >= first_quad && first_quad % 256 == 0);
+                assert_eq!((tables[1].1.offset, tables[1].1.bytes), (8 * u64::from(first_quad), 8 * u64::from(quads)));
+                assert!(range < 1000 || tables[1].1.bytes <= range, "{range}: {:?}", tables[1]);
+                assert_eq!(tables[2].1.bytes, u64::from(quads.div_ceil(4) * 4));
+            }
+            assert_eq!(next, 3000);
+        }
     }
 }

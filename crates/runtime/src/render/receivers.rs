@@ -2,14 +2,13 @@
 //! nodes of the mesh that take the mean of the receivers about.
 
 use formfactor::{Csr, HitRows, Receivers};
-use glam::{Vec2, Vec3, Vec4};
+use glam::Vec4;
 use patches::{LitSampler, Nearest, Sample};
 use rayon::prelude::*;
 use scene::math::sqrt;
-use scene::sampling::{cosine_hemisphere, hammersley, hash3};
+use scene::sampling::hash3;
 use scene::{NONE, Scene, Sides, SurfacePoint, is_open};
 
-use super::senders::Senders;
 use super::sight::sees;
 use super::test_lights::{Estimates, Lights};
 use crate::error::Error;
@@ -30,7 +29,7 @@ const CANDIDATES: usize = 2;
 /// Receivers that a receiver may be smoothed with.
 const SMOOTHED: usize = 24;
 /// Squared standard deviations by which those may differ from it.
-const ALIKE: f32 = 11.0;
+const ALIKE: f32 = 5.0;
 
 /// Receivers that a node takes the mean of; one more gives the distance at which the weight is zero.
 const NEIGHBOURS: usize = 6;
@@ -45,12 +44,6 @@ const FURTHEST: f32 = 8.0;
 const TOUCHING: f32 = 0.2;
 /// What a turn of the normal counts in the choice, over that in the search.
 const TURN: f32 = 100.0;
-/// What a difference in openness counts: edges for all of the hemisphere.
-const OPENNESS: f32 = 8.0;
-/// Rays by which openness is measured, and how far they go, in edges.
-const OPEN_RAYS: u32 = 16;
-const OPEN_NEAR: f32 = 1.0;
-const OPEN_FAR: f32 = 4.0;
 
 /// Edge of the cells over which the distance between nodes may change, in mean edges between receivers.
 const CELL_EDGE: f32 = 6.0;
@@ -104,12 +97,12 @@ impl MeshReceivers {
         Ok(Self { points: Vec::new(), rows: HitRows::new(0)?, smoothing: empty(), nodes, weights: empty() })
     }
 
-    /// Equal-area receivers, then more of them where they are not the mean of their neighbours under `lights` (the facets'
+    /// Receivers of the light of so many facets: equal-area ones, then more of them where they are not the mean of their neighbours under `lights` (the facets'
     /// exitance), then some where nodes see none.
     pub fn place(
         scene: &Scene,
         sampler: &LitSampler,
-        senders: &Senders,
+        facets: usize,
         placing: &Placing,
         lights: &[Lights],
         add_rows: &AddRows,
@@ -117,7 +110,7 @@ impl MeshReceivers {
         let wanted = sampler.lit_area() / f64::from(placing.edge * placing.edge);
         let most = (placing.most as f64 * (1.0 - ORPHAN_ROOM)) as usize;
         let samples = sampler.samples(wanted.clamp(1.0, most as f64) as u32, placing.seed);
-        let mut set = Set { scene, samples, points: Vec::new(), rows: HitRows::new(senders.facets.len())? };
+        let mut set = Set { scene, samples, points: Vec::new(), rows: HitRows::new(facets)? };
         set.add_rows(add_rows)?;
         for round in 0..ROUNDS {
             let room = most.saturating_sub(set.samples.len()) / (ROUNDS - round);
@@ -134,7 +127,7 @@ impl MeshReceivers {
         set.samples.iter_mut().for_each(|sample| sample.area = area);
         let edge = sqrt(area);
         let mut field = Field::new(set, edge);
-        let mut nodes = field.nodes(senders)?;
+        let mut nodes = field.nodes()?;
 
         // A node that sees no receiver is inside of a solid or behind a wall: others of its cell serve. Where there are none,
         // some become receivers themselves.
@@ -238,25 +231,21 @@ impl Set<'_> {
     }
 }
 
-/// Receivers in space, with what tells whether they are alike.
+/// Receivers in space.
 struct Field<'a> {
     set: Set<'a>,
     nearest: Nearest,
-    /// Shares of the hemisphere that are free, near and far.
-    openness: Vec<Vec2>,
     /// Mean edge between receivers, m.
     edge: f32,
 }
 
 impl<'a> Field<'a> {
     fn new(set: Set<'a>, edge: f32) -> Self {
-        let openness = |s: &Sample| openness(set.scene, s.position, s.normal, edge);
-        let openness = set.samples.par_iter().map(openness).collect();
-        Self { nearest: Nearest::new(&set.samples), openness, edge, set }
+        Self { nearest: Nearest::new(&set.samples), edge, set }
     }
 
     /// Nodes as close as receivers are about them.
-    fn nodes(&self, senders: &Senders) -> Result<Receivers, Error> {
+    fn nodes(&self) -> Result<Receivers, Error> {
         let Self { set, nearest, edge, .. } = self;
         let spacing = |s: &Sample| {
             let (found, count) = nearest.samples::<5>(s.position, s.normal, FAR);
@@ -268,13 +257,19 @@ impl<'a> Field<'a> {
         let within = |point: &SurfacePoint, size: f32| {
             let far = if size <= SMALL * edge { FURTHEST } else { FAR };
             let (found, count) = nearest.samples::<3>(point.position, point.normal, far);
+            if count == 0 {
+                // Light may come where no receiver is: nodes there gather it themselves.
+                let seed = hash3(point.position.x.to_bits(), point.position.y.to_bits(), point.position.z.to_bits());
+                return is_open(set.scene, point, WALKS, seed).then_some(SMALL * edge);
+            }
             let mean = found[..count].iter().map(|f| spacing[f.0 as usize]).sum::<f32>() / count as f32;
-            (count > 0).then(|| mean.max(LEAST_NODE_EDGE * edge))
+            Some(mean.max(LEAST_NODE_EDGE * edge))
         };
-        Ok(Receivers::new(set.scene, &senders.sides(), CELL_EDGE * edge, WELD * edge, within)?)
+        let both = vec![Sides { front: true, back: true }; set.scene.triangles.len()];
+        Ok(Receivers::new(set.scene, &both, CELL_EDGE * edge, WELD * edge, within)?)
     }
 
-    /// The receivers that a node takes, with weights that sum to 1: the nearest in position, normal and openness. None when it
+    /// The receivers that a node takes, with weights that sum to 1: the nearest in position and normal. None when it
     /// must see them and sees none.
     fn weights(&self, node: &SurfacePoint, must_see: bool) -> Vec<(u32, f32)> {
         let Self { set, nearest, edge, .. } = self;
@@ -286,11 +281,9 @@ impl<'a> Field<'a> {
             return Vec::new();
         }
         let found = &mut found[..count];
-        let open = openness(set.scene, node.position, node.normal, *edge);
         for (k, distance) in &mut *found {
             let turn = node.normal.distance_squared(set.samples[*k as usize].normal);
-            let open = open.distance_squared(self.openness[*k as usize]);
-            *distance = sqrt(*distance * *distance + TURN * turn + OPENNESS * OPENNESS * open);
+            *distance = sqrt(*distance * *distance + TURN * turn);
         }
         found.sort_by(|a, b| a.1.total_cmp(&b.1));
         let seen = |(k, distance): &(u32, f32)| {
@@ -335,20 +328,6 @@ impl<'a> Field<'a> {
         };
         set.samples.par_iter().enumerate().map(row).collect()
     }
-}
-
-/// Shares of the hemisphere that are free for the near and the far distance. The directions are the same for like normals, so
-/// that differences are those of places.
-fn openness(scene: &Scene, position: Vec3, normal: Vec3, edge: f32) -> Vec2 {
-    let origin = position + normal * scene.ray_offset;
-    let mut free = Vec2::ZERO;
-    for k in 0..OPEN_RAYS {
-        let direction = cosine_hemisphere(normal, hammersley(k, OPEN_RAYS, (0, 0)));
-        let hit = scene.closest_before(origin, direction, OPEN_FAR * edge);
-        let distance = if hit.is_miss() { f32::INFINITY } else { hit.t };
-        free += Vec2::new(f32::from(distance > OPEN_NEAR * edge), f32::from(hit.is_miss()));
-    }
-    free / OPEN_RAYS as f32
 }
 
 /// Weights by distance: inverse, down to zero at the range (Franke and Little's form of Shepard's weights).

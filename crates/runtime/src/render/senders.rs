@@ -193,20 +193,6 @@ impl Senders {
         })
     }
 
-    /// The sides of the triangles that have patches.
-    pub fn sides(&self) -> Vec<Sides> {
-        let has = |first: u32, cells: u32| {
-            first != NONE
-                && (self.cells.is_empty()
-                    || self.cells[first as usize..(first + cells) as usize].iter().any(|&patch| patch != NONE))
-        };
-        let sides = |grid: &TriangleGrid| {
-            let cells = cell_count(grid.divisions);
-            Sides { front: has(grid.front, cells), back: has(grid.back, cells) }
-        };
-        self.grids.iter().map(sides).collect()
-    }
-
     /// Areas, m².
     pub fn areas(&self) -> Vec<f32> {
         self.patches.iter().map(|p| p.area).collect()
