@@ -257,7 +257,7 @@ fn what_patches_cannot_do_is_said_with_a_remedy() {
         ("-1", ["voxel edge", "positive"]),
         ("NaN", ["voxel edge", "positive"]),
         ("inf", ["voxel edge", "finite"]),
-        ("0.001", ["occupied voxels", "larger --voxel-size"]),
+        ("0.003", ["occupied voxels", "larger --voxel-size"]),
         ("0.00001", ["voxels", "larger --voxel-size"]),
     ] {
         let size = format!("--voxel-size={size}");

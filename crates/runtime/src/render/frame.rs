@@ -190,7 +190,8 @@ impl Frame {
         let facet_irradiance = plan.storage("facet irradiance", rgb(facets));
         let facet_exitance = plan.storage("facet exitance", rgb(facets));
         let source = plan.storage("source", rgb(patches));
-        let irradiance = plan.storage("irradiance", rgb(patches));
+        let values = parts.lookup.map_or(patches, |lookup| lookup.values);
+        let irradiance = plan.storage("irradiance", rgb(values));
         let exitance = plan.storage("exitance", rgb(patches));
         let received = plan.storage("received", rgb(receivers));
         let nodes = parts.receivers.nodes.points.len();
@@ -320,6 +321,7 @@ impl Frame {
             executor.upload_at(buffer, 0, bytes)?;
         }
         executor.upload(dark, &vec![Vec4::ZERO; patches])?;
+        executor.upload(irradiance, &vec![Vec4::ZERO; values])?;
         executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
         let patch_light = (patch_light, parts.direct);
@@ -374,7 +376,8 @@ impl Frame {
         Ok((full, direct, times))
     }
 
-    /// Irradiance of the patches after the last frame, W/m²: of all bounces with a lookup, else of all but the last two.
+    /// Irradiance of the patches after the last frame, W/m²: the values of a lookup, of all bounces; without one of all but
+    /// the last two.
     pub fn irradiance(&mut self) -> Result<Vec<Vec4>, Error> {
         Ok(self.executor.download_table(self.irradiance)?)
     }

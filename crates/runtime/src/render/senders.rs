@@ -223,7 +223,13 @@ impl Senders {
                 None => Grid::for_count(scene, Vec3::ONE, count, |grid| Ok(gathered(grid)?.len()))?,
             };
             let set = gathered(&grid)?;
-            let lookup = Lookup::new(&grid, &set, LookupSettings::default())?;
+            // What is dark sends nothing, but must not show the light of the other side of its wall.
+            let dark = match sample_voxels(scene, &grid, &settings, &|sample: &Sample| !keep(sample)) {
+                Ok(samples) => gather(&grid, samples)?,
+                Err(patches::Error::NoSamples) => PatchSet::default(),
+                Err(error) => return Err(error),
+            };
+            let lookup = Lookup::with_dark(&grid, &set, &dark, LookupSettings::default())?;
             Ok((set, lookup))
         };
         let (set, lookup) = made().map_err(|error| match error {
