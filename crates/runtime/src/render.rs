@@ -5,7 +5,7 @@ mod frame;
 pub mod path;
 mod pixels;
 mod receivers;
-mod senders;
+pub(crate) mod senders;
 mod sight;
 mod test_lights;
 

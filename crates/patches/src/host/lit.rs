@@ -67,12 +67,21 @@ impl<'a> LitSampler<'a> {
         // No more than memory holds, however little of the surface is lit.
         let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
         let candidates = equal_area_samples(self.scene, candidates as u32, seed);
-        let lit = |(k, sample): (usize, &Sample)| {
-            let takes_part = || takes_part(self.scene, sample, k as u32, WALKS, seed);
-            is_wanted(sample) && self.verdict(sample).unwrap_or_else(takes_part)
-        };
+        let lit = |(k, sample): (usize, &Sample)| is_wanted(sample) && self.takes_part(sample, k as u32, seed);
         let flags: Vec<bool> = candidates.par_iter().enumerate().map(lit).collect();
         candidates.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect()
+    }
+
+    /// Whether light comes to the place and side of a sample, which sees geometry; its area and albedo are not asked. The
+    /// same place and seed give the same answer.
+    pub fn is_lit(&self, sample: &Sample, seed: u32) -> bool {
+        let [x, y, z] = sample.position.to_array().map(f32::to_bits);
+        self.takes_part(sample, hash3(x, y, z), seed)
+    }
+
+    /// The answer of the pilots where they agree, else of walks with random numbers of their own.
+    fn takes_part(&self, sample: &Sample, index: u32, seed: u32) -> bool {
+        self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, index, WALKS, seed))
     }
 
     /// Whether light comes to a sample, where the pilots round it agree.

@@ -1,4 +1,4 @@
-//! Classic radiosity: polygon patches, the full matrix, one product a bounce; receivers on the mesh.
+//! Classic radiosity: patches of any kind, one product a bounce; receivers on the mesh, or the patches themselves.
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -8,7 +8,7 @@ use formfactor::{
     balance, form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
-use patches::LitSampler;
+use patches::{LitSampler, Lookup};
 use reference::Picture;
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
@@ -18,15 +18,13 @@ use super::frame::{Frame, FrameParts};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
-use super::senders::{Columns, Senders};
+use super::senders::{Columns, MOST_PATCHES, Senders};
 use super::test_lights::test_lights;
 use crate::error::Error;
 use crate::executor::Executor;
 use crate::import::LoadedScene;
 use crate::progress::Progress;
 
-/// Largest number of patches: F is dense, 17 GB at this size.
-const MOST_PATCHES: usize = 65_535;
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
 /// Most receivers for each patch.
@@ -70,6 +68,8 @@ pub enum ReceiverKind {
     Mesh,
     /// At every visible point of a view, with nothing in between: slow, for measuring.
     Pixels,
+    /// By the patches themselves; pixels take the mean of those about. Only voxel and axis patches can.
+    SelfReceivers,
 }
 
 /// Settings of [`Classic::bake`].
@@ -79,6 +79,8 @@ pub struct ClassicSettings {
     pub patches: PatchKind,
     /// About how many patches.
     pub patch_count: usize,
+    /// Edge of the voxels of voxel and axis patches, m, instead of their count.
+    pub voxel_size: Option<f32>,
     /// Estimator of the form factors between patches.
     pub estimator: Estimator,
     /// Bounces; `None` for all.
@@ -105,6 +107,7 @@ impl Default for ClassicSettings {
         Self {
             patches: PatchKind::default(),
             patch_count: 4000,
+            voxel_size: None,
             estimator: Estimator::Hemisphere { rays: 4096 },
             bounces: None,
             receivers: ReceiverKind::default(),
@@ -141,13 +144,17 @@ impl Classic {
     /// plan into the executor.
     ///
     /// # Errors
-    /// Too many triangles, a device that is too small, cancellation.
+    /// Too many triangles or voxels, settings that the patches do not suit, a device that is too small, cancellation.
     pub fn bake(
         loaded: &LoadedScene,
         settings: ClassicSettings,
         executor: Box<dyn Executor>,
         progress: &mut Progress,
     ) -> Result<Self, Error> {
+        if settings.receivers == ReceiverKind::SelfReceivers && !settings.patches.has_voxels() {
+            let patches = settings.patches.name();
+            return Err(Error::NoVoxels { option: "--receivers self", patches, instead: "--receivers mesh" });
+        }
         let scene = loaded.scene.clone();
         let too_many = |needed: usize| Error::TooManyPatches {
             scene: loaded.name.clone(),
@@ -159,7 +166,8 @@ impl Classic {
             return Err(too_many(scene.triangles.len()));
         }
         let (senders, edge) = progress.phase("sample", |_| -> Result<_, Error> {
-            let senders = Senders::new(&scene, settings.patches, settings.patch_count, settings.seed)?;
+            let senders =
+                Senders::new(&scene, settings.patches, settings.patch_count, settings.voxel_size, settings.seed)?;
             let area: f32 = senders.areas().iter().sum();
             let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
             let edge = settings.receiver_edge.unwrap_or(patch_edge / RECEIVERS_AN_EDGE);
@@ -179,7 +187,7 @@ impl Classic {
             ..direct_params(&scene)
         };
         let receivers = progress.phase("receivers", |report| -> Result<_, Error> {
-            if settings.receivers == ReceiverKind::Pixels {
+            if settings.receivers != ReceiverKind::Mesh {
                 return MeshReceivers::none(&scene);
             }
             let seed = settings.seed ^ 0x7265_6365;
@@ -223,6 +231,7 @@ impl Classic {
             ("receivers".to_owned(), receivers.rows.bytes() as u64),
             ("smoothing".to_owned(), csr_bytes(&receivers.smoothing)),
             ("nodes".to_owned(), csr_bytes(&receivers.weights)),
+            ("lookup".to_owned(), senders.lookup.as_ref().map_or(0, Lookup::bytes) as u64),
         ]);
         let frame = Frame::load(
             executor,
@@ -232,6 +241,7 @@ impl Classic {
                 receivers: &receivers,
                 factors: &factors,
                 facet_rows: &facet_rows,
+                lookup: senders.lookup.as_ref().filter(|_| settings.receivers == ReceiverKind::SelfReceivers),
                 bounces,
                 direct,
                 size: settings.size,
@@ -269,7 +279,7 @@ impl Classic {
         let full = Picture::from_pixels(width, height, full)?;
         let direct = Picture::from_pixels(width, height, direct)?;
         let indirect = match self.settings.receivers {
-            ReceiverKind::Mesh => full.minus(&direct)?,
+            ReceiverKind::Mesh | ReceiverKind::SelfReceivers => full.minus(&direct)?,
             ReceiverKind::Pixels => Picture::from_pixels(width, height, self.gather_pixels(lights, camera, number)?)?,
         };
         let full = direct.plus(&indirect)?;
@@ -293,11 +303,17 @@ impl Classic {
         gather.indirect(&go_on)
     }
 
-    /// Indirect irradiance of the last frame at any points, W/m²: their own rows, gathered exactly from the patches.
+    /// Indirect irradiance of the last frame at any points, W/m²: their own rows, gathered exactly from the patches, or, with
+    /// the patches as receivers, the mean of those about.
     ///
     /// # Errors
     /// What the device says; cancellation.
     pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
+        let by_patches = self.settings.receivers == ReceiverKind::SelfReceivers;
+        if let Some(lookup) = self.senders.lookup.as_ref().filter(|_| by_patches) {
+            let light = lookup.at_points(&self.frame.irradiance()?, points)?;
+            return Ok(light.iter().map(|h| h.truncate()).collect());
+        }
         let exitance = self.frame.exitance()?;
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = self.settings.seed ^ 0x706f_696e;

@@ -8,6 +8,7 @@ use formfactor::{Csr, HitRows, HitsParams, Operator, SparseRows};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
+use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
@@ -30,6 +31,8 @@ pub struct FrameParts<'a> {
     pub factors: &'a Csr,
     /// From patches to facets.
     pub facet_rows: &'a SparseRows,
+    /// Takes the patches' own irradiance to the pixels, instead of the receivers.
+    pub lookup: Option<&'a Lookup>,
     pub bounces: u32,
     /// Direct light at the patches' sample points.
     pub direct: DirectParams,
@@ -43,6 +46,7 @@ pub struct Frame {
     executor: Box<dyn Executor>,
     lights: BufferId,
     light_room: usize,
+    irradiance: BufferId,
     exitance: BufferId,
     full: BufferId,
     direct: BufferId,
@@ -172,6 +176,14 @@ impl Frame {
         let cells = uploads.table(&mut plan, "receiver_cells", cast_slice(&parts.receivers.nodes.cells));
         let vertices = uploads.table(&mut plan, "vertices", cast_slice(&parts.receivers.nodes.vertices));
 
+        let lookup_tables = parts.lookup.map(|lookup| {
+            [
+                uploads.named(&mut plan, "cells", cast_slice(&lookup.cells)),
+                uploads.named(&mut plan, "offsets", cast_slice(&lookup.offsets)),
+                uploads.named(&mut plan, "entries", cast_slice(&lookup.entries)),
+            ]
+        });
+
         let lights = plan.storage("lights", (light_room * size_of::<Light>()) as u64);
         let mut shared = scene_tables.to_vec();
         shared.push(("lights", Range::from(lights)));
@@ -180,7 +192,8 @@ impl Frame {
         let facet_irradiance = plan.storage("facet irradiance", rgb(facets));
         let facet_exitance = plan.storage("facet exitance", rgb(facets));
         let source = plan.storage("source", rgb(patches));
-        let irradiance = plan.storage("irradiance", rgb(patches));
+        let values = parts.lookup.map_or(patches, |lookup| lookup.values);
+        let irradiance = plan.storage("irradiance", rgb(values));
         let exitance = plan.storage("exitance", rgb(patches));
         let received = plan.storage("received", rgb(receivers));
         let smooth = plan.storage("smooth", rgb(receivers));
@@ -221,13 +234,14 @@ impl Frame {
         let first = [("irradiance", Range::from(dark))];
         pass(&mut plan, "gather", &table::FORMFACTOR_BOUNCE, &first, &patch_tables, &patch_count, patches as u32)?;
         let kernel = &table::FORMFACTOR_GATHER_CSR;
-        // The last bounce arrives at the receivers, the one before at the facets.
-        for _ in 2..parts.bounces {
+        // The last bounce arrives at the receivers, the one before at the facets; all of them where patches are receivers.
+        let on_patches = if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(2) };
+        for _ in 0..on_patches {
             let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(irradiance))];
             pass(&mut plan, "method", kernel, &own, &patch_rows, &patch_count, patches as u32)?;
             pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
         }
-        if parts.bounces > 1 {
+        if parts.bounces > 1 && parts.lookup.is_none() {
             let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(facet_irradiance))];
             pass(&mut plan, "lookup", kernel, &own, &facet_rows, &facet_count, facets as u32)?;
         }
@@ -288,8 +302,17 @@ impl Frame {
             let kernel = &table::SCENE_DIRECT_LIGHT;
             let light_pass = pass(&mut plan, "shade", kernel, &own, &pixel_tables, &light, pixel_count)?;
             let own = [("irradiance", Range::from(pixel_indirect))];
-            let kernel = &table::FORMFACTOR_INTERPOLATE;
-            pass(&mut plan, "shade", kernel, &own, &pixel_tables, &count, pixel_count)?;
+            match (parts.lookup, &lookup_tables) {
+                (Some(lookup), Some(tables)) => {
+                    let own = [own[0], tables[0], tables[1], tables[2], ("values", Range::from(irradiance))];
+                    let push = LookupParams { count: pixel_count, ..lookup.params };
+                    pass(&mut plan, "shade", &table::PATCHES_LOOKUP, &own, &pixel_tables, &push, pixel_count)?;
+                }
+                _ => {
+                    let kernel = &table::FORMFACTOR_INTERPOLATE;
+                    pass(&mut plan, "shade", kernel, &own, &pixel_tables, &count, pixel_count)?;
+                }
+            }
             let mut add = |own: Named| {
                 let kernel = &table::SCENE_SHADE;
                 pass(&mut plan, "shade", kernel, own, &pixel_tables, &camera, pixel_count)
@@ -304,6 +327,7 @@ impl Frame {
             executor.upload_at(buffer, 0, bytes)?;
         }
         executor.upload(dark, &vec![Vec4::ZERO; patches])?;
+        executor.upload(irradiance, &vec![Vec4::ZERO; values])?;
         executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
         let patch_light = (patch_light, parts.direct);
@@ -312,6 +336,7 @@ impl Frame {
             executor,
             lights,
             light_room,
+            irradiance,
             exitance: facet_exitance,
             full,
             direct,
@@ -355,6 +380,12 @@ impl Frame {
         let full = self.picture(self.full, count)?;
         let direct = self.picture(self.direct, count)?;
         Ok((full, direct, times))
+    }
+
+    /// Irradiance of the patches after the last frame, W/m²: the values of a lookup, of all bounces; without one of all but
+    /// the last two.
+    pub fn irradiance(&mut self) -> Result<Vec<Vec4>, Error> {
+        Ok(self.executor.download_table(self.irradiance)?)
     }
 
     /// Exitance of the facets after the last frame, W/m².
