@@ -21,7 +21,7 @@ const NEIGHBOURS: usize = 4;
 const WALKS: u32 = 3;
 const MOST_DISTANCE: f32 = 3.0;
 /// The nearest of pilots that say no is no further than this.
-const DARK_DISTANCE: f32 = 1.0;
+const DARK_DISTANCE: f32 = 2.0;
 
 /// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
 /// or that see no geometry. A few pilots are asked by random walks; where they agree, candidates take their answer.

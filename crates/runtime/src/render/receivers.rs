@@ -40,8 +40,6 @@ const FAR: f32 = 4.0;
 /// The same for what is smaller than this many edges.
 const SMALL: f32 = 3.0;
 const FURTHEST: f32 = 8.0;
-/// Receivers nearer than this, in the same measure, need not be seen.
-const TOUCHING: f32 = 0.2;
 /// What a turn of the normal counts in the choice, over that in the search.
 const TURN: f32 = 100.0;
 
@@ -286,10 +284,10 @@ impl<'a> Field<'a> {
             *distance = sqrt(*distance * *distance + TURN * turn);
         }
         found.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let seen = |(k, distance): &(u32, f32)| {
+        let seen = |(k, _): &(u32, f32)| {
             let there = &set.samples[*k as usize];
             let (from, to) = ((node.position, node.normal), (there.position, there.normal));
-            !must_see || *distance < TOUCHING || sees(set.scene, from, to, *edge)
+            !must_see || sees(set.scene, from, to, *edge)
         };
         let mut kept: Vec<(u32, f32)> = found.iter().copied().filter(seen).take(NEIGHBOURS + 1).collect();
         let Some(&(_, range)) = kept.last() else { return kept };
