@@ -6,8 +6,7 @@ use glam::Vec4;
 use patches::{LitSampler, Nearest, Sample};
 use rayon::prelude::*;
 use scene::math::sqrt;
-use scene::sampling::hash3;
-use scene::{NONE, Scene, Sides, SurfacePoint, is_open};
+use scene::{NONE, Scene, Sides, SurfacePoint};
 
 use super::sight::sees;
 use super::test_lights::{Estimates, Lights};
@@ -54,8 +53,6 @@ const ORPHAN_ROUNDS: usize = 2;
 const ORPHAN_SHARE: usize = 3;
 /// Share of the receivers that is kept for them.
 const ORPHAN_ROOM: f64 = 0.2;
-/// Walks by which a node that sees no receiver looks for light.
-const WALKS: u32 = 2;
 
 /// How receivers are placed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,7 +122,7 @@ impl MeshReceivers {
         set.samples.iter_mut().for_each(|sample| sample.area = area);
         let edge = sqrt(area);
         let mut field = Field::new(set, edge);
-        let mut nodes = field.nodes()?;
+        let mut nodes = field.nodes(sampler, placing.seed)?;
 
         // A node that sees no receiver is inside of a solid or behind a wall: others of its cell serve. Where there are none,
         // some become receivers themselves.
@@ -140,10 +137,7 @@ impl MeshReceivers {
             if orphans.is_empty() || room == 0 {
                 break;
             }
-            let sample = |k: &usize| {
-                let SurfacePoint { position, normal, .. } = nodes.points[*k];
-                Sample { position, area, normal, triangle: NONE, ..Sample::default() }
-            };
+            let sample = |k: &usize| Sample { area, ..sample_at(&nodes.points[*k]) };
             field.set.samples.extend(orphans.iter().step_by(step).map(sample));
             field.set.add_rows(add_rows)?;
             field = Field::new(field.set, edge);
@@ -152,7 +146,7 @@ impl MeshReceivers {
         }
         // The nearest receivers have to serve the rest, unless no light comes there at all.
         let last = |(node, weights): (&SurfacePoint, &mut Vec<(u32, f32)>)| {
-            if weights.is_empty() && is_open(scene, node, WALKS, hash3(node.patch, 0, placing.seed)) {
+            if weights.is_empty() && sampler.is_lit(&sample_at(node), placing.seed) {
                 *weights = field.weights(node, false);
             }
         };
@@ -229,6 +223,11 @@ impl Set<'_> {
     }
 }
 
+/// A node as a sample, without an area.
+fn sample_at(&SurfacePoint { position, normal, .. }: &SurfacePoint) -> Sample {
+    Sample { position, normal, triangle: NONE, ..Sample::default() }
+}
+
 /// Receivers in space.
 struct Field<'a> {
     set: Set<'a>,
@@ -243,7 +242,7 @@ impl<'a> Field<'a> {
     }
 
     /// Nodes as close as receivers are about them.
-    fn nodes(&self) -> Result<Receivers, Error> {
+    fn nodes(&self, sampler: &LitSampler, seed: u32) -> Result<Receivers, Error> {
         let Self { set, nearest, edge, .. } = self;
         let spacing = |s: &Sample| {
             let (found, count) = nearest.samples::<5>(s.position, s.normal, FAR);
@@ -257,8 +256,7 @@ impl<'a> Field<'a> {
             let (found, count) = nearest.samples::<3>(point.position, point.normal, far);
             if count == 0 {
                 // Light may come where no receiver is: nodes there gather it themselves.
-                let seed = hash3(point.position.x.to_bits(), point.position.y.to_bits(), point.position.z.to_bits());
-                return is_open(set.scene, point, WALKS, seed).then_some(SMALL * edge);
+                return sampler.is_lit(&sample_at(point), seed).then_some(SMALL * edge);
             }
             let mean = found[..count].iter().map(|f| spacing[f.0 as usize]).sum::<f32>() / count as f32;
             Some(mean.max(LEAST_NODE_EDGE * edge))
