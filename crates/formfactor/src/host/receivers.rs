@@ -37,8 +37,6 @@ pub struct Receivers {
     pub vertices: Vec<u32>,
     /// The receivers, a little inside of a triangle, with the normal of its side; `patch` is their own number.
     pub points: Vec<SurfacePoint>,
-    /// Receiver i owns the point i: `0..=n`.
-    pub offsets: Vec<u32>,
 }
 
 /// A side of a triangle.
@@ -53,9 +51,8 @@ struct Side {
 
 impl Receivers {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
-    /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says nothing has no vertices, one
-    /// that is smaller than that a single one.
-    /// Vertices closer than `weld` m on nearly the same plane and side are one receiver.
+    /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says
+    /// nothing has no vertices, one that is smaller than that a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
@@ -95,7 +92,6 @@ impl Receivers {
             }
         }
         new.points = welder.points;
-        new.offsets = (0..=new.points.len() as u32).collect();
         Ok(new)
     }
 
@@ -111,9 +107,8 @@ impl Receivers {
         sides.collect()
     }
 
-    /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good vertex beside
-    /// them.
-    /// Returns whether each of those that are left is good.
+    /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good vertex
+    /// beside them. Returns whether each of those that are left is good.
     pub fn retain(&mut self, scene: &Scene, is_good: impl Fn(&SurfacePoint) -> bool + Sync) -> Vec<bool> {
         let flags: Vec<bool> = self.points.par_iter().map(&is_good).collect();
         for side in self.sides(scene) {
@@ -155,7 +150,6 @@ impl Receivers {
         let left = self.points.iter().map(|point| flags[point.patch as usize]).collect();
         (self.points.iter_mut().zip(0..)).for_each(|(point, number)| point.patch = number);
         self.vertices.iter_mut().for_each(|r| *r = numbers[*r as usize]);
-        self.offsets = (0..=self.points.len() as u32).collect();
         left
     }
 }

@@ -14,7 +14,7 @@ use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, is_open};
 use super::sight::sees;
 use crate::error::Error;
 
-/// Largest number of patches: F is dense, 17 GB at this size.
+/// Largest number of patches: counts of hits name columns by 16 bits, and polygons' F is dense while it is balanced.
 pub const MOST_PATCHES: usize = 65_535;
 /// Sample points of a polygon patch: origins of its form-factor rays, and where its direct light is measured.
 const POLYGON_POINTS: u32 = 16;
