@@ -52,7 +52,8 @@ struct Side {
 impl Receivers {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
     /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says
-    /// nothing has no vertices, one that is smaller than that a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver.
+    /// nothing asks `otherwise` for its middle, and has no vertices where that says nothing either; one that is smaller than
+    /// the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
@@ -62,6 +63,7 @@ impl Receivers {
         edge: f32,
         weld: f32,
         within: impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync,
+        otherwise: impl Fn(&SurfacePoint) -> Option<f32> + Sync,
     ) -> Result<Self, Error> {
         check_length("sides", scene.triangles.len(), sides.len())?;
         check_positive("edge", edge)?;
@@ -77,7 +79,8 @@ impl Receivers {
         let mut new = Self { grids, cells, ..Self::default() };
         let sides = new.sides(scene);
         // The places on all cores, then the receivers one after the other.
-        let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> = sides.par_iter().map(|s| places(scene, s, &within)).collect();
+        let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
+            sides.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
         let mut welder = Welder { distance: weld, cells: HashMap::new(), points: Vec::new() };
         let found: u64 = places.iter().flatten().map(|p| p.1.len() as u64).sum();
         if found >= u64::from(NONE) {
@@ -189,6 +192,7 @@ fn places(
     scene: &Scene,
     side: &Side,
     within: &(impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync),
+    otherwise: &(impl Fn(&SurfacePoint) -> Option<f32> + Sync),
 ) -> Vec<(u32, Vec<SurfacePoint>)> {
     let longest = longest_edge(scene, side.triangle) / side.divisions as f32;
     let cell = |k: u32| {
@@ -203,7 +207,8 @@ fn places(
         // A cell may lie across the border of what is lit.
         let near = |p: Vec2, q: Vec2, r: Vec2| within(&point(p * 0.9 + (q + r) * 0.05), longest);
         let corners = [near(a, b, c), near(b, c, a), near(c, a, b)];
-        let Some(length) = corners.into_iter().flatten().chain(here).reduce(f32::min) else {
+        let known = corners.into_iter().flatten().chain(here).reduce(f32::min);
+        let Some(length) = known.or_else(|| otherwise(&middle)) else {
             return (0, Vec::new());
         };
         let divisions = (longest / length * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_WITHIN) as u32;

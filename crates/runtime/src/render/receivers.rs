@@ -87,7 +87,8 @@ pub struct MeshReceivers {
 impl MeshReceivers {
     /// No receivers.
     pub fn none(scene: &Scene) -> Result<Self, Error> {
-        let nodes = Receivers::new(scene, &vec![Sides::default(); scene.triangles.len()], 1.0, 1.0, |_, _| None)?;
+        let nodes =
+            Receivers::new(scene, &vec![Sides::default(); scene.triangles.len()], 1.0, 1.0, |_, _| None, |_| None)?;
         let empty = || Csr { row_start: vec![0], ..Csr::default() };
         Ok(Self { points: Vec::new(), rows: HitRows::new(0)?, smoothing: empty(), nodes, weights: empty() })
     }
@@ -254,15 +255,13 @@ impl<'a> Field<'a> {
         let within = |point: &SurfacePoint, size: f32| {
             let far = if size <= SMALL * edge { FURTHEST } else { FAR };
             let (found, count) = nearest.samples::<3>(point.position, point.normal, far);
-            if count == 0 {
-                // Light may come where no receiver is: nodes there gather it themselves.
-                return sampler.is_lit(&sample_at(point), seed).then_some(SMALL * edge);
-            }
             let mean = found[..count].iter().map(|f| spacing[f.0 as usize]).sum::<f32>() / count as f32;
-            Some(mean.max(LEAST_NODE_EDGE * edge))
+            (count > 0).then(|| mean.max(LEAST_NODE_EDGE * edge))
         };
+        // Light may come where no receiver is: nodes there gather it themselves.
+        let gathering = |point: &SurfacePoint| sampler.is_lit(&sample_at(point), seed).then_some(SMALL * edge);
         let both = vec![Sides { front: true, back: true }; set.scene.triangles.len()];
-        Ok(Receivers::new(set.scene, &both, CELL_EDGE * edge, WELD * edge, within)?)
+        Ok(Receivers::new(set.scene, &both, CELL_EDGE * edge, WELD * edge, within, gathering)?)
     }
 
     /// The receivers that a node takes, with weights that sum to 1: the nearest in position and normal. None when it
