@@ -79,8 +79,9 @@ fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     let area: f32 = scene.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
     let mut edge = f32::sqrt(area / ROWS as f32);
     loop {
-        let points =
-            Receivers::new(scene, &sides, edge, 0.4 * edge, |_, _| Some(edge)).expect("the edge is positive").points;
+        let points = Receivers::new(scene, &sides, edge, 0.4 * edge, |_, _| Some(edge), |_| None)
+            .expect("the edge is positive")
+            .points;
         println!("receivers: {} at edges of {edge:.3} m", points.len());
         if points.len() >= ROWS {
             return (0..ROWS).map(|k| points[k * points.len() / ROWS]).collect();

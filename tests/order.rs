@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use bytemuck::Pod;
-use formfactor::{GatherParams, HemisphereParams};
+use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::{UVec3, Vec4};
 use gpu_kernels::table::MAX_GROUPS_X;
 use gpu_kernels::{formfactor as ff, patches as pa, scene as sc};
@@ -82,7 +82,7 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "formfactor_hemisphere_row" => entry!(ff::hemisphere_row, HemisphereParams, f32, [0, 1, 2]),
         "formfactor_assemble_source" => entry!(ff::assemble_source, CountParams, Vec4, [0, 1, 2, 3, 4]),
         "formfactor_gather_csr" => entry!(ff::gather_csr, CountParams, Vec4, [0, 1, 2, 3]),
-        "formfactor_gather_hits" => entry!(ff::gather_hits, CountParams, Vec4, [0, 1, 2, 3, 4]),
+        "formfactor_gather_hits" => entry!(ff::gather_hits, HitsParams, Vec4, [0, 1, 2, 3, 4]),
         "formfactor_bounce" => entry!(ff::bounce, CountParams, Vec4, [0, 1, 2]),
         "formfactor_interpolate" => entry!(ff::interpolate, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6]),
         "patches_gather_mean" => entry!(pa::gather_mean, CountParams, Vec4, [0, 1, 2]),

@@ -6,7 +6,7 @@
 
 use std::mem::offset_of;
 
-use formfactor::{GatherParams, HemisphereParams};
+use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::Vec3;
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{Access, BindingKind, KERNELS, Kernel};
@@ -117,7 +117,8 @@ fn count_offset(kernel: &Kernel) -> usize {
         "formfactor_hemisphere_hits" | "formfactor_hemisphere_row" => offset_of!(HemisphereParams, row_count),
         "patches_lookup" => offset_of!(LookupParams, count),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => offset_of!(VolumeParams, count),
-        "formfactor_gather_csr" | "formfactor_gather_hits" => offset_of!(CountParams, count),
+        "formfactor_gather_csr" => offset_of!(CountParams, count),
+        "formfactor_gather_hits" => offset_of!(HitsParams, rows),
         name if name.starts_with("formfactor_gather") => offset_of!(GatherParams, rows),
         _ => offset_of!(CountParams, count),
     }

@@ -30,6 +30,7 @@ fn settings(patches: usize) -> ClassicSettings {
         sub_frames: 8,
         seed: 3,
         size: SIZE,
+        ..ClassicSettings::default()
     }
 }
 

@@ -46,7 +46,7 @@ fn every_set_shows_the_same_light() {
     let sides = vec![Sides { front: true, back: false }; scene.triangles.len()];
     let settings = SubdivideSettings { size: PatchSize::Count(200), sides: SidePolicy::Front, ..Default::default() };
     let senders = subdivide(&scene, &settings).unwrap();
-    let mesh = Receivers::new(&scene, &sides, 0.9, 0.1, |_, _| Some(0.3)).unwrap();
+    let mesh = Receivers::new(&scene, &sides, 0.9, 0.1, |_, _| Some(0.3), |_| None).unwrap();
     let map = LightmapTexels::new(&scene, &sides, 0.3, &|_| true).unwrap();
     let size = VolumeSize::Edge(0.4);
     let volume = VoxelVolume::new(&scene, &VolumeSettings { size, ..VolumeSettings::default() }, &|_| true).unwrap();

@@ -137,6 +137,7 @@ impl Baked {
             sub_frames: 2,
             seed: 5,
             size: (SIZE, SIZE),
+            ..ClassicSettings::default()
         };
         let executor = open(&DeviceChoice::Cpu).unwrap().0;
         let classic = Classic::bake(&loaded, settings, executor, &mut Progress::new(true)).unwrap();

@@ -26,7 +26,7 @@ pub use polygon::Polygon;
 pub use product::{Operator, widen_half};
 pub use receivers::Receivers;
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
-pub use sparse::{SparseRows, sparse_rows};
+pub use sparse::{SparseRows, add_hit_rows, gather_by_rays, sparse_rows};
 pub use storage::{Csr, Dense, Half};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,

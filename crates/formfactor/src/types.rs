@@ -81,3 +81,14 @@ pub struct GatherParams {
     pub reserved: u32,
 }
 const _: () = assert!(size_of::<GatherParams>() == 16);
+
+/// Settings of the product with rows of counts of hits: one block of rows, with the quads that it owns.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct HitsParams {
+    /// Rows of the block that is bound.
+    pub rows: u32,
+    /// Number of the first quad that is bound; a multiple of [`crate::kernel::hits::WORD_COUNTS`].
+    pub first_quad: u32,
+}
+const _: () = assert!(size_of::<HitsParams>() == 8);

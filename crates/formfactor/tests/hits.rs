@@ -76,7 +76,7 @@ fn rows_and_products_are_those_of_sparse_rows() {
         assert!(difference(&found, &expected) < 4e-6, "{rows} × {columns}: {}", difference(&found, &expected));
         assert!(found.iter().all(|h| h.w == 0.0));
         let words = counts.count_words();
-        let body = |i: u32| gather_row_hits(i, counts.row_start(), counts.quads(), &words, counts.scales(), &light);
+        let body = |i: u32| gather_row_hits(i, 0, counts.row_start(), counts.quads(), &words, counts.scales(), &light);
         assert!(difference(&(0..rows).map(body).collect::<Vec<_>>(), &expected) < 4e-6);
         // One ray that went elsewhere is noticed.
         let mut wrong = hits.clone();

@@ -26,7 +26,8 @@ fn sheet(corner: Vec3, a: Vec3, b: Vec3, n: u32) -> Vec<Triangle> {
 
 /// Vertices `edge` apart, in cells of three times as much.
 fn receivers(scene: &Scene, edge: f32) -> Receivers {
-    Receivers::new(scene, &find_sides(scene, SidePolicy::Both), 3.0 * edge, 0.4 * edge, |_, _| Some(edge)).unwrap()
+    Receivers::new(scene, &find_sides(scene, SidePolicy::Both), 3.0 * edge, 0.4 * edge, |_, _| Some(edge), |_| None)
+        .unwrap()
 }
 
 /// The receivers of each cell of one side of a triangle, and the middle of the cell.
@@ -137,7 +138,7 @@ fn vertices_of_bad_receivers_take_good_ones_beside_them() {
     let full = receivers(&scene, 0.1);
     let mut set = full.clone();
     let flags = set.retain(&scene, |p| p.position.x > 0.45);
-    assert!(set.points.len() <= full.points.len() && set.offsets.len() == set.points.len() + 1);
+    assert!(set.points.len() <= full.points.len());
     assert!(set.points.iter().enumerate().all(|(k, p)| p.patch as usize == k));
     assert_eq!(flags.len(), set.points.len());
     let (mut good, mut mixed_before, mut grown) = (0, 0, 0);
@@ -160,7 +161,7 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     let sides = find_sides(&scene, SidePolicy::Both);
     let with = |length: fn(&scene::SurfacePoint, f32) -> Option<f32>| {
-        Receivers::new(&scene, &sides, 0.25, 0.01, length).unwrap()
+        Receivers::new(&scene, &sides, 0.25, 0.01, length, |_| None).unwrap()
     };
     let even = with(|_, _| Some(0.25));
     let half = with(|p, _| (p.position.x > 0.5).then_some(0.25));
@@ -169,6 +170,11 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
     assert!(half.points.iter().all(|p| p.position.x > 0.2));
     let left = fine.points.iter().filter(|p| p.position.x < 0.4).count();
     assert!(left < fine.points.len() / 5);
+    // What has no length may have another.
+    let lengths = |p: &scene::SurfacePoint, _: f32| (p.position.x > 0.5).then_some(0.25);
+    let filled = Receivers::new(&scene, &sides, 0.25, 0.01, lengths, |p| (p.position.z > 0.5).then_some(0.05)).unwrap();
+    let few = |set: &Receivers, z: f32| set.points.iter().filter(|p| p.position.x < 0.1 && (p.position.z > z)).count();
+    assert!(few(&half, 0.0) == 0 && few(&filled, 0.6) > 20 && few(&filled, 0.0) == few(&filled, 0.2));
     let found = between(&scene, &half, |_| 1.0);
     assert!(found.iter().any(|(p, value)| p.x < 0.2 && *value == 0.0));
     assert!(found.iter().filter(|(p, _)| p.x > 0.5).all(|(_, value)| (*value - 1.0).abs() < 1e-5));
@@ -179,12 +185,12 @@ fn wrong_edges_are_refused() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     for edge in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         let sides = find_sides(&scene, SidePolicy::Both);
-        let found = Receivers::new(&scene, &sides, edge, 0.1, |_, _| Some(0.1));
+        let found = Receivers::new(&scene, &sides, edge, 0.1, |_, _| Some(0.1), |_| None);
         assert!(matches!(found, Err(Error::Setting { name: "edge", .. })), "{edge}");
-        let found = Receivers::new(&scene, &sides, 0.1, edge, |_, _| Some(0.1));
+        let found = Receivers::new(&scene, &sides, 0.1, edge, |_, _| Some(0.1), |_| None);
         assert!(matches!(found, Err(Error::Setting { name: "weld", .. })), "{edge}");
     }
-    assert!(matches!(Receivers::new(&scene, &[], 1.0, 0.1, |_, _| None), Err(Error::Length { .. })));
+    assert!(matches!(Receivers::new(&scene, &[], 1.0, 0.1, |_, _| None, |_| None), Err(Error::Length { .. })));
 }
 
 #[test]
@@ -220,7 +226,7 @@ fn corners_of_the_mesh_have_the_values_of_their_receivers() {
     assert!(matches!(set.corner_irradiance(&values[1..], true), Err(Error::Length { .. })));
     // A side without receivers is dark.
     let front_only = vec![Sides { front: true, back: false }; scene.triangles.len()];
-    let half = Receivers::new(&scene, &front_only, 0.21, 0.028, |_, _| Some(0.07)).unwrap();
+    let half = Receivers::new(&scene, &front_only, 0.21, 0.028, |_, _| Some(0.07), |_| None).unwrap();
     let kept = vec![Vec4::ONE; half.points.len()];
     assert!(half.corner_irradiance(&kept, false).unwrap().iter().flatten().all(|v| *v == Vec4::ZERO));
     assert!(half.corner_irradiance(&kept, true).unwrap().iter().flatten().all(|v| (*v - Vec4::ONE).length() < 1e-5));

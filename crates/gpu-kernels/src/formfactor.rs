@@ -2,7 +2,7 @@
 
 use ::formfactor::kernel::product::{LANES, ROWS_TOGETHER, VECTOR_IMAGE_WIDTH};
 use ::formfactor::kernel::{hemisphere, hits, product};
-use ::formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
+use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use ::scene::kernel::bvh;
 use ::scene::{BvhNode, Geometry, Hit, Material, Rgb, SurfacePoint, Texture, Triangle, TriangleUv};
 use glam::{UVec2, UVec3, Vec4};
@@ -226,7 +226,7 @@ pub fn gather_csr(
 pub fn gather_hits(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
+    #[spirv(push_constant)] p: &HitsParams,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] quads: &[UVec2],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] counts: &[u32],
@@ -235,8 +235,8 @@ pub fn gather_hits(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] irradiance: &mut [Rgb],
 ) {
     let k = element(id, groups);
-    if k < p.count {
-        irradiance[k as usize] = hits::gather_row_hits(k, row_start, quads, counts, scales, exitance);
+    if k < p.rows {
+        irradiance[k as usize] = hits::gather_row_hits(k, p.first_quad, row_start, quads, counts, scales, exitance);
     }
 }
 

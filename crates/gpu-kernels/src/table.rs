@@ -1,7 +1,7 @@
 //! What the host knows of each kernel: name, module, bindings, how many elements a workgroup takes, and its host form.
 
 use ::formfactor::kernel::product::ROWS_TOGETHER;
-use ::formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
+use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -405,7 +405,7 @@ pub static FORMFACTOR_GATHER_HITS: Kernel = Kernel {
     spv: spv!("formfactor_gather_hits"),
     workgroup: WORKGROUP,
     elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
+    push_bytes: size_of::<HitsParams>() as u32,
     bindings: &[
         read::<u32>("row_start"),
         read::<UVec2>("quads"),

@@ -138,6 +138,41 @@ fn sides_of_a_sheet_do_not_mix() {
 }
 
 #[test]
+fn places_without_light_are_dark_and_make_no_others_so() {
+    // A floor whose middle is dark, and the side below it.
+    let mut mesh = Mesh::default();
+    mesh.quad(Vec3::ZERO, Vec3::Z * 8.0, Vec3::X * 8.0);
+    let scene = mesh.scene(1.0);
+    let grid = Grid::new(&scene, Vec3::splat(0.5)).unwrap();
+    let is_lit = |s: &Sample| s.normal.y > 0.0 && (s.position.x < 3.0 || s.position.x > 5.0);
+    let patches = |keep: &(dyn Fn(&Sample) -> bool + Sync)| {
+        let samples = sample_voxels(&scene, &grid, &SampleSettings::default(), &|s: &Sample| keep(s)).unwrap();
+        axis_patches(&grid, samples, AxisWeights::Squared).unwrap()
+    };
+    let (lit, dark) = (patches(&is_lit), patches(&|s| !is_lit(s)));
+    let settings = LookupSettings::default();
+    let (with, without) =
+        (Lookup::with_dark(&grid, &lit, &dark, settings).unwrap(), Lookup::new(&grid, &lit, settings).unwrap());
+    assert_eq!((with.values, without.values), (lit.len() + 1, lit.len()));
+    let light = vec![Vec4::ONE; lit.len()];
+    let all = [light.clone(), vec![Vec4::ZERO]].concat();
+    for k in 0..1000 {
+        let (x, _) = random(k, Vec3::ZERO, Vec3::new(8.0, 0.0, 8.0));
+        let (above, below) = (with.at(&all, x, Vec3::Y).unwrap().x, with.at(&all, x, -Vec3::Y).unwrap().x);
+        assert!(below < 1e-5, "{x}: {below}");
+        let bound = Sample { position: x, normal: Vec3::Y, ..Sample::default() };
+        if is_lit(&bound) {
+            assert!((above - 1.0).abs() < 1e-5, "{x}: {above}");
+        } else if (x.x - 4.0).abs() < 0.25 {
+            assert!(above < 1e-5, "{x}: {above}");
+        }
+        // Without the dark patches the light comes through.
+        assert!((without.at(&light, x, -Vec3::Y).unwrap().x - 1.0).abs() < 1e-5);
+    }
+    assert!(matches!(with.at(&light, Vec3::ZERO, Vec3::Y), Err(Error::Length { name: "values", .. })));
+}
+
+#[test]
 fn wrong_input_is_refused() {
     let scene = two_rooms().scene(1.0);
     let (grid, samples) = sampled(&scene, 1.0);

@@ -49,7 +49,7 @@ fn dispatch(cli: Cli) -> Result<(), Error> {
         Some(Command::Render(args)) => render::run(&cli.common, &args),
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),
-        Some(Command::Info { scene }) => info::run(&cli.common, &scene),
+        Some(Command::Info { scene, patches }) => info::run(&cli.common, &scene, &patches),
         Some(Command::Scene { name }) => write_scene::run(&cli.common, &name),
     }
 }

@@ -43,6 +43,30 @@ pub enum Error {
         /// Patches there may be.
         limit: usize,
     },
+    /// Voxels so small, or so many patches, that there are too many of something.
+    #[error(
+        "{found} {name}, and at most {limit} are possible; choose a larger --voxel-size or a smaller --patch-count"
+    )]
+    TooManyVoxels {
+        /// What there are too many of.
+        name: &'static str,
+        /// How many there would be.
+        found: u64,
+        /// How many there may be.
+        limit: u64,
+    },
+    /// Patches that are not bound to voxels cannot do what is asked.
+    #[error(
+        "{option} needs patches of voxels, and {patches} patches have none; choose --patches voxel or axis, or {instead}"
+    )]
+    NoVoxels {
+        /// What was asked.
+        option: &'static str,
+        /// The kind of patches.
+        patches: &'static str,
+        /// What does without voxels.
+        instead: &'static str,
+    },
     /// The thread pool could not be made.
     #[error("cannot start {threads} threads: {reason}; choose fewer with --threads")]
     Threads {

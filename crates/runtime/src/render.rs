@@ -3,8 +3,11 @@
 pub mod classic;
 mod frame;
 pub mod path;
+mod pixels;
 mod receivers;
-mod senders;
+pub(crate) mod senders;
+mod sight;
+mod test_lights;
 
 use reference::Picture;
 

@@ -204,6 +204,111 @@ fn too_many_triangles_for_classic_is_said_with_a_remedy() {
 }
 
 #[test]
+fn patches_of_voxels_render_with_every_kind_of_receivers() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut counts = Vec::new();
+    for patches in ["voxel", "axis"] {
+        for receivers in ["self", "mesh", "pixels"] {
+            let out = folder.path().join(format!("{patches}-{receivers}"));
+            let out = out.to_str().unwrap();
+            let mut arguments = vec!["render", "cornell", "--patches", patches, "--receivers", receivers];
+            arguments.extend(["--receiver-rays", "16", "--json", "--out", out]);
+            arguments.extend(SMALL);
+            let summary: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();
+            let count = summary["patches"].as_u64().unwrap();
+            assert!((70..130).contains(&count), "{patches}: {count}");
+            assert_eq!(summary["receivers"].as_u64().unwrap() > 0, receivers == "mesh", "{summary}");
+            assert!(Path::new(out).join("indirect.exr").is_file());
+            counts.push(count);
+        }
+        // Voxels of this size, whatever the count.
+        let out = folder.path().join(patches);
+        let mut arguments = vec!["render", "cornell", "--patches", patches, "--receivers", "self", "--json"];
+        arguments.extend(["--voxel-size", "0.1", "--out", out.to_str().unwrap()]);
+        arguments.extend(SMALL);
+        let summary: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();
+        assert!(summary["patches"].as_u64().unwrap() > 200, "{summary}");
+    }
+    assert_eq!(counts[0], counts[1]);
+}
+
+#[test]
+fn what_patches_cannot_do_is_said_with_a_remedy() {
+    for patches in ["polygon", "cluster"] {
+        let render = |more: &[&'static str]| {
+            let mut arguments = vec!["render", "cornell", "--patches", patches, "--quiet"];
+            arguments.extend(more);
+            fails(1, &arguments)
+        };
+        let message = render(&["--receivers", "self"]);
+        for word in ["--receivers self", patches, "--patches voxel or axis", "--receivers mesh"] {
+            assert!(message.contains(word), "{message}");
+        }
+        for message in
+            [render(&["--voxel-size", "0.1"]), fails(1, &["info", "cornell", "--patches", patches, "--voxel-size=0.1"])]
+        {
+            for word in ["--voxel-size", patches, "--patches voxel or axis", "--patch-count"] {
+                assert!(message.contains(word), "{message}");
+            }
+        }
+    }
+    for (size, words) in [
+        ("0", ["voxel edge", "positive"]),
+        ("-1", ["voxel edge", "positive"]),
+        ("NaN", ["voxel edge", "positive"]),
+        ("inf", ["voxel edge", "finite"]),
+        ("0.003", ["occupied voxels", "larger --voxel-size"]),
+        ("0.00001", ["voxels", "larger --voxel-size"]),
+    ] {
+        let size = format!("--voxel-size={size}");
+        let message = fails(1, &["render", "cornell", "--patches", "axis", &size, "--quiet"]);
+        assert!(words.iter().all(|word| message.contains(word)), "{message}");
+    }
+    fails(2, &["render", "cornell", "--voxel-size", "small"]);
+    fails(2, &["render", "cornell", "--patches", "hexagon"]);
+    let message = fails(
+        1,
+        &["render", "cornell", "--patches", "voxel", "--form-factors", "contour", "--quiet", "--patch-count", "50"],
+    );
+    assert!(message.contains("outlines"), "{message}");
+}
+
+#[test]
+fn info_describes_the_patches() {
+    let info = |more: &[&str]| -> serde_json::Value {
+        let mut arguments = vec!["info", "cornell", "--json"];
+        arguments.extend(more);
+        serde_json::from_str(&succeeds(&arguments)).unwrap()
+    };
+    assert!(info(&[]).get("patches").is_none());
+    for kind in ["polygon", "cluster", "voxel", "axis"] {
+        let all = info(&["--patches", kind, "--patch-count", "200"]);
+        let found = &all["patches"];
+        let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("{key}: {found}"));
+        let count = number("patches");
+        assert_eq!(found["kind"], kind);
+        assert!((count / 200.0 - 1.0).abs() < 0.1, "{found}");
+        assert!(number("samples") > count && number("sample_points") >= number("samples"), "{found}");
+        assert!(number("facets") >= count);
+        // Of both sides, the inner ones of the walls, and the outer ones of the boxes.
+        assert!((number("surface_sides_m2") / (2.0 * all["area_m2"].as_f64().unwrap()) - 1.0).abs() < 1e-6);
+        let share = number("area_m2") / number("surface_sides_m2");
+        assert!((0.45..0.55).contains(&share), "{found}");
+        let (least, middle, most) = (number("min_area_m2"), number("median_area_m2"), number("max_area_m2"));
+        assert!(0.0 < least && least <= middle && middle <= most && most * count >= number("area_m2"), "{found}");
+        let has_voxels = ["voxel", "axis"].contains(&kind);
+        assert_eq!(found.get("voxels").is_some() && found.get("voxel_edge_m").is_some(), has_voxels);
+        if has_voxels {
+            assert!(number("voxels") <= count && count <= 6.0 * number("voxels"), "{found}");
+        }
+        assert!(found["bytes"].as_array().unwrap().iter().any(|part| part[1].as_u64().unwrap() > 0));
+        assert!(succeeds(&["info", "cornell", "--patches", kind, "--patch-count=200"]).contains("area of a patch"));
+    }
+    let edge = info(&["--patches", "axis", "--voxel-size", "0.2"])["patches"]["voxel_edge_m"].as_f64().unwrap();
+    assert!((edge - 0.2).abs() < 1e-6);
+}
+
+#[test]
 fn the_demo_writes_a_report_that_needs_no_other_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

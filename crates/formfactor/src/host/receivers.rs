@@ -37,8 +37,6 @@ pub struct Receivers {
     pub vertices: Vec<u32>,
     /// The receivers, a little inside of a triangle, with the normal of its side; `patch` is their own number.
     pub points: Vec<SurfacePoint>,
-    /// Receiver i owns the point i: `0..=n`.
-    pub offsets: Vec<u32>,
 }
 
 /// A side of a triangle.
@@ -53,9 +51,9 @@ struct Side {
 
 impl Receivers {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
-    /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says nothing has no vertices, one
-    /// that is smaller than that a single one.
-    /// Vertices closer than `weld` m on nearly the same plane and side are one receiver.
+    /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says
+    /// nothing asks `otherwise` for its middle, and has no vertices where that says nothing either; one that is smaller than
+    /// the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
@@ -65,6 +63,7 @@ impl Receivers {
         edge: f32,
         weld: f32,
         within: impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync,
+        otherwise: impl Fn(&SurfacePoint) -> Option<f32> + Sync,
     ) -> Result<Self, Error> {
         check_length("sides", scene.triangles.len(), sides.len())?;
         check_positive("edge", edge)?;
@@ -80,7 +79,8 @@ impl Receivers {
         let mut new = Self { grids, cells, ..Self::default() };
         let sides = new.sides(scene);
         // The places on all cores, then the receivers one after the other.
-        let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> = sides.par_iter().map(|s| places(scene, s, &within)).collect();
+        let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
+            sides.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
         let mut welder = Welder { distance: weld, cells: HashMap::new(), points: Vec::new() };
         let found: u64 = places.iter().flatten().map(|p| p.1.len() as u64).sum();
         if found >= u64::from(NONE) {
@@ -95,7 +95,6 @@ impl Receivers {
             }
         }
         new.points = welder.points;
-        new.offsets = (0..=new.points.len() as u32).collect();
         Ok(new)
     }
 
@@ -111,9 +110,8 @@ impl Receivers {
         sides.collect()
     }
 
-    /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good vertex beside
-    /// them.
-    /// Returns whether each of those that are left is good.
+    /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good vertex
+    /// beside them. Returns whether each of those that are left is good.
     pub fn retain(&mut self, scene: &Scene, is_good: impl Fn(&SurfacePoint) -> bool + Sync) -> Vec<bool> {
         let flags: Vec<bool> = self.points.par_iter().map(&is_good).collect();
         for side in self.sides(scene) {
@@ -155,7 +153,6 @@ impl Receivers {
         let left = self.points.iter().map(|point| flags[point.patch as usize]).collect();
         (self.points.iter_mut().zip(0..)).for_each(|(point, number)| point.patch = number);
         self.vertices.iter_mut().for_each(|r| *r = numbers[*r as usize]);
-        self.offsets = (0..=self.points.len() as u32).collect();
         left
     }
 }
@@ -195,6 +192,7 @@ fn places(
     scene: &Scene,
     side: &Side,
     within: &(impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync),
+    otherwise: &(impl Fn(&SurfacePoint) -> Option<f32> + Sync),
 ) -> Vec<(u32, Vec<SurfacePoint>)> {
     let longest = longest_edge(scene, side.triangle) / side.divisions as f32;
     let cell = |k: u32| {
@@ -209,7 +207,8 @@ fn places(
         // A cell may lie across the border of what is lit.
         let near = |p: Vec2, q: Vec2, r: Vec2| within(&point(p * 0.9 + (q + r) * 0.05), longest);
         let corners = [near(a, b, c), near(b, c, a), near(c, a, b)];
-        let Some(length) = corners.into_iter().flatten().chain(here).reduce(f32::min) else {
+        let known = corners.into_iter().flatten().chain(here).reduce(f32::min);
+        let Some(length) = known.or_else(|| otherwise(&middle)) else {
             return (0, Vec::new());
         };
         let divisions = (longest / length * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_WITHIN) as u32;

@@ -1,17 +1,22 @@
 //! Sparse rows of form factors by rays: for many receivers or many senders, where dense rows would not fit.
 
-use std::ops::ControlFlow;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::vec::Vec;
 
+use glam::Vec4;
 use rayon::prelude::*;
 
 use super::estimate::{Estimator, Hemisphere, Proceed, Surfaces, hemisphere_hits};
-use super::storage::Csr;
+use super::hits::HitRows;
+use super::product::Operator;
+use super::storage::{Csr, check_length};
 use crate::error::Error;
 
 /// Rows that one task makes.
 const TASK_ROWS: usize = 64;
+/// Hits of a block of rows that are coded together.
+const BLOCK_HITS: usize = 1 << 22;
 
 /// Sparse rows of form factors: the factors of a row, its sky factor and its lost share sum to 1.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,26 +42,12 @@ pub fn sparse_rows(
     surfaces.check()?;
     Hemisphere { rays }.check(surfaces)?;
     let (total, patches) = (surfaces.rows(), surfaces.patches.len() as u32);
-    let (done, cancelled) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let task = |first: usize| {
-        let rows = first..(first + TASK_ROWS).min(total);
+    let task = |own: Range<usize>| {
         let mut part = Part::default();
-        if !cancelled.load(Ordering::Relaxed) {
-            for row in rows.clone() {
-                part.push(hemisphere_hits(surfaces, row, rays), patches);
-            }
-        }
-        let count = done.fetch_add(rows.len(), Ordering::Relaxed) + rows.len();
-        if let ControlFlow::Break(()) = progress(count, total) {
-            cancelled.store(true, Ordering::Relaxed);
-        }
+        own.for_each(|row| part.push(hemisphere_hits(surfaces, row, rays), patches));
         part
     };
-    let starts: Vec<usize> = (0..total).step_by(TASK_ROWS).collect();
-    let parts: Vec<Part> = starts.into_par_iter().map(task).collect();
-    if cancelled.load(Ordering::Relaxed) {
-        return Err(Error::Cancelled { done: done.load(Ordering::Relaxed), total });
-    }
+    let parts = Watch::new(total, progress).tasks(0..total, task)?;
     let found: u64 = parts.iter().map(|p| p.values.len() as u64).sum();
     if found > u64::from(u32::MAX) {
         return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
@@ -74,6 +65,89 @@ pub fn sparse_rows(
         out.lost.extend(part.lost);
     }
     Ok(out)
+}
+
+/// Adds the rows of [`sparse_rows`] to those of `rows`, as counts of hits: each ray of a row carries the same share, so its
+/// points should have equal weights, and as many rays each. In blocks, so that the hits are never together in memory.
+///
+/// # Errors
+/// As [`sparse_rows`]; [`Error::Length`] unless `rows` has one column a patch. Nothing is left half done: the rows of whole
+/// blocks stay.
+pub fn add_hit_rows(
+    rows: &mut HitRows,
+    surfaces: &Surfaces,
+    rays: u32,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<(), Error> {
+    surfaces.check()?;
+    Hemisphere { rays }.check(surfaces)?;
+    check_length("columns", rows.columns(), surfaces.patches.len())?;
+    let total = surfaces.rows();
+    let watch = Watch::new(total, progress);
+    let block = (BLOCK_HITS / rays as usize).next_multiple_of(TASK_ROWS);
+    for first in (0..total).step_by(block) {
+        let own = first..(first + block).min(total);
+        let hits = |row: usize| hemisphere_hits(surfaces, row, rays).into_iter().map(|(column, _)| column);
+        let hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();
+        rows.push(&hits, &std::vec![1.0 / rays as f32; own.len()])?;
+    }
+    Ok(())
+}
+
+/// The irradiance that the rows of [`sparse_rows`] would gather from this exitance, W/m², without the rows: for points that are
+/// asked once. The fourth component is 0.
+///
+/// # Errors
+/// As [`sparse_rows`]; [`Error::Length`] unless there is one exitance a patch.
+pub fn gather_by_rays(
+    surfaces: &Surfaces,
+    rays: u32,
+    exitance: &[Vec4],
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<Vec<Vec4>, Error> {
+    surfaces.check()?;
+    Hemisphere { rays }.check(surfaces)?;
+    check_length("exitance", surfaces.patches.len(), exitance.len())?;
+    let total = surfaces.rows();
+    let gather = |row: usize| {
+        let light = |(column, share): (u32, f32)| exitance.get(column as usize).map_or(Vec4::ZERO, |b| *b * share);
+        hemisphere_hits(surfaces, row, rays).into_iter().map(light).sum::<Vec4>().truncate().extend(0.0)
+    };
+    let task = |rows: Range<usize>| rows.map(gather).collect::<Vec<_>>();
+    Ok(Watch::new(total, progress).tasks(0..total, task)?.concat())
+}
+
+/// Runs tasks of [`TASK_ROWS`] rows on all cores until it is told to stop.
+struct Watch<'a> {
+    total: usize,
+    progress: &'a (dyn Fn(usize, usize) -> Proceed + Sync),
+    done: AtomicUsize,
+    cancelled: AtomicBool,
+}
+
+impl<'a> Watch<'a> {
+    fn new(total: usize, progress: &'a (dyn Fn(usize, usize) -> Proceed + Sync)) -> Self {
+        Self { total, progress, done: AtomicUsize::new(0), cancelled: AtomicBool::new(false) }
+    }
+
+    /// What `work` makes of each task of these rows, in order.
+    fn tasks<T: Send>(&self, rows: Range<usize>, work: impl Fn(Range<usize>) -> T + Sync) -> Result<Vec<T>, Error> {
+        let task = |first: usize| {
+            let rows = first..(first + TASK_ROWS).min(rows.end);
+            let made = (!self.cancelled.load(Ordering::Relaxed)).then(|| work(rows.clone()));
+            let count = self.done.fetch_add(rows.len(), Ordering::Relaxed) + rows.len();
+            if (self.progress)(count, self.total).is_break() {
+                self.cancelled.store(true, Ordering::Relaxed);
+            }
+            made
+        };
+        let starts: Vec<usize> = rows.clone().step_by(TASK_ROWS).collect();
+        let made: Vec<Option<T>> = starts.into_par_iter().map(task).collect();
+        if self.cancelled.load(Ordering::Relaxed) {
+            return Err(Error::Cancelled { done: self.done.load(Ordering::Relaxed), total: self.total });
+        }
+        Ok(made.into_iter().flatten().collect())
+    }
 }
 
 /// Some rows.

@@ -154,6 +154,57 @@ impl Csr {
         }
     }
 
+    /// Weighted sums of rows: row g is `Σ_k weights[k] row_k` over the rows `groups[g]..groups[g + 1]`.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there is one weight a row and the groups end with the rows; [`Error::TooMany`] entries.
+    pub fn mean_rows(&self, groups: &[u32], weights: &[f32]) -> Result<Self, Error> {
+        check_length("weights", self.rows, weights.len())?;
+        check_length("groups", self.rows, groups.last().map_or(0, |&end| end as usize))?;
+        let row = |range: &[u32]| {
+            let (from, to) = (range[0] as usize, range[1] as usize);
+            let entries = self.row_start[from] as usize..self.row_start[to] as usize;
+            let mut sums: Vec<(u32, f32)> = Vec::with_capacity(entries.len());
+            for (k, weight) in (from..to).zip(&weights[from..to]) {
+                let own = self.row_start[k] as usize..self.row_start[k + 1] as usize;
+                sums.extend(own.map(|e| (self.column_index[e], weight * self.values[e])));
+            }
+            // Stable: the entries of a column are added in the order of the rows.
+            sums.sort_by_key(|entry| entry.0);
+            sums.dedup_by(|next, kept| {
+                let same = next.0 == kept.0;
+                if same {
+                    kept.1 += next.1;
+                }
+                same
+            });
+            sums
+        };
+        let rows: Vec<Vec<(u32, f32)>> = groups.par_windows(2).map(row).collect();
+        Self::from_rows(self.columns, &rows)
+    }
+
+    /// From rows of columns and values.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] when there are more than 2³² − 1 entries, [`Error::Value`] for a column that is not there.
+    pub fn from_rows(columns: usize, rows: &[Vec<(u32, f32)>]) -> Result<Self, Error> {
+        let found: u64 = rows.iter().map(|row| row.len() as u64).sum();
+        if found > u64::from(u32::MAX) {
+            return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+        }
+        let mut csr = Self { rows: rows.len(), columns, row_start: vec![0], ..Self::default() };
+        csr.column_index.reserve_exact(found as usize);
+        csr.values.reserve_exact(found as usize);
+        for row in rows {
+            csr.column_index.extend(row.iter().map(|entry| entry.0));
+            csr.values.extend(row.iter().map(|entry| entry.1));
+            csr.row_start.push(csr.values.len() as u32);
+        }
+        csr.check()?;
+        Ok(csr)
+    }
+
     /// With all its zeros.
     pub fn to_dense(&self) -> Dense {
         let mut dense = Dense::zeros(self.rows, self.columns);

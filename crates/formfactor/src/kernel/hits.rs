@@ -18,11 +18,13 @@ pub const COUNT_STEP: f32 = 0.25;
 
 /// Irradiance of row `i` from counts of hits, `H_i = s_i Σ_q c_q (B_q0 + B_q1 + B_q2 + B_q3)`, W/m².
 ///
-/// Shapes: row i owns the quads `row_start[i]..row_start[i + 1]`; `columns[quads]`, four numbers of 16 bits each, the first
-/// in the lowest bits; `counts[quads / 4]`, four bytes a word, in steps of [`COUNT_STEP`]; `scales[rows]`. Needs `i < rows`.
+/// Shapes: row i owns the quads `row_start[i]..row_start[i + 1]`, counted from `first_quad` on; `columns[quads]`, four numbers
+/// of 16 bits each, the first in the lowest bits; `counts[quads / 4]`, four bytes a word, in steps of [`COUNT_STEP`];
+/// `scales[rows]`. Needs `i < rows`.
 #[inline]
 pub fn gather_row_hits(
     i: u32,
+    first_quad: u32,
     row_start: &[u32],
     columns: &[UVec2],
     counts: &[u32],
@@ -30,7 +32,7 @@ pub fn gather_row_hits(
     exitance: &[Vec4],
 ) -> Vec4 {
     let mut sum = Vec4::ZERO;
-    for quad in row_start[i as usize]..row_start[i as usize + 1] {
+    for quad in row_start[i as usize] - first_quad..row_start[i as usize + 1] - first_quad {
         let four = columns[quad as usize];
         let count = counts[(quad / WORD_COUNTS) as usize] >> (8 * (quad % WORD_COUNTS)) & 0xff;
         let low = exitance[(four.x & 0xffff) as usize] + exitance[(four.x >> 16) as usize];

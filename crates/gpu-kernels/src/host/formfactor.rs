@@ -3,7 +3,7 @@
 use ::formfactor::kernel::hemisphere::{self, EXTRA_COLUMNS};
 use ::formfactor::kernel::hits::{self, WORD_COUNTS};
 use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums, VECTOR_IMAGE_WIDTH};
-use ::formfactor::{GatherParams, HemisphereParams};
+use ::formfactor::{GatherParams, HemisphereParams, HitsParams};
 use ::scene::kernel::bvh;
 use ::scene::{Hit, Rgb, SurfacePoint};
 use glam::{UVec2, Vec4};
@@ -165,13 +165,14 @@ pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), Hos
 
 pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [row_start, quads, counts, scales, exitance, irradiance]) = call.parts::<CountParams, 6>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let (p, [row_start, quads, counts, scales, exitance, irradiance]) = call.parts::<HitsParams, 6>(kernel)?;
+    let n = agreed(elements, p.rows)?;
     let row_start = row_start.read::<u32>(n + 1)?;
-    let quads = quads.read::<UVec2>(row_start[n] as usize)?;
-    let counts = counts.read::<u32>(row_start[n].div_ceil(WORD_COUNTS) as usize)?;
+    let bound = row_start[n].saturating_sub(p.first_quad);
+    let quads = quads.read::<UVec2>(bound as usize)?;
+    let counts = counts.read::<u32>(bound.div_ceil(WORD_COUNTS) as usize)?;
     let (scales, exitance) = (scales.read::<f32>(n)?, exitance.read::<Rgb>(0)?);
-    fill(irradiance.write(n)?, |k| hits::gather_row_hits(k, row_start, quads, counts, scales, exitance));
+    fill(irradiance.write(n)?, |k| hits::gather_row_hits(k, p.first_quad, row_start, quads, counts, scales, exitance));
     Ok(())
 }
 

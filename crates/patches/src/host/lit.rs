@@ -20,6 +20,8 @@ const NEIGHBOURS: usize = 4;
 /// Walks of a candidate near which pilots do not agree: one that is left out by mistake has neighbours.
 const WALKS: u32 = 3;
 const MOST_DISTANCE: f32 = 3.0;
+/// The nearest of pilots that say no is no further than this.
+const DARK_DISTANCE: f32 = 2.0;
 
 /// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
 /// or that see no geometry. A few pilots are asked by random walks; where they agree, candidates take their answer.
@@ -57,14 +59,29 @@ impl<'a> LitSampler<'a> {
 
     /// About `count` samples to which light comes, each for the same area.
     pub fn samples(&self, count: u32, seed: u32) -> Vec<Sample> {
+        self.samples_where(count, seed, |_| true)
+    }
+
+    /// Those of [`LitSampler::samples`] that are wanted; the others are not asked whether light comes to them.
+    pub fn samples_where(&self, count: u32, seed: u32, is_wanted: impl Fn(&Sample) -> bool + Sync) -> Vec<Sample> {
         // No more than memory holds, however little of the surface is lit.
         let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
         let candidates = equal_area_samples(self.scene, candidates as u32, seed);
-        let lit = |(k, sample): (usize, &Sample)| {
-            self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, k as u32, WALKS, seed))
-        };
+        let lit = |(k, sample): (usize, &Sample)| is_wanted(sample) && self.takes_part(sample, k as u32, seed);
         let flags: Vec<bool> = candidates.par_iter().enumerate().map(lit).collect();
         candidates.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect()
+    }
+
+    /// Whether light comes to the place and side of a sample, which sees geometry; its area and albedo are not asked. The
+    /// same place and seed give the same answer.
+    pub fn is_lit(&self, sample: &Sample, seed: u32) -> bool {
+        let [x, y, z] = sample.position.to_array().map(f32::to_bits);
+        self.takes_part(sample, hash3(x, y, z), seed)
+    }
+
+    /// The answer of the pilots where they agree, else of walks with random numbers of their own.
+    fn takes_part(&self, sample: &Sample, index: u32, seed: u32) -> bool {
+        self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, index, WALKS, seed))
     }
 
     /// Whether light comes to a sample, where the pilots round it agree.
@@ -72,7 +89,8 @@ impl<'a> LitSampler<'a> {
         let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
         match near[..found].iter().filter(|&&(k, _)| self.lit[k as usize]).count() {
             _ if found == 0 => None,
-            0 => Some(false),
+            // A surface that is left out by mistake is black: dark ones must be many and near.
+            0 => (found == NEIGHBOURS && near[0].1 < DARK_DISTANCE).then_some(false),
             lit if lit == found => Some(true),
             _ => None,
         }

@@ -10,7 +10,7 @@ use super::grid::Grid;
 use super::patch_set::PatchSet;
 use crate::error::Error;
 use crate::kernel::lookup::lookup;
-use crate::types::{EMPTY_CELL, LookupParams, LookupPatch};
+use crate::types::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, VirtualPatch};
 
 /// What keeps light from leaking through the lookup.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,8 +43,12 @@ pub struct Lookup {
     pub offsets: Vec<u32>,
     /// Patches, voxel by voxel.
     pub entries: Vec<LookupPatch>,
-    patches: usize,
+    /// Length of the table of values: one a patch, and with dark patches a last one that is 0.
+    pub values: usize,
 }
+
+/// A dark patch has no say where a patch of the set looks its way, with a cosine above this, in the same plane and beside it.
+const LIKE_COSINE: f32 = 0.5;
 
 impl Lookup {
     /// The tables for patches of this grid's voxels, in any order.
@@ -53,6 +57,17 @@ impl Lookup {
     /// [`Error::Setting`] for a limit that is not positive, [`Error::Value`] for a patch without a voxel of the grid,
     /// [`Error::NoSamples`] without patches.
     pub fn new(grid: &Grid, set: &PatchSet, settings: LookupSettings) -> Result<Self, Error> {
+        Self::with_dark(grid, set, &PatchSet::default(), settings)
+    }
+
+    /// As [`Lookup::new`], with patches of the places that no light comes to, so that such a place is dark and does not show
+    /// what lies behind its wall. A dark patch is left out where the voxels beside its own hold a patch of the set in its
+    /// plane that looks its way: no place that light comes to becomes darker. The value of all dark patches is the last of
+    /// the table of values, which then has one more than there are patches and must end with 0.
+    ///
+    /// # Errors
+    /// As [`Lookup::new`].
+    pub fn with_dark(grid: &Grid, set: &PatchSet, dark: &PatchSet, settings: LookupSettings) -> Result<Self, Error> {
         let limit = settings.plane_limit;
         if limit.is_nan() || limit <= 0.0 {
             return Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" });
@@ -62,23 +77,34 @@ impl Lookup {
         }
         let counts = grid.shape.counts();
         let voxels = counts.x as usize * counts.y as usize * counts.z as usize;
-        let mut order: Vec<u32> = (0..set.len() as u32).collect();
-        order.sort_by_key(|&k| set.patches[k as usize].voxel);
-        let (mut cells, mut offsets) = (std::vec![u32::MAX; voxels], Vec::new());
-        let mut entries = Vec::with_capacity(order.len());
-        let mut full = Vec::new();
-        for &index in &order {
-            let patch = &set.patches[index as usize];
-            let Some(cell) = cells.get_mut(patch.voxel as usize) else {
+        for (index, patch) in set.patches.iter().chain(&dark.patches).enumerate() {
+            if patch.voxel as usize >= voxels {
                 let value = f64::from(patch.voxel);
-                return Err(Error::Value { name: "patches.voxel", index: index as usize, value, rule: "in the grid" });
-            };
+                return Err(Error::Value { name: "patches.voxel", index, value, rule: "in the grid" });
+            }
+        }
+        let entry = |patch: &VirtualPatch, index: usize| {
+            let (position, direction) = (patch.position, patch.normal);
+            (patch.voxel, LookupPatch { position, patch: index as u32, direction, reserved: 0 })
+        };
+        let mut placed: Vec<_> = set.patches.iter().enumerate().map(|(index, patch)| entry(patch, index)).collect();
+        placed.sort_by_key(|p| p.0);
+        let apart = |d: &&VirtualPatch| !has_like(&grid.shape, &placed, d, limit);
+        let apart: Vec<_> = dark.patches.par_iter().filter(apart).map(|d| entry(d, set.len())).collect();
+        let values = set.len() + usize::from(!apart.is_empty());
+        placed.extend(apart);
+        placed.sort_by_key(|p| p.0);
+        let (mut cells, mut offsets) = (std::vec![u32::MAX; voxels], Vec::new());
+        let mut entries = Vec::with_capacity(placed.len());
+        let mut full = Vec::new();
+        for (voxel, entry) in placed {
+            let cell = &mut cells[voxel as usize];
             if *cell == u32::MAX {
                 *cell = full.len() as u32;
-                full.push(patch.voxel);
+                full.push(voxel);
                 offsets.push(entries.len() as u32);
             }
-            entries.push(LookupPatch { position: patch.position, patch: index, direction: patch.normal, reserved: 0 });
+            entries.push(entry);
         }
         offsets.push(entries.len() as u32);
         fill_empty(&mut cells, full, counts);
@@ -90,10 +116,10 @@ impl Lookup {
             count: 0,
             reserved: 0,
         };
-        Ok(Self { params, cells, offsets, entries, patches: set.len() })
+        Ok(Self { params, cells, offsets, entries, values })
     }
 
-    /// The mean at a surface point with a unit normal of the values of the patches round it, `values` one a patch.
+    /// The mean at a surface point with a unit normal of the values of the patches round it, [`Lookup::values`] of them.
     ///
     /// # Errors
     /// [`Error::Length`] for a wrong number of values.
@@ -112,8 +138,8 @@ impl Lookup {
     }
 
     fn check(&self, values: &[Vec4]) -> Result<(), Error> {
-        if values.len() != self.patches {
-            return Err(Error::Length { name: "values", expected: self.patches, found: values.len() });
+        if values.len() != self.values {
+            return Err(Error::Length { name: "values", expected: self.values, found: values.len() });
         }
         Ok(())
     }
@@ -126,6 +152,23 @@ impl Lookup {
     pub fn bytes(&self) -> usize {
         4 * (self.cells.len() + self.offsets.len()) + size_of_val(&self.entries[..])
     }
+}
+
+/// Whether the voxels round that of a patch hold one in its plane that looks its way. `placed` rises by voxel.
+fn has_like(shape: &GridShape, placed: &[(u32, LookupPatch)], patch: &VirtualPatch, limit: f32) -> bool {
+    let own = shape.coordinates(patch.voxel);
+    let (low, high) = (own.saturating_sub(UVec3::ONE), (own + UVec3::ONE).min(shape.counts() - UVec3::ONE));
+    let is_like = |other: &LookupPatch| {
+        let off = ((other.position - patch.position) / shape.edges).dot(patch.normal).abs();
+        other.direction.dot(patch.normal) > LIKE_COSINE && off < limit
+    };
+    (low.z..=high.z).any(|z| {
+        (low.y..=high.y).any(|y| {
+            let (from, to) = (shape.voxel_at(UVec3::new(low.x, y, z)), shape.voxel_at(UVec3::new(high.x, y, z)));
+            let first = placed.partition_point(|p| p.0 < from);
+            placed[first..].iter().take_while(|p| p.0 <= to).any(|p| is_like(&p.1))
+        })
+    })
 }
 
 /// Gives each empty voxel the nearest one with patches, counted in steps along the axes; of several the first.

@@ -53,7 +53,8 @@ impl Nearest {
     }
 
     /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in sample edges: √ of
-    /// the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when there is none within `most` sample edges.
+    /// the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when there is none
+    /// within `most` sample edges.
     pub fn sample(&self, position: Vec3, normal: Vec3, most: f32) -> Option<(u32, f32)> {
         let mut best = [(0, most * most)];
         let found = self.search(position, normal, &mut best);

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::render::classic::PatchKind;
+
 /// Diffuse global illumination by radiosity, fast enough for every frame.
 #[derive(Parser, Debug)]
 #[command(
@@ -65,11 +67,14 @@ pub enum Command {
     Compare(Compare),
     /// List the devices that can run the kernels.
     Devices,
-    /// Say what a scene file holds: triangles, areas, materials, lights, memory.
-    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info atrium:50000 --json")]
+    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives.
+    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info atrium:50000 --json\n  \
+        patchlight info sponza.toml --patches axis --patch-count 10000")]
     Info {
         /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
         scene: String,
+        #[command(flatten)]
+        patches: PatchOptions,
     },
     /// Write a built-in scene as files: scene .toml, .obj, .mtl and textures.
     #[command(after_help = "Example:\n  patchlight scene atrium:20000 --out my-atrium\n\n\
@@ -83,7 +88,7 @@ pub enum Command {
 /// How the light is found.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Classic radiosity: polygon patches, the full matrix, one product a bounce.
+    /// Classic radiosity: patches of any kind, one product a bounce.
     Classic,
     /// Path tracing on the CPU, the reference.
     Path,
@@ -106,6 +111,59 @@ pub enum Patches {
     Polygon,
     /// Samples of the surface gathered by what they see: any mesh in as many patches as wanted.
     Cluster,
+    /// Samples of each voxel gathered where position and normal are alike.
+    Voxel,
+    /// Samples of each voxel shared out over the six directions of the axes.
+    Axis,
+}
+
+/// What patches are made, and how many.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct PatchOptions {
+    /// What patches are [default: polygon where triangles are few beside the patches, else cluster].
+    #[arg(long, value_enum)]
+    pub patches: Option<Patches>,
+    /// Patches that send light [default: 4000].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub patch_count: Option<u32>,
+    /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
+    #[arg(long, value_name = "METRES")]
+    pub voxel_size: Option<f32>,
+}
+
+impl PatchOptions {
+    /// How many patches.
+    pub fn count(&self) -> usize {
+        self.patch_count.unwrap_or(4000) as usize
+    }
+
+    /// What they are made of in a scene of so many triangles.
+    pub fn kind(&self, triangles: usize) -> PatchKind {
+        match self.patches {
+            Some(Patches::Polygon) => PatchKind::Polygon,
+            Some(Patches::Cluster) => PatchKind::Cluster,
+            Some(Patches::Voxel) => PatchKind::Voxel,
+            Some(Patches::Axis) => PatchKind::Axis,
+            None => PatchKind::suited(triangles, self.count()),
+        }
+    }
+
+    /// Whether any of them was given.
+    pub fn is_given(&self) -> bool {
+        self.patches.is_some() || self.patch_count.is_some() || self.voxel_size.is_some()
+    }
+}
+
+/// Where irradiance is gathered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ReceiverPlaces {
+    /// Points of the surface, close where light bends; pixels take the mean of those about.
+    Mesh,
+    /// Every visible point, with nothing in between: slow, for measuring (try --receiver-rays 64 --spp 1).
+    Pixels,
+    /// The voxel or axis patches themselves; pixels take the mean of those about.
+    #[value(name = "self")]
+    SelfReceivers,
 }
 
 /// Estimator of the form factors.
@@ -138,15 +196,14 @@ pub struct Render {
     /// Sub-frames (classic) or paths (path) a pixel [default: 16 and 64].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub spp: Option<u32>,
-    /// What patches are [default: polygon where triangles are few beside the patches, else cluster].
-    #[arg(long, value_enum)]
-    pub patches: Option<Patches>,
-    /// Patches that send light.
-    #[arg(long, default_value_t = 4000, value_parser = clap::value_parser!(u32).range(1..=65_535))]
-    pub patch_count: u32,
+    #[command(flatten)]
+    pub patches: PatchOptions,
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
+    /// Where irradiance is gathered.
+    #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
+    pub receivers: ReceiverPlaces,
     /// Distance between the points at which indirect light is gathered where it is even, m [default: a third of the patches'
     /// mean edge].
     #[arg(long)]

@@ -95,13 +95,11 @@ fn one_scene(
         patches: PatchKind::suited(loaded.scene.triangles.len(), effort.patches),
         patch_count: effort.patches,
         estimator: Estimator::Hemisphere { rays: effort.rays },
-        bounces: None,
-        receiver_edge: None,
-        most_receivers: None,
         receiver_rays: effort.rays / 2,
         sub_frames: 6,
         seed: common.seed,
         size: effort.size,
+        ..ClassicSettings::default()
     };
     let mut classic = Classic::bake(loaded, settings, executor, progress)?;
     let animation = Animation::or_default_path(loaded);

@@ -1,12 +1,15 @@
 //! `patchlight info`.
 
+use std::time::Instant;
+
 use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, NONE};
 use serde::Serialize;
 
-use super::args::Common;
+use super::args::{Common, PatchOptions};
 use super::output;
 use crate::error::Error;
 use crate::import::{LoadedScene, load_or_build};
+use crate::render::senders::Senders;
 
 #[derive(Serialize)]
 struct Info {
@@ -31,14 +34,42 @@ struct Info {
     hierarchy_nodes: usize,
     bytes: Vec<(&'static str, u64)>,
     seconds: Vec<(&'static str, f64)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    patches: Option<Patches>,
 }
 
-pub fn run(common: &Common, spec: &str) -> Result<(), Error> {
+/// What patches a scene gives.
+#[derive(Serialize)]
+struct Patches {
+    kind: &'static str,
+    /// Voxels with patches, and their edge.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    voxels: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    voxel_edge_m: Option<f32>,
+    samples: usize,
+    sample_points: usize,
+    patches: usize,
+    facets: usize,
+    /// Of all patches, and of both sides of all triangles.
+    area_m2: f64,
+    surface_sides_m2: f64,
+    min_area_m2: f32,
+    median_area_m2: f32,
+    max_area_m2: f32,
+    bytes: Vec<(&'static str, u64)>,
+    seconds: f64,
+}
+
+pub fn run(common: &Common, spec: &str, patches: &PatchOptions) -> Result<(), Error> {
     let loaded = load_or_build(spec)?;
     for line in &loaded.warnings {
         eprintln!("warning: {line}");
     }
-    let info = Info::of(&loaded);
+    let mut info = Info::of(&loaded);
+    if patches.is_given() {
+        info.patches = Some(Patches::of(&loaded, patches, info.area_m2, common.seed)?);
+    }
     if common.json {
         println!("{}", output::json(&info));
     } else {
@@ -91,6 +122,7 @@ impl Info {
                 ("sky map", size(size_of_val(&s.sky_map[..]))),
             ],
             seconds: loaded.timings.clone(),
+            patches: None,
         }
     }
 
@@ -121,5 +153,53 @@ impl Info {
         for (name, seconds) in &self.seconds {
             println!("{:24} {seconds:.3} s", format!("time, {name}"));
         }
+        if let Some(patches) = &self.patches {
+            patches.print();
+        }
+    }
+}
+
+impl Patches {
+    /// `area`: of the triangles, one side, m².
+    fn of(loaded: &LoadedScene, options: &PatchOptions, area: f64, seed: u32) -> Result<Self, Error> {
+        let start = Instant::now();
+        let kind = options.kind(loaded.scene.triangles.len());
+        let senders = Senders::new(&loaded.scene, kind, options.count(), options.voxel_size, seed)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let mut areas = senders.areas();
+        areas.sort_by(f32::total_cmp);
+        Ok(Self {
+            kind: kind.name(),
+            voxels: senders.lookup.as_ref().map(|lookup| lookup.offsets.len() - 1),
+            voxel_edge_m: senders.lookup.as_ref().map(|lookup| lookup.params.shape.edges.x),
+            samples: senders.samples,
+            sample_points: senders.points.len(),
+            patches: senders.patches.len(),
+            facets: senders.facets.len(),
+            area_m2: areas.iter().map(|&a| f64::from(a)).sum(),
+            surface_sides_m2: 2.0 * area,
+            min_area_m2: areas.first().copied().unwrap_or(0.0),
+            median_area_m2: areas.get(areas.len() / 2).copied().unwrap_or(0.0),
+            max_area_m2: areas.last().copied().unwrap_or(0.0),
+            bytes: senders.bytes().to_vec(),
+            seconds,
+        })
+    }
+
+    fn print(&self) {
+        println!("{:24} {} of kind {}, {} facets", "patches", self.patches, self.kind, self.facets);
+        if let (Some(voxels), Some(edge)) = (self.voxels, self.voxel_edge_m) {
+            println!("{:24} {voxels} with patches, edge {edge:.4} m", "voxels");
+        }
+        println!("{:24} {} ({} points of patches)", "samples", self.samples, self.sample_points);
+        println!("{:24} {:.4} m² (both sides of the surface: {:.4} m²)", "area", self.area_m2, self.surface_sides_m2);
+        println!(
+            "{:24} min {:.3e}, median {:.3e}, max {:.3e} m²",
+            "area of a patch", self.min_area_m2, self.median_area_m2, self.max_area_m2
+        );
+        for (name, count) in &self.bytes {
+            println!("{:24} {}", format!("memory, {name}"), output::bytes(*count));
+        }
+        println!("{:24} {:.3} s", "time, patches", self.seconds);
     }
 }

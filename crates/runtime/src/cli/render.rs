@@ -8,14 +8,14 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, Precision, ReferenceData, stops_to_scale};
 
-use super::args::{Bounces, Common, FormFactors, Method, Patches, Render};
+use super::args::{Bounces, Common, FormFactors, Method, ReceiverPlaces, Render};
 use super::output;
 use super::report::significant;
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
-use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
+use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -133,12 +133,9 @@ fn classic_frames(
     }
     summary.device = executor.device().name.clone();
     let settings = ClassicSettings {
-        patches: match args.patches {
-            Some(Patches::Polygon) => PatchKind::Polygon,
-            Some(Patches::Cluster) => PatchKind::Cluster,
-            None => PatchKind::suited(loaded.scene.triangles.len(), args.patch_count as usize),
-        },
-        patch_count: args.patch_count as usize,
+        patches: args.patches.kind(loaded.scene.triangles.len()),
+        patch_count: args.patches.count(),
+        voxel_size: args.patches.voxel_size,
         estimator: match args.form_factors {
             FormFactors::Hemisphere => Estimator::Hemisphere { rays: args.rays },
             FormFactors::Contour => Estimator::Contour,
@@ -148,6 +145,11 @@ fn classic_frames(
         bounces: match args.bounces {
             Bounces::All => None,
             Bounces::Count(k) => Some(k),
+        },
+        receivers: match args.receivers {
+            ReceiverPlaces::Mesh => ReceiverKind::Mesh,
+            ReceiverPlaces::Pixels => ReceiverKind::Pixels,
+            ReceiverPlaces::SelfReceivers => ReceiverKind::SelfReceivers,
         },
         receiver_edge: args.receiver_edge,
         most_receivers: args.most_receivers.map(|most| most as usize),

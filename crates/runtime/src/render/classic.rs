@@ -1,29 +1,30 @@
-//! Classic radiosity: polygon patches, the full matrix, one product a bounce; receivers on the mesh.
+//! Classic radiosity: patches of any kind, one product a bounce; receivers on the mesh, or the patches themselves.
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Dense, Hemisphere, PointToPoint, Proceed, SparseRows, Stop, balance, form_factors,
-    jacobi, sparse_rows,
+    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, Proceed, SparseRows, Stop, add_hit_rows,
+    balance, form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
-use patches::LitSampler;
+use patches::{LitSampler, Lookup};
 use reference::Picture;
+use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::Pictures;
 use super::frame::{Frame, FrameParts};
-use super::receivers::{MeshReceivers, Placing, test_lights};
+use super::pixels::PixelGather;
+use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
-use super::senders::{Columns, Senders};
+use super::senders::{Columns, MOST_PATCHES, Senders};
+use super::test_lights::test_lights;
 use crate::error::Error;
 use crate::executor::Executor;
 use crate::import::LoadedScene;
 use crate::progress::Progress;
 
-/// Largest number of patches: F is dense, 17 GB at this size.
-const MOST_PATCHES: usize = 65_535;
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
 /// Most receivers for each patch.
@@ -59,6 +60,18 @@ pub enum Estimator {
     Point,
 }
 
+/// Where irradiance is gathered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ReceiverKind {
+    /// At points of the surface, close where light bends; pixels take the mean of those about.
+    #[default]
+    Mesh,
+    /// At every visible point of a view, with nothing in between: slow, for measuring.
+    Pixels,
+    /// By the patches themselves; pixels take the mean of those about. Only voxel and axis patches can.
+    SelfReceivers,
+}
+
 /// Settings of [`Classic::bake`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassicSettings {
@@ -66,10 +79,14 @@ pub struct ClassicSettings {
     pub patches: PatchKind,
     /// About how many patches.
     pub patch_count: usize,
+    /// Edge of the voxels of voxel and axis patches, m, instead of their count.
+    pub voxel_size: Option<f32>,
     /// Estimator of the form factors between patches.
     pub estimator: Estimator,
     /// Bounces; `None` for all.
     pub bounces: Option<u32>,
+    /// Where irradiance is gathered.
+    pub receivers: ReceiverKind,
     /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge.
     pub receiver_edge: Option<f32>,
     /// Most receivers: beyond those of the distance, where light bends; `None` for 30 a patch.
@@ -90,8 +107,10 @@ impl Default for ClassicSettings {
         Self {
             patches: PatchKind::default(),
             patch_count: 4000,
+            voxel_size: None,
             estimator: Estimator::Hemisphere { rays: 4096 },
             bounces: None,
+            receivers: ReceiverKind::default(),
             receiver_edge: None,
             most_receivers: None,
             receiver_rays: 256,
@@ -125,13 +144,17 @@ impl Classic {
     /// plan into the executor.
     ///
     /// # Errors
-    /// Too many triangles, a device that is too small, cancellation.
+    /// Too many triangles or voxels, settings that the patches do not suit, a device that is too small, cancellation.
     pub fn bake(
         loaded: &LoadedScene,
         settings: ClassicSettings,
         executor: Box<dyn Executor>,
         progress: &mut Progress,
     ) -> Result<Self, Error> {
+        if settings.receivers == ReceiverKind::SelfReceivers && !settings.patches.has_voxels() {
+            let patches = settings.patches.name();
+            return Err(Error::NoVoxels { option: "--receivers self", patches, instead: "--receivers mesh" });
+        }
         let scene = loaded.scene.clone();
         let too_many = |needed: usize| Error::TooManyPatches {
             scene: loaded.name.clone(),
@@ -143,7 +166,8 @@ impl Classic {
             return Err(too_many(scene.triangles.len()));
         }
         let (senders, edge) = progress.phase("sample", |_| -> Result<_, Error> {
-            let senders = Senders::new(&scene, settings.patches, settings.patch_count, settings.seed)?;
+            let senders =
+                Senders::new(&scene, settings.patches, settings.patch_count, settings.voxel_size, settings.seed)?;
             let area: f32 = senders.areas().iter().sum();
             let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
             let edge = settings.receiver_edge.unwrap_or(patch_edge / RECEIVERS_AN_EDGE);
@@ -163,6 +187,9 @@ impl Classic {
             ..direct_params(&scene)
         };
         let receivers = progress.phase("receivers", |report| -> Result<_, Error> {
+            if settings.receivers != ReceiverKind::Mesh {
+                return MeshReceivers::none(&scene);
+            }
             let seed = settings.seed ^ 0x7265_6365;
             let sampler = match LitSampler::new(&scene, RECEIVER_PILOTS, seed) {
                 Ok(sampler) => sampler,
@@ -170,14 +197,21 @@ impl Classic {
                 Err(error) => return Err(error.into()),
             };
             let lights = test_lights(&scene, &senders, &factors, &facet_rows.factors, &direct)?;
-            let placing = Placing { edge, most: settings.most_receivers.unwrap_or(RECEIVERS_A_PATCH * count), seed };
-            // How many there will be is not known: the bar shows the rows of each round.
-            let rows = |points: &[SurfacePoint]| {
-                let offsets: Vec<u32> = (0..=points.len() as u32).collect();
-                let surfaces = senders.lighting(&scene, Columns::Facets, points, &offsets, seed);
-                Ok(sparse_rows(&surfaces, settings.receiver_rays, &|done, total| proceed(report, done, total))?)
+            let placing = Placing {
+                rays: settings.receiver_rays,
+                edge,
+                most: settings.most_receivers.unwrap_or(RECEIVERS_A_PATCH * count),
+                seed,
             };
-            MeshReceivers::place(&scene, &sampler, &senders, &placing, &lights, &rows)
+            // How many there will be is not known: the bar shows the rows of each round.
+            let add = |rows: &mut HitRows, points: &[SurfacePoint]| {
+                let offsets: Vec<u32> = (0..=points.len() as u32).collect();
+                let seed = hash3(rows.rows() as u32, 0, seed);
+                let surfaces = senders.lighting(&scene, Columns::Facets, points, &offsets, seed);
+                let progress = |done, total| proceed(report, done, total);
+                Ok(add_hit_rows(rows, &surfaces, settings.receiver_rays, &progress)?)
+            };
+            MeshReceivers::place(&scene, &sampler, senders.facets.len(), &placing, &lights, &add)
         })?;
         progress.note(&format!(
             "{count} patches, {} facets, {} receivers, {} nodes",
@@ -191,11 +225,13 @@ impl Classic {
             None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
         };
         let bytes = BTreeMap::from([
-            ("form_factors".to_owned(), size_of_val(&factors.values[..]) as u64),
+            ("form_factors".to_owned(), csr_bytes(&factors)),
             ("facets".to_owned(), csr_bytes(&facet_rows.factors)),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
-            ("receivers".to_owned(), csr_bytes(&receivers.rows)),
+            ("receivers".to_owned(), receivers.rows.bytes() as u64),
+            ("smoothing".to_owned(), csr_bytes(&receivers.smoothing)),
             ("nodes".to_owned(), csr_bytes(&receivers.weights)),
+            ("lookup".to_owned(), senders.lookup.as_ref().map_or(0, Lookup::bytes) as u64),
         ]);
         let frame = Frame::load(
             executor,
@@ -205,6 +241,7 @@ impl Classic {
                 receivers: &receivers,
                 factors: &factors,
                 facet_rows: &facet_rows,
+                lookup: senders.lookup.as_ref().filter(|_| settings.receivers == ReceiverKind::SelfReceivers),
                 bounces,
                 direct,
                 size: settings.size,
@@ -241,34 +278,48 @@ impl Classic {
         let (width, height) = self.settings.size;
         let full = Picture::from_pixels(width, height, full)?;
         let direct = Picture::from_pixels(width, height, direct)?;
-        let indirect = full.minus(&direct)?;
+        let indirect = match self.settings.receivers {
+            ReceiverKind::Mesh | ReceiverKind::SelfReceivers => full.minus(&direct)?,
+            ReceiverKind::Pixels => Picture::from_pixels(width, height, self.gather_pixels(lights, camera, number)?)?,
+        };
+        let full = direct.plus(&indirect)?;
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
     }
 
-    /// Indirect irradiance of the last frame at any points, W/m²: their own rows, gathered exactly from the patches.
+    fn gather_pixels(&mut self, lights: &[Light], camera: &Camera, frame: u32) -> Result<Vec<Vec3>, Error> {
+        let exitance = self.frame.exitance()?;
+        let gather = PixelGather {
+            scene: &self.scene,
+            senders: &self.senders,
+            exitance: &exitance,
+            lights,
+            camera,
+            pixels: self.settings.size.0 as usize * self.settings.size.1 as usize,
+            frame,
+            sub_frames: self.settings.sub_frames,
+            rays: self.settings.receiver_rays,
+            seed: self.settings.seed,
+        };
+        gather.indirect(&go_on)
+    }
+
+    /// Indirect irradiance of the last frame at any points, W/m²: their own rows, gathered exactly from the patches, or, with
+    /// the patches as receivers, the mean of those about.
     ///
     /// # Errors
     /// What the device says; cancellation.
     pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
+        let by_patches = self.settings.receivers == ReceiverKind::SelfReceivers;
+        if let Some(lookup) = self.senders.lookup.as_ref().filter(|_| by_patches) {
+            let light = lookup.at_points(&self.frame.irradiance()?, points)?;
+            return Ok(light.iter().map(|h| h.truncate()).collect());
+        }
         let exitance = self.frame.exitance()?;
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = self.settings.seed ^ 0x706f_696e;
         let surfaces = self.senders.lighting(&self.scene, Columns::Facets, points, &offsets, seed);
-        let go_on = |_, _| match crate::progress::is_cancelled() {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
-        };
-        let rows = sparse_rows(&surfaces, POINT_RAYS, &go_on)?.factors;
-        let sum = |i: usize| {
-            formfactor::kernel::product::gather_row_sparse(
-                i as u32,
-                &rows.row_start,
-                &rows.column_index,
-                &rows.values,
-                &exitance,
-            )
-        };
-        Ok((0..points.len()).map(|i| sum(i).truncate()).collect())
+        let light = gather_by_rays(&surfaces, POINT_RAYS, &exitance, &go_on)?;
+        Ok(light.iter().map(|h| h.truncate()).collect())
     }
 }
 
@@ -282,13 +333,18 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
     }
 }
 
+/// Goes on until the user cancels.
+fn go_on(_: usize, _: usize) -> Proceed {
+    if crate::progress::is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+}
+
 fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> Proceed {
     if report(done as f32 / total.max(1) as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
 }
 
 /// Form factors between patches, and from patches to facets.
 struct Exchange {
-    factors: Dense,
+    factors: Csr,
     facet_rows: SparseRows,
 }
 
@@ -309,9 +365,9 @@ fn exchange(
         };
         let mut rows = form_factors(&*estimator, &surfaces, &progress)?;
         balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
-        let facet_rows =
-            SparseRows { factors: rows.factors.to_csr(0.0)?, sky_factor: rows.sky_factor, lost: rows.lost };
-        return Ok(Exchange { factors: rows.factors, facet_rows });
+        let factors = rows.factors.to_csr(0.0)?;
+        let facet_rows = SparseRows { factors: factors.clone(), sky_factor: rows.sky_factor, lost: rows.lost };
+        return Ok(Exchange { factors, facet_rows });
     }
     let Estimator::Hemisphere { rays } = settings.estimator else {
         return Err(formfactor::Error::NoOutlines { estimator: "this estimator" }.into());
@@ -322,18 +378,7 @@ fn exchange(
     let facet_rows = sparse_rows(&surfaces, facet_rays, &progress)?;
     // The row of a patch is the mean of those of its facets. No balance: the areas of clusters are estimates by samples,
     // and reciprocity with them would make good rows worse.
-    let shares = senders.facet_shares();
-    let mut factors = Dense::zeros(patches, patches);
-    for (i, range) in senders.patch_facets.windows(2).enumerate() {
-        let row = factors.row_mut(i);
-        let own = range[0] as usize..range[1] as usize;
-        for (facet, share) in own.clone().zip(&shares[own]) {
-            let rows = &facet_rows.factors;
-            for k in rows.row_start[facet] as usize..rows.row_start[facet + 1] as usize {
-                row[rows.column_index[k] as usize] += share * rows.values[k];
-            }
-        }
-    }
+    let factors = facet_rows.factors.mean_rows(&senders.patch_facets, &senders.facet_shares())?;
     Ok(Exchange { factors, facet_rows })
 }
 
@@ -343,7 +388,7 @@ fn csr_bytes(rows: &Csr) -> u64 {
 
 /// Bounces until a uniform source changes no patch by more than the tolerance, and a quarter more for sources that are not
 /// uniform.
-fn enough_bounces(factors: &Dense, albedo: &[Vec4]) -> Result<u32, Error> {
+fn enough_bounces(factors: &Csr, albedo: &[Vec4]) -> Result<u32, Error> {
     let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
     let steps = jacobi(factors, &source, albedo, Stop::Tolerance(TOLERANCE))?.iterations;
     Ok((steps + steps / 4).clamp(1, MOST_BOUNCES))

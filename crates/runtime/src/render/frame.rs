@@ -2,11 +2,13 @@
 
 use std::f32::consts::PI;
 
-use bytemuck::Pod;
-use formfactor::{Csr, Dense, GatherParams, SparseRows};
+use bytemuck::{Pod, cast_slice};
+use formfactor::kernel::hits::WORD_COUNTS;
+use formfactor::{Csr, HitRows, HitsParams, Operator, SparseRows};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
+use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
@@ -25,9 +27,12 @@ pub struct FrameParts<'a> {
     pub senders: &'a Senders,
     /// From facets to receivers, and from them to the mesh.
     pub receivers: &'a MeshReceivers,
-    pub factors: &'a Dense,
+    /// From patches to patches.
+    pub factors: &'a Csr,
     /// From patches to facets.
     pub facet_rows: &'a SparseRows,
+    /// Takes the patches' own irradiance to the pixels, instead of the receivers.
+    pub lookup: Option<&'a Lookup>,
     pub bounces: u32,
     /// Direct light at the patches' sample points.
     pub direct: DirectParams,
@@ -41,6 +46,7 @@ pub struct Frame {
     executor: Box<dyn Executor>,
     lights: BufferId,
     light_room: usize,
+    irradiance: BufferId,
     exitance: BufferId,
     full: BufferId,
     direct: BufferId,
@@ -80,6 +86,33 @@ fn pass<P: Pod>(
     Ok(plan.pass(name, kernel, &bindings, push, elements)?)
 }
 
+/// Tables that stay, and where they go.
+#[derive(Default)]
+struct Uploads<'a>(Vec<(BufferId, &'a [u8])>);
+
+impl<'a> Uploads<'a> {
+    fn table(&mut self, plan: &mut Plan, name: &'static str, bytes: &'a [u8]) -> Range {
+        let id = plan.storage(name, bytes.len() as u64);
+        if !bytes.is_empty() {
+            self.0.push((id, bytes));
+        }
+        Range::from(id)
+    }
+
+    /// A table that bindings find by its name.
+    fn named(&mut self, plan: &mut Plan, name: &'static str, bytes: &'a [u8]) -> (&'static str, Range) {
+        (name, self.table(plan, name, bytes))
+    }
+
+    fn csr(&mut self, plan: &mut Plan, names: [&'static str; 3], rows: &'a Csr) -> [(&'static str, Range); 3] {
+        [
+            ("row_start", self.table(plan, names[0], cast_slice(&rows.row_start))),
+            ("columns", self.table(plan, names[1], cast_slice(&rows.column_index))),
+            ("values", self.table(plan, names[2], cast_slice(&rows.values))),
+        ]
+    }
+}
+
 impl Frame {
     /// Makes the plan, loads it and uploads everything that stays.
     pub fn load(mut executor: Box<dyn Executor>, parts: &FrameParts) -> Result<Self, Error> {
@@ -93,58 +126,63 @@ impl Frame {
         let rgb = |n: usize| (n * size_of::<Vec4>()) as u64;
 
         let mut plan = Plan::new();
-        let mut uploads: Vec<(BufferId, Vec<u8>)> = Vec::new();
-        let mut table = |plan: &mut Plan, name: &'static str, bytes: &[u8]| {
-            let id = plan.storage(name, bytes.len() as u64);
-            if !bytes.is_empty() {
-                uploads.push((id, bytes.to_vec()));
-            }
-            (name, Range::from(id))
-        };
+        // What a frame needs and no part holds.
         let sky = [s.sky];
-        let scene_tables = [
-            table(&mut plan, "nodes", bytemuck::cast_slice(&s.nodes)),
-            table(&mut plan, "triangles", bytemuck::cast_slice(&s.triangles)),
-            table(&mut plan, "uvs", bytemuck::cast_slice(&s.uvs)),
-            table(&mut plan, "materials", bytemuck::cast_slice(&s.materials)),
-            table(&mut plan, "textures", bytemuck::cast_slice(&s.textures)),
-            table(&mut plan, "texels", bytemuck::cast_slice(&s.texels)),
-            table(&mut plan, "emitters", bytemuck::cast_slice(&s.emitters)),
-            table(&mut plan, "sky", bytemuck::cast_slice(&sky)),
-            table(&mut plan, "sky_map", bytemuck::cast_slice(&s.sky_map)),
-        ];
-        let patch_points = table(&mut plan, "points", bytemuck::cast_slice(&parts.senders.points)).1;
-        let offsets = table(&mut plan, "offsets", bytemuck::cast_slice(&parts.senders.offsets)).1;
-        let point_albedo = table(&mut plan, "point albedo", bytemuck::cast_slice(&parts.senders.point_albedo)).1;
-        let albedo = table(&mut plan, "albedo", bytemuck::cast_slice(&parts.senders.albedo)).1;
-        let facet_albedo = table(&mut plan, "facet albedo", bytemuck::cast_slice(&parts.senders.facet_albedo)).1;
         // A constant sky's share of the direct light is known once and for all.
         let constant_sky = if s.sky.map_width == 0 { s.sky.radiance * PI } else { Vec3::ZERO };
         let sky_light = parts.senders.facet_albedo.iter().zip(&parts.facet_rows.sky_factor);
         let sky_light: Vec<Vec4> =
             sky_light.map(|(albedo, share)| *albedo * (constant_sky * *share).extend(0.0)).collect();
-        let emission = table(&mut plan, "emission", bytemuck::cast_slice(&sky_light)).1;
-        let patch_facets = table(&mut plan, "patch facets", bytemuck::cast_slice(&parts.senders.patch_facets)).1;
         let every: Vec<u32> = (0..facets as u32).collect();
-        let facet_numbers = table(&mut plan, "facet numbers", bytemuck::cast_slice(&every)).1;
-        let facet_shares = table(&mut plan, "facet shares", bytemuck::cast_slice(&parts.senders.facet_shares())).1;
-        let mut csr = |plan: &mut Plan, names: [&'static str; 3], rows: &Csr| {
-            [
-                ("row_start", table(plan, names[0], bytemuck::cast_slice(&rows.row_start)).1),
-                ("columns", table(plan, names[1], bytemuck::cast_slice(&rows.column_index)).1),
-                ("values", table(plan, names[2], bytemuck::cast_slice(&rows.values)).1),
-            ]
+        let facet_shares = parts.senders.facet_shares();
+        let hit_counts = parts.receivers.rows.count_words();
+
+        let mut uploads = Uploads::default();
+        let scene_tables = [
+            uploads.named(&mut plan, "nodes", cast_slice(&s.nodes)),
+            uploads.named(&mut plan, "triangles", cast_slice(&s.triangles)),
+            uploads.named(&mut plan, "uvs", cast_slice(&s.uvs)),
+            uploads.named(&mut plan, "materials", cast_slice(&s.materials)),
+            uploads.named(&mut plan, "textures", cast_slice(&s.textures)),
+            uploads.named(&mut plan, "texels", cast_slice(&s.texels)),
+            uploads.named(&mut plan, "emitters", cast_slice(&s.emitters)),
+            uploads.named(&mut plan, "sky", cast_slice(&sky)),
+            uploads.named(&mut plan, "sky_map", cast_slice(&s.sky_map)),
+        ];
+        let patch_points = uploads.table(&mut plan, "points", cast_slice(&parts.senders.points));
+        let offsets = uploads.table(&mut plan, "offsets", cast_slice(&parts.senders.offsets));
+        let point_albedo = uploads.table(&mut plan, "point albedo", cast_slice(&parts.senders.point_albedo));
+        let albedo = uploads.table(&mut plan, "albedo", cast_slice(&parts.senders.albedo));
+        let facet_albedo = uploads.table(&mut plan, "facet albedo", cast_slice(&parts.senders.facet_albedo));
+        let emission = uploads.table(&mut plan, "emission", cast_slice(&sky_light));
+        let patch_facets = uploads.table(&mut plan, "patch facets", cast_slice(&parts.senders.patch_facets));
+        let facet_numbers = uploads.table(&mut plan, "facet numbers", cast_slice(&every));
+        let facet_shares = uploads.table(&mut plan, "facet shares", cast_slice(&facet_shares));
+        let facet_rows =
+            uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
+        let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], parts.factors);
+        let names = ["smoothing starts", "smoothing columns", "smoothing weights"];
+        let smoothing_rows = uploads.csr(&mut plan, names, &parts.receivers.smoothing);
+        let node_rows =
+            uploads.csr(&mut plan, ["node starts", "node columns", "node weights"], &parts.receivers.weights);
+        let hits = &parts.receivers.rows;
+        let hit_tables = HitTables {
+            row_start: uploads.table(&mut plan, "row starts", cast_slice(hits.row_start())).buffer,
+            quads: uploads.table(&mut plan, "quads", cast_slice(hits.quads())).buffer,
+            counts: uploads.table(&mut plan, "counts", cast_slice(&hit_counts)).buffer,
+            scales: uploads.table(&mut plan, "scales", cast_slice(hits.scales())).buffer,
         };
-        let facet_rows = csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
-        let receiver_rows = csr(&mut plan, ["row starts", "columns", "values"], &parts.receivers.rows);
-        let node_rows = csr(&mut plan, ["node starts", "node columns", "node weights"], &parts.receivers.weights);
-        let vectors = patches.div_ceil(4);
-        let padded = padded_rows(parts.factors, vectors);
-        let factors = table(&mut plan, "factors", bytemuck::cast_slice(&padded)).1;
-        drop(padded);
-        let grids = table(&mut plan, "grids", bytemuck::cast_slice(&parts.receivers.nodes.grids)).1;
-        let cells = table(&mut plan, "receiver_cells", bytemuck::cast_slice(&parts.receivers.nodes.cells)).1;
-        let vertices = table(&mut plan, "vertices", bytemuck::cast_slice(&parts.receivers.nodes.vertices)).1;
+        let grids = uploads.table(&mut plan, "grids", cast_slice(&parts.receivers.nodes.grids));
+        let cells = uploads.table(&mut plan, "receiver_cells", cast_slice(&parts.receivers.nodes.cells));
+        let vertices = uploads.table(&mut plan, "vertices", cast_slice(&parts.receivers.nodes.vertices));
+
+        let lookup_tables = parts.lookup.map(|lookup| {
+            [
+                uploads.named(&mut plan, "cells", cast_slice(&lookup.cells)),
+                uploads.named(&mut plan, "offsets", cast_slice(&lookup.offsets)),
+                uploads.named(&mut plan, "entries", cast_slice(&lookup.entries)),
+            ]
+        });
 
         let lights = plan.storage("lights", (light_room * size_of::<Light>()) as u64);
         let mut shared = scene_tables.to_vec();
@@ -154,10 +192,11 @@ impl Frame {
         let facet_irradiance = plan.storage("facet irradiance", rgb(facets));
         let facet_exitance = plan.storage("facet exitance", rgb(facets));
         let source = plan.storage("source", rgb(patches));
-        let irradiance = plan.storage("irradiance", rgb(patches));
-        // Whole vectors of four; what is beyond the patches stays zero.
-        let exitance = plan.storage("exitance", rgb(4 * vectors));
+        let values = parts.lookup.map_or(patches, |lookup| lookup.values);
+        let irradiance = plan.storage("irradiance", rgb(values));
+        let exitance = plan.storage("exitance", rgb(patches));
         let received = plan.storage("received", rgb(receivers));
+        let smooth = plan.storage("smooth", rgb(receivers));
         let nodes = parts.receivers.nodes.points.len();
         let node_light = plan.storage("node irradiance", rgb(nodes));
 
@@ -194,26 +233,15 @@ impl Frame {
         let dark = plan.storage("dark", rgb(patches));
         let first = [("irradiance", Range::from(dark))];
         pass(&mut plan, "gather", &table::FORMFACTOR_BOUNCE, &first, &patch_tables, &patch_count, patches as u32)?;
-        let row_bytes = (vectors * size_of::<Vec4>()) as u64;
-        let block = block_rows(row_bytes, executor.device().max_storage_buffer_range, patches);
-        // The last bounce arrives at the receivers, the one before at the facets.
-        for _ in 2..parts.bounces {
-            for first_row in (0..patches).step_by(block) {
-                let rows = block.min(patches - first_row);
-                let range = factors.buffer.range(first_row as u64 * row_bytes, rows as u64 * row_bytes);
-                let push = GatherParams {
-                    rows: rows as u32,
-                    vectors: vectors as u32,
-                    first_row: first_row as u32,
-                    ..GatherParams::default()
-                };
-                let own = [("factors", range)];
-                pass(&mut plan, "method", &table::FORMFACTOR_GATHER, &own, &patch_tables, &push, rows as u32)?;
-            }
+        let kernel = &table::FORMFACTOR_GATHER_CSR;
+        // The last bounce arrives at the receivers, the one before at the facets; all of them where patches are receivers.
+        let on_patches = if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(2) };
+        for _ in 0..on_patches {
+            let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(irradiance))];
+            pass(&mut plan, "method", kernel, &own, &patch_rows, &patch_count, patches as u32)?;
             pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
         }
-        let kernel = &table::FORMFACTOR_GATHER_CSR;
-        if parts.bounces > 1 {
+        if parts.bounces > 1 && parts.lookup.is_none() {
             let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(facet_irradiance))];
             pass(&mut plan, "lookup", kernel, &own, &facet_rows, &facet_count, facets as u32)?;
         }
@@ -224,10 +252,17 @@ impl Frame {
             ("exitance", Range::from(facet_exitance)),
         ];
         pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &[], &facet_count, facets as u32)?;
-        let own = [("exitance", Range::from(facet_exitance)), ("irradiance", Range::from(received))];
+        let range = executor.device().max_storage_buffer_range;
+        for RowBlock { rows, tables, first_quad } in hit_tables.blocks(hits, range) {
+            let light = received.range(rgb(rows.start), rgb(rows.len()));
+            let light = [("exitance", Range::from(facet_exitance)), ("irradiance", light)];
+            let push = HitsParams { rows: rows.len() as u32, first_quad };
+            pass(&mut plan, "lookup", &table::FORMFACTOR_GATHER_HITS, &light, &tables, &push, push.rows)?;
+        }
+        let own = [("exitance", Range::from(received)), ("irradiance", Range::from(smooth))];
         let push = CountParams { count: receivers as u32 };
-        pass(&mut plan, "lookup", kernel, &own, &receiver_rows, &push, receivers as u32)?;
-        let own = [("exitance", Range::from(received)), ("irradiance", Range::from(node_light))];
+        pass(&mut plan, "lookup", kernel, &own, &smoothing_rows, &push, receivers as u32)?;
+        let own = [("exitance", Range::from(smooth)), ("irradiance", Range::from(node_light))];
         let push = CountParams { count: nodes as u32 };
         pass(&mut plan, "lookup", kernel, &own, &node_rows, &push, nodes as u32)?;
 
@@ -267,8 +302,17 @@ impl Frame {
             let kernel = &table::SCENE_DIRECT_LIGHT;
             let light_pass = pass(&mut plan, "shade", kernel, &own, &pixel_tables, &light, pixel_count)?;
             let own = [("irradiance", Range::from(pixel_indirect))];
-            let kernel = &table::FORMFACTOR_INTERPOLATE;
-            pass(&mut plan, "shade", kernel, &own, &pixel_tables, &count, pixel_count)?;
+            match (parts.lookup, &lookup_tables) {
+                (Some(lookup), Some(tables)) => {
+                    let own = [own[0], tables[0], tables[1], tables[2], ("values", Range::from(irradiance))];
+                    let push = LookupParams { count: pixel_count, ..lookup.params };
+                    pass(&mut plan, "shade", &table::PATCHES_LOOKUP, &own, &pixel_tables, &push, pixel_count)?;
+                }
+                _ => {
+                    let kernel = &table::FORMFACTOR_INTERPOLATE;
+                    pass(&mut plan, "shade", kernel, &own, &pixel_tables, &count, pixel_count)?;
+                }
+            }
             let mut add = |own: Named| {
                 let kernel = &table::SCENE_SHADE;
                 pass(&mut plan, "shade", kernel, own, &pixel_tables, &camera, pixel_count)
@@ -279,10 +323,11 @@ impl Frame {
         }
 
         executor.load(plan)?;
-        for (buffer, bytes) in uploads {
-            executor.upload_at(buffer, 0, &bytes)?;
+        for (buffer, bytes) in uploads.0 {
+            executor.upload_at(buffer, 0, bytes)?;
         }
         executor.upload(dark, &vec![Vec4::ZERO; patches])?;
+        executor.upload(irradiance, &vec![Vec4::ZERO; values])?;
         executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
         let patch_light = (patch_light, parts.direct);
@@ -291,6 +336,7 @@ impl Frame {
             executor,
             lights,
             light_room,
+            irradiance,
             exitance: facet_exitance,
             full,
             direct,
@@ -316,7 +362,7 @@ impl Frame {
         self.executor.push(pass, &DirectParams { light_count, ..params })?;
         let count = self.sub_frames.len() as u32;
         for (k, sub) in self.sub_frames.iter().enumerate() {
-            let seed = hash3(number * count + k as u32, 0x6672_616d, self.seed);
+            let seed = sub_frame_seed(number, count, k as u32, self.seed);
             let (pass, params) = sub.light;
             self.executor.push(pass, &DirectParams { light_count, seed, ..params })?;
             let push = PixelParams { camera: *camera, count: self.pixels as u32, seed, light_count, reserved: 0 };
@@ -336,6 +382,12 @@ impl Frame {
         Ok((full, direct, times))
     }
 
+    /// Irradiance of the patches after the last frame, W/m²: the values of a lookup, of all bounces; without one of all but
+    /// the last two.
+    pub fn irradiance(&mut self) -> Result<Vec<Vec4>, Error> {
+        Ok(self.executor.download_table(self.irradiance)?)
+    }
+
     /// Exitance of the facets after the last frame, W/m².
     pub fn exitance(&mut self) -> Result<Vec<Vec4>, Error> {
         Ok(self.executor.download_table(self.exitance)?)
@@ -348,17 +400,95 @@ impl Frame {
     }
 }
 
-/// The matrix with rows of whole vectors of four.
-fn padded_rows(factors: &Dense, vectors: usize) -> Vec<f32> {
-    let mut padded = vec![0.0; factors.rows * vectors * 4];
-    for i in 0..factors.rows {
-        padded[i * vectors * 4..][..factors.columns].copy_from_slice(factors.row(i));
-    }
-    padded
+/// Seed of sub-frame k of a frame.
+pub fn sub_frame_seed(frame: u32, sub_frames: u32, k: u32, seed: u32) -> u32 {
+    hash3(frame * sub_frames + k, 0x6672_616d, seed)
 }
 
-/// Rows of a block that fits into one binding; blocks begin at multiples of 256 bytes.
-fn block_rows(row_bytes: u64, range: u64, rows: usize) -> usize {
-    let most = (range / row_bytes.max(1)) as usize / 16 * 16;
-    most.clamp(16, rows.max(16))
+/// Where the receivers' rows are on the device.
+struct HitTables {
+    row_start: BufferId,
+    quads: BufferId,
+    counts: BufferId,
+    scales: BufferId,
+}
+
+/// Blocks of rows begin at multiples of this, and their quads too: ranges of a buffer begin at multiples of 256 bytes.
+const BLOCK_STEP: usize = 256;
+
+/// Some of the receivers' rows, and what a pass over them binds.
+#[derive(Debug)]
+struct RowBlock {
+    rows: std::ops::Range<usize>,
+    tables: [(&'static str, Range); 4],
+    first_quad: u32,
+}
+
+impl HitTables {
+    /// Blocks of rows whose quads fit into one binding.
+    fn blocks(&self, hits: &HitRows, range: u64) -> Vec<RowBlock> {
+        let (starts, count) = (hits.row_start(), hits.rows());
+        let quad_bytes = size_of_val(hits.quads()) as u64 / hits.quads().len().max(1) as u64;
+        let most = (range / quad_bytes.max(1)).saturating_sub(BLOCK_STEP as u64);
+        let (mut blocks, mut first) = (Vec::new(), 0);
+        while first < count {
+            let fits = |end: usize| u64::from(starts[end.min(count)] - starts[first]) <= most;
+            let steps = (count - first).div_ceil(BLOCK_STEP);
+            // At least one step of rows: the plan says so when even that is too much.
+            let steps = (1..=steps).take_while(|k| fits(first + k * BLOCK_STEP)).last().unwrap_or(1);
+            let rows = first..(first + steps * BLOCK_STEP).min(count);
+            let quad = starts[rows.start] as usize / BLOCK_STEP * BLOCK_STEP;
+            let quads = starts[rows.end] as usize - quad;
+            let part = |buffer: BufferId, from: usize, to: usize, bytes: u64| {
+                buffer.range(from as u64 * bytes, (to - from) as u64 * bytes)
+            };
+            let words = (quads as u64).div_ceil(u64::from(WORD_COUNTS));
+            let tables = [
+                ("row_start", part(self.row_start, rows.start, rows.end + 1, 4)),
+                ("quads", part(self.quads, quad, quad + quads, quad_bytes)),
+                ("counts", self.counts.range(quad as u64, 4 * words)),
+                ("scales", part(self.scales, rows.start, rows.end, 4)),
+            ];
+            first = rows.end;
+            blocks.push(RowBlock { rows, tables, first_quad: quad as u32 });
+        }
+        blocks
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_hold_every_row_once_and_fit_into_a_binding() {
+        // 3,000 rows of 40 hits in different columns: 10 quads of 8 bytes each.
+        let mut hits = HitRows::new(1000).unwrap();
+        let columns: Vec<u32> = (0..3000 * 40).map(|k| k * 7 % 1000).collect();
+        hits.push(&columns, &[0.025; 3000]).unwrap();
+        let mut plan = Plan::new();
+        let mut room = |name: &str| plan.storage(name, 1 << 24);
+        let tables = HitTables {
+            row_start: room("starts"),
+            quads: room("quads"),
+            counts: room("counts"),
+            scales: room("scales"),
+        };
+        for (range, expected) in [(u64::MAX, 1), (100_000, 4), (1, 12)] {
+            let blocks = tables.blocks(&hits, range);
+            assert_eq!(blocks.len(), expected, "{range}");
+            let mut next = 0;
+            for RowBlock { rows, tables, first_quad } in blocks {
+                assert_eq!(rows.start, next);
+                next = rows.end;
+                let quads = hits.row_start()[rows.end] - first_quad;
+                assert!(hits.row_start()[rows.start] >= first_quad && first_quad % 256 == 0);
+                let (offset, bytes) = (tables[1].1.offset, tables[1].1.bytes);
+                assert_eq!((offset, bytes), (8 * u64::from(first_quad), Some(8 * u64::from(quads))));
+                assert!(range < 1000 || bytes <= Some(range), "{range}: {bytes:?}");
+                assert_eq!(tables[2].1.bytes, Some(u64::from(quads.div_ceil(4) * 4)));
+            }
+            assert_eq!(next, 3000);
+        }
+    }
 }

@@ -1,21 +1,32 @@
-//! The patches that send light, whatever they are made of: pieces of triangles, or clusters of samples.
+//! The patches that send light, whatever they are made of: pieces of triangles, clusters of samples, or voxels.
 
 use formfactor::kernel::grid::{cell_corners, cell_count, owner};
 use formfactor::{Patch, PatchSize, Polygon, SubdivideSettings, Surfaces, TriangleGrid, cell_grids, subdivide};
 use glam::{Vec3, Vec4};
-use patches::{Nearest, Sample, ViewSettings, view_clusters};
+use patches::{
+    AxisWeights, ClusterSettings, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
+    SampleSet, SampleSettings, ViewSettings, VirtualPatch, axis_patches, cluster_patches, sample_voxels, view_clusters,
+};
 use rayon::prelude::*;
 use scene::sampling::hash3;
-use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, Visibility, is_open};
+use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, is_open};
 
+use super::sight::sees;
 use crate::error::Error;
 
+/// Largest number of patches: counts of hits name columns by 16 bits, and polygons' F is dense while it is balanced.
+pub const MOST_PATCHES: usize = 65_535;
 /// Sample points of a polygon patch: origins of its form-factor rays, and where its direct light is measured.
 const POLYGON_POINTS: u32 = 16;
 /// Cells a facet's edge: how finely triangles are looked up.
 const CELLS: f32 = 1.5;
 /// Most pieces along an edge of a triangle.
 const MOST_DIVISIONS: f32 = 1024.0;
+/// Patches that are not cut into facets are looked up as finely as if each had so many, up to [`MOST_PIECES`] in all.
+const PIECES: usize = 6;
+const MOST_PIECES: usize = 1 << 16;
+/// Samples by which voxels learn where light comes.
+const VOXEL_PILOTS: u32 = 1 << 16;
 
 /// A place has no patch when the nearest sample of like normal is further, in sample edges.
 const FAR: f32 = 4.0;
@@ -25,8 +36,6 @@ const TRIED: usize = 6;
 const TOUCHING: f32 = 0.2;
 /// Walks by which a place that sees no sample looks for light.
 const WALKS: u32 = 2;
-/// Height at which places look for samples, in sample edges: above what bends in between.
-const LIFT: f32 = 0.1;
 
 /// What patches are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,12 +45,31 @@ pub enum PatchKind {
     /// Samples of the surface gathered by what they see: any mesh, in as many patches as wanted.
     #[default]
     Cluster,
+    /// Samples of each voxel gathered where position and normal are alike.
+    Voxel,
+    /// Samples of each voxel shared out over the six directions of the axes.
+    Axis,
 }
 
 impl PatchKind {
     /// Polygons where triangles are few and large beside the patches, else clusters.
     pub fn suited(triangles: usize, patches: usize) -> Self {
         if 4 * triangles < patches { Self::Polygon } else { Self::Cluster }
+    }
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Polygon => "polygon",
+            Self::Cluster => "cluster",
+            Self::Voxel => "voxel",
+            Self::Axis => "axis",
+        }
+    }
+
+    /// Whether patches are bound to voxels, so that they have an edge and a lookup between them.
+    pub fn has_voxels(self) -> bool {
+        matches!(self, Self::Voxel | Self::Axis)
     }
 }
 
@@ -63,8 +91,12 @@ pub struct Senders {
     pub point_albedo: Vec<Vec4>,
     /// Facet f owns `points[offsets[f]..offsets[f + 1]]`.
     pub offsets: Vec<u32>,
-    /// Outlines; none for clusters.
+    /// Samples that the points are taken from: each is one point or more.
+    pub samples: usize,
+    /// Outlines; only polygon patches have them.
     pub polygons: Vec<Polygon>,
+    /// Values between patches; only voxel and axis patches have it.
+    pub lookup: Option<Lookup>,
     /// Per triangle, the numbers of its cells.
     grids: Vec<TriangleGrid>,
     /// Facet of each cell; empty when cells are facets.
@@ -83,11 +115,20 @@ pub enum Columns {
 }
 
 impl Senders {
-    /// About `count` patches of this kind.
+    /// About `count` patches of this kind; with `voxel_size`, m, as many as voxels of this edge give.
     ///
     /// # Errors
-    /// More patches than can be numbered; no surface that light comes to.
-    pub fn new(scene: &Scene, kind: PatchKind, count: usize, seed: u32) -> Result<Self, Error> {
+    /// More patches than can be numbered; a voxel size for patches without voxels, or one that is not positive.
+    pub fn new(
+        scene: &Scene,
+        kind: PatchKind,
+        count: usize,
+        voxel_size: Option<f32>,
+        seed: u32,
+    ) -> Result<Self, Error> {
+        if voxel_size.is_some() && !kind.has_voxels() {
+            return Err(Error::NoVoxels { option: "--voxel-size", patches: kind.name(), instead: "--patch-count" });
+        }
         match kind {
             PatchKind::Polygon => Self::polygons(scene, count, seed),
             PatchKind::Cluster => match Self::clusters(scene, count, seed) {
@@ -95,6 +136,12 @@ impl Senders {
                 Err(Error::Patches(patches::Error::NoSamples)) => Self::polygons(scene, count, seed),
                 result => result,
             },
+            PatchKind::Voxel => Self::voxels(scene, count, voxel_size, seed, |grid, samples| {
+                cluster_patches(grid, samples, &ClusterSettings::default(), &|_, _| 0.0)
+            }),
+            PatchKind::Axis => Self::voxels(scene, count, voxel_size, seed, |grid, samples| {
+                axis_patches(grid, samples, AxisWeights::Squared)
+            }),
         }
     }
 
@@ -126,10 +173,12 @@ impl Senders {
             facet_albedo: albedo.clone(),
             patches,
             albedo,
+            samples: points.len(),
             points,
             point_albedo,
             offsets,
             polygons,
+            lookup: None,
             grids,
             cells: Vec::new(),
             facet_patch: Vec::new(),
@@ -138,35 +187,91 @@ impl Senders {
 
     fn clusters(scene: &Scene, count: usize, seed: u32) -> Result<Self, Error> {
         let found = view_clusters(scene, &ViewSettings { patches: count as u32, seed, ..ViewSettings::default() })?;
-        let patches = found.set.patches.iter();
-        let patches =
-            patches.map(|p| Patch { centroid: p.position, area: p.area, normal: p.normal, triangle: NONE }).collect();
-        let albedo = found.set.patches.iter().map(|p| p.albedo.extend(0.0)).collect();
-        let mut points = Vec::with_capacity(found.set.samples.len());
-        let mut facets = Vec::with_capacity(found.facets.len());
-        for (facet, range) in found.facets.windows(2).enumerate() {
-            let samples = &found.set.samples[range[0] as usize..range[1] as usize];
-            let weight = 1.0 / samples.len() as f32;
-            let point =
-                |s: &Sample| SurfacePoint { position: s.position, patch: facet as u32, normal: s.normal, weight };
-            points.extend(samples.iter().map(point));
-            let mean = |value: fn(&Sample) -> Vec3| samples.iter().map(value).sum::<Vec3>() * weight;
-            facets.push(Patch {
-                centroid: mean(|s| s.position),
-                area: samples.iter().map(|s| s.area).sum(),
-                normal: mean(|s| s.normal).normalize_or(samples[0].normal),
-                triangle: NONE,
-            });
+        // A facet is a range of samples.
+        let members = (0..found.set.samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
+        let no_voxels = vec![NONE; found.facets.len() - 1];
+        let facets = PatchSet::from_groups(found.set.samples, &no_voxels, found.facets, members)?;
+        Self::of_samples(scene, facets, &found.set.patches, found.patch_facets)
+    }
+
+    /// Patches of voxels with the edge `voxel_size`, or with that which gives about `count` patches.
+    fn voxels(
+        scene: &Scene,
+        count: usize,
+        voxel_size: Option<f32>,
+        seed: u32,
+        gather: impl Fn(&Grid, SampleSet) -> Result<PatchSet, patches::Error>,
+    ) -> Result<Self, Error> {
+        let sampler = match LitSampler::new(scene, VOXEL_PILOTS, seed) {
+            Ok(sampler) => Some(sampler),
+            // No light comes anywhere: all sides have patches and give a black picture.
+            Err(patches::Error::NoSamples) => None,
+            Err(error) => return Err(error.into()),
+        };
+        let keep = |sample: &Sample| sampler.as_ref().is_none_or(|sampler| sampler.is_lit(sample, seed));
+        let settings = SampleSettings { seed, ..SampleSettings::default() };
+        let gathered = |grid: &Grid| -> Result<PatchSet, patches::Error> {
+            check_count("occupied voxels", grid.len())?;
+            let set = gather(grid, sample_voxels(scene, grid, &settings, &keep)?)?;
+            check_count("patches", set.len())?;
+            Ok(set)
+        };
+        let made = || -> Result<(PatchSet, Lookup), patches::Error> {
+            let grid = match voxel_size {
+                Some(edge) => Grid::new(scene, Vec3::splat(edge))?,
+                None => Grid::for_count(scene, Vec3::ONE, count, |grid| Ok(gathered(grid)?.len()))?,
+            };
+            let set = gathered(&grid)?;
+            // What is dark sends nothing, but must not show the light of the other side of its wall.
+            let dark = match sample_voxels(scene, &grid, &settings, &|sample: &Sample| !keep(sample)) {
+                Ok(samples) => gather(&grid, samples)?,
+                Err(patches::Error::NoSamples) => PatchSet::default(),
+                Err(error) => return Err(error),
+            };
+            let lookup = Lookup::with_dark(&grid, &set, &dark, LookupSettings::default())?;
+            Ok((set, lookup))
+        };
+        let (set, lookup) = made().map_err(|error| match error {
+            patches::Error::TooMany { name, found, limit } => Error::TooManyVoxels { name, found, limit },
+            error => error.into(),
+        })?;
+        let patches = set.patches.clone();
+        let patch_facets = (0..=patches.len() as u32).collect();
+        Ok(Self { lookup: Some(lookup), ..Self::of_samples(scene, set, &patches, patch_facets)? })
+    }
+
+    /// Patches with facets that are made of samples: patch i owns the facets `patch_facets[i]..patch_facets[i + 1]`. A
+    /// sample may have parts in several facets; what is near it belongs to the one that has the greatest part.
+    fn of_samples(
+        scene: &Scene,
+        set: PatchSet,
+        patches: &[VirtualPatch],
+        patch_facets: Vec<u32>,
+    ) -> Result<Self, Error> {
+        let patch = |p: &VirtualPatch| Patch { centroid: p.position, area: p.area, normal: p.normal, triangle: NONE };
+        let albedo = |p: &VirtualPatch| p.albedo.extend(0.0);
+        let (mut points, mut point_albedo) =
+            (Vec::with_capacity(set.members.len()), Vec::with_capacity(set.members.len()));
+        let mut greatest = vec![(NONE, 0.0); set.samples.len()];
+        for (facet, p) in set.patches.iter().enumerate() {
+            for member in set.members_of(facet) {
+                let Sample { position, normal, albedo, .. } = set.samples[member.sample as usize];
+                points.push(SurfacePoint { position, patch: facet as u32, normal, weight: member.weight });
+                point_albedo.push(albedo.extend(0.0));
+                let (part, most) = (member.weight * p.area, &mut greatest[member.sample as usize]);
+                if part > most.1 {
+                    *most = (facet as u32, part);
+                }
+            }
         }
-        let point_albedo: Vec<Vec4> = found.set.samples.iter().map(|s| s.albedo.extend(0.0)).collect();
-        let facet_albedo = mean_albedo(&found.facets, &points, &point_albedo);
-        let mut facet_patch = vec![0; facets.len()];
-        for (patch, range) in found.patch_facets.windows(2).enumerate() {
+        let mut facet_patch = vec![0; set.len()];
+        for (patch, range) in patch_facets.windows(2).enumerate() {
             facet_patch[range[0] as usize..range[1] as usize].fill(patch as u32);
         }
 
-        let area: f64 = facets.iter().map(|f: &Patch| f64::from(f.area)).sum();
-        let edge = scene::math::sqrt((area / facets.len() as f64) as f32);
+        let area: f64 = set.patches.iter().map(|f| f64::from(f.area)).sum();
+        let pieces = set.len().max((PIECES * patches.len()).min(MOST_PIECES));
+        let edge = scene::math::sqrt((area / pieces as f64) as f32);
         let longest =
             |t: &scene::Triangle| t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length());
         let divisions: Vec<u32> = scene
@@ -175,37 +280,41 @@ impl Senders {
             .map(|t| (longest(t) * CELLS / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32)
             .collect();
         let grids = cell_grids(&vec![Sides { front: true, back: true }; divisions.len()], &divisions)?;
-        let nearest = Nearest::new(&found.set.samples);
-        let cells =
-            cell_facets(scene, &grids, &nearest, &points, scene::math::sqrt((area / points.len() as f64) as f32));
+        let owner: Vec<u32> = greatest.into_iter().map(|(facet, _)| facet).collect();
+        let sample_edge = scene::math::sqrt((area / set.samples.len() as f64) as f32);
+        let cells = cell_facets(scene, &grids, &set.samples, &owner, sample_edge);
         Ok(Self {
-            patches,
-            albedo,
-            patch_facets: found.patch_facets,
-            facets,
-            facet_albedo,
+            patches: patches.iter().map(patch).collect(),
+            albedo: patches.iter().map(albedo).collect(),
+            patch_facets,
+            facets: set.patches.iter().map(patch).collect(),
+            facet_albedo: set.patches.iter().map(albedo).collect(),
             points,
             point_albedo,
-            offsets: found.facets,
+            offsets: set.offsets,
+            samples: set.samples.len(),
             polygons: Vec::new(),
+            lookup: None,
             grids,
             cells,
             facet_patch,
         })
     }
 
-    /// The sides of the triangles that have patches.
-    pub fn sides(&self) -> Vec<Sides> {
-        let has = |first: u32, cells: u32| {
-            first != NONE
-                && (self.cells.is_empty()
-                    || self.cells[first as usize..(first + cells) as usize].iter().any(|&patch| patch != NONE))
-        };
-        let sides = |grid: &TriangleGrid| {
-            let cells = cell_count(grid.divisions);
-            Sides { front: has(grid.front, cells), back: has(grid.back, cells) }
-        };
-        self.grids.iter().map(sides).collect()
+    /// Bytes of each part.
+    pub fn bytes(&self) -> [(&'static str, u64); 4] {
+        let patches = size_of_val(&self.patches[..])
+            + size_of_val(&self.albedo[..])
+            + size_of_val(&self.patch_facets[..])
+            + size_of_val(&self.facets[..])
+            + size_of_val(&self.facet_albedo[..])
+            + self.polygons.len() * size_of::<Polygon>();
+        let points =
+            size_of_val(&self.points[..]) + size_of_val(&self.point_albedo[..]) + size_of_val(&self.offsets[..]);
+        let cells = size_of_val(&self.grids[..]) + size_of_val(&self.cells[..]) + size_of_val(&self.facet_patch[..]);
+        let lookup = self.lookup.as_ref().map_or(0, Lookup::bytes);
+        [("patches", patches), ("sample points", points), ("cells", cells), ("lookup", lookup)]
+            .map(|(name, bytes)| (name, bytes as u64))
     }
 
     /// Areas, m².
@@ -273,15 +382,18 @@ impl Senders {
     }
 }
 
-/// The facet of each cell: that of the nearest sample that it sees, samples being `edge` m apart.
-fn cell_facets(
-    scene: &Scene,
-    grids: &[TriangleGrid],
-    nearest: &Nearest,
-    points: &[SurfacePoint],
-    edge: f32,
-) -> Vec<u32> {
+/// More than can be dealt with is an error.
+fn check_count(name: &'static str, found: usize) -> Result<(), patches::Error> {
+    if found <= MOST_PATCHES {
+        return Ok(());
+    }
+    Err(patches::Error::TooMany { name, found: found as u64, limit: MOST_PATCHES as u64 })
+}
+
+/// The facet of each cell: the `owner` of the nearest sample that it sees, samples being `edge` m apart.
+fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner: &[u32], edge: f32) -> Vec<u32> {
     let geometry = scene.geometry();
+    let nearest = Nearest::new(samples);
     let side = |triangle: usize, normal: Vec3| -> Vec<u32> {
         let n = grids[triangle].divisions;
         let facet = |cell: u32| {
@@ -290,10 +402,9 @@ fn cell_facets(
             let place = geometry.position(triangle as u32, middle.x, middle.y);
             let (found, count) = nearest.samples::<TRIED>(place, normal, FAR);
             // Nothing may stand between: a dark place has no facet, however bright it is beyond a wall.
-            let lift = scene.ray_offset + LIFT * edge;
             let seen = |&(sample, distance): &(u32, f32)| {
-                let there = &points[sample as usize];
-                distance < TOUCHING || !scene.any_hit(place + normal * lift, there.position + there.normal * lift)
+                let there = &samples[sample as usize];
+                distance < TOUCHING || sees(scene, (place, normal), (there.position, there.normal), edge)
             };
             let found = &found[..count];
             // What is small may hide from all samples of like normal, and be lit nevertheless.
@@ -302,7 +413,7 @@ fn cell_facets(
                 n == 1 && is_open(scene, &point, WALKS, hash3(triangle as u32, cell, 0x6869_6465))
             };
             let chosen = found.iter().find(|f| seen(f)).or_else(|| found.first().filter(|_| lit()));
-            chosen.map_or(NONE, |f| points[f.0 as usize].patch)
+            chosen.map_or(NONE, |f| owner[f.0 as usize])
         };
         (0..cell_count(n)).map(facet).collect()
     };

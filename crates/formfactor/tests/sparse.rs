@@ -1,0 +1,117 @@
+//! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
+
+use formfactor::{
+    Csr, Error, HitRows, Operator, PatchSize, Proceed, SubdivideSettings, Subdivision, Surfaces, add_hit_rows,
+    gather_by_rays, sparse_rows, subdivide,
+};
+use glam::{Vec3, Vec4};
+use scene::sampling::{hash3, unit};
+use scene::{Material, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
+
+/// A box with an open lid, fronts inside.
+fn open_box() -> Scene {
+    let wall = |corner: Vec3, a: Vec3, b: Vec3| {
+        let half = |corner: Vec3, a: Vec3, b: Vec3| Triangle { corner, edge_a: a, edge_b: b, ..Triangle::default() };
+        [half(corner, a, b), half(corner + a + b, -a, -b)]
+    };
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    let walls = [(Vec3::ZERO, z, x), (Vec3::ZERO, x, y), (Vec3::ZERO, y, z), (z, y, x), (x, z, y)];
+    let triangles: Vec<Triangle> = walls.into_iter().flat_map(|(c, a, b)| wall(c, a, b)).collect();
+    let uvs = vec![TriangleUv::default(); triangles.len()];
+    Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }).unwrap()
+}
+
+fn cut(scene: &Scene) -> Subdivision {
+    subdivide(scene, &SubdivideSettings { size: PatchSize::Count(300), ..SubdivideSettings::default() }).unwrap()
+}
+
+/// Points on the floor.
+fn receivers(count: u32) -> (Vec<SurfacePoint>, Vec<u32>) {
+    let place = |k: u32| Vec3::new(0.05 + 0.9 * unit(hash3(k, 0, 5)), 0.0, 0.05 + 0.9 * unit(hash3(k, 1, 5)));
+    let point = |k| SurfacePoint { position: place(k), patch: k, normal: Vec3::Y, weight: 1.0 };
+    ((0..count).map(point).collect(), (0..=count).collect())
+}
+
+fn exitance(count: usize) -> Vec<Vec4> {
+    (0..count).map(|k| Vec4::new(unit(hash3(k as u32, 0, 3)), unit(hash3(k as u32, 1, 3)), 1.0, 0.0)).collect()
+}
+
+fn on(_: usize, _: usize) -> Proceed {
+    Proceed::Continue(())
+}
+
+fn worst(a: &[Vec4], b: &[Vec4]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
+}
+
+#[test]
+fn three_forms_of_the_same_rows() {
+    let scene = open_box();
+    let subdivision = cut(&scene);
+    let (points, offsets) = receivers(130);
+    let surfaces = Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets);
+    let light = exitance(subdivision.patches.len());
+    let rows = sparse_rows(&surfaces, 96, &on).unwrap();
+    let mut expected = vec![Vec4::ZERO; points.len()];
+    rows.factors.product(&light, &mut expected).unwrap();
+
+    let mut counts = HitRows::new(light.len()).unwrap();
+    add_hit_rows(&mut counts, &surfaces, 96, &on).unwrap();
+    let mut found = vec![Vec4::ZERO; points.len()];
+    counts.product(&light, &mut found).unwrap();
+    assert!(worst(&found, &expected) < 1e-5, "{}", worst(&found, &expected));
+    let gathered = gather_by_rays(&surfaces, 96, &light, &on).unwrap();
+    assert!(worst(&gathered, &expected) < 1e-5, "{}", worst(&gathered, &expected));
+    // Rows of another seed are others.
+    let other = Surfaces { seed: 1, ..Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets) };
+    assert!(worst(&gather_by_rays(&other, 96, &light, &on).unwrap(), &expected) > 1e-3);
+    // Added in two parts, rows are the same only with the same seed and number; counts stay whole.
+    add_hit_rows(&mut counts, &other, 96, &on).unwrap();
+    assert_eq!(counts.rows(), 2 * points.len());
+    for row in 0..counts.rows() {
+        assert!(counts.row(row).iter().map(|c| c.1).sum::<u32>() < 96, "some rays leave through the lid");
+    }
+}
+
+#[test]
+fn wrong_shapes_and_cancelling_are_errors() {
+    let scene = open_box();
+    let subdivision = cut(&scene);
+    let (points, offsets) = receivers(100);
+    let surfaces = Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets);
+    let light = exitance(subdivision.patches.len());
+    let length = |found: Result<(), Error>, wrong: &str| {
+        assert!(matches!(found, Err(Error::Length { name, .. }) if name == wrong), "{wrong}");
+    };
+    length(gather_by_rays(&surfaces, 16, &light[1..], &on).map(|_| ()), "exitance");
+    let mut few = HitRows::new(light.len() - 1).unwrap();
+    length(add_hit_rows(&mut few, &surfaces, 16, &on), "columns");
+    let stop = |_, _| Proceed::Break(());
+    let mut rows = HitRows::new(light.len()).unwrap();
+    assert!(matches!(add_hit_rows(&mut rows, &surfaces, 16, &stop), Err(Error::Cancelled { total: 100, .. })));
+    assert_eq!(rows.rows(), 0);
+    assert!(matches!(gather_by_rays(&surfaces, 16, &light, &stop), Err(Error::Cancelled { .. })));
+}
+
+#[test]
+fn means_of_rows_are_those_of_dense_rows() {
+    let rows: Vec<Vec<(u32, f32)>> =
+        (0..7u32).map(|i| (0..5).filter(|j| (i + j) % 3 > 0).map(|j| (j, unit(hash3(i, j, 1)))).collect()).collect();
+    let csr = Csr::from_rows(5, &rows).unwrap();
+    let (groups, weights) = ([0, 1, 4, 4, 7], [1.0, 0.25, 0.5, 0.25, 0.1, 0.2, 0.7]);
+    let mean = csr.mean_rows(&groups, &weights).unwrap();
+    let (dense, found) = (csr.to_dense(), mean.to_dense());
+    for (g, range) in groups.windows(2).enumerate() {
+        for j in 0..5 {
+            let expected: f32 = (range[0]..range[1]).map(|k| weights[k as usize] * dense.row(k as usize)[j]).sum();
+            assert!((found.row(g)[j] - expected).abs() < 1e-6, "{g} {j}");
+        }
+    }
+    assert_eq!(mean.row_start[2], mean.row_start[3]);
+    // Equal weights give other rows.
+    assert_ne!(csr.mean_rows(&groups, &[1.0; 7]).unwrap(), mean);
+    assert!(matches!(csr.mean_rows(&groups, &weights[1..]), Err(Error::Length { name: "weights", .. })));
+    assert!(matches!(csr.mean_rows(&[0, 3], &weights), Err(Error::Length { name: "groups", .. })));
+    assert!(matches!(Csr::from_rows(2, &[vec![(2, 1.0)]]), Err(Error::Value { name: "column_index", .. })));
+}
