@@ -1,7 +1,7 @@
 //! Shared structures lie in the compiled modules where the host has them, scalar by scalar.
 
 use bytemuck::{Pod, Zeroable};
-use formfactor::{GatherParams, HemisphereParams, ReceiverCell, TriangleGrid};
+use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use glam::{UVec2, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
@@ -108,6 +108,7 @@ structure!(HemisphereParams {
     ray_offset: f32,
     reserved: [u32; 2],
 });
+structure!(HitsParams { rows: u32, first_quad: u32 });
 structure!(GatherParams { rows: u32, vectors: u32, first_row: u32, reserved: u32 });
 structure!(CountParams { count: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
@@ -164,6 +165,7 @@ fn push(kernel: &str) -> Layout {
         "formfactor_gather" | "formfactor_gather_half" | "formfactor_gather_image" | "formfactor_gather_half_image" => {
             layout::<GatherParams>()
         }
+        "formfactor_gather_hits" => layout::<HitsParams>(),
         "patches_lookup" => layout::<LookupParams>(),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => layout::<VolumeParams>(),
         _ => layout::<CountParams>(),
