@@ -66,7 +66,7 @@ fn three_forms_of_the_same_rows() {
     // Rows of another seed are others.
     let other = Surfaces { seed: 1, ..Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets) };
     assert!(worst(&gather_by_rays(&other, 96, &light, &on).unwrap(), &expected) > 1e-3);
-    // Added in two parts, rows are the same only with the same seed and number; counts stay whole.
+    // More rows come after those that are there.
     add_hit_rows(&mut counts, &other, 96, &on).unwrap();
     assert_eq!(counts.rows(), 2 * points.len());
     for row in 0..counts.rows() {

@@ -174,6 +174,12 @@ impl Scene {
         self.traverse::<true>(origin, direction, t_max).triangle != NONE
     }
 
+    /// Longest edge of a triangle, m.
+    pub fn longest_edge(&self, triangle: u32) -> f32 {
+        let t = &self.triangles[triangle as usize];
+        t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length())
+    }
+
     /// Shares (u, v) of a triangle's edges at a point of its plane, m.
     pub fn shares(&self, triangle: u32, position: Vec3) -> (f32, f32) {
         let t = self.triangles[triangle as usize];

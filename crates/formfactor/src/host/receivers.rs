@@ -70,7 +70,7 @@ impl Receivers {
         check_positive("weld", weld)?;
         let divisions: Vec<u32> = (0..scene.triangles.len())
             .map(|t| {
-                (longest_edge(scene, t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
+                (scene.longest_edge(t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
             })
             .collect();
         let grids = number_entries(sides, &divisions, cell_count)?;
@@ -182,11 +182,6 @@ impl Receivers {
     }
 }
 
-fn longest_edge(scene: &Scene, triangle: u32) -> f32 {
-    let t = scene.triangles[triangle as usize];
-    t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length())
-}
-
 /// Divisions and places of the vertices of each cell of a side; divisions of 0 for a cell without.
 fn places(
     scene: &Scene,
@@ -194,7 +189,7 @@ fn places(
     within: &(impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync),
     otherwise: &(impl Fn(&SurfacePoint) -> Option<f32> + Sync),
 ) -> Vec<(u32, Vec<SurfacePoint>)> {
-    let longest = longest_edge(scene, side.triangle) / side.divisions as f32;
+    let longest = scene.longest_edge(side.triangle) / side.divisions as f32;
     let cell = |k: u32| {
         let (a, b, c) = cell_corners(side.divisions, k);
         let point = |place: Vec2| side_point(scene, side.triangle, side.front, place);

@@ -356,7 +356,7 @@ fn exchange(
 ) -> Result<Exchange, Error> {
     let surfaces = senders.exchange(scene, settings.seed);
     let progress = |done: usize, total: usize| proceed(report, done, total);
-    if settings.patches == PatchKind::Polygon || !senders.polygons.is_empty() {
+    if !senders.polygons.is_empty() {
         let estimator: Box<dyn formfactor::Estimator> = match settings.estimator {
             Estimator::Hemisphere { rays } => Box::new(Hemisphere { rays }),
             Estimator::Contour => Box::new(Contour::default()),
@@ -369,8 +369,12 @@ fn exchange(
         let facet_rows = SparseRows { factors: factors.clone(), sky_factor: rows.sky_factor, lost: rows.lost };
         return Ok(Exchange { factors, facet_rows });
     }
-    let Estimator::Hemisphere { rays } = settings.estimator else {
-        return Err(formfactor::Error::NoOutlines { estimator: "this estimator" }.into());
+    let without_outlines = |estimator| Err(formfactor::Error::NoOutlines { estimator }.into());
+    let rays = match settings.estimator {
+        Estimator::Hemisphere { rays } => rays,
+        Estimator::Contour => return without_outlines("Contour"),
+        Estimator::Area => return without_outlines("AreaToArea"),
+        Estimator::Point => return without_outlines("PointToPoint"),
     };
     // As many rays as rows of the patches' own would take.
     let (patches, facets) = (senders.patches.len(), senders.facets.len());

@@ -93,8 +93,8 @@ impl MeshReceivers {
         Ok(Self { points: Vec::new(), rows: HitRows::new(0)?, smoothing: empty(), nodes, weights: empty() })
     }
 
-    /// Receivers of the light of so many facets: equal-area ones, then more of them where they are not the mean of their neighbours under `lights` (the facets'
-    /// exitance), then some where nodes see none.
+    /// Receivers of the light of so many facets: equal-area ones, then more of them where they are not the mean of their
+    /// neighbours under `lights` (the facets' exitance), then some where nodes see none.
     pub fn place(
         scene: &Scene,
         sampler: &LitSampler,

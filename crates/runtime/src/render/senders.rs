@@ -101,8 +101,6 @@ pub struct Senders {
     grids: Vec<TriangleGrid>,
     /// Facet of each cell; empty when cells are facets.
     cells: Vec<u32>,
-    /// Patch of each facet; empty when facets are patches.
-    facet_patch: Vec<u32>,
 }
 
 /// What rays look for.
@@ -181,7 +179,6 @@ impl Senders {
             lookup: None,
             grids,
             cells: Vec::new(),
-            facet_patch: Vec::new(),
         })
     }
 
@@ -264,20 +261,12 @@ impl Senders {
                 }
             }
         }
-        let mut facet_patch = vec![0; set.len()];
-        for (patch, range) in patch_facets.windows(2).enumerate() {
-            facet_patch[range[0] as usize..range[1] as usize].fill(patch as u32);
-        }
 
         let area: f64 = set.patches.iter().map(|f| f64::from(f.area)).sum();
         let pieces = set.len().max((PIECES * patches.len()).min(MOST_PIECES));
         let edge = scene::math::sqrt((area / pieces as f64) as f32);
-        let longest =
-            |t: &scene::Triangle| t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length());
-        let divisions: Vec<u32> = scene
-            .triangles
-            .iter()
-            .map(|t| (longest(t) * CELLS / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32)
+        let divisions: Vec<u32> = (0..scene.triangles.len() as u32)
+            .map(|t| (scene.longest_edge(t) * CELLS / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32)
             .collect();
         let grids = cell_grids(&vec![Sides { front: true, back: true }; divisions.len()], &divisions)?;
         let owner: Vec<u32> = greatest.into_iter().map(|(facet, _)| facet).collect();
@@ -297,7 +286,6 @@ impl Senders {
             lookup: None,
             grids,
             cells,
-            facet_patch,
         })
     }
 
@@ -311,7 +299,7 @@ impl Senders {
             + self.polygons.len() * size_of::<Polygon>();
         let points =
             size_of_val(&self.points[..]) + size_of_val(&self.point_albedo[..]) + size_of_val(&self.offsets[..]);
-        let cells = size_of_val(&self.grids[..]) + size_of_val(&self.cells[..]) + size_of_val(&self.facet_patch[..]);
+        let cells = size_of_val(&self.grids[..]) + size_of_val(&self.cells[..]);
         let lookup = self.lookup.as_ref().map_or(0, Lookup::bytes);
         [("patches", patches), ("sample points", points), ("cells", cells), ("lookup", lookup)]
             .map(|(name, bytes)| (name, bytes as u64))
@@ -335,7 +323,7 @@ impl Senders {
     /// The patch that owns a hit, or [`NONE`].
     pub fn patch(&self, scene: &Scene, hit: &Hit, direction: Vec3) -> u32 {
         let facet = self.facet(scene, hit, direction);
-        if self.facet_patch.is_empty() || facet == NONE { facet } else { self.facet_patch[facet as usize] }
+        if facet == NONE { NONE } else { self.patch_facets.partition_point(|&first| first <= facet) as u32 - 1 }
     }
 
     /// Share of its patch's area that each facet has.
