@@ -1,7 +1,7 @@
 //! The sample of any place on a surface: the nearest of like normal.
 
 use glam::{IVec3, Vec3};
-use hashbrown::{HashMap, HashSet};
+use hashbrown::HashMap;
 use std::vec::Vec;
 
 use crate::types::Sample;
@@ -10,23 +10,36 @@ use crate::types::Sample;
 const NORMAL_EDGES: f32 = 4.0;
 /// What is added to the square of the distance along the normal, so that it counts four times: sheets may be near.
 const OFFSET: f32 = 15.0;
-/// Edge of the coarse cells by which far places are told, in cells.
-const COARSE: i32 = 4;
 /// Edge of a cell of the search grid, in sample edges.
 const CELL: f32 = 2.0;
+/// Edge of a block of cells, in cells, and the cells in one.
+const BLOCK: i32 = 8;
+const BLOCK_CELLS: usize = (BLOCK * BLOCK * BLOCK) as usize;
+/// Furthest that a search looks, in cells: not beyond the blocks beside the place's own.
+const REACH: i32 = BLOCK / 2;
+/// No block.
+const NONE: u32 = u32::MAX;
+/// What rounding may take from the least distance of a cell.
+const ROUNDING: f32 = 0.9999;
 
-/// Finds the nearest samples in position and normal: a hash grid over positions, so that a search looks at the cells round
-/// the place only.
+/// Finds the nearest samples in position and normal: cells in blocks of 8³, a hash of the blocks that hold samples, so that a
+/// search asks the hash for eight blocks at most and looks only at cells that can hold something nearer than what it has.
 pub struct Nearest {
-    samples: Vec<(Vec3, Vec3)>,
-    /// Samples in the order of their cells.
+    /// Positions and normals in the order of their cells, and whose they are.
+    places: Vec<(Vec3, Vec3)>,
     order: Vec<u32>,
-    /// First and one past the last of each cell in `order`.
-    cells: HashMap<IVec3, (u32, u32)>,
-    /// Coarse cells that hold samples, and those beside them.
-    about: HashSet<IVec3>,
+    /// The number of each block.
+    blocks: HashMap<IVec3, u32>,
+    /// For each cell of each block where its samples begin in `order`, and one past the last of the block.
+    starts: Vec<[u32; BLOCK_CELLS + 1]>,
     /// Cells a metre.
     scale: f32,
+}
+
+/// The block of a cell, and the cell in it.
+fn block_of(cell: IVec3) -> (IVec3, usize) {
+    let (block, IVec3 { x, y, z }) = (cell.div_euclid(IVec3::splat(BLOCK)), cell.rem_euclid(IVec3::splat(BLOCK)));
+    (block, ((x * BLOCK + y) * BLOCK + z) as usize)
 }
 
 impl Nearest {
@@ -35,26 +48,29 @@ impl Nearest {
         let total: f64 = samples.iter().map(|s| f64::from(s.area)).sum();
         let edge = scene::math::sqrt((total / samples.len().max(1) as f64) as f32);
         let scale = 1.0 / (CELL * edge);
-        let cell = |k: u32| (samples[k as usize].position * scale).floor().as_ivec3();
+        let cell = |k: u32| block_of((samples[k as usize].position * scale).floor().as_ivec3());
         let mut order: Vec<u32> = (0..samples.len() as u32).collect();
-        order.sort_by_cached_key(|&k| (cell(k).to_array(), k));
-        let mut cells: HashMap<IVec3, (u32, u32)> = HashMap::new();
+        order.sort_by_cached_key(|&k| {
+            let (block, cell) = cell(k);
+            (block.to_array(), cell, k)
+        });
+        let mut blocks: HashMap<IVec3, u32> = HashMap::new();
+        let mut starts: Vec<[u32; BLOCK_CELLS + 1]> = Vec::new();
         for (place, &k) in (0u32..).zip(&order) {
-            cells.entry(cell(k)).or_insert((place, place)).1 = place + 1;
+            let (block, cell) = cell(k);
+            let number = *blocks.entry(block).or_insert_with(|| {
+                starts.push([place; BLOCK_CELLS + 1]);
+                starts.len() as u32 - 1
+            });
+            starts[number as usize][cell + 1..].fill(place + 1);
         }
-        let coarse: HashSet<IVec3> = cells.keys().map(|cell| cell.div_euclid(IVec3::splat(COARSE))).collect();
-        let beside = |cell: &IVec3| {
-            let cell = *cell;
-            (0..27).map(move |k| cell + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1))
-        };
-        let about = coarse.iter().flat_map(beside).collect();
-        let samples = samples.iter().map(|s| (s.position, s.normal)).collect();
-        Self { samples, order, cells, about, scale }
+        let places = order.iter().map(|&k| (samples[k as usize].position, samples[k as usize].normal)).collect();
+        Self { places, order, blocks, starts, scale }
     }
 
     /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in sample edges: √ of
     /// the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when there is none
-    /// within `most` sample edges.
+    /// within `most` sample edges, of which 8 are the most.
     pub fn sample(&self, position: Vec3, normal: Vec3, most: f32) -> Option<(u32, f32)> {
         let mut best = [(0, most * most)];
         let found = self.search(position, normal, &mut best);
@@ -71,24 +87,57 @@ impl Nearest {
 
     /// Fills `best` with the nearest samples whose squared distance is below what stands there.
     fn search(&self, position: Vec3, normal: Vec3, best: &mut [(u32, f32)]) -> usize {
-        let home = (position * self.scale).floor().as_ivec3();
+        let place = position * self.scale;
+        let home = place.floor().as_ivec3();
+        let within = place - home.as_vec3();
         let (mut found, last) = (0, best.len() - 1);
-        // Nothing within COARSE · CELL edges; nobody asks for more.
-        if !self.about.contains(&home.div_euclid(IVec3::splat(COARSE))) {
+        let low = (home - REACH).div_euclid(IVec3::splat(BLOCK));
+        let numbers: [u32; 8] = std::array::from_fn(|k| {
+            let corner = IVec3::new(k as i32 >> 2, k as i32 >> 1 & 1, k as i32 & 1);
+            self.blocks.get(&(low + corner)).copied().unwrap_or(NONE)
+        });
+        if numbers == [NONE; 8] {
             return 0;
         }
         let edges = CELL * self.scale; // sample edges a metre
-        let mut ring = 0i32;
-        // All that lies in rings beyond is at least this far.
-        while ring == 0 || ((ring - 1) as f32 * CELL) * ((ring - 1) as f32 * CELL) < best[last].1 {
+        // Distance of the place from the cells at this step along an axis, in cells.
+        let gap = |step: i32, within: f32| if step > 0 { step as f32 - within } else { within - (step + 1) as f32 };
+        let gaps = |axis: f32| move |step: i32| if step == 0 { 0.0 } else { gap(step, axis) };
+        let (gap_x, gap_y, gap_z) = (gaps(within.x), gaps(within.y), gaps(within.z));
+        // Half of a cell's extent along the normal.
+        let half = 0.5 * normal.abs().element_sum();
+        let nearest_side = within.min(Vec3::ONE - within).min_element();
+        for ring in 0..=REACH {
+            // All that lies in rings beyond is at least this far.
+            let beyond = if ring == 0 { 0.0 } else { (nearest_side + (ring - 1) as f32) * CELL };
+            if beyond * beyond * ROUNDING >= best[last].1 {
+                break;
+            }
             for x in -ring..=ring {
+                let square_x = gap_x(x) * gap_x(x);
                 for y in -ring..=ring {
+                    let square_xy = square_x + gap_y(y) * gap_y(y);
+                    if square_xy * (CELL * CELL * ROUNDING) >= best[last].1 {
+                        continue;
+                    }
                     let inside = x.abs() < ring && y.abs() < ring;
                     let step = if inside { 2 * ring } else { 1 };
                     for z in (-ring..=ring).step_by(step.max(1) as usize) {
-                        let Some(&(from, to)) = self.cells.get(&(home + IVec3::new(x, y, z))) else { continue };
-                        for &k in &self.order[from as usize..to as usize] {
-                            let (there, its) = self.samples[k as usize];
+                        let cell = IVec3::new(x, y, z);
+                        let off = (normal.dot(cell.as_vec3() + 0.5 - within).abs() - half).max(0.0);
+                        let square = square_xy + gap_z(z) * gap_z(z) + OFFSET * off * off;
+                        if square * (CELL * CELL * ROUNDING) >= best[last].1 {
+                            continue;
+                        }
+                        let (block, cell) = block_of(home + cell);
+                        let corner = block - low;
+                        let number = numbers[(corner.x << 2 | corner.y << 1 | corner.z) as usize];
+                        if number == NONE {
+                            continue;
+                        }
+                        let starts = &self.starts[number as usize];
+                        for k in starts[cell] as usize..starts[cell + 1] as usize {
+                            let (there, its) = self.places[k];
                             let turn = NORMAL_EDGES * NORMAL_EDGES * normal.distance_squared(its);
                             let (way, off) = (there - position, normal.dot(there - position));
                             let squared = (way.length_squared() + OFFSET * off * off) * edges * edges + turn;
@@ -99,13 +148,12 @@ impl Nearest {
                                     best[at] = best[at - 1];
                                     at -= 1;
                                 }
-                                best[at] = (k, squared);
+                                best[at] = (self.order[k], squared);
                             }
                         }
                     }
                 }
             }
-            ring += 1;
         }
         found
     }
