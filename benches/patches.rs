@@ -13,8 +13,9 @@ use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::{Hemisphere, Patch, Proceed, Surfaces, form_factor_blocks};
 use glam::{Vec3, Vec4};
 use patches::{
-    AxisWeights, ClusterSettings, Grid, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample, SampleSettings,
-    ViewSettings, VolumeSettings, VolumeSize, VoxelVolume, axis_patches, cluster_patches, sample_voxels, view_clusters,
+    AxisWeights, ClusterSettings, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
+    SampleSettings, ViewSettings, VolumeSettings, VolumeSize, VoxelVolume, axis_patches, cluster_patches,
+    sample_voxels, view_clusters,
 };
 use scene::sampling::{hash3, unit};
 use scene::{Hit, NONE, ReceiverSet, Scene, SurfacePoint};
@@ -25,6 +26,8 @@ const SIZES: [u32; 6] = [1_000, 2_000, 5_000, 10_000, 20_000, 40_000];
 const POINTS: u32 = 1 << 17;
 /// Rays from each face of a voxel.
 const FACE_RAYS: u32 = 16;
+/// Samples that are asked where light comes.
+const PILOTS: u32 = 1 << 16;
 /// Samples of a view cluster.
 const SAMPLES: u32 = 8;
 /// Rays of a row of form factors.
@@ -119,7 +122,9 @@ fn voxel_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dy
 fn view_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dyn Error>> {
     let settings = ViewSettings { patches: size, samples: SAMPLES, seed: SEED, ..ViewSettings::default() };
     let count = |set: &Result<PatchSet, _>| set.as_ref().map_or(0, PatchSet::len);
-    let set = table.time("view_clusters", count, || view_clusters(scene, &settings).map(|found| found.set))?;
+    let set = table.time("view_clusters", count, || {
+        view_clusters(&LitSampler::new(scene, PILOTS, SEED)?, &settings).map(|found| found.set)
+    })?;
     let nearest = Nearest::new(&set.samples);
     let mut owners = vec![NONE; set.samples.len()];
     for (patch, range) in set.offsets.windows(2).enumerate() {

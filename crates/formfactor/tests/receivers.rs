@@ -137,7 +137,11 @@ fn vertices_of_bad_receivers_take_good_ones_beside_them() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     let full = receivers(&scene, 0.1);
     let mut set = full.clone();
-    let flags = set.retain(&scene, |p| p.position.x > 0.45);
+    let wanted: Vec<bool> = full.points.iter().map(|p| p.position.x > 0.45).collect();
+    assert!(set.retain(&scene, &wanted[1..]).is_err());
+    let kept = set.retain(&scene, &wanted).unwrap();
+    let flags: Vec<bool> = kept.iter().map(|&k| wanted[k as usize]).collect();
+    assert!(kept.iter().zip(&set.points).all(|(&k, p)| p.position == full.points[k as usize].position));
     assert!(set.points.len() <= full.points.len());
     assert!(set.points.iter().enumerate().all(|(k, p)| p.patch as usize == k));
     assert_eq!(flags.len(), set.points.len());

@@ -3,7 +3,7 @@
 mod support;
 
 use glam::Vec3;
-use patches::{Error, Nearest, PatchSet, ViewClusters, ViewSettings, view_clusters};
+use patches::{Error, LitSampler, Nearest, PatchSet, ViewClusters, ViewSettings, view_clusters};
 use scene::{Scene, Sky};
 use support::{Mesh, atrium};
 
@@ -17,7 +17,8 @@ fn open_hall() -> Scene {
 }
 
 fn cut(scene: &Scene, patches: u32, seed: u32) -> ViewClusters {
-    view_clusters(scene, &ViewSettings { patches, seed, ..ViewSettings::default() }).unwrap()
+    let sampler = LitSampler::new(scene, 1 << 14, seed).unwrap();
+    view_clusters(&sampler, &ViewSettings { patches, seed, ..ViewSettings::default() }).unwrap()
 }
 
 fn clusters(scene: &Scene, patches: u32, seed: u32) -> PatchSet {
@@ -87,7 +88,8 @@ fn facets_cut_patches_and_samples_into_runs() {
     assert!(length(&found.facets) > length(&found.set.offsets));
     // No more facets than samples, nor than wanted.
     let few = ViewSettings { patches: 10, facets: 1000, most_facets: 50, ..ViewSettings::default() };
-    assert_eq!(view_clusters(&scene, &few).unwrap().facets.len(), 51);
+    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
+    assert_eq!(view_clusters(&sampler, &few).unwrap().facets.len(), 51);
 }
 
 #[test]
@@ -149,14 +151,15 @@ fn threads_change_no_byte_and_the_seed_does() {
 #[test]
 fn settings_and_scenes_that_give_nothing_are_errors() {
     let scene = open_hall();
+    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
     for settings in
         [ViewSettings { patches: 0, ..ViewSettings::default() }, ViewSettings { samples: 0, ..ViewSettings::default() }]
     {
-        assert!(matches!(view_clusters(&scene, &settings), Err(Error::Setting { .. })));
+        assert!(matches!(view_clusters(&sampler, &settings), Err(Error::Setting { .. })));
     }
     let huge = ViewSettings { patches: u32::MAX, ..ViewSettings::default() };
-    assert!(matches!(view_clusters(&scene, &huge), Err(Error::TooMany { .. })));
+    assert!(matches!(view_clusters(&sampler, &huge), Err(Error::TooMany { .. })));
     // Closed and without a light.
     let dark = atrium().scene(1.0);
-    assert_eq!(view_clusters(&dark, &ViewSettings { patches: 10, ..ViewSettings::default() }), Err(Error::NoSamples));
+    assert!(matches!(LitSampler::new(&dark, 1, 0), Err(Error::NoSamples)));
 }

@@ -111,9 +111,12 @@ impl Receivers {
     }
 
     /// Leaves out receivers that are not good where their cell has a good one: their vertices take that of a good vertex
-    /// beside them. Returns whether each of those that are left is good.
-    pub fn retain(&mut self, scene: &Scene, is_good: impl Fn(&SurfacePoint) -> bool + Sync) -> Vec<bool> {
-        let flags: Vec<bool> = self.points.par_iter().map(&is_good).collect();
+    /// beside them. Returns what number each of those that are left had. `good` holds one flag a receiver.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for a wrong number of flags.
+    pub fn retain(&mut self, scene: &Scene, good: &[bool]) -> Result<Vec<u32>, Error> {
+        check_length("good", self.points.len(), good.len())?;
         for side in self.sides(scene) {
             for k in 0..cell_count(side.divisions) {
                 let cell = self.cells[(side.first + k) as usize];
@@ -121,8 +124,8 @@ impl Receivers {
                     continue;
                 }
                 let own = &mut self.vertices[cell.first as usize..(cell.first + vertex_count(cell.divisions)) as usize];
-                let good = own.iter().filter(|&&r| flags[r as usize]).count();
-                if good == 0 || good == own.len() {
+                let count = own.iter().filter(|&&r| good[r as usize]).count();
+                if count == 0 || count == own.len() {
                     continue;
                 }
                 // Only beside a good one: what lies further in is dark, and may be seen from its own side of a wall.
@@ -130,13 +133,13 @@ impl Receivers {
                 let at = |i: u32, j: u32| vertex_at(n, i, j) as usize;
                 let before = own.to_vec();
                 for (i, j) in (0..=n).flat_map(|j| (0..=n - j).map(move |i| (i, j))) {
-                    if flags[before[at(i, j)] as usize] {
+                    if good[before[at(i, j)] as usize] {
                         continue;
                     }
                     let beside = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)];
                     let found = beside.iter().find_map(|&(di, dj)| {
                         let (x, y) = (i.checked_add_signed(di)?, j.checked_add_signed(dj)?);
-                        (x + y <= n && flags[before[at(x, y)] as usize]).then(|| before[at(x, y)])
+                        (x + y <= n && good[before[at(x, y)] as usize]).then(|| before[at(x, y)])
                     });
                     if let Some(receiver) = found {
                         own[at(i, j)] = receiver;
@@ -150,10 +153,10 @@ impl Receivers {
         let kept = numbers.iter_mut().zip(&used).filter(|(_, used)| **used);
         kept.zip(0..).for_each(|((number, _), next)| *number = next);
         self.points.retain(|point| used[point.patch as usize]);
-        let left = self.points.iter().map(|point| flags[point.patch as usize]).collect();
+        let left = self.points.iter().map(|point| point.patch).collect();
         (self.points.iter_mut().zip(0..)).for_each(|(point, number)| point.patch = number);
         self.vertices.iter_mut().for_each(|r| *r = numbers[*r as usize]);
-        left
+        Ok(left)
     }
 }
 

@@ -7,7 +7,7 @@ use std::vec::Vec;
 use glam::Vec4;
 use rayon::prelude::*;
 
-use super::estimate::{Estimator, Hemisphere, Proceed, Surfaces, hemisphere_hits};
+use super::estimate::{Estimator, Hemisphere, Proceed, Surfaces, hemisphere_hits, like_rays};
 use super::hits::HitRows;
 use super::product::Operator;
 use super::storage::{Csr, check_length};
@@ -41,10 +41,10 @@ pub fn sparse_rows(
 ) -> Result<SparseRows, Error> {
     surfaces.check()?;
     Hemisphere { rays }.check(surfaces)?;
-    let (total, patches) = (surfaces.rows(), surfaces.patches.len() as u32);
+    let (total, patches, order) = (surfaces.rows(), surfaces.patches.len() as u32, like_rays(rays));
     let task = |own: Range<usize>| {
         let mut part = Part::default();
-        own.for_each(|row| part.push(hemisphere_hits(surfaces, row, rays), patches));
+        own.for_each(|row| part.push(hemisphere_hits(surfaces, row, &order), patches));
         part
     };
     let parts = Watch::new(total, progress).tasks(0..total, task)?;
@@ -82,12 +82,12 @@ pub fn add_hit_rows(
     surfaces.check()?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("columns", rows.columns(), surfaces.patches.len())?;
-    let total = surfaces.rows();
+    let (total, order) = (surfaces.rows(), like_rays(rays));
     let watch = Watch::new(total, progress);
     let block = (BLOCK_HITS / rays as usize).next_multiple_of(TASK_ROWS);
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
-        let hits = |row: usize| hemisphere_hits(surfaces, row, rays).into_iter().map(|(column, _)| column);
+        let hits = |row: usize| hemisphere_hits(surfaces, row, &order).into_iter().map(|(column, _)| column);
         let hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();
         rows.push(&hits, &std::vec![1.0 / rays as f32; own.len()])?;
     }
@@ -108,10 +108,10 @@ pub fn gather_by_rays(
     surfaces.check()?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("exitance", surfaces.patches.len(), exitance.len())?;
-    let total = surfaces.rows();
+    let (total, order) = (surfaces.rows(), like_rays(rays));
     let gather = |row: usize| {
         let light = |(column, share): (u32, f32)| exitance.get(column as usize).map_or(Vec4::ZERO, |b| *b * share);
-        hemisphere_hits(surfaces, row, rays).into_iter().map(light).sum::<Vec4>().truncate().extend(0.0)
+        hemisphere_hits(surfaces, row, &order).into_iter().map(light).sum::<Vec4>().truncate().extend(0.0)
     };
     let task = |rows: Range<usize>| rows.map(gather).collect::<Vec<_>>();
     Ok(Watch::new(total, progress).tasks(0..total, task)?.concat())
@@ -163,7 +163,7 @@ struct Part {
 impl Part {
     /// Adds the row whose rays met these columns with these shares.
     fn push(&mut self, mut hits: Vec<(u32, f32)>, patches: u32) {
-        // Stable, so that shares are added in the order of the rays.
+        // Stable, so that shares are always added in the same order.
         hits.sort_by_key(|hit| hit.0);
         let start = self.columns.len();
         let (mut sky, mut lost) = (0.0, 0.0);

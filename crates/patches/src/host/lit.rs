@@ -2,6 +2,7 @@
 
 use std::vec::Vec;
 
+use glam::Vec3;
 use rayon::prelude::*;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
 use scene::{POINT_WALKS, Scene, SurfacePoint, is_open};
@@ -21,7 +22,7 @@ const NEIGHBOURS: usize = 4;
 const WALKS: u32 = 3;
 const MOST_DISTANCE: f32 = 3.0;
 /// The nearest of pilots that say no is no further than this.
-const DARK_DISTANCE: f32 = 2.0;
+const DARK_DISTANCE: f32 = 1.0;
 
 /// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
 /// or that see no geometry. A few pilots are asked by random walks; where they agree, candidates take their answer.
@@ -41,7 +42,7 @@ impl<'a> LitSampler<'a> {
     /// [`Error::NoSamples`] when light comes to none of them.
     pub fn new(scene: &'a Scene, pilots: u32, seed: u32) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
-        let pilots = equal_area_samples(scene, pilots.max(LEAST_PILOTS), seed);
+        let pilots = surface_samples(scene, pilots.max(LEAST_PILOTS), seed);
         let lit: Vec<bool> =
             pilots.par_iter().enumerate().map(|(k, s)| takes_part(scene, s, k as u32, POINT_WALKS, seed)).collect();
         let lit_area = pilots.iter().zip(&lit).filter(|(_, lit)| **lit).map(|(s, _)| f64::from(s.area)).sum();
@@ -52,6 +53,11 @@ impl<'a> LitSampler<'a> {
         Ok(Self { scene, nearest: Nearest::new(&pilots), lit, total_area, lit_area })
     }
 
+    /// The scene whose surfaces are asked about.
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
     /// About the area to which light comes, both sides of sheets, m².
     pub fn lit_area(&self) -> f64 {
         self.lit_area
@@ -59,17 +65,21 @@ impl<'a> LitSampler<'a> {
 
     /// About `count` samples to which light comes, each for the same area.
     pub fn samples(&self, count: u32, seed: u32) -> Vec<Sample> {
-        self.samples_where(count, seed, |_| true)
+        self.lit_samples(self.candidates(count, seed), seed)
     }
 
-    /// Those of [`LitSampler::samples`] that are wanted; the others are not asked whether light comes to them.
-    pub fn samples_where(&self, count: u32, seed: u32, is_wanted: impl Fn(&Sample) -> bool + Sync) -> Vec<Sample> {
+    /// Samples of which about `count` are lit, without asking, each for the same area.
+    pub fn candidates(&self, count: u32, seed: u32) -> Vec<Sample> {
         // No more than memory holds, however little of the surface is lit.
         let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
-        let candidates = equal_area_samples(self.scene, candidates as u32, seed);
-        let lit = |(k, sample): (usize, &Sample)| is_wanted(sample) && self.takes_part(sample, k as u32, seed);
-        let flags: Vec<bool> = candidates.par_iter().enumerate().map(lit).collect();
-        candidates.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect()
+        surface_samples(self.scene, candidates as u32, seed)
+    }
+
+    /// Those of the samples to which light comes.
+    pub fn lit_samples(&self, samples: Vec<Sample>, seed: u32) -> Vec<Sample> {
+        let lit = |(k, sample): (usize, &Sample)| self.takes_part(sample, k as u32, seed);
+        let flags: Vec<bool> = samples.par_iter().enumerate().map(lit).collect();
+        samples.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect()
     }
 
     /// Whether light comes to the place and side of a sample, which sees geometry; its area and albedo are not asked. The
@@ -112,8 +122,9 @@ fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32)
     met && (sky || is_open(scene, &point, walks, key(2)))
 }
 
-/// About `count` samples, each for the same area: one in each interval of the running sum of the sides' areas.
-fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
+/// About `count` samples of both sides of all triangles, each for the same area: one in each interval of the running sum of
+/// the sides' areas. Holes of masked textures have none.
+fn surface_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
     let geometry = scene.geometry();
     let areas: Vec<f64> = scene.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
     let area = 2.0 * areas.iter().sum::<f64>() / f64::from(count);
@@ -137,7 +148,7 @@ fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
                         area: area as f32,
                         normal: if side == 0 { normal } else { -normal },
                         triangle: triangle as u32,
-                        albedo: scene.filtered_albedo(triangle as u32, position, area as f32),
+                        albedo: Vec3::ZERO,
                         reserved: 0,
                     });
                 }
@@ -145,5 +156,6 @@ fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
             }
         }
     }
+    samples.par_iter_mut().for_each(|s| s.albedo = scene.filtered_albedo(s.triangle, s.position, s.area));
     samples
 }

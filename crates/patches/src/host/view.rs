@@ -29,8 +29,6 @@ const DARK: f32 = 0.02;
 const OTHER_SUNS: u32 = 6;
 /// Position, normal, openness at two distances, sky, the scene's own light.
 const OWN_FEATURES: usize = 10;
-/// One pilot for so many samples.
-const PILOT_SHARE: u64 = 4;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
 
 type Features = [f32; FEATURES];
@@ -78,7 +76,7 @@ pub struct ViewClusters {
 ///
 /// # Errors
 /// [`Error::Setting`] for no patches or samples, [`Error::NoSamples`], [`Error::TooMany`].
-pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<ViewClusters, Error> {
+pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<ViewClusters, Error> {
     let counts = [
         ("patches", settings.patches),
         ("samples", settings.samples),
@@ -94,7 +92,7 @@ pub fn view_clusters(scene: &Scene, settings: &ViewSettings) -> Result<ViewClust
     if wanted > u64::from(u32::MAX / 64) {
         return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 64) });
     }
-    let sampler = LitSampler::new(scene, wanted.div_ceil(PILOT_SHARE) as u32, settings.seed)?;
+    let scene = sampler.scene();
     let samples = sampler.samples(wanted as u32, settings.seed);
     if samples.is_empty() {
         return Err(Error::NoSamples);

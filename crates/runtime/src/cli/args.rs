@@ -218,7 +218,7 @@ pub struct Render {
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub rays: u32,
     /// Rays from each of those points.
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub receiver_rays: u32,
     /// Folder with full.exr, indirect.exr, points.csv to compare with.
     #[arg(long)]

@@ -8,7 +8,7 @@ use formfactor::{
     balance, form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
-use patches::{LitSampler, Lookup};
+use patches::Lookup;
 use reference::Picture;
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
@@ -18,7 +18,7 @@ use super::frame::{Frame, FrameParts};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
-use super::senders::{Columns, MOST_PATCHES, Senders};
+use super::senders::{Columns, MOST_PATCHES, Senders, lit_sampler};
 use super::test_lights::test_lights;
 use crate::error::Error;
 use crate::executor::Executor;
@@ -29,8 +29,6 @@ use crate::progress::Progress;
 const RECEIVERS_AN_EDGE: f32 = 3.0;
 /// Most receivers for each patch.
 const RECEIVERS_A_PATCH: usize = 30;
-/// Samples that are asked where light comes before receivers are placed.
-const RECEIVER_PILOTS: u32 = 32_768;
 /// Fewest rays of a facet's row.
 const LEAST_FACET_RAYS: u64 = 64;
 /// Rays of a row of [`Classic::irradiance_at`].
@@ -113,7 +111,7 @@ impl Default for ClassicSettings {
             receivers: ReceiverKind::default(),
             receiver_edge: None,
             most_receivers: None,
-            receiver_rays: 256,
+            receiver_rays: 512,
             sub_frames: 16,
             seed: 0,
             size: (960, 540),
@@ -165,13 +163,15 @@ impl Classic {
         if settings.patches == PatchKind::Polygon && scene.triangles.len() > MOST_PATCHES {
             return Err(too_many(scene.triangles.len()));
         }
-        let (senders, edge) = progress.phase("sample", |_| -> Result<_, Error> {
-            let senders =
-                Senders::new(&scene, settings.patches, settings.patch_count, settings.voxel_size, settings.seed)?;
+        let seed = settings.seed;
+        let (sampler, senders, edge) = progress.phase("sample", |_| -> Result<_, Error> {
+            let sampler = lit_sampler(&scene, settings.patch_count, seed)?;
+            let (kind, count, voxel) = (settings.patches, settings.patch_count, settings.voxel_size);
+            let senders = Senders::new(&scene, sampler.as_ref(), kind, count, voxel, seed)?;
             let area: f32 = senders.areas().iter().sum();
             let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
             let edge = settings.receiver_edge.unwrap_or(patch_edge / RECEIVERS_AN_EDGE);
-            Ok((senders, edge))
+            Ok((sampler, senders, edge))
         })?;
         let count = senders.patches.len();
         if count > MOST_PATCHES {
@@ -187,15 +187,11 @@ impl Classic {
             ..direct_params(&scene)
         };
         let receivers = progress.phase("receivers", |report| -> Result<_, Error> {
-            if settings.receivers != ReceiverKind::Mesh {
-                return MeshReceivers::none(&scene);
-            }
-            let seed = settings.seed ^ 0x7265_6365;
-            let sampler = match LitSampler::new(&scene, RECEIVER_PILOTS, seed) {
-                Ok(sampler) => sampler,
-                Err(patches::Error::NoSamples) => return MeshReceivers::none(&scene),
-                Err(error) => return Err(error.into()),
+            let sampler = match &sampler {
+                Some(sampler) if settings.receivers == ReceiverKind::Mesh => sampler,
+                _ => return MeshReceivers::none(&scene),
             };
+            let seed = seed ^ 0x7265_6365;
             let lights = test_lights(&scene, &senders, &factors, &facet_rows.factors, &direct)?;
             let placing = Placing {
                 rays: settings.receiver_rays,
@@ -211,7 +207,7 @@ impl Classic {
                 let progress = |done, total| proceed(report, done, total);
                 Ok(add_hit_rows(rows, &surfaces, settings.receiver_rays, &progress)?)
             };
-            MeshReceivers::place(&scene, &sampler, senders.facets.len(), &placing, &lights, &add)
+            MeshReceivers::place(&scene, sampler, senders.facets.len(), &placing, &lights, &add)
         })?;
         progress.note(&format!(
             "{count} patches, {} facets, {} receivers, {} nodes",

@@ -127,10 +127,11 @@ impl MeshReceivers {
 
         // A node that sees no receiver is inside of a solid or behind a wall: others of its cell serve. Where there are none,
         // some become receivers themselves.
-        let good = nodes.retain(scene, |node| !field.weights(node, true).is_empty());
-        let mut weights: Vec<Vec<(u32, f32)>> = (nodes.points.par_iter().zip(good))
-            .map(|(node, good)| if good { field.weights(node, true) } else { Vec::new() })
-            .collect();
+        let mut found: Vec<Vec<(u32, f32)>> = nodes.points.par_iter().map(|node| field.weights(node, true)).collect();
+        let good: Vec<bool> = found.iter().map(|weights| !weights.is_empty()).collect();
+        let kept = nodes.retain(scene, &good)?;
+        let mut weights: Vec<Vec<(u32, f32)>> = kept.iter().map(|&k| std::mem::take(&mut found[k as usize])).collect();
+        drop(found);
         for round in 0..ORPHAN_ROUNDS {
             let orphans: Vec<usize> = (0..weights.len()).filter(|&k| weights[k].is_empty()).collect();
             let room = placing.most.saturating_sub(field.set.samples.len()) / (ORPHAN_ROUNDS - round);
@@ -214,7 +215,11 @@ impl Set<'_> {
             let (found, count) = nearest.samples::<4>(sample.position, sample.normal, FAR);
             found[..count].iter().map(|f| errors[f.0 as usize]).sum::<f32>() / count.max(1) as f32
         };
-        let found = sampler.samples_where((CANDIDATES * room) as u32, seed, |sample| about(sample) > TOLERANCE);
+        let mut wanted = sampler.candidates((CANDIDATES * room) as u32, seed);
+        let flags: Vec<bool> = wanted.par_iter().map(|sample| about(sample) > TOLERANCE).collect();
+        let mut flags = flags.into_iter();
+        wanted.retain(|_| flags.next().unwrap_or(false));
+        let found = sampler.lit_samples(wanted, seed);
         let mut order: Vec<(f32, usize)> = found.par_iter().enumerate().map(|(k, s)| (about(s), k)).collect();
         order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         order.truncate(room);

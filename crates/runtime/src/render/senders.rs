@@ -25,8 +25,10 @@ const MOST_DIVISIONS: f32 = 1024.0;
 /// Patches that are not cut into facets are looked up as finely as if each had so many, up to [`MOST_PIECES`] in all.
 const PIECES: usize = 6;
 const MOST_PIECES: usize = 1 << 16;
-/// Samples by which voxels learn where light comes.
-const VOXEL_PILOTS: u32 = 1 << 16;
+/// Samples that are asked where light comes: for each patch, and at least and at most.
+const PILOTS: usize = 6;
+const LEAST_PILOTS: usize = 1 << 15;
+const MOST_PILOTS: usize = 1 << 16;
 
 /// A place has no patch when the nearest sample of like normal is further, in sample edges.
 const FAR: f32 = 4.0;
@@ -112,13 +114,28 @@ pub enum Columns {
     Facets,
 }
 
+/// What knows where light comes, as finely as `count` patches need; nothing when it comes nowhere.
+///
+/// # Errors
+/// What the sampler says.
+pub fn lit_sampler(scene: &Scene, count: usize, seed: u32) -> Result<Option<LitSampler<'_>>, Error> {
+    let pilots = count.saturating_mul(PILOTS).clamp(LEAST_PILOTS, MOST_PILOTS);
+    match LitSampler::new(scene, pilots as u32, seed) {
+        Ok(sampler) => Ok(Some(sampler)),
+        Err(patches::Error::NoSamples) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
 impl Senders {
-    /// About `count` patches of this kind; with `voxel_size`, m, as many as voxels of this edge give.
+    /// About `count` patches of this kind; with `voxel_size`, m, as many as voxels of this edge give. Without a sampler, where no
+    /// light comes anywhere, clusters are polygons instead, and all sides have patches: both give a black picture.
     ///
     /// # Errors
     /// More patches than can be numbered; a voxel size for patches without voxels, or one that is not positive.
     pub fn new(
         scene: &Scene,
+        sampler: Option<&LitSampler>,
         kind: PatchKind,
         count: usize,
         voxel_size: Option<f32>,
@@ -129,15 +146,14 @@ impl Senders {
         }
         match kind {
             PatchKind::Polygon => Self::polygons(scene, count, seed),
-            PatchKind::Cluster => match Self::clusters(scene, count, seed) {
-                // No light comes anywhere: the fronts of the triangles give a black picture.
-                Err(Error::Patches(patches::Error::NoSamples)) => Self::polygons(scene, count, seed),
-                result => result,
+            PatchKind::Cluster => match sampler {
+                Some(sampler) => Self::clusters(sampler, count, seed),
+                None => Self::polygons(scene, count, seed),
             },
-            PatchKind::Voxel => Self::voxels(scene, count, voxel_size, seed, |grid, samples| {
+            PatchKind::Voxel => Self::voxels(scene, sampler, count, voxel_size, seed, |grid, samples| {
                 cluster_patches(grid, samples, &ClusterSettings::default(), &|_, _| 0.0)
             }),
-            PatchKind::Axis => Self::voxels(scene, count, voxel_size, seed, |grid, samples| {
+            PatchKind::Axis => Self::voxels(scene, sampler, count, voxel_size, seed, |grid, samples| {
                 axis_patches(grid, samples, AxisWeights::Squared)
             }),
         }
@@ -182,30 +198,25 @@ impl Senders {
         })
     }
 
-    fn clusters(scene: &Scene, count: usize, seed: u32) -> Result<Self, Error> {
-        let found = view_clusters(scene, &ViewSettings { patches: count as u32, seed, ..ViewSettings::default() })?;
+    fn clusters(sampler: &LitSampler, count: usize, seed: u32) -> Result<Self, Error> {
+        let found = view_clusters(sampler, &ViewSettings { patches: count as u32, seed, ..ViewSettings::default() })?;
         // A facet is a range of samples.
         let members = (0..found.set.samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
         let no_voxels = vec![NONE; found.facets.len() - 1];
         let facets = PatchSet::from_groups(found.set.samples, &no_voxels, found.facets, members)?;
-        Self::of_samples(scene, facets, &found.set.patches, found.patch_facets)
+        Self::of_samples(sampler.scene(), facets, &found.set.patches, found.patch_facets)
     }
 
     /// Patches of voxels with the edge `voxel_size`, or with that which gives about `count` patches.
     fn voxels(
         scene: &Scene,
+        sampler: Option<&LitSampler>,
         count: usize,
         voxel_size: Option<f32>,
         seed: u32,
         gather: impl Fn(&Grid, SampleSet) -> Result<PatchSet, patches::Error>,
     ) -> Result<Self, Error> {
-        let sampler = match LitSampler::new(scene, VOXEL_PILOTS, seed) {
-            Ok(sampler) => Some(sampler),
-            // No light comes anywhere: all sides have patches and give a black picture.
-            Err(patches::Error::NoSamples) => None,
-            Err(error) => return Err(error.into()),
-        };
-        let keep = |sample: &Sample| sampler.as_ref().is_none_or(|sampler| sampler.is_lit(sample, seed));
+        let keep = |sample: &Sample| sampler.is_none_or(|sampler| sampler.is_lit(sample, seed));
         let settings = SampleSettings { seed, ..SampleSettings::default() };
         let gathered = |grid: &Grid| -> Result<PatchSet, patches::Error> {
             check_count("occupied voxels", grid.len())?;
