@@ -26,7 +26,8 @@ pub fn run() -> ExitCode {
     }
     match dispatch(cli) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Error::Cancelled) => {
+        // Work that is told to stop may say so in words of its own.
+        Err(_) if progress::is_cancelled() => {
             eprintln!("stopped; nothing was left half-written");
             ExitCode::from(130)
         }

@@ -223,6 +223,10 @@ pub struct Render {
     /// Folder with full.exr, indirect.exr, points.csv to compare with.
     #[arg(long)]
     pub reference: Option<PathBuf>,
+    /// Also write pictures into OUT/debug: colours by patch, facet, axis and receiver, E and H of the patches, where receivers
+    /// were refined; with --reference the blocks that are worst (classic).
+    #[arg(long)]
+    pub debug: bool,
     /// Continue an interrupted path-traced picture in the same folder.
     #[arg(long)]
     pub resume: bool,

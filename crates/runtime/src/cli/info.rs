@@ -9,7 +9,8 @@ use super::args::{Common, PatchOptions};
 use super::output;
 use crate::error::Error;
 use crate::import::{LoadedScene, load_or_build};
-use crate::render::senders::Senders;
+use crate::render::classic::ClassicSettings;
+use crate::render::senders::{SenderSettings, Senders};
 
 #[derive(Serialize)]
 struct Info {
@@ -164,7 +165,9 @@ impl Patches {
     fn of(loaded: &LoadedScene, options: &PatchOptions, area: f64, seed: u32) -> Result<Self, Error> {
         let start = Instant::now();
         let kind = options.kind(loaded.scene.triangles.len());
-        let senders = Senders::new(&loaded.scene, kind, options.count(), options.voxel_size, seed)?;
+        let (count, voxel_size) = (options.count(), options.voxel_size);
+        let settings = SenderSettings { kind, count, voxel_size, samples: ClassicSettings::default().samples, seed };
+        let senders = Senders::new(&loaded.scene, &settings)?;
         let seconds = start.elapsed().as_secs_f64();
         let mut areas = senders.areas();
         areas.sort_by(f32::total_cmp);

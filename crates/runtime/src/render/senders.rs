@@ -73,6 +73,21 @@ impl PatchKind {
     }
 }
 
+/// What patches are made of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SenderSettings {
+    /// What they are.
+    pub kind: PatchKind,
+    /// About how many.
+    pub count: usize,
+    /// Edge of the voxels, m, instead of the count.
+    pub voxel_size: Option<f32>,
+    /// Samples of a cluster, on average.
+    pub samples: u32,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
 /// The senders of a scene: patches, cut into facets, over which light is gathered more finely than patches send it.
 pub struct Senders {
     /// Centroid, area, normal.
@@ -113,23 +128,18 @@ pub enum Columns {
 }
 
 impl Senders {
-    /// About `count` patches of this kind; with `voxel_size`, m, as many as voxels of this edge give.
+    /// Patches of a scene.
     ///
     /// # Errors
     /// More patches than can be numbered; a voxel size for patches without voxels, or one that is not positive.
-    pub fn new(
-        scene: &Scene,
-        kind: PatchKind,
-        count: usize,
-        voxel_size: Option<f32>,
-        seed: u32,
-    ) -> Result<Self, Error> {
+    pub fn new(scene: &Scene, settings: &SenderSettings) -> Result<Self, Error> {
+        let SenderSettings { kind, count, voxel_size, samples, seed } = *settings;
         if voxel_size.is_some() && !kind.has_voxels() {
             return Err(Error::NoVoxels { option: "--voxel-size", patches: kind.name(), instead: "--patch-count" });
         }
         match kind {
             PatchKind::Polygon => Self::polygons(scene, count, seed),
-            PatchKind::Cluster => match Self::clusters(scene, count, seed) {
+            PatchKind::Cluster => match Self::clusters(scene, count, samples, seed) {
                 // No light comes anywhere: the fronts of the triangles give a black picture.
                 Err(Error::Patches(patches::Error::NoSamples)) => Self::polygons(scene, count, seed),
                 result => result,
@@ -182,8 +192,9 @@ impl Senders {
         })
     }
 
-    fn clusters(scene: &Scene, count: usize, seed: u32) -> Result<Self, Error> {
-        let found = view_clusters(scene, &ViewSettings { patches: count as u32, seed, ..ViewSettings::default() })?;
+    fn clusters(scene: &Scene, count: usize, samples: u32, seed: u32) -> Result<Self, Error> {
+        let settings = ViewSettings { patches: count as u32, samples, seed, ..ViewSettings::default() };
+        let found = view_clusters(scene, &settings)?;
         // A facet is a range of samples.
         let members = (0..found.set.samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
         let no_voxels = vec![NONE; found.facets.len() - 1];
