@@ -111,7 +111,7 @@ svg { max-width: 100%; height: auto; }
 ";
 
 /// The whole page.
-pub fn page(title: &str, introduction: &[String], sections: &[Section]) -> String {
+pub fn page<'a>(title: &str, introduction: &[String], sections: impl IntoIterator<Item = &'a Section>) -> String {
     html! {
         (DOCTYPE)
         html lang="en" {

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, SparseRows, Stop, add_hit_rows,
-    balance, form_factors, gather_by_rays, jacobi, sparse_rows,
+    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, SparseRows, Stop, add_hit_rows, balance,
+    form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
 use patches::{LitSampler, Lookup, ViewSettings};
@@ -215,7 +215,9 @@ impl Classic {
             let placing = Placing {
                 rays: settings.receiver_rays,
                 edge,
-                most: settings.most_receivers.unwrap_or((RECEIVERS_A_PATCH * settings.receiver_density * count as f32) as usize),
+                most: settings
+                    .most_receivers
+                    .unwrap_or((RECEIVERS_A_PATCH * settings.receiver_density * count as f32) as usize),
                 seed,
             };
             // How many there will be is not known: the bar shows the rows of each round.

@@ -247,7 +247,8 @@ impl Spacing {
 pub fn worst_blocks(ours: &Picture, reference: &Picture, scale: f32) -> Result<Picture, PictureError> {
     // Also says when sizes differ.
     let difference = {
-        let (a, b) = (ours.block_means(BLOCK_EDGE).displayed(scale), reference.block_means(BLOCK_EDGE).displayed(scale));
+        let (a, b) =
+            (ours.block_means(BLOCK_EDGE).displayed(scale), reference.block_means(BLOCK_EDGE).displayed(scale));
         a.minus(&b)?
     };
     let mut blocks: Vec<(f32, u32)> =
@@ -269,7 +270,8 @@ pub fn worst_blocks(ours: &Picture, reference: &Picture, scale: f32) -> Result<P
         let (x, y) = (block % difference.width * BLOCK_EDGE, block / difference.width * BLOCK_EDGE);
         let (left, right) = (x.saturating_sub(FRAME), (x + BLOCK_EDGE + FRAME).min(width));
         let (top, bottom) = (y.saturating_sub(FRAME), (y + BLOCK_EDGE + FRAME).min(height));
-        let inside = |row: u32, column: u32| (y..y + BLOCK_EDGE).contains(&row) && (x..x + BLOCK_EDGE).contains(&column);
+        let inside =
+            |row: u32, column: u32| (y..y + BLOCK_EDGE).contains(&row) && (x..x + BLOCK_EDGE).contains(&column);
         for (row, column) in (top..bottom).flat_map(|row| (left..right).map(move |column| (row, column))) {
             if !inside(row, column) {
                 for side in 0..2 {
