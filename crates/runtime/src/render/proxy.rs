@@ -10,7 +10,10 @@ use formfactor::{Hemisphere, Patch, Stop, Surfaces, balance, form_factors, jacob
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use reference::{Picture, ProxyLookup, VoxelProxy};
-use scene::{Camera, DirectParams, NONE, Scene, SidePolicy, SurfacePoint, find_sides};
+use scene::{
+    Camera, DirectParams, LIGHT_RECT, Light, Material, NONE, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle,
+    TriangleUv, find_sides,
+};
 
 use super::classic::direct_params;
 use super::pixels::PixelGather;
@@ -53,8 +56,11 @@ impl<'a> ProxyRadiosity<'a> {
     /// A scene without area, settings out of range, cancellation.
     pub fn bake(scene: &'a Scene, settings: ProxySettings, progress: &mut Progress) -> Result<Self, Error> {
         let ProxySettings { patch_count, seed, .. } = settings;
-        let mut proxy = progress
-            .phase("voxel proxy", |_| VoxelProxy::for_count(scene, patch_count, |proxy| patches_of(proxy).1))?;
+        let mut proxy = progress.phase("voxel proxy", |_| -> Result<_, Error> {
+            let panels = with_panels(scene)?;
+            let original = panels.as_ref().unwrap_or(scene);
+            Ok(VoxelProxy::for_count(original, patch_count, |proxy| patches_of(proxy).1)?)
+        })?;
         let (numbers, patches) = patches_of(&proxy);
         let light = progress.phase("form_factors", |report| solve(&proxy, &numbers, &settings, report))?;
         proxy.hide_faces(|face| numbers[face as usize] == NONE);
@@ -96,6 +102,34 @@ impl<'a> ProxyRadiosity<'a> {
         let Self { scene, seed, .. } = *self;
         PixelGather { scene, gather: &gather, lights: &scene.lights, camera, frame: 0, sub_frames, seed }.indirect()
     }
+}
+
+/// The scene with its rectangle lights as luminous panels, where it has any: a lamp close below a ceiling would be inside of
+/// the ceiling's voxels and light nothing, while the light of a surface leaves from the faces of its voxels.
+fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
+    let (panels, lights): (Vec<Light>, Vec<Light>) = scene.lights.iter().partition(|light| light.kind == LIGHT_RECT);
+    if panels.is_empty() {
+        return Ok(None);
+    }
+    let mut parts = SceneParts {
+        triangles: scene.triangles.clone(),
+        uvs: scene.uvs.clone(),
+        materials: scene.materials.clone(),
+        textures: scene.textures.clone(),
+        texels: scene.texels.clone(),
+        lights,
+        sky: scene.sky,
+        sky_map: scene.sky_map.clone(),
+    };
+    for Light { position, color, edge_a, edge_b, .. } in panels {
+        let material = parts.materials.len() as u32;
+        parts.materials.push(Material { radiance: color, ..Material::default() });
+        for (edge_a, edge_b) in [(edge_a, edge_a + edge_b), (edge_a + edge_b, edge_b)] {
+            parts.triangles.push(Triangle { corner: position, material, edge_a, edge_b, ..Triangle::default() });
+            parts.uvs.push(TriangleUv::default());
+        }
+    }
+    Ok(Some(Scene::new(parts).map_err(reference::Error::from)?))
 }
 
 /// The faces that take part in the exchange of light: the patch of each face, or [`NONE`], and how many there are.

@@ -31,6 +31,7 @@ const MOST_PROXY_FACES: u32 = 10_000;
 const MORE_PATCHES: usize = 4;
 const MORE_SAMPLES: u32 = 4;
 const MORE_RAYS: u32 = 8;
+const MORE_RECEIVER_RAYS: u32 = 4;
 /// Sub-frames of receivers at pixels, each of which has rays of its own.
 const PIXEL_SUB_FRAMES: u32 = 2;
 /// Relative difference of full colour in pictures of differences.
@@ -274,8 +275,8 @@ impl Experiment<'_> {
                 ClassicSettings { estimator: Estimator::Hemisphere { rays: MORE_RAYS * rays }, ..base },
             ),
             (
-                format!("rays of receivers × {MORE_RAYS}"),
-                ClassicSettings { receiver_rays: MORE_RAYS * base.receiver_rays, ..base },
+                format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
+                ClassicSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..base },
             ),
             (
                 format!("E by samples and rays × {MORE_SAMPLES}"),
@@ -366,7 +367,7 @@ impl Experiment<'_> {
             format!("Compared with {}.", truth.source),
             format!(
                 "Pictures of {} × {}, {} sub-frames; {} rays a row of F, {} rays a receiver. Light ms: all passes but \
-                 shading, median of {} frames. The second and third table and the pictures: {} clusters. The proxy's form \
+                 shading, frames for the median: {}. The second and third table and the pictures: {} clusters. The proxy's form \
                  factors are dense: no more than {MOST_PROXY_FACES} faces.",
                 size.0,
                 size.1,
