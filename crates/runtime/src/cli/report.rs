@@ -59,7 +59,7 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-/// Lines from zero to the greatest value.
+/// Lines with marked values below each other.
 pub struct Plot {
     /// Text above it.
     pub title: String,
@@ -67,7 +67,7 @@ pub struct Plot {
     pub unit: String,
     /// What x is.
     pub x: String,
-    /// Whether equal ratios of x are equally far apart; x > 0.
+    /// Whether equal ratios are equally far apart, x > 0 and y > 0; else y begins at zero.
     pub logarithmic: bool,
     /// The lines.
     pub series: Vec<Series>,
@@ -176,16 +176,21 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
     if marks.len() > MOST_MARKS {
         marks = vec![first, last];
     }
-    let range = (scale(last) - scale(first)).max(1e-12);
+    let along = |from: f64, to: f64, v: f64| (scale(v) - scale(from)) / (scale(to) - scale(from)).max(1e-12);
     let greatest = points().fold(0.0f64, |a, b| a.max(b.1)).max(1e-12) * 1.08;
-    let x = |v: f64| left + (width - left - right) * (scale(v) - scale(first)) / range;
-    let y = |v: f64| height - bottom - (height - bottom - top) * v / greatest;
+    let least =
+        if p.logarithmic { points().fold(greatest, |a, b| a.min(b.1)).max(1e-3 * greatest) / 1.08 } else { 0.0 };
+    let levels: Vec<f64> = match p.logarithmic {
+        true => round_levels(least, greatest),
+        false => (0..=4).map(|step| greatest * f64::from(step) / 4.0).collect(),
+    };
+    let x = |v: f64| left + (width - left - right) * along(first, last, v);
+    let y = |v: f64| height - bottom - (height - bottom - top) * along(least, greatest, v.max(least));
     html! {
         svg xmlns=[namespace] viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) role="img"
             aria-label=(p.title) font-family="sans-serif" {
             text x=(left) y="14" font-size="13" fill="currentColor" font-weight="600" { (p.title) ", " (p.unit) }
-            @for step in 0..=4 {
-                @let v = greatest * f64::from(step) / 4.0;
+            @for &v in &levels {
                 line x1=(left) x2=(width - right) y1=(y(v)) y2=(y(v)) stroke="#8884" {}
                 text x=(left - 6.0) y=(y(v) + 4.0) font-size="11" text-anchor="end" fill="currentColor" {
                     (significant(v))
@@ -207,6 +212,13 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
             }
         }
     }
+}
+
+/// The numbers 1, 2 and 5 times powers of ten in a range.
+fn round_levels(least: f64, greatest: f64) -> Vec<f64> {
+    let powers = least.log10().floor() as i32..=greatest.log10().floor() as i32;
+    let levels = powers.flat_map(|power| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(power)));
+    levels.filter(|level| (least..=greatest).contains(level)).collect()
 }
 
 /// A number with three significant digits.
@@ -234,6 +246,13 @@ mod tests {
         let line = svg.split("polyline points=\"").nth(1).unwrap().split('"').next().unwrap();
         let places: Vec<f64> = line.split(' ').map(|p| p.split(',').next().unwrap().parse().unwrap()).collect();
         assert!((places[0] + places[2] - 2.0 * places[1]).abs() < 0.2 && places[2] > places[0], "{places:?}");
+    }
+
+    #[test]
+    fn levels_are_round() {
+        let levels = round_levels(0.3, 12.0);
+        assert_eq!(levels.len(), 5);
+        assert!(levels.iter().zip([0.5, 1.0, 2.0, 5.0, 10.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-12), "{levels:?}");
     }
 
     #[test]
