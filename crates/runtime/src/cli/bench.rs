@@ -52,13 +52,16 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let scenes: Vec<&str> =
         if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
     let mut results = Vec::new();
+    let numbers = out.join("summary.json");
     for scene in scenes {
-        results.push(patches::one_scene(common, args, scene, &out)?);
-        // After each scene, so that what is known is kept when the next one fails or is stopped.
+        // What is known is kept when the rest fails or is stopped.
+        let keep = |rows: &[Row]| output::write_text(&numbers, &summary(common, &machine, &results, rows));
+        let result = patches::one_scene(common, args, scene, &out, &keep)?;
+        results.push(result);
         write(common, &machine, &results, &out)?;
     }
     if common.json {
-        println!("{}", summary(common, &machine, &results));
+        println!("{}", summary(common, &machine, &results, &[]));
     } else {
         results.iter().for_each(|result| println!("{}", result.markdown()));
         println!("{} shows the same with pictures", out.join("report.html").display());
@@ -66,13 +69,13 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     Ok(())
 }
 
-fn summary(common: &Common, machine: &Machine, results: &[SceneResult]) -> String {
-    let rows = results.iter().flat_map(|result| &result.rows).collect();
+fn summary(common: &Common, machine: &Machine, results: &[SceneResult], more: &[Row]) -> String {
+    let rows = results.iter().flat_map(|result| &result.rows).chain(more).collect();
     output::json(&Results { name: "patches", machine, seed: common.seed, rows })
 }
 
 fn write(common: &Common, machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), Error> {
-    output::write_text(&out.join("summary.json"), &summary(common, machine, results))?;
+    output::write_text(&out.join("summary.json"), &summary(common, machine, results, &[]))?;
     for result in results {
         for (name, plot) in result.plot_names().zip(&result.section.plots) {
             output::write_text(&out.join(name), &plot.svg())?;

@@ -63,8 +63,11 @@ impl SceneResult {
     }
 }
 
-/// Runs the experiment in one scene; pictures go into a folder of its name.
-pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path) -> Result<SceneResult, Error> {
+/// Keeps the rows so far.
+pub type Keep<'a> = dyn Fn(&[Row]) -> Result<(), Error> + 'a;
+
+/// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come.
+pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path, keep: &Keep) -> Result<SceneResult, Error> {
     let mut progress = Progress::new(common.quiet);
     let loaded = progress.phase("import", |_| load_or_build(scene))?;
     loaded.warnings.iter().for_each(|line| progress.warn(line));
@@ -76,7 +79,8 @@ pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path) -> Resu
     let out = out.join(&loaded.name);
     let main_count = args.counts.iter().copied().filter(|&n| n <= MAIN_COUNT).max();
     let main_count = main_count.or(args.counts.iter().copied().min()).unwrap_or(MAIN_COUNT) as usize;
-    let mut experiment = Experiment { common, args, loaded: &loaded, out, progress, main_count, rows: Vec::new() };
+    let mut experiment =
+        Experiment { common, args, loaded: &loaded, out, progress, main_count, rows: Vec::new(), main: None, keep };
     experiment.patches(&truth)?;
     let proxy = experiment.proxies(&truth)?;
     let ours = experiment.break_down(&truth)?;
@@ -94,6 +98,9 @@ struct Experiment<'a> {
     progress: Progress,
     main_count: usize,
     rows: Vec<Row>,
+    /// The row of the main number of clusters and its pictures, once they are known.
+    main: Option<(Row, Pictures)>,
+    keep: &'a Keep<'a>,
 }
 
 impl Experiment<'_> {
@@ -109,6 +116,16 @@ impl Experiment<'_> {
             size,
             ..ClassicSettings::default()
         }
+    }
+
+    /// The clusters of the break-down and of the pictures.
+    fn main_settings(&self, truth: &Truth) -> ClassicSettings {
+        self.settings(PatchKind::Cluster, self.main_count, truth.size())
+    }
+
+    fn add(&mut self, row: Row) -> Result<(), Error> {
+        self.rows.push(row);
+        (self.keep)(&self.rows)
     }
 
     /// Bakes, renders frames under the scene's own lights and adds a row.
@@ -130,7 +147,7 @@ impl Experiment<'_> {
             self.frames(&mut classic, &self.loaded.scene.lights, settings.size, frames)?;
         let points = if truth.points.is_empty() { None } else { Some(classic.irradiance_at(&truth.points)?) };
         let timed = settings.receivers != ReceiverKind::Pixels;
-        self.rows.push(Row {
+        self.add(Row {
             scene: self.loaded.name.clone(),
             part,
             method: "classic",
@@ -146,7 +163,7 @@ impl Experiment<'_> {
             bytes: Some(classic.bytes().values().sum()),
             errors: Errors::of(&pictures, points.as_deref(), truth, self.loaded.exposure_stops)?,
             reference_noise: truth.noise,
-        });
+        })?;
         Ok(pictures)
     }
 
@@ -191,7 +208,10 @@ impl Experiment<'_> {
                 let settings = self.settings(kind, count as usize, truth.size());
                 for &receiver_density in &self.args.densities {
                     let settings = ClassicSettings { receiver_density, ..settings };
-                    self.measure(Part::Patches, kind.name(), settings, truth)?;
+                    let pictures = self.measure(Part::Patches, kind.name(), settings, truth)?;
+                    if settings == self.main_settings(truth) {
+                        self.main = self.rows.last().cloned().map(|row| (row, pictures));
+                    }
                 }
                 if kind.has_voxels() {
                     let settings = ClassicSettings { receivers: ReceiverKind::SelfReceivers, ..settings };
@@ -227,7 +247,7 @@ impl Experiment<'_> {
                     true => None,
                     false => Some(compare_points(&proxy.irradiance_at(&truth.points, lookup)?, &truth.point_indirect)?),
                 };
-                self.rows.push(Row {
+                self.add(Row {
                     scene: self.loaded.name.clone(),
                     part: Part::Patches,
                     method: "voxel proxy",
@@ -243,7 +263,7 @@ impl Experiment<'_> {
                     bytes: None,
                     errors: Errors::of_indirect(&errors, points),
                     reference_noise: truth.noise,
-                });
+                })?;
                 if count as usize == self.main_count {
                     shown = Some(picture);
                 }
@@ -257,9 +277,16 @@ impl Experiment<'_> {
 
     /// Clusters with one thing at a time more exact; returns the pictures as they are.
     fn break_down(&mut self, truth: &Truth) -> Result<Pictures, Error> {
-        let base = self.settings(PatchKind::Cluster, self.main_count, truth.size());
+        let base = self.main_settings(truth);
         let (rays, samples) = (self.args.rays, base.samples);
-        let ours = self.measure(Part::BreakDown, "as they are", base, truth)?;
+        let what = "as they are";
+        let ours = match self.main.take() {
+            Some((row, pictures)) => {
+                self.add(Row { part: Part::BreakDown, what: what.into(), ..row })?;
+                pictures
+            }
+            None => self.measure(Part::BreakDown, what, base, truth)?,
+        };
         let more = (MORE_PATCHES * base.patch_count).min(MOST_PATCHES);
         let cases = [
             (
@@ -312,7 +339,7 @@ impl Experiment<'_> {
                 }
             };
             let expected = traced.as_ref().unwrap_or(truth);
-            self.rows.push(Row {
+            self.add(Row {
                 scene: self.loaded.name.clone(),
                 part: Part::Lights,
                 method: "classic",
@@ -328,7 +355,7 @@ impl Experiment<'_> {
                 bytes: Some(classic.bytes().values().sum()),
                 errors: Errors::of(&pictures, None, expected, self.loaded.exposure_stops)?,
                 reference_noise: expected.noise,
-            });
+            })?;
         }
         Ok(())
     }
