@@ -21,32 +21,42 @@ fn point(position: Vec3, normal: Vec3) -> SurfacePoint {
 #[test]
 fn a_furnace_of_voxels_has_the_light_of_its_smaller_walls() {
     let loaded = procedural::build("furnace").unwrap();
-    let (low, high) = loaded.scene.bounds;
-    let (size, middle) = (high - low, 0.5 * (low + high));
     let material = loaded.scene.materials[0];
     let albedo = material.albedo.x;
-    for count in [216, 384] {
+    // A box of 2 m round the origin.
+    let area = 24.0;
+    for count in [150, 384] {
         let proxy = bake(&loaded, count).unwrap();
-        let area = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
-        let inside = proxy.patch_count() as f32 * proxy.edge() * proxy.edge();
-        // The same power from less area: Hd = M, and the rest is H = ρ Hd / (1 − ρ).
+        let edge = proxy.edge();
+        let inside = proxy.patch_count() as f32 * edge * edge;
+        // The same power from less area: the mean of Hd is M, of the rest H = ρ Hd / (1 − ρ).
         let emitted = std::f32::consts::PI * material.radiance.x * area / inside;
         let expected = albedo * emitted / (1.0 - albedo);
-        let points = [
-            point(vec3(middle.x, low.y, middle.z), Vec3::Y),
-            point(vec3(low.x, middle.y, middle.z), Vec3::X),
-            point(vec3(middle.x, middle.y, high.z), Vec3::NEG_Z),
-        ];
-        for lookup in [ProxyLookup::Face, ProxyLookup::Bilinear] {
-            for found in proxy.irradiance_at(&points, lookup).unwrap() {
-                assert!((found.x / expected - 1.0).abs() < 0.1, "{count}: {found} {expected}");
+        // The places of the true walls behind the middles of the faces.
+        let along = (proxy.patch_count() as f32 / 6.0).sqrt().round() as usize;
+        assert_eq!(6 * along * along, proxy.patch_count());
+        let place = |k: usize| (k as f32 + 0.5 - 0.5 * along as f32) * edge;
+        let mut points = Vec::new();
+        for (x, y) in (0..along * along).map(|k| (place(k % along), place(k / along))) {
+            for side in [-1.0f32, 1.0] {
+                points.push(point(vec3(side, x, y), Vec3::X * -side));
+                points.push(point(vec3(x, side, y), Vec3::Y * -side));
+                points.push(point(vec3(x, y, side), Vec3::Z * -side));
             }
         }
-        // What a pixel shows of it.
+        for lookup in [ProxyLookup::Face, ProxyLookup::Bilinear] {
+            let found = proxy.irradiance_at(&points, lookup).unwrap();
+            let mean = found.iter().map(|h| h.x).sum::<f32>() / found.len() as f32;
+            // Direct light and rows are estimates of some rays each.
+            assert!((mean / expected - 1.0).abs() < 0.04, "{count}: {mean} {expected}");
+            // With the walls' true area the expectation would be far off.
+            assert!((mean * inside / area / expected - 1.0).abs() > 0.1);
+        }
+        // What a pixel shows of it: the back wall, a little darker in its middle than near its edges.
         let camera = loaded.view.camera(16, 12);
         let shown = proxy.indirect(&camera, 2, ProxyLookup::Face).unwrap().mean().x;
         let radiance = albedo * expected / std::f32::consts::PI;
-        assert!((shown / radiance - 1.0).abs() < 0.15, "{shown} {radiance}");
+        assert!((shown / radiance - 1.0).abs() < 0.2, "{count}: {shown} {radiance}");
     }
 }
 
