@@ -165,7 +165,7 @@ fn figure(f: &Figure) -> Markup {
 const MOST_MARKS: usize = 6;
 
 fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
-    const COLORS: [&str; 6] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377"];
+    const COLORS: [&str; 8] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633"];
     let (width, height, left, right, bottom, top) = (760.0, 240.0, 60.0, 170.0, 28.0, 26.0);
     let points = || p.series.iter().flat_map(|s| &s.points);
     let scale = |x: f64| if p.logarithmic { x.max(f64::MIN_POSITIVE).ln() } else { x };
@@ -214,10 +214,11 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
     }
 }
 
-/// The numbers 1, 2 and 5 times powers of ten in a range.
+/// Round numbers in a range: 1, 2 and 5 times powers of ten, and more of them in less than a decade.
 fn round_levels(least: f64, greatest: f64) -> Vec<f64> {
+    let digits: &[f64] = if greatest < 10.0 * least { &[1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0] } else { &[1.0, 2.0, 5.0] };
     let powers = least.log10().floor() as i32..=greatest.log10().floor() as i32;
-    let levels = powers.flat_map(|power| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(power)));
+    let levels = powers.flat_map(|power| digits.iter().map(move |digit| digit * 10f64.powi(power)));
     levels.filter(|level| (least..=greatest).contains(level)).collect()
 }
 
@@ -253,6 +254,7 @@ mod tests {
         let levels = round_levels(0.3, 12.0);
         assert_eq!(levels.len(), 5);
         assert!(levels.iter().zip([0.5, 1.0, 2.0, 5.0, 10.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-12), "{levels:?}");
+        assert_eq!(round_levels(1.9, 4.5), [2.0, 3.0, 4.0]);
     }
 
     #[test]
