@@ -210,6 +210,11 @@ pub fn stops_to_scale(stops: f32) -> f32 {
     scene::math::pow(2.0, stops)
 }
 
+/// The stops whose factor is `scale`: log₂.
+pub fn scale_to_stops(scale: f32) -> f32 {
+    f64::from(scale).log2() as f32
+}
+
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     write_whole(path, |file| file.write_all(bytes).map_err(|source| Error::Write { path: path.to_path_buf(), source }))
 }

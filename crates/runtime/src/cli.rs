@@ -1,6 +1,7 @@
 //! The command line `patchlight`.
 
 mod args;
+mod bench;
 mod compare;
 mod demo;
 mod devices;
@@ -26,7 +27,8 @@ pub fn run() -> ExitCode {
     }
     match dispatch(cli) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Error::Cancelled) => {
+        // Work that is told to stop may say so in words of its own.
+        Err(_) if progress::is_cancelled() => {
             eprintln!("stopped; nothing was left half-written");
             ExitCode::from(130)
         }
@@ -48,6 +50,7 @@ fn dispatch(cli: Cli) -> Result<(), Error> {
         None => demo::run(&cli.common, cli.fast),
         Some(Command::Render(args)) => render::run(&cli.common, &args),
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
+        Some(Command::Bench(args)) => bench::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),
         Some(Command::Info { scene, patches }) => info::run(&cli.common, &scene, &patches),
         Some(Command::Scene { name }) => write_scene::run(&cli.common, &name),

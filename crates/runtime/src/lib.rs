@@ -22,6 +22,7 @@
 //! # Ok::<(), runtime::Error>(())
 //! ```
 
+pub mod bandwidth;
 pub mod cli;
 pub mod cpu;
 pub mod error;

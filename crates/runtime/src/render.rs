@@ -1,14 +1,19 @@
 //! Methods that turn a scene into pictures.
 
 pub mod classic;
+pub mod debug;
 mod frame;
 pub mod path;
 mod pixels;
+pub mod proxy;
 mod receivers;
 pub(crate) mod senders;
 mod sight;
 mod test_lights;
 
+use std::ops::ControlFlow;
+
+use formfactor::Proceed;
 use reference::Picture;
 
 /// A picture and its parts, radiance in W/m²/sr: `full = direct + indirect`, split at the visible surface.
@@ -20,4 +25,14 @@ pub struct Pictures {
     pub direct: Picture,
     /// Light that was reflected before it reached the visible surface.
     pub indirect: Picture,
+}
+
+/// Goes on until the user cancels.
+fn go_on(_: usize, _: usize) -> Proceed {
+    if crate::progress::is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+}
+
+/// Reports what is done, and goes on until the user cancels.
+fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> Proceed {
+    if report(done as f32 / total.max(1) as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
 }

@@ -42,10 +42,10 @@ const SMALL: [&str; 10] =
 #[test]
 fn help_and_version_succeed_and_wrong_usage_is_2() {
     let help = succeeds(&["--help"]);
-    for word in ["render", "compare", "devices", "info", "scene", "Examples", "--device", "--json"] {
+    for word in ["render", "compare", "devices", "info", "scene", "bench", "Examples", "--device", "--json"] {
         assert!(help.contains(word), "{word}");
     }
-    for command in ["render", "compare", "info", "scene"] {
+    for command in ["render", "compare", "info", "scene", "bench"] {
         assert!(succeeds(&[command, "--help"]).contains("Example"), "{command}");
     }
     assert!(succeeds(&["--version"]).contains(env!("CARGO_PKG_VERSION")));
@@ -321,6 +321,135 @@ fn the_demo_writes_a_report_that_needs_no_other_file() {
     for name in ["cornell/frame-0000.png", "atrium/classic/full.exr", "summary.json"] {
         assert!(folder.path().join(name).is_file(), "{name}");
     }
+}
+
+/// Colours of a picture, and the share of its pixels that are not black.
+fn colours(path: &Path) -> (usize, f64) {
+    let picture = reference::Picture::read(path).unwrap();
+    let seen: std::collections::HashSet<[u32; 3]> =
+        picture.pixels.iter().map(|p| p.to_array().map(f32::to_bits)).collect();
+    let bright = picture.pixels.iter().filter(|p| p.max_element() > 0.0).count();
+    (seen.len(), bright as f64 / picture.pixels.len() as f64)
+}
+
+#[test]
+fn debug_pictures_show_the_bake() {
+    let folder = tempfile::tempdir().unwrap();
+    let always = ["patches", "axis", "source", "irradiance"];
+    for (patches, receivers) in [
+        ("polygon", "mesh"),
+        ("polygon", "pixels"),
+        ("cluster", "mesh"),
+        ("cluster", "pixels"),
+        ("voxel", "mesh"),
+        ("voxel", "self"),
+        ("axis", "mesh"),
+        ("axis", "self"),
+        ("axis", "pixels"),
+    ] {
+        let out = folder.path().join(format!("{patches}-{receivers}"));
+        let mut arguments = vec!["render", "cornell", "--patches", patches, "--receivers", receivers, "--debug"];
+        arguments.extend(["--receiver-rays", "16", "--out", out.to_str().unwrap()]);
+        arguments.extend(SMALL);
+        succeeds(&arguments);
+        let written = |name: &str| out.join("debug").join(format!("{name}.png")).is_file();
+        assert!(always.iter().all(|name| written(name)), "{patches}, {receivers}");
+        // Facets where they are not the patches, receivers where there are some, the worst with a reference only.
+        assert_eq!(written("facets"), patches == "cluster");
+        for name in ["receivers", "refined"] {
+            assert_eq!(written(name), receivers == "mesh", "{patches}, {receivers}: {name}");
+        }
+        assert!(!written("worst") && leftovers(&out.join("debug")).is_empty());
+        let (patch_colours, owned) = colours(&out.join("debug/patches.png"));
+        assert!(patch_colours > 30 && owned > 0.5, "{patches}: {patch_colours} {owned}");
+        for name in ["source", "irradiance"] {
+            let (found, lit) = colours(&out.join(format!("debug/{name}.png")));
+            assert!(found > 20 && lit > 0.2, "{patches}, {receivers}, {name}: {found} {lit}");
+        }
+        // Five directions are seen, darker where they are seen from the side.
+        assert!(colours(&out.join("debug/axis.png")).0 >= 5);
+    }
+    // The reference is a picture that was rendered before, without its lower half.
+    let reference = folder.path().join("reference");
+    std::fs::create_dir(&reference).unwrap();
+    for name in ["full", "direct", "indirect"] {
+        let from = folder.path().join("cluster-mesh").join(format!("{name}.exr"));
+        let mut picture = reference::Picture::read(&from).unwrap();
+        let half = picture.pixels.len() / 2;
+        picture.pixels[half..].fill(glam::Vec3::ZERO);
+        picture.write_exr(&reference.join(format!("{name}.exr")), reference::Precision::Single).unwrap();
+    }
+    let out = folder.path().join("worst");
+    let mut arguments = vec!["render", "cornell", "--patches", "cluster", "--debug", "--json"];
+    arguments.extend(["--reference", reference.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    arguments.extend(SMALL);
+    let summary: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();
+    assert!(summary.get("debug").is_none());
+    let worst = reference::Picture::read(&out.join("debug/worst.png")).unwrap();
+    assert_eq!((worst.width, worst.height), (64, 24));
+    // 3 × 4 blocks, and all of them are among the worst 16: frames on both sides.
+    assert!(worst.pixels.iter().filter(|p| p.x > 0.9 && p.y < 0.1).count() > 20);
+    // A path-traced picture has no bake to show.
+    let out = folder.path().join("path");
+    let mut arguments = vec!["render", "cornell", "--method", "path", "--debug", "--out", out.to_str().unwrap()];
+    arguments.extend(SMALL);
+    succeeds(&arguments);
+    assert!(!out.join("debug").exists());
+}
+
+#[test]
+fn the_bench_of_patches_writes_its_tables_plots_and_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["bench", "patches", "cornell", "--out", out, "--device", "cpu", "--quiet"];
+    arguments.extend(["--size", "160x120", "--spp", "8", "--sub-frames", "1", "--frames", "1", "--counts", "200,400"]);
+    arguments.extend(["--densities", "1", "--rays", "64", "--receiver-rays", "32", "--kinds", "axis,cluster"]);
+    let markdown = succeeds(&arguments);
+    assert!(markdown.contains("## cornell") && markdown.contains("| voxel proxy |"), "{markdown}");
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(summary["name"], "patches");
+    assert!(summary["machine"]["cpu"].is_string() && summary["machine"]["stream_gb_s"].as_f64().unwrap() > 0.1);
+    let rows = summary["rows"].as_array().unwrap();
+    let of = |part: &str| rows.iter().filter(|r| r["part"] == part).collect::<Vec<_>>();
+    // Two kinds of two sizes, one of them also as its own receivers, the proxy with two lookups.
+    assert_eq!(of("patches").len(), 2 * 2 + 2 + 2 * 2);
+    assert_eq!((of("break-down").len(), of("lights").len()), (6, 3));
+    for row in rows {
+        let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
+        let is_proxy = row["method"] == "voxel proxy";
+        let (ratio, bound) = (number("indirect_mean_ratio"), if is_proxy { 4.0 } else { 1.25 });
+        assert!((1.0 / bound..bound).contains(&ratio), "{row}");
+        assert!(number("indirect_block_median") > 0.0 && number("indirect_psnr_db") > 5.0);
+        assert_eq!(row.get("bytes").is_some(), !is_proxy);
+        assert!(row["reference_noise"]["block_psnr_db"].as_f64().unwrap() > 10.0);
+    }
+    // Far from the truth, where patches of the true surface are near.
+    let median = |method: &str| {
+        let of_method = of("patches").into_iter().filter(|r| r["method"] == method);
+        of_method.map(|r| r["indirect_block_median"].as_f64().unwrap()).fold(f64::INFINITY, f64::min)
+    };
+    assert!(median("voxel proxy") > 2.0 * median("classic"));
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(report.contains("data:image/png;base64,") && report.contains("polyline") && !report.contains("http"));
+    for name in ["cornell-patches.svg", "cornell-receivers.svg"] {
+        assert!(std::fs::read_to_string(folder.path().join(name)).unwrap().starts_with("<svg xmlns="), "{name}");
+    }
+    assert!(leftovers(folder.path()).is_empty() && leftovers(&folder.path().join("cornell")).is_empty());
+}
+
+#[test]
+fn a_bench_that_is_not_known_is_wrong_usage() {
+    let message = fails(2, &["bench", "chairs"]);
+    assert!(message.contains("chairs") && message.contains("patches"), "{message}");
+    fails(2, &["bench"]);
+    for wrong in [["--counts", "0"], ["--densities", "-1"], ["--kinds", "hexagon"], ["--spp", "1"]] {
+        fails(2, &["bench", "patches", "cornell", wrong[0], wrong[1]]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let message = fails(1, &["bench", "patches", "no/such/scene.toml", "--quiet", "--out", out]);
+    assert!(message.contains("no/such/scene.toml"), "{message}");
 }
 
 #[test]

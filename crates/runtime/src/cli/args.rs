@@ -17,6 +17,7 @@ use crate::render::classic::PatchKind;
         patchlight render atrium --method classic    render a built-in scene\n  \
         patchlight render room.glb --out out/room    render your own scene\n  \
         patchlight compare ours.exr reference.exr    print the differences\n  \
+        patchlight bench patches                     the experiments: tables, plots, report\n  \
         patchlight devices                           what can run the kernels"
 )]
 pub struct Cli {
@@ -65,6 +66,14 @@ pub enum Command {
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
     #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
     Compare(Compare),
+    /// Run an experiment and write its tables, plots and pictures.
+    #[command(after_help = "Examples:\n  \
+        patchlight bench patches\n  \
+        patchlight bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n\n\
+        Experiments:\n  \
+        patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
+        proxy; where the error is; lights that the bake has not seen")]
+    Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
     /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives.
@@ -131,6 +140,18 @@ pub struct PatchOptions {
     pub voxel_size: Option<f32>,
 }
 
+impl Patches {
+    /// Their kind.
+    pub fn kind(self) -> PatchKind {
+        match self {
+            Self::Polygon => PatchKind::Polygon,
+            Self::Cluster => PatchKind::Cluster,
+            Self::Voxel => PatchKind::Voxel,
+            Self::Axis => PatchKind::Axis,
+        }
+    }
+}
+
 impl PatchOptions {
     /// How many patches.
     pub fn count(&self) -> usize {
@@ -139,13 +160,7 @@ impl PatchOptions {
 
     /// What they are made of in a scene of so many triangles.
     pub fn kind(&self, triangles: usize) -> PatchKind {
-        match self.patches {
-            Some(Patches::Polygon) => PatchKind::Polygon,
-            Some(Patches::Cluster) => PatchKind::Cluster,
-            Some(Patches::Voxel) => PatchKind::Voxel,
-            Some(Patches::Axis) => PatchKind::Axis,
-            None => PatchKind::suited(triangles, self.count()),
-        }
+        self.patches.map_or_else(|| PatchKind::suited(triangles, self.count()), Patches::kind)
     }
 
     /// Whether any of them was given.
@@ -223,6 +238,10 @@ pub struct Render {
     /// Folder with full.exr, indirect.exr, points.csv to compare with.
     #[arg(long)]
     pub reference: Option<PathBuf>,
+    /// Also write pictures into OUT/debug: colours by patch, facet, axis and receiver, E and H of the patches, where receivers
+    /// were refined; with --reference the blocks that are worst (classic).
+    #[arg(long)]
+    pub debug: bool,
     /// Continue an interrupted path-traced picture in the same folder.
     #[arg(long)]
     pub resume: bool,
@@ -246,6 +265,54 @@ pub struct Compare {
     pub difference: Option<PathBuf>,
 }
 
+/// Experiments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Experiment {
+    /// Patches as senders, receivers on the mesh.
+    Patches,
+}
+
+/// `patchlight bench`.
+#[derive(Args, Debug)]
+pub struct Bench {
+    /// The experiment.
+    #[arg(value_enum)]
+    pub name: Experiment,
+    /// Scene files or built-in scenes [default: cornell atrium].
+    pub scenes: Vec<String>,
+    /// Patches that send light.
+    #[arg(long, value_delimiter = ',', default_value = "1000,2000,5000,10000,20000",
+        value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub counts: Vec<u32>,
+    /// Receivers for each that there is by default.
+    #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_parser = parse_density)]
+    pub densities: Vec<f32>,
+    /// Kinds of patches.
+    #[arg(long, value_delimiter = ',', value_enum, default_value = "voxel,axis,cluster")]
+    pub kinds: Vec<Patches>,
+    /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path traced.
+    #[arg(long)]
+    pub references: Option<PathBuf>,
+    /// Size of path-traced references.
+    #[arg(long, default_value = "480x360", value_parser = parse_size)]
+    pub size: (u32, u32),
+    /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    pub spp: u32,
+    /// Sub-frames of a picture.
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub sub_frames: u32,
+    /// Frames whose times give the median.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub frames: u32,
+    /// Rays a row of the form factors.
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=131_072))]
+    pub rays: u32,
+    /// Rays from each receiver.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=131_072))]
+    pub receiver_rays: u32,
+}
+
 /// A number of bounces, or all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounces {
@@ -262,6 +329,13 @@ fn parse_bounces(text: &str) -> Result<Bounces, String> {
     match text.parse() {
         Ok(count) if (1..=1000).contains(&count) => Ok(Bounces::Count(count)),
         _ => Err(format!("`{text}` is neither `all` nor a number from 1 to 1000")),
+    }
+}
+
+fn parse_density(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(density) if (0.01..=100.0).contains(&density) => Ok(density),
+        _ => Err(format!("`{text}` is no number from 0.01 to 100")),
     }
 }
 

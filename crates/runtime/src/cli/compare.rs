@@ -1,19 +1,20 @@
 //! `patchlight compare`.
 
 use reference::metrics::{compare_pictures, difference_picture, indirect_scale};
-use reference::{Picture, stops_to_scale};
+use reference::{Picture, PictureErrors, stops_to_scale};
 use serde::Serialize;
 
 use super::args::{Common, Compare};
 use super::output;
 use super::report::significant;
 use crate::error::Error;
+use crate::render::Pictures;
 
 #[derive(Serialize)]
 struct Comparison {
     ours: String,
     reference: String,
-    full: reference::PictureErrors,
+    full: PictureErrors,
 }
 
 pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
@@ -40,8 +41,21 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
     Ok(())
 }
 
+/// Errors of all light, exposed as the scene says, and of indirect light.
+pub fn picture_errors(
+    ours: &Pictures,
+    expected: &Pictures,
+    stops: f32,
+) -> Result<(PictureErrors, PictureErrors), Error> {
+    let indirect_scale = indirect_scale(&expected.indirect);
+    Ok((
+        compare_pictures(&ours.full, &expected.full, stops_to_scale(stops), None)?,
+        compare_pictures(&ours.indirect, &expected.indirect, indirect_scale, None)?,
+    ))
+}
+
 /// The errors as lines of a table.
-pub fn rows(e: &reference::PictureErrors) -> Vec<(&'static str, String)> {
+pub fn rows(e: &PictureErrors) -> Vec<(&'static str, String)> {
     vec![
         ("mse", significant(e.mse)),
         ("psnr_db", significant(e.psnr_db)),

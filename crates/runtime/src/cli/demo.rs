@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
-use reference::metrics::{compare_pictures, difference_picture};
+use reference::PictureErrors;
+use reference::metrics::difference_picture;
 use reference::path::PathSettings;
-use reference::{PictureErrors, stops_to_scale};
 use scene::Light;
 
 use super::args::Common;
+use super::compare::picture_errors;
 use super::output;
 use super::render::{frame_time, write_pictures};
-use super::report::{Figure, Section, Series, Table, page, significant};
+use super::report::{Figure, Plot, Section, Series, Table, page, significant};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, View};
@@ -126,12 +127,12 @@ fn one_scene(
         let name = format!("frame-{frame:04}.png");
         done.pictures.full.write_png(&out.join(&name), loaded.exposure_stops)?;
         if frame % effort.frames.div_ceil(12) == 0 {
-            strip.push(figure(out, &name, format!("frame {frame}"))?);
+            strip.push(Figure::read(out, &name, format!("frame {frame}"))?);
         }
         // Frames at even distances, the first among them.
         if frame * effort.checked / effort.frames != (frame + 1) * effort.checked / effort.frames {
             let traced = trace(common, effort, loaded, (&lights, &view), progress)?;
-            let errors = errors(&done.pictures, &traced, loaded.exposure_stops)?;
+            let errors = picture_errors(&done.pictures, &traced, loaded.exposure_stops)?;
             checked.push((frame, errors));
             best = Some((done.pictures, traced));
         }
@@ -148,7 +149,7 @@ fn one_scene(
         figures: Vec::new(),
         strip,
         tables: Vec::new(),
-        plot: None,
+        plots: Vec::new(),
     };
     if let Some((ours, traced)) = &best {
         section.figures = compared_figures(out, ours, traced, loaded.exposure_stops)?;
@@ -156,8 +157,17 @@ fn one_scene(
     section.tables.push(times_table(&times, &device));
     section.tables.push(bake_table(progress));
     section.tables.push(error_table(&checked));
-    let lines = times.iter().map(|(name, values)| Series { name: name.clone(), values: values.clone() });
-    section.plot = Some(("Time of each pass".into(), "ms".into(), lines.collect()));
+    let line = |(name, values): &(String, Vec<f64>)| Series {
+        name: name.clone(),
+        points: values.iter().enumerate().map(|(frame, ms)| (frame as f64, *ms)).collect(),
+    };
+    section.plots.push(Plot {
+        title: "Time of each pass".into(),
+        unit: "ms".into(),
+        x: "frame".into(),
+        logarithmic: false,
+        series: times.iter().map(line).collect(),
+    });
 
     let (full, indirect) = checked.last().map(|(_, e)| *e).unzip();
     let summary = Summary {
@@ -193,20 +203,6 @@ fn trace(
     Ok(path::render(&scene, &camera, settings, effort.paths, None, false, progress)?.pictures)
 }
 
-fn errors(ours: &Pictures, traced: &Pictures, stops: f32) -> Result<(PictureErrors, PictureErrors), Error> {
-    let indirect_scale = reference::metrics::indirect_scale(&traced.indirect);
-    Ok((
-        compare_pictures(&ours.full, &traced.full, stops_to_scale(stops), None)?,
-        compare_pictures(&ours.indirect, &traced.indirect, indirect_scale, None)?,
-    ))
-}
-
-fn figure(folder: &Path, name: &str, caption: String) -> Result<Figure, Error> {
-    let path = folder.join(name);
-    let png = std::fs::read(&path).map_err(|source| reference::Error::Read { path, source })?;
-    Ok(Figure { caption, png })
-}
-
 fn compared_figures(out: &Path, ours: &Pictures, traced: &Pictures, stops: f32) -> Result<Vec<Figure>, Error> {
     write_pictures(&out.join("classic"), ours, stops)?;
     write_pictures(&out.join("path"), traced, stops)?;
@@ -220,7 +216,7 @@ fn compared_figures(out: &Path, ours: &Pictures, traced: &Pictures, stops: f32) 
         ("difference.png", "Difference of 8 × 8 block means: red brighter, blue darker, full colour at 25 %"),
     ]
     .into_iter()
-    .map(|(name, caption)| figure(out, name, caption.to_owned()))
+    .map(|(name, caption)| Figure::read(out, name, caption.to_owned()))
     .collect()
 }
 

@@ -9,7 +9,8 @@ use super::args::{Common, PatchOptions};
 use super::output;
 use crate::error::Error;
 use crate::import::{LoadedScene, load_or_build};
-use crate::render::senders::{Senders, lit_sampler};
+use crate::render::classic::ClassicSettings;
+use crate::render::senders::{SenderSettings, Senders, lit_sampler};
 
 #[derive(Serialize)]
 struct Info {
@@ -164,9 +165,10 @@ impl Patches {
     fn of(loaded: &LoadedScene, options: &PatchOptions, area: f64, seed: u32) -> Result<Self, Error> {
         let start = Instant::now();
         let kind = options.kind(loaded.scene.triangles.len());
-        let sampler = lit_sampler(&loaded.scene, options.count(), seed)?;
-        let count = options.count();
-        let senders = Senders::new(&loaded.scene, sampler.as_ref(), kind, count, options.voxel_size, seed)?;
+        let (count, voxel_size) = (options.count(), options.voxel_size);
+        let sampler = lit_sampler(&loaded.scene, count, seed)?;
+        let settings = SenderSettings { kind, count, voxel_size, samples: ClassicSettings::default().samples, seed };
+        let senders = Senders::new(&loaded.scene, sampler.as_ref(), &settings)?;
         let seconds = start.elapsed().as_secs_f64();
         let mut areas = senders.areas();
         areas.sort_by(f32::total_cmp);

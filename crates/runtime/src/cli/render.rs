@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
 use reference::path::{PathSettings, PathTracer};
-use reference::{BlockErrors, Precision, ReferenceData, stops_to_scale};
+use reference::{BlockErrors, Precision, ReferenceData, scale_to_stops, stops_to_scale};
 
 use super::args::{Bounces, Common, FormFactors, Method, ReceiverPlaces, Render};
 use super::output;
@@ -16,6 +16,7 @@ use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
 use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
+use crate::render::debug::{DebugPicture, worst_blocks};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -52,6 +53,10 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     };
     if args.frames == 1 {
         write_pictures(&out, &pictures, loaded.exposure_stops)?;
+    }
+    if let (true, Some(indirect)) = (args.debug, data.as_ref().and_then(|data| data.indirect.as_ref())) {
+        let worst = worst_blocks(&pictures.indirect, indirect, indirect_scale(indirect))?;
+        write_debug(&out, &[DebugPicture { name: "worst", picture: worst, stops: 0.0 }])?;
     }
     if let Some(data) = &data {
         compare_with(data, &pictures, points.as_deref(), loaded.exposure_stops, &out, &mut summary)?;
@@ -157,6 +162,7 @@ fn classic_frames(
         sub_frames: args.spp.unwrap_or(16),
         seed: common.seed,
         size,
+        ..ClassicSettings::default()
     };
     let mut classic = Classic::bake(loaded, settings, executor, progress)?;
     summary.patches = Some(classic.patch_count());
@@ -183,6 +189,9 @@ fn classic_frames(
         }
         if args.frames > 1 {
             done.pictures.full.write_png(&out.join(format!("frame-{frame:04}.png")), loaded.exposure_stops)?;
+        }
+        if args.debug && frame + 1 == args.frames {
+            write_debug(out, &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
         }
         last = Some(done.pictures);
     }
@@ -220,7 +229,7 @@ fn print_noise(progress: &Progress, name: &str, errors: Option<BlockErrors>) {
 /// Writes the parts as EXR and as displayed.
 pub fn write_pictures(out: &Path, pictures: &Pictures, stops: f32) -> Result<(), Error> {
     output::make_folder(out)?;
-    let indirect_stops = f64::from(indirect_scale(&pictures.indirect)).log2() as f32;
+    let indirect_stops = scale_to_stops(indirect_scale(&pictures.indirect));
     for (name, picture, stops) in [
         ("full", &pictures.full, stops),
         ("direct", &pictures.direct, stops),
@@ -228,6 +237,16 @@ pub fn write_pictures(out: &Path, pictures: &Pictures, stops: f32) -> Result<(),
     ] {
         picture.write_exr(&out.join(format!("{name}.exr")), Precision::Half)?;
         picture.write_png(&out.join(format!("{name}.png")), stops)?;
+    }
+    Ok(())
+}
+
+/// Writes pictures for looking into a bake into the folder `debug`.
+fn write_debug(out: &Path, pictures: &[DebugPicture]) -> Result<(), Error> {
+    let folder = out.join("debug");
+    output::make_folder(&folder)?;
+    for DebugPicture { name, picture, stops } in pictures {
+        picture.write_png(&folder.join(format!("{name}.png")), *stops)?;
     }
     Ok(())
 }

@@ -1,8 +1,13 @@
-//! The self-contained report: pictures inside, tables, a small plot; no script, no other file.
+//! The self-contained report: pictures inside, tables, small plots; no script, no other file.
+
+use std::fmt::Write as _;
+use std::path::Path;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use crate::error::Error;
 
 /// A picture of the report.
 pub struct Figure {
@@ -12,7 +17,17 @@ pub struct Figure {
     pub png: Vec<u8>,
 }
 
+impl Figure {
+    /// A PNG file of a folder.
+    pub fn read(folder: &Path, name: &str, caption: String) -> Result<Self, Error> {
+        let path = folder.join(name);
+        let png = std::fs::read(&path).map_err(|source| reference::Error::Read { path, source })?;
+        Ok(Self { caption, png })
+    }
+}
+
 /// A table of the report: a head and rows of cells.
+#[derive(Clone)]
 pub struct Table {
     /// Text above it.
     pub caption: String,
@@ -22,12 +37,47 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
+impl Table {
+    /// As Markdown, the caption above.
+    pub fn markdown(&self) -> String {
+        let mut text = format!("{}\n\n", self.caption);
+        let rule: Vec<String> =
+            (0..self.head.len()).map(|k| String::from(if k == 0 { "---" } else { "---:" })).collect();
+        for row in [&self.head, &rule].into_iter().chain(&self.rows) {
+            // Writing into a string cannot fail.
+            let _ = writeln!(text, "| {} |", row.join(" | "));
+        }
+        text
+    }
+}
+
 /// A line of a plot.
 pub struct Series {
     /// Its name.
     pub name: String,
-    /// One value a frame.
-    pub values: Vec<f64>,
+    /// Points (x, y), x rising.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Lines with marked values below each other.
+pub struct Plot {
+    /// Text above it.
+    pub title: String,
+    /// Unit of y.
+    pub unit: String,
+    /// What x is.
+    pub x: String,
+    /// Whether equal ratios are equally far apart, x > 0 and y > 0; else y begins at zero.
+    pub logarithmic: bool,
+    /// The lines.
+    pub series: Vec<Series>,
+}
+
+impl Plot {
+    /// As a file of its own.
+    pub fn svg(&self) -> String {
+        plot(self, Some("http://www.w3.org/2000/svg")).into_string()
+    }
 }
 
 /// One section of the report.
@@ -42,8 +92,8 @@ pub struct Section {
     pub strip: Vec<Figure>,
     /// Tables.
     pub tables: Vec<Table>,
-    /// Plot over frames: title, unit and lines.
-    pub plot: Option<(String, String, Vec<Series>)>,
+    /// Plots.
+    pub plots: Vec<Plot>,
 }
 
 const STYLE: &str = "
@@ -61,7 +111,7 @@ svg { max-width: 100%; height: auto; }
 ";
 
 /// The whole page.
-pub fn page(title: &str, introduction: &[String], sections: &[Section]) -> String {
+pub fn page<'a>(title: &str, introduction: &[String], sections: impl IntoIterator<Item = &'a Section>) -> String {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -98,7 +148,7 @@ fn section_markup(section: &Section) -> Markup {
                 tbody { @for row in &table.rows { tr { @for cell in row { td { (cell) } } } } }
             }
         }
-        @if let Some((title, unit, series)) = &section.plot { (plot(title, unit, series)) }
+        @for p in &section.plots { div { (plot(p, None)) } }
     }
 }
 
@@ -111,36 +161,65 @@ fn figure(f: &Figure) -> Markup {
     }
 }
 
-/// Lines over frames as SVG, from zero to the greatest value.
-fn plot(title: &str, unit: &str, series: &[Series]) -> Markup {
-    const COLORS: [&str; 6] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377"];
-    let (width, height, left, bottom, top) = (720.0, 240.0, 60.0, 28.0, 26.0);
-    let count = series.iter().map(|s| s.values.len()).max().unwrap_or(0).max(2);
-    let greatest = series.iter().flat_map(|s| &s.values).fold(0.0f64, |a, &b| a.max(b)).max(1e-12) * 1.08;
-    let x = |k: usize| left + (width - left - 130.0) * k as f64 / (count - 1) as f64;
-    let y = |v: f64| height - bottom - (height - bottom - top) * v / greatest;
+/// Most places of x that are named.
+const MOST_MARKS: usize = 6;
+
+fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
+    const COLORS: [&str; 8] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633"];
+    let (width, height, left, right, bottom, top) = (760.0, 240.0, 60.0, 170.0, 28.0, 26.0);
+    let points = || p.series.iter().flat_map(|s| &s.points);
+    let scale = |x: f64| if p.logarithmic { x.max(f64::MIN_POSITIVE).ln() } else { x };
+    let mut marks: Vec<f64> = points().map(|point| point.0).collect();
+    marks.sort_by(f64::total_cmp);
+    marks.dedup();
+    let (first, last) = (marks.first().copied().unwrap_or(0.0), marks.last().copied().unwrap_or(0.0));
+    if marks.len() > MOST_MARKS {
+        marks = vec![first, last];
+    }
+    let along = |from: f64, to: f64, v: f64| (scale(v) - scale(from)) / (scale(to) - scale(from)).max(1e-12);
+    let greatest = points().fold(0.0f64, |a, b| a.max(b.1)).max(1e-12) * 1.08;
+    let least =
+        if p.logarithmic { points().fold(greatest, |a, b| a.min(b.1)).max(1e-3 * greatest) / 1.08 } else { 0.0 };
+    let levels: Vec<f64> = match p.logarithmic {
+        true => round_levels(least, greatest),
+        false => (0..=4).map(|step| greatest * f64::from(step) / 4.0).collect(),
+    };
+    let x = |v: f64| left + (width - left - right) * along(first, last, v);
+    let y = |v: f64| height - bottom - (height - bottom - top) * along(least, greatest, v.max(least));
     html! {
-        svg viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) role="img" aria-label=(title) {
-            text x=(left) y="14" font-size="13" fill="currentColor" font-weight="600" { (title) ", " (unit) }
-            @for step in 0..=4 {
-                @let v = greatest * f64::from(step) / 4.0;
-                line x1=(left) x2=(width - 130.0) y1=(y(v)) y2=(y(v)) stroke="#8884" {}
+        svg xmlns=[namespace] viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) role="img"
+            aria-label=(p.title) font-family="sans-serif" {
+            text x=(left) y="14" font-size="13" fill="currentColor" font-weight="600" { (p.title) ", " (p.unit) }
+            @for &v in &levels {
+                line x1=(left) x2=(width - right) y1=(y(v)) y2=(y(v)) stroke="#8884" {}
                 text x=(left - 6.0) y=(y(v) + 4.0) font-size="11" text-anchor="end" fill="currentColor" {
                     (significant(v))
                 }
             }
-            text x=(x(0)) y=(height - 8.0) font-size="11" fill="currentColor" { "frame 0" }
-            text x=(x(count - 1)) y=(height - 8.0) font-size="11" text-anchor="end" fill="currentColor" { (count - 1) }
-            @for (k, s) in series.iter().enumerate() {
-                @let points = s.values.iter().enumerate().map(|(i, v)| format!("{:.1},{:.1}", x(i), y(*v)));
-                polyline points=(points.collect::<Vec<_>>().join(" ")) fill="none" stroke-width="2"
+            @for mark in &marks {
+                text x=(x(*mark)) y=(height - 8.0) font-size="11" text-anchor="middle" fill="currentColor" { (mark) }
+            }
+            text x=(width - right + 6.0) y=(height - 8.0) font-size="11" fill="currentColor" { (p.x) }
+            @for (k, s) in p.series.iter().enumerate() {
+                @let line = s.points.iter().map(|(u, v)| format!("{:.1},{:.1}", x(*u), y(*v)));
+                polyline points=(line.collect::<Vec<_>>().join(" ")) fill="none" stroke-width="2"
                     stroke=(COLORS[k % COLORS.len()]) {}
-                text x=(width - 124.0) y=(top + 14.0 + 16.0 * k as f64) font-size="12" fill=(COLORS[k % COLORS.len()]) {
-                    (s.name)
+                @if p.logarithmic {
+                    @for (u, v) in &s.points { circle cx=(x(*u)) cy=(y(*v)) r="3" fill=(COLORS[k % COLORS.len()]) {} }
                 }
+                text x=(width - right + 6.0) y=(top + 14.0 + 16.0 * k as f64) font-size="12"
+                    fill=(COLORS[k % COLORS.len()]) { (s.name) }
             }
         }
     }
+}
+
+/// Round numbers in a range: 1, 2 and 5 times powers of ten, and more of them in less than a decade.
+fn round_levels(least: f64, greatest: f64) -> Vec<f64> {
+    let digits: &[f64] = if greatest < 10.0 * least { &[1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0] } else { &[1.0, 2.0, 5.0] };
+    let powers = least.log10().floor() as i32..=greatest.log10().floor() as i32;
+    let levels = powers.flat_map(|power| digits.iter().map(move |digit| digit * 10f64.powi(power)));
+    levels.filter(|level| (least..=greatest).contains(level)).collect()
 }
 
 /// A number with three significant digits.
@@ -156,6 +235,35 @@ pub fn significant(v: f64) -> String {
 mod tests {
     use super::*;
 
+    fn line() -> Plot {
+        let series = vec![Series { name: "s".into(), points: vec![(100.0, 1.0), (1000.0, 2.0), (10_000.0, 1.5)] }];
+        Plot { title: "p".into(), unit: "ms".into(), x: "patches".into(), logarithmic: true, series }
+    }
+
+    #[test]
+    fn a_logarithmic_plot_has_equal_ratios_equally_far_apart() {
+        let svg = line().svg();
+        assert!(svg.contains("xmlns=") && svg.contains(">1000<"), "{svg}");
+        let line = svg.split("polyline points=\"").nth(1).unwrap().split('"').next().unwrap();
+        let places: Vec<f64> = line.split(' ').map(|p| p.split(',').next().unwrap().parse().unwrap()).collect();
+        assert!((places[0] + places[2] - 2.0 * places[1]).abs() < 0.2 && places[2] > places[0], "{places:?}");
+    }
+
+    #[test]
+    fn levels_are_round() {
+        let levels = round_levels(0.3, 12.0);
+        assert_eq!(levels.len(), 5);
+        assert!(levels.iter().zip([0.5, 1.0, 2.0, 5.0, 10.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-12), "{levels:?}");
+        assert_eq!(round_levels(1.9, 4.5), [2.0, 3.0, 4.0]);
+    }
+
+    #[test]
+    fn a_table_as_markdown() {
+        let rows = vec![vec!["a".into(), "1".into()]];
+        let table = Table { caption: "t".into(), head: vec!["x".into(), "y".into()], rows };
+        assert_eq!(table.markdown(), "t\n\n| x | y |\n| --- | ---: |\n| a | 1 |\n");
+    }
+
     #[test]
     fn the_page_holds_everything_itself() {
         let figure = Figure { caption: "a < b".into(), png: vec![1, 2, 3] };
@@ -165,7 +273,7 @@ mod tests {
             figures: vec![figure],
             strip: vec![],
             tables: vec![Table { caption: "t".into(), head: vec!["h".into()], rows: vec![vec!["cell".into()]] }],
-            plot: Some(("p".into(), "ms".into(), vec![Series { name: "s".into(), values: vec![1.0, 2.0] }])),
+            plots: vec![line()],
         };
         let page = page("Title", &[], &[section]);
         assert!(page.contains("data:image/png;base64,AQID") && page.contains("a &lt; b") && page.contains("polyline"));

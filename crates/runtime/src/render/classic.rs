@@ -1,25 +1,25 @@
 //! Classic radiosity: patches of any kind, one product a bounce; receivers on the mesh, or the patches themselves.
 
 use std::collections::BTreeMap;
-use std::ops::ControlFlow;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, Proceed, SparseRows, Stop, add_hit_rows,
-    balance, form_factors, gather_by_rays, jacobi, sparse_rows,
+    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, SparseRows, Stop, add_hit_rows, balance,
+    form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
-use patches::Lookup;
+use patches::{Lookup, ViewSettings};
 use reference::Picture;
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
-use super::Pictures;
+use super::debug::{DebugPicture, DebugView};
 use super::frame::{Frame, FrameParts};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
-use super::senders::{Columns, MOST_PATCHES, Senders, lit_sampler};
+use super::senders::{Columns, MOST_PATCHES, SenderSettings, Senders, lit_sampler};
 use super::test_lights::test_lights;
+use super::{Pictures, go_on, proceed};
 use crate::error::Error;
 use crate::executor::Executor;
 use crate::import::LoadedScene;
@@ -28,15 +28,11 @@ use crate::progress::Progress;
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
 /// Most receivers for each patch.
-const RECEIVERS_A_PATCH: usize = 30;
+const RECEIVERS_A_PATCH: f32 = 30.0;
 /// Fewest rays of a facet's row.
 const LEAST_FACET_RAYS: u64 = 64;
 /// Rays of a row of [`Classic::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
-/// Shadow rays to area lights at each sample point of a patch.
-const PATCH_AREA_RAYS: u32 = 8;
-/// Rays to a sky map at each sample point of a patch.
-const PATCH_SKY_RAYS: u32 = 8;
 /// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
 const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
@@ -79,16 +75,22 @@ pub struct ClassicSettings {
     pub patch_count: usize,
     /// Edge of the voxels of voxel and axis patches, m, instead of their count.
     pub voxel_size: Option<f32>,
+    /// Samples of a cluster, on average: where its direct light is measured.
+    pub samples: u32,
+    /// Rays to area lights, and to a sky map, from each sample.
+    pub sample_rays: u32,
     /// Estimator of the form factors between patches.
     pub estimator: Estimator,
     /// Bounces; `None` for all.
     pub bounces: Option<u32>,
     /// Where irradiance is gathered.
     pub receivers: ReceiverKind,
-    /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge.
+    /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge, over √density.
     pub receiver_edge: Option<f32>,
-    /// Most receivers: beyond those of the distance, where light bends; `None` for 30 a patch.
+    /// Most receivers: beyond those of the distance, where light bends; `None` for 30 a patch, times the density.
     pub most_receivers: Option<usize>,
+    /// Receivers for each that there would be by default.
+    pub receiver_density: f32,
     /// Rays of a receiver's row.
     pub receiver_rays: u32,
     /// Sub-frames a picture: positions in each pixel, and shadow rays of area lights.
@@ -106,11 +108,14 @@ impl Default for ClassicSettings {
             patches: PatchKind::default(),
             patch_count: 4000,
             voxel_size: None,
+            samples: ViewSettings::default().samples,
+            sample_rays: 8,
             estimator: Estimator::Hemisphere { rays: 4096 },
             bounces: None,
             receivers: ReceiverKind::default(),
             receiver_edge: None,
             most_receivers: None,
+            receiver_density: 1.0,
             receiver_rays: 512,
             sub_frames: 16,
             seed: 0,
@@ -131,7 +136,8 @@ pub struct FrameResult {
 pub struct Classic {
     scene: Scene,
     senders: Senders,
-    receivers: usize,
+    /// Without their rows: the device has them.
+    receivers: MeshReceivers,
     frame: Frame,
     settings: ClassicSettings,
     bytes: BTreeMap<String, u64>,
@@ -166,11 +172,18 @@ impl Classic {
         let seed = settings.seed;
         let (sampler, senders, edge) = progress.phase("sample", |_| -> Result<_, Error> {
             let sampler = lit_sampler(&scene, settings.patch_count, seed)?;
-            let (kind, count, voxel) = (settings.patches, settings.patch_count, settings.voxel_size);
-            let senders = Senders::new(&scene, sampler.as_ref(), kind, count, voxel, seed)?;
+            let made = SenderSettings {
+                kind: settings.patches,
+                count: settings.patch_count,
+                voxel_size: settings.voxel_size,
+                samples: settings.samples,
+                seed,
+            };
+            let senders = Senders::new(&scene, sampler.as_ref(), &made)?;
             let area: f32 = senders.areas().iter().sum();
             let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
-            let edge = settings.receiver_edge.unwrap_or(patch_edge / RECEIVERS_AN_EDGE);
+            let density = settings.receiver_density;
+            let edge = settings.receiver_edge.unwrap_or(patch_edge / (RECEIVERS_AN_EDGE * scene::math::sqrt(density)));
             Ok((sampler, senders, edge))
         })?;
         let count = senders.patches.len();
@@ -181,8 +194,8 @@ impl Classic {
             progress.phase("form_factors", |report| exchange(&scene, &senders, &settings, report))?;
         let direct = DirectParams {
             count: senders.points.len() as u32,
-            area_rays: PATCH_AREA_RAYS,
-            sky_rays: if scene.sky.map_width == 0 { 0 } else { PATCH_SKY_RAYS },
+            area_rays: settings.sample_rays,
+            sky_rays: if scene.sky.map_width == 0 { 0 } else { settings.sample_rays },
             seed: settings.seed,
             ..direct_params(&scene)
         };
@@ -196,7 +209,9 @@ impl Classic {
             let placing = Placing {
                 rays: settings.receiver_rays,
                 edge,
-                most: settings.most_receivers.unwrap_or(RECEIVERS_A_PATCH * count),
+                most: settings
+                    .most_receivers
+                    .unwrap_or((RECEIVERS_A_PATCH * settings.receiver_density * count as f32) as usize),
                 seed,
             };
             // How many there will be is not known: the bar shows the rows of each round.
@@ -245,7 +260,7 @@ impl Classic {
                 seed: settings.seed,
             },
         )?;
-        let receivers = receivers.points.len();
+        let receivers = receivers.without_rows()?;
         Ok(Self { scene, senders, receivers, frame, settings, bytes })
     }
 
@@ -256,7 +271,7 @@ impl Classic {
 
     /// Points that receive it.
     pub fn receiver_count(&self) -> usize {
-        self.receivers
+        self.receivers.points.len()
     }
 
     /// Bytes of each part.
@@ -276,27 +291,48 @@ impl Classic {
         let direct = Picture::from_pixels(width, height, direct)?;
         let indirect = match self.settings.receivers {
             ReceiverKind::Mesh | ReceiverKind::SelfReceivers => full.minus(&direct)?,
-            ReceiverKind::Pixels => Picture::from_pixels(width, height, self.gather_pixels(lights, camera, number)?)?,
+            ReceiverKind::Pixels => self.gather_pixels(lights, camera, number)?,
         };
         let full = direct.plus(&indirect)?;
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
     }
 
-    fn gather_pixels(&mut self, lights: &[Light], camera: &Camera, frame: u32) -> Result<Vec<Vec3>, Error> {
-        let exitance = self.frame.exitance()?;
-        let gather = PixelGather {
+    /// Pictures of the bake and of the last frame's light in it, as this camera sees them: patches, facets, the axes of
+    /// their normals, E and H of the patches (H of all bounces but the last where receivers are apart), and where receivers
+    /// are on the mesh, they and their distances. `stops` is the exposure of the scene's pictures.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn debug_pictures(&mut self, camera: &Camera, stops: f32) -> Result<Vec<DebugPicture>, Error> {
+        let source = self.frame.source()?;
+        let irradiance = if self.settings.receivers == ReceiverKind::SelfReceivers {
+            self.frame.irradiance()?
+        } else {
+            let (facets, shares) = (self.frame.facet_irradiance()?, self.senders.facet_shares());
+            let mean = |range: &[u32]| (range[0] as usize..range[1] as usize).map(|f| facets[f] * shares[f]).sum();
+            self.senders.patch_facets.windows(2).map(mean).collect()
+        };
+        let view = DebugView {
             scene: &self.scene,
             senders: &self.senders,
-            exitance: &exitance,
-            lights,
+            receivers: &self.receivers,
+            source: &source,
+            irradiance: &irradiance,
             camera,
-            pixels: self.settings.size.0 as usize * self.settings.size.1 as usize,
-            frame,
-            sub_frames: self.settings.sub_frames,
-            rays: self.settings.receiver_rays,
-            seed: self.settings.seed,
+            stops,
         };
-        gather.indirect(&go_on)
+        view.pictures()
+    }
+
+    fn gather_pixels(&mut self, lights: &[Light], camera: &Camera, frame: u32) -> Result<Picture, Error> {
+        let exitance = self.frame.exitance()?;
+        let ClassicSettings { sub_frames, receiver_rays, seed, .. } = self.settings;
+        let gather = |points: &[SurfacePoint], seed: u32| {
+            let offsets: Vec<u32> = (0..=points.len() as u32).collect();
+            let surfaces = self.senders.lighting(&self.scene, Columns::Facets, points, &offsets, seed);
+            Ok(gather_by_rays(&surfaces, receiver_rays, &exitance, &go_on)?)
+        };
+        PixelGather { scene: &self.scene, gather: &gather, lights, camera, frame, sub_frames, seed }.indirect()
     }
 
     /// Indirect irradiance of the last frame at any points, W/m²: their own rows, gathered exactly from the patches, or, with
@@ -327,15 +363,6 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
         ray_offset: scene.ray_offset,
         ..DirectParams::default()
     }
-}
-
-/// Goes on until the user cancels.
-fn go_on(_: usize, _: usize) -> Proceed {
-    if crate::progress::is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-}
-
-fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> Proceed {
-    if report(done as f32 / total.max(1) as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
 }
 
 /// Form factors between patches, and from patches to facets.

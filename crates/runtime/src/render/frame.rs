@@ -46,7 +46,9 @@ pub struct Frame {
     executor: Box<dyn Executor>,
     lights: BufferId,
     light_room: usize,
+    source: BufferId,
     irradiance: BufferId,
+    facet_irradiance: BufferId,
     exitance: BufferId,
     full: BufferId,
     direct: BufferId,
@@ -336,7 +338,9 @@ impl Frame {
             executor,
             lights,
             light_room,
+            source,
             irradiance,
+            facet_irradiance,
             exitance: facet_exitance,
             full,
             direct,
@@ -380,6 +384,16 @@ impl Frame {
         let full = self.picture(self.full, count)?;
         let direct = self.picture(self.direct, count)?;
         Ok((full, direct, times))
+    }
+
+    /// First exitance of the patches in the last frame, W/m².
+    pub fn source(&mut self) -> Result<Vec<Vec4>, Error> {
+        Ok(self.executor.download_table(self.source)?)
+    }
+
+    /// Irradiance of the facets after the last frame, W/m²: of all bounces but the last.
+    pub fn facet_irradiance(&mut self) -> Result<Vec<Vec4>, Error> {
+        Ok(self.executor.download_table(self.facet_irradiance)?)
     }
 
     /// Irradiance of the patches after the last frame, W/m²: the values of a lookup, of all bounces; without one of all but

@@ -93,6 +93,12 @@ impl MeshReceivers {
         Ok(Self { points: Vec::new(), rows: HitRows::new(0)?, smoothing: empty(), nodes, weights: empty() })
     }
 
+    /// The places without the rows, which are most of the memory.
+    pub fn without_rows(self) -> Result<Self, Error> {
+        let smoothing = Csr { row_start: vec![0], ..Csr::default() };
+        Ok(Self { rows: HitRows::new(0)?, smoothing, ..self })
+    }
+
     /// Receivers of the light of so many facets: equal-area ones, then more of them where they are not the mean of their
     /// neighbours under `lights` (the facets' exitance), then some where nodes see none.
     pub fn place(

@@ -75,6 +75,21 @@ impl PatchKind {
     }
 }
 
+/// What patches are made of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SenderSettings {
+    /// What they are.
+    pub kind: PatchKind,
+    /// About how many.
+    pub count: usize,
+    /// Edge of the voxels, m, instead of the count.
+    pub voxel_size: Option<f32>,
+    /// Samples of a cluster, on average.
+    pub samples: u32,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
 /// The senders of a scene: patches, cut into facets, over which light is gathered more finely than patches send it.
 pub struct Senders {
     /// Centroid, area, normal.
@@ -128,26 +143,20 @@ pub fn lit_sampler(scene: &Scene, count: usize, seed: u32) -> Result<Option<LitS
 }
 
 impl Senders {
-    /// About `count` patches of this kind; with `voxel_size`, m, as many as voxels of this edge give. Without a sampler, where no
-    /// light comes anywhere, clusters are polygons instead, and all sides have patches: both give a black picture.
+    /// Patches of a scene. Without a sampler, where no light comes anywhere, clusters are polygons instead, and all sides have
+    /// patches: both give a black picture.
     ///
     /// # Errors
     /// More patches than can be numbered; a voxel size for patches without voxels, or one that is not positive.
-    pub fn new(
-        scene: &Scene,
-        sampler: Option<&LitSampler>,
-        kind: PatchKind,
-        count: usize,
-        voxel_size: Option<f32>,
-        seed: u32,
-    ) -> Result<Self, Error> {
+    pub fn new(scene: &Scene, sampler: Option<&LitSampler>, settings: &SenderSettings) -> Result<Self, Error> {
+        let SenderSettings { kind, count, voxel_size, samples, seed } = *settings;
         if voxel_size.is_some() && !kind.has_voxels() {
             return Err(Error::NoVoxels { option: "--voxel-size", patches: kind.name(), instead: "--patch-count" });
         }
         match kind {
             PatchKind::Polygon => Self::polygons(scene, count, seed),
             PatchKind::Cluster => match sampler {
-                Some(sampler) => Self::clusters(sampler, count, seed),
+                Some(sampler) => Self::clusters(sampler, count, samples, seed),
                 None => Self::polygons(scene, count, seed),
             },
             PatchKind::Voxel => Self::voxels(scene, sampler, count, voxel_size, seed, |grid, samples| {
@@ -198,8 +207,9 @@ impl Senders {
         })
     }
 
-    fn clusters(sampler: &LitSampler, count: usize, seed: u32) -> Result<Self, Error> {
-        let found = view_clusters(sampler, &ViewSettings { patches: count as u32, seed, ..ViewSettings::default() })?;
+    fn clusters(sampler: &LitSampler, count: usize, samples: u32, seed: u32) -> Result<Self, Error> {
+        let settings = ViewSettings { patches: count as u32, samples, seed, ..ViewSettings::default() };
+        let found = view_clusters(sampler, &settings)?;
         // A facet is a range of samples.
         let members = (0..found.set.samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
         let no_voxels = vec![NONE; found.facets.len() - 1];

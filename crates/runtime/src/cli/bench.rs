@@ -1,0 +1,119 @@
+//! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
+
+mod lights;
+mod patches;
+mod rows;
+mod truth;
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::args::{Bench, Common, Experiment};
+use super::output;
+use super::report::page;
+use crate::bandwidth::stream_gb_s;
+use crate::error::Error;
+use crate::executor::{DeviceChoice, DeviceKind, open};
+use patches::SceneResult;
+use rows::Row;
+
+/// Scenes of an experiment that names none.
+const SCENES: [&str; 2] = ["cornell", "atrium"];
+/// Bytes that are read to measure the bandwidth, more than caches hold, and how often.
+const STREAM_BYTES: usize = 256 << 20;
+const STREAM_TURNS: usize = 3;
+
+/// What the numbers were measured on.
+#[derive(Serialize)]
+struct Machine {
+    cpu: String,
+    /// The Vulkan device, where one runs the kernels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gpu: Option<String>,
+    threads: usize,
+    stream_gb_s: f64,
+}
+
+/// summary.json of an experiment.
+#[derive(Serialize)]
+struct Results<'a> {
+    name: &'static str,
+    machine: &'a Machine,
+    seed: u32,
+    rows: Vec<&'a Row>,
+}
+
+pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
+    let Experiment::Patches = args.name;
+    let out = output::folder_or(&common.out, "bench-patches");
+    output::make_folder(&out)?;
+    let machine = Machine::find(common)?;
+    let scenes: Vec<&str> =
+        if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
+    let mut results = Vec::new();
+    let numbers = out.join("summary.json");
+    for scene in scenes {
+        // What is known is kept when the rest fails or is stopped.
+        let keep = |rows: &[Row]| output::write_text(&numbers, &summary(common, &machine, &results, rows));
+        let result = patches::one_scene(common, args, scene, &out, &keep)?;
+        results.push(result);
+        write(common, &machine, &results, &out)?;
+    }
+    if common.json {
+        println!("{}", summary(common, &machine, &results, &[]));
+    } else {
+        results.iter().for_each(|result| println!("{}", result.markdown()));
+        println!("{} shows the same with pictures", out.join("report.html").display());
+    }
+    Ok(())
+}
+
+fn summary(common: &Common, machine: &Machine, results: &[SceneResult], more: &[Row]) -> String {
+    let rows = results.iter().flat_map(|result| &result.rows).chain(more).collect();
+    output::json(&Results { name: "patches", machine, seed: common.seed, rows })
+}
+
+fn write(common: &Common, machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), Error> {
+    output::write_text(&out.join("summary.json"), &summary(common, machine, results, &[]))?;
+    for result in results {
+        for (name, plot) in result.plot_names().zip(&result.section.plots) {
+            output::write_text(&out.join(name), &plot.svg())?;
+        }
+    }
+    let introduction = [
+        format!(
+            "Measured on {}{}, {} threads, reading {:.1} GB/s.",
+            machine.cpu,
+            machine.gpu.as_ref().map(|gpu| format!(", kernels on {gpu}")).unwrap_or_default(),
+            machine.threads,
+            machine.stream_gb_s
+        ),
+        "Errors are those of indirect light. Blocks are means of 8 × 8 pixels: the median of the relative errors of their \
+         luminance, and the PSNR of what a display shows of them, exposed by 0.18 over the log-average of the reference. \
+         Points gather exactly from the patches, so their errors do not depend on receivers."
+            .to_owned(),
+    ];
+    let sections = results.iter().map(|result| &result.section);
+    output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))
+}
+
+impl Machine {
+    fn find(common: &Common) -> Result<Self, Error> {
+        let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
+        if let (Some(note), false) = (note, common.quiet) {
+            eprintln!("{note}");
+        }
+        let device = executor.device();
+        let gpu = (device.kind != DeviceKind::Native).then(|| device.name.clone());
+        let stream_gb_s = stream_gb_s(STREAM_BYTES, STREAM_TURNS);
+        Ok(Self { cpu: cpu_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
+    }
+}
+
+/// Name of the processor, where the system tells.
+fn cpu_name() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = text.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split_once(':'));
+    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}

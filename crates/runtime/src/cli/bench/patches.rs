@@ -1,0 +1,461 @@
+//! Virtual patches as senders, receivers on the mesh: errors over their numbers, where the errors come from, and lights that
+//! the bake has not seen.
+
+use std::path::{Path, PathBuf};
+
+use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
+use reference::{Picture, ProxyLookup, scale_to_stops};
+use scene::Light;
+
+use super::lights::other_lights;
+use super::rows::{Errors, Part, Row, break_down_table, lights_table, patches_table};
+use super::truth::Truth;
+use crate::cli::args::{Bench, Common};
+use crate::cli::output;
+use crate::cli::report::{Figure, Plot, Section, Series};
+use crate::error::Error;
+use crate::executor::{DeviceChoice, open};
+use crate::import::{LoadedScene, load_or_build};
+use crate::progress::{Progress, is_cancelled};
+use crate::render::Pictures;
+use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use crate::render::proxy::{ProxyRadiosity, ProxySettings};
+use crate::render::senders::MOST_PATCHES;
+use crate::summary::PassTimes;
+
+/// The break-down, the lights and the pictures are of the most clusters asked for up to this number.
+const MAIN_COUNT: u32 = 10_000;
+/// Form factors of the proxy are dense: beyond this number they take gigabytes.
+const MOST_PROXY_FACES: u32 = 10_000;
+/// Of the break-down: more patches, samples a patch and their rays, rays of patches and facets, rays of receivers.
+const MORE_PATCHES: usize = 4;
+const MORE_SAMPLES: u32 = 4;
+const MORE_RAYS: u32 = 8;
+const MORE_RECEIVER_RAYS: u32 = 4;
+/// Sub-frames of receivers at pixels, each of which has rays of its own.
+const PIXEL_SUB_FRAMES: u32 = 2;
+/// Relative difference of full colour in pictures of differences.
+const RANGE: f32 = 0.25;
+
+/// What an experiment found out about a scene.
+pub struct SceneResult {
+    name: String,
+    /// All measurements.
+    pub rows: Vec<Row>,
+    /// The same for the report.
+    pub section: Section,
+}
+
+impl SceneResult {
+    /// The tables and what they were compared with.
+    pub fn markdown(&self) -> String {
+        let mut text = format!("## {}\n\n{}\n", self.section.title, self.section.text.join("\n\n"));
+        for table in &self.section.tables {
+            text += "\n";
+            text += &table.markdown();
+        }
+        text
+    }
+
+    /// Files of the plots, in their order.
+    pub fn plot_names(&self) -> impl Iterator<Item = String> + '_ {
+        ["patches", "receivers"].into_iter().map(|what| format!("{}-{what}.svg", self.name))
+    }
+}
+
+/// Keeps the rows so far.
+pub type Keep<'a> = dyn Fn(&[Row]) -> Result<(), Error> + 'a;
+
+/// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come.
+pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path, keep: &Keep) -> Result<SceneResult, Error> {
+    let mut progress = Progress::new(common.quiet);
+    let loaded = progress.phase("import", |_| load_or_build(scene))?;
+    loaded.warnings.iter().for_each(|line| progress.warn(line));
+    progress.note(&format!("{}: reference", loaded.name));
+    let truth = match Truth::find(args.references.as_deref(), &loaded)? {
+        Some(truth) => truth,
+        None => Truth::traced_with_points(&loaded, args.size, args.spp, common.seed, &mut progress)?,
+    };
+    let out = out.join(&loaded.name);
+    let main_count = args.counts.iter().copied().filter(|&n| n <= MAIN_COUNT).max();
+    let main_count = main_count.or(args.counts.iter().copied().min()).unwrap_or(MAIN_COUNT) as usize;
+    let mut experiment =
+        Experiment { common, args, loaded: &loaded, out, progress, main_count, rows: Vec::new(), main: None, keep };
+    experiment.patches(&truth)?;
+    let proxy = experiment.proxies(&truth)?;
+    let ours = experiment.break_down(&truth)?;
+    experiment.lights(&truth)?;
+    let figures = experiment.figures(&truth, &ours, proxy.as_ref())?;
+    Ok(experiment.result(&truth, figures))
+}
+
+/// The measurements of a scene so far.
+struct Experiment<'a> {
+    common: &'a Common,
+    args: &'a Bench,
+    loaded: &'a LoadedScene,
+    out: PathBuf,
+    progress: Progress,
+    main_count: usize,
+    rows: Vec<Row>,
+    /// The row of the main number of clusters and its pictures, once they are known.
+    main: Option<(Row, Pictures)>,
+    keep: &'a Keep<'a>,
+}
+
+impl Experiment<'_> {
+    /// The settings that all runs share.
+    fn settings(&self, patches: PatchKind, patch_count: usize, size: (u32, u32)) -> ClassicSettings {
+        ClassicSettings {
+            patches,
+            patch_count,
+            estimator: Estimator::Hemisphere { rays: self.args.rays },
+            receiver_rays: self.args.receiver_rays,
+            sub_frames: self.args.sub_frames,
+            seed: self.common.seed,
+            size,
+            ..ClassicSettings::default()
+        }
+    }
+
+    /// The clusters of the break-down and of the pictures.
+    fn main_settings(&self, truth: &Truth) -> ClassicSettings {
+        self.settings(PatchKind::Cluster, self.main_count, truth.size())
+    }
+
+    fn add(&mut self, row: Row) -> Result<(), Error> {
+        self.rows.push(row);
+        (self.keep)(&self.rows)
+    }
+
+    /// Bakes, renders frames under the scene's own lights and adds a row.
+    fn measure(&mut self, part: Part, what: &str, settings: ClassicSettings, truth: &Truth) -> Result<Pictures, Error> {
+        let (receivers_at, density) = match settings.receivers {
+            ReceiverKind::Mesh => ("mesh", Some(settings.receiver_density)),
+            ReceiverKind::Pixels => ("pixels", None),
+            ReceiverKind::SelfReceivers => ("self", None),
+        };
+        let times = density.map(|d| format!(" × {d}")).unwrap_or_default();
+        let (scene, count) = (&self.loaded.name, settings.patch_count);
+        self.progress.note(&format!("{scene}: {what}, {count} patches, receivers: {receivers_at}{times}"));
+        let phases = self.progress.phases.len();
+        let mut classic = self.bake(settings)?;
+        let bake_s = self.progress.phases[phases..].iter().map(|(_, seconds)| seconds).sum();
+        // Exact receivers are not what a frame would do: their time says nothing.
+        let frames = if settings.receivers == ReceiverKind::Pixels { 1 } else { self.args.frames };
+        let (pictures, light_ms, shade_ms) =
+            self.frames(&mut classic, &self.loaded.scene.lights, settings.size, frames)?;
+        let points = if truth.points.is_empty() { None } else { Some(classic.irradiance_at(&truth.points)?) };
+        let timed = settings.receivers != ReceiverKind::Pixels;
+        self.add(Row {
+            scene: self.loaded.name.clone(),
+            part,
+            method: "classic",
+            what: what.to_owned(),
+            receivers_at: Some(receivers_at),
+            receiver_density: density,
+            patch_count: settings.patch_count,
+            patches: classic.patch_count(),
+            receivers: (settings.receivers == ReceiverKind::Mesh).then(|| classic.receiver_count()),
+            bake_s: Some(bake_s),
+            median_ms: light_ms.filter(|_| timed),
+            shade_ms: shade_ms.filter(|_| timed),
+            bytes: Some(classic.bytes().values().sum()),
+            errors: Errors::of(&pictures, points.as_deref(), truth, self.loaded.exposure_stops)?,
+            reference_noise: truth.noise,
+        })?;
+        Ok(pictures)
+    }
+
+    fn bake(&mut self, settings: ClassicSettings) -> Result<Classic, Error> {
+        // The note was given when the machine was described.
+        let (executor, _) = open(&DeviceChoice::parse(&self.common.device))?;
+        let classic = Classic::bake(self.loaded, settings, executor, &mut self.progress)?;
+        if is_cancelled() { Err(Error::Cancelled) } else { Ok(classic) }
+    }
+
+    /// The first frame under these lights, and the median times of all: passes but shading, shading, ms.
+    fn frames(
+        &self,
+        classic: &mut Classic,
+        lights: &[Light],
+        size: (u32, u32),
+        frames: u32,
+    ) -> Result<(Pictures, Option<f64>, Option<f64>), Error> {
+        let camera = self.loaded.view.camera(size.0, size.1);
+        let first = classic.frame(lights, &camera, 0)?;
+        let mut times = vec![first.times];
+        for number in 1..frames {
+            times.push(classic.frame(lights, &camera, number)?.times);
+            if is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+        }
+        let sum = |times: &[(String, f64)], shade: bool| {
+            times.iter().filter(|(name, _)| (name == "shade") == shade).map(|(_, ms)| ms).sum::<f64>()
+        };
+        let median = |shade: bool| {
+            let sums: Vec<f64> = times.iter().map(|frame| sum(frame, shade)).collect();
+            PassTimes::of(&sums).map(|t| t.median_ms)
+        };
+        Ok((first.pictures, median(false), median(true)))
+    }
+
+    /// Kinds × numbers of patches × densities of receivers.
+    fn patches(&mut self, truth: &Truth) -> Result<(), Error> {
+        for kind in self.args.kinds.iter().map(|kind| kind.kind()) {
+            for &count in &self.args.counts {
+                let settings = self.settings(kind, count as usize, truth.size());
+                for &receiver_density in &self.args.densities {
+                    let settings = ClassicSettings { receiver_density, ..settings };
+                    let pictures = self.measure(Part::Patches, kind.name(), settings, truth)?;
+                    if settings == self.main_settings(truth) {
+                        self.main = self.rows.last().cloned().map(|row| (row, pictures));
+                    }
+                }
+                if kind.has_voxels() {
+                    let settings = ClassicSettings { receivers: ReceiverKind::SelfReceivers, ..settings };
+                    self.measure(Part::Patches, kind.name(), settings, truth)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The voxelisation proxy with about as many faces; returns the picture of that with about the main number.
+    fn proxies(&mut self, truth: &Truth) -> Result<Option<Picture>, Error> {
+        let (width, height) = truth.size();
+        let camera = self.loaded.view.camera(width, height);
+        let scale = indirect_scale(&truth.pictures.indirect);
+        let mut shown = None;
+        for &count in self.args.counts.iter().filter(|&&count| count <= MOST_PROXY_FACES) {
+            self.progress.note(&format!("{}: voxel proxy, {count} faces", self.loaded.name));
+            let settings = ProxySettings {
+                patch_count: count as usize,
+                rays: self.args.rays,
+                point_rays: ClassicSettings::default().sample_rays,
+                seed: self.common.seed,
+            };
+            let phases = self.progress.phases.len();
+            let proxy = ProxyRadiosity::bake(&self.loaded.scene, settings, &mut self.progress)?;
+            let bake_s = self.progress.phases[phases..].iter().map(|(_, seconds)| seconds).sum();
+            for (lookup, what) in [(ProxyLookup::Face, "voxel proxy"), (ProxyLookup::Bilinear, "voxel proxy, bilinear")]
+            {
+                let picture = proxy.indirect(&camera, self.args.sub_frames, lookup)?;
+                let errors = compare_pictures(&picture, &truth.pictures.indirect, scale, None)?;
+                let points = match truth.points.is_empty() {
+                    true => None,
+                    false => Some(compare_points(&proxy.irradiance_at(&truth.points, lookup)?, &truth.point_indirect)?),
+                };
+                self.add(Row {
+                    scene: self.loaded.name.clone(),
+                    part: Part::Patches,
+                    method: "voxel proxy",
+                    what: what.to_owned(),
+                    receivers_at: None,
+                    receiver_density: None,
+                    patch_count: count as usize,
+                    patches: proxy.patch_count(),
+                    receivers: None,
+                    bake_s: Some(bake_s),
+                    median_ms: None,
+                    shade_ms: None,
+                    bytes: None,
+                    errors: Errors::of_indirect(&errors, points),
+                    reference_noise: truth.noise,
+                })?;
+                if count as usize == self.main_count {
+                    shown = Some(picture);
+                }
+            }
+            if is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+        }
+        Ok(shown)
+    }
+
+    /// Clusters with one thing at a time more exact; returns the pictures as they are.
+    fn break_down(&mut self, truth: &Truth) -> Result<Pictures, Error> {
+        let base = self.main_settings(truth);
+        let (rays, samples) = (self.args.rays, base.samples);
+        let what = "as they are";
+        let ours = match self.main.take() {
+            Some((row, pictures)) => {
+                self.add(Row { part: Part::BreakDown, what: what.into(), ..row })?;
+                pictures
+            }
+            None => self.measure(Part::BreakDown, what, base, truth)?,
+        };
+        let more = (MORE_PATCHES * base.patch_count).min(MOST_PATCHES);
+        let cases = [
+            (
+                format!("receivers at all pixels ({PIXEL_SUB_FRAMES} sub-frames)"),
+                ClassicSettings { receivers: ReceiverKind::Pixels, sub_frames: PIXEL_SUB_FRAMES, ..base },
+            ),
+            (
+                format!("senders × {MORE_PATCHES}, as many receivers"),
+                ClassicSettings { patch_count: more, receiver_density: base.patch_count as f32 / more as f32, ..base },
+            ),
+            (
+                format!("rays of F × {MORE_RAYS}"),
+                ClassicSettings { estimator: Estimator::Hemisphere { rays: MORE_RAYS * rays }, ..base },
+            ),
+            (
+                format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
+                ClassicSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..base },
+            ),
+            (
+                format!("E by samples and rays × {MORE_SAMPLES}"),
+                ClassicSettings {
+                    samples: MORE_SAMPLES * samples,
+                    sample_rays: MORE_SAMPLES * base.sample_rays,
+                    ..base
+                },
+            ),
+        ];
+        for (what, settings) in cases {
+            self.measure(Part::BreakDown, &what, settings, truth)?;
+        }
+        Ok(ours)
+    }
+
+    /// One bake with the scene's own lights, frames with others.
+    fn lights(&mut self, truth: &Truth) -> Result<(), Error> {
+        let size = self.args.size;
+        let settings = self.settings(PatchKind::Cluster, self.main_count, size);
+        self.progress.note(&format!("{}: lights that the bake has not seen", self.loaded.name));
+        let mut classic = self.bake(settings)?;
+        let own = ("the scene's own".to_owned(), self.loaded.scene.lights.clone());
+        for (what, lights) in std::iter::once(own).chain(other_lights(self.loaded)) {
+            self.progress.note(&format!("{}: {what}", self.loaded.name));
+            let (pictures, light_ms, shade_ms) = self.frames(&mut classic, &lights, size, 1)?;
+            let is_known = lights == self.loaded.scene.lights && truth.noise.is_some();
+            let traced = match is_known {
+                true => None,
+                false => {
+                    let (paths, seed) = (self.args.spp, self.common.seed);
+                    Some(Truth::traced(self.loaded, &lights, size, paths, seed, &mut self.progress)?)
+                }
+            };
+            let expected = traced.as_ref().unwrap_or(truth);
+            self.add(Row {
+                scene: self.loaded.name.clone(),
+                part: Part::Lights,
+                method: "classic",
+                what,
+                receivers_at: Some("mesh"),
+                receiver_density: Some(settings.receiver_density),
+                patch_count: settings.patch_count,
+                patches: classic.patch_count(),
+                receivers: Some(classic.receiver_count()),
+                bake_s: None,
+                median_ms: light_ms,
+                shade_ms,
+                bytes: Some(classic.bytes().values().sum()),
+                errors: Errors::of(&pictures, None, expected, self.loaded.exposure_stops)?,
+                reference_noise: expected.noise,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Writes and reads the pictures of indirect light: ours, the reference, the proxy, and differences.
+    fn figures(&self, truth: &Truth, ours: &Pictures, proxy: Option<&Picture>) -> Result<Vec<Figure>, Error> {
+        output::make_folder(&self.out)?;
+        let expected = &truth.pictures.indirect;
+        let stops = scale_to_stops(indirect_scale(expected));
+        let blocks = expected.block_means(8);
+        let mut figures = Vec::new();
+        let mut add = |name: &str, picture: &Picture, stops: f32, caption: String| -> Result<(), Error> {
+            let name = format!("{name}.png");
+            picture.write_png(&self.out.join(&name), stops)?;
+            figures.push(Figure::read(&self.out, &name, caption)?);
+            Ok(())
+        };
+        let difference = |picture: &Picture| difference_picture(&picture.block_means(8), &blocks, RANGE);
+        let count = self.main_count;
+        add("reference", expected, stops, "Indirect light, reference".into())?;
+        add("clusters", &ours.indirect, stops, format!("Indirect light, {count} clusters, receivers on the mesh"))?;
+        let colours = format!("red brighter, blue darker, full colour at {:.0} %", 100.0 * RANGE);
+        add("clusters-difference", &difference(&ours.indirect)?, 0.0, format!("Clusters: {colours}"))?;
+        if let Some(proxy) = proxy {
+            let caption = format!("Indirect light, voxelisation proxy of about {count} faces, bilinear");
+            add("proxy", proxy, stops, caption)?;
+            add("proxy-difference", &difference(proxy)?, 0.0, format!("Proxy: {colours}"))?;
+        }
+        Ok(figures)
+    }
+
+    fn result(self, truth: &Truth, figures: Vec<Figure>) -> SceneResult {
+        let rows = self.rows;
+        let size = truth.size();
+        let text = vec![
+            format!("Compared with {}.", truth.source),
+            format!(
+                "Pictures of {} × {}, {} sub-frames; {} rays a row of F, {} rays a receiver. Light ms: all passes but \
+                 shading, frames for the median: {}. The second and third table and the pictures: {} clusters. The proxy's form \
+                 factors are dense: no more than {MOST_PROXY_FACES} faces.",
+                size.0,
+                size.1,
+                self.args.sub_frames,
+                self.args.rays,
+                self.args.receiver_rays,
+                self.args.frames,
+                self.main_count
+            ),
+        ];
+        let section = Section {
+            title: format!("{} ({} triangles)", self.loaded.name, self.loaded.scene.triangles.len()),
+            text,
+            figures,
+            strip: Vec::new(),
+            tables: vec![patches_table(&rows), break_down_table(&rows), lights_table(&rows)],
+            plots: vec![over_patches(&rows, &self.args.densities), over_receivers(&rows, &self.args.counts)],
+        };
+        SceneResult { name: self.loaded.name.clone(), rows, section }
+    }
+}
+
+fn point(x: usize, row: &Row) -> (f64, f64) {
+    (x as f64, 100.0 * row.errors.indirect_block_median)
+}
+
+/// Errors over the number of patches: a line for each kind, with the density nearest to the default.
+fn over_patches(rows: &[Row], densities: &[f32]) -> Plot {
+    let off = |density: &f32| scene::math::abs(scene::math::ln(*density));
+    let density = densities.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)));
+    let mut series: Vec<Series> = Vec::new();
+    for row in rows
+        .iter()
+        .filter(|r| r.part == Part::Patches && (r.receiver_density.is_none() || r.receiver_density == density))
+    {
+        let name = match row.receivers_at {
+            Some("self") => format!("{}, self", row.what),
+            _ => row.what.clone(),
+        };
+        let point = point(row.patch_count, row);
+        match series.iter_mut().find(|s| s.name == name) {
+            Some(line) => line.points.push(point),
+            None => series.push(Series { name, points: vec![point] }),
+        }
+    }
+    plot("Median error of blocks", "patches", series)
+}
+
+/// Errors of clusters over the number of receivers: a line for each number of patches.
+fn over_receivers(rows: &[Row], counts: &[u32]) -> Plot {
+    let cluster = PatchKind::Cluster.name();
+    let line = |&count: &u32| {
+        let of_count = |r: &&Row| r.part == Part::Patches && r.what == cluster && r.patch_count == count as usize;
+        let points = rows.iter().filter(of_count).filter_map(|r| Some(point(r.receivers?, r))).collect();
+        Series { name: format!("{count} clusters"), points }
+    };
+    plot("Median error of blocks", "receivers", counts.iter().map(line).collect())
+}
+
+fn plot(title: &str, x: &str, mut series: Vec<Series>) -> Plot {
+    series.iter_mut().for_each(|line| line.points.sort_by(|a, b| a.0.total_cmp(&b.0)));
+    series.retain(|line| !line.points.is_empty());
+    Plot { title: title.into(), unit: "%".into(), x: x.into(), logarithmic: true, series }
+}
