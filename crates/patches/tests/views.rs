@@ -138,6 +138,16 @@ fn the_grid_finds_what_looking_at_all_samples_finds() {
 }
 
 #[test]
+fn there_is_nothing_near_far_places_and_nothing_among_no_samples() {
+    let set = clusters(&open_hall(), 100, 2);
+    for far in [1e4, 1e30, f32::INFINITY] {
+        assert_eq!(Nearest::new(&set.samples).sample(Vec3::splat(-far), Vec3::Y, 8.0), None);
+    }
+    let (_, found) = Nearest::new(&[]).samples::<4>(Vec3::ZERO, Vec3::Y, 8.0);
+    assert_eq!(found, 0);
+}
+
+#[test]
 fn threads_change_no_byte_and_the_seed_does() {
     let scene = open_hall();
     let with = |threads: usize, seed: u32| {

@@ -22,6 +22,8 @@ const MOST_OFFSET: f32 = 0.1;
 
 /// Vertices are moved inwards by this share of an edge between them.
 const INWARDS: f32 = 0.05;
+/// Sides whose places are looked for together.
+const BLOCK_SIDES: usize = 1 << 14;
 /// Most pieces along the edge of a cell.
 const MOST_WITHIN: f32 = 32.0;
 
@@ -78,19 +80,22 @@ impl Receivers {
         let cells = vec![ReceiverCell { first: NONE, divisions: 1 }; total as usize];
         let mut new = Self { grids, cells, ..Self::default() };
         let sides = new.sides(scene);
-        // The places on all cores, then the receivers one after the other.
-        let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
-            sides.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
-        let mut welder = Welder { distance: weld, cells: HashMap::new(), points: Vec::new() };
-        let found: u64 = places.iter().flatten().map(|p| p.1.len() as u64).sum();
-        if found >= u64::from(NONE) {
-            return Err(Error::TooMany { found, limit: u64::from(NONE) - 1 });
-        }
-        for (side, places) in sides.iter().zip(places) {
-            for (k, (divisions, points)) in (0u32..).zip(places) {
-                if divisions > 0 {
-                    new.cells[(side.first + k) as usize] = ReceiverCell { first: new.vertices.len() as u32, divisions };
-                    new.vertices.extend(points.into_iter().map(|point| welder.receiver(scene, point)));
+        // The places on all cores, then the receivers one after the other; in blocks, because places are many.
+        let mut welder = Welder { distance: weld, ..Welder::default() };
+        for block in sides.chunks(BLOCK_SIDES) {
+            let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
+                block.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
+            let found = new.vertices.len() as u64 + places.iter().flatten().map(|p| p.1.len() as u64).sum::<u64>();
+            if found >= u64::from(NONE) {
+                return Err(Error::TooMany { found, limit: u64::from(NONE) - 1 });
+            }
+            for (side, places) in block.iter().zip(places) {
+                for (k, (divisions, points)) in (0u32..).zip(places) {
+                    if divisions > 0 {
+                        let cell = ReceiverCell { first: new.vertices.len() as u32, divisions };
+                        new.cells[(side.first + k) as usize] = cell;
+                        new.vertices.extend(points.into_iter().map(|point| welder.receiver(scene, point)));
+                    }
                 }
             }
         }
@@ -263,9 +268,13 @@ fn sides_of(grid: &TriangleGrid) -> impl Iterator<Item = (bool, u32)> + use<> {
 }
 
 /// Receivers by the cell of space that they are in.
+#[derive(Default)]
 struct Welder {
     distance: f32,
-    cells: HashMap<IVec3, Vec<u32>>,
+    /// The last receiver of each cell.
+    cells: HashMap<IVec3, u32>,
+    /// The one before each receiver in its cell, or [`NONE`].
+    before: Vec<u32>,
     points: Vec<SurfacePoint>,
 }
 
@@ -277,7 +286,10 @@ impl Welder {
         let mut best = (self.distance * self.distance, NONE);
         for k in 0..27 {
             let cell = home + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
-            for &id in self.cells.get(&cell).map_or(&[][..], Vec::as_slice) {
+            let mut next = self.cells.get(&cell).copied().unwrap_or(NONE);
+            while next != NONE {
+                let id = next;
+                next = self.before[id as usize];
                 let there = &self.points[id as usize];
                 let offset = (place - there.position).dot(there.normal).abs();
                 let squared = place.distance_squared(there.position);
@@ -300,7 +312,7 @@ impl Welder {
         if best.1 == NONE {
             best.1 = self.points.len() as u32;
             self.points.push(SurfacePoint { patch: best.1, ..point });
-            self.cells.entry(home).or_default().push(best.1);
+            self.before.push(self.cells.insert(home, best.1).unwrap_or(NONE));
         }
         best.1
     }

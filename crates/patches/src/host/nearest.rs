@@ -17,6 +17,8 @@ const BLOCK: i32 = 8;
 const BLOCK_CELLS: usize = (BLOCK * BLOCK * BLOCK) as usize;
 /// Furthest that a search looks, in cells: not beyond the blocks beside the place's own.
 const REACH: i32 = BLOCK / 2;
+/// Cells are numbered up to this.
+const FARTHEST: f32 = (1 << 24) as f32;
 /// No block.
 const NONE: u32 = u32::MAX;
 /// What rounding may take from the least distance of a cell.
@@ -91,6 +93,10 @@ impl Nearest {
         let home = place.floor().as_ivec3();
         let within = place - home.as_vec3();
         let (mut found, last) = (0, best.len() - 1);
+        // Without samples there is no scale, and what is out of all bounds has none about it.
+        if self.blocks.is_empty() || place.abs().max_element() >= FARTHEST {
+            return 0;
+        }
         let low = (home - REACH).div_euclid(IVec3::splat(BLOCK));
         let numbers: [u32; 8] = std::array::from_fn(|k| {
             let corner = IVec3::new(k as i32 >> 2, k as i32 >> 1 & 1, k as i32 & 1);
