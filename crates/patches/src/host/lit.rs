@@ -42,7 +42,7 @@ impl<'a> LitSampler<'a> {
     /// [`Error::NoSamples`] when light comes to none of them.
     pub fn new(scene: &'a Scene, pilots: u32, seed: u32) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
-        let pilots = surface_samples(scene, pilots.max(LEAST_PILOTS), seed);
+        let pilots = equal_area_samples(scene, pilots.max(LEAST_PILOTS), seed);
         let lit: Vec<bool> =
             pilots.par_iter().enumerate().map(|(k, s)| takes_part(scene, s, k as u32, POINT_WALKS, seed)).collect();
         let lit_area = pilots.iter().zip(&lit).filter(|(_, lit)| **lit).map(|(s, _)| f64::from(s.area)).sum();
@@ -72,7 +72,7 @@ impl<'a> LitSampler<'a> {
     pub fn candidates(&self, count: u32, seed: u32) -> Vec<Sample> {
         // No more than memory holds, however little of the surface is lit.
         let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
-        surface_samples(self.scene, candidates as u32, seed)
+        equal_area_samples(self.scene, candidates as u32, seed)
     }
 
     /// Those of the samples to which light comes.
@@ -124,7 +124,7 @@ fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32)
 
 /// About `count` samples of both sides of all triangles, each for the same area: one in each interval of the running sum of
 /// the sides' areas. Holes of masked textures have none.
-fn surface_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
+fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
     let geometry = scene.geometry();
     let areas: Vec<f64> = scene.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
     let area = 2.0 * areas.iter().sum::<f64>() / f64::from(count);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::render::classic::PatchKind;
+use crate::render::classic::{ClassicSettings, PatchKind};
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
 #[derive(Parser, Debug)]
@@ -233,7 +233,7 @@ pub struct Render {
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub rays: u32,
     /// Rays from each of those points.
-    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub receiver_rays: u32,
     /// Folder with full.exr, indirect.exr, points.csv to compare with.
     #[arg(long)]
@@ -309,7 +309,7 @@ pub struct Bench {
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=131_072))]
     pub rays: u32,
     /// Rays from each receiver.
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(16..=131_072))]
+    #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=131_072))]
     pub receiver_rays: u32,
 }
 

@@ -221,10 +221,8 @@ impl Set<'_> {
             let (found, count) = nearest.samples::<4>(sample.position, sample.normal, FAR);
             found[..count].iter().map(|f| errors[f.0 as usize]).sum::<f32>() / count.max(1) as f32
         };
-        let mut wanted = sampler.candidates((CANDIDATES * room) as u32, seed);
-        let flags: Vec<bool> = wanted.par_iter().map(|sample| about(sample) > TOLERANCE).collect();
-        let mut flags = flags.into_iter();
-        wanted.retain(|_| flags.next().unwrap_or(false));
+        let candidates = sampler.candidates((CANDIDATES * room) as u32, seed);
+        let wanted = candidates.into_par_iter().filter(|sample| about(sample) > TOLERANCE).collect();
         let found = sampler.lit_samples(wanted, seed);
         let mut order: Vec<(f32, usize)> = found.par_iter().enumerate().map(|(k, s)| (about(s), k)).collect();
         order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
