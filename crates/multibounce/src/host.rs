@@ -1,0 +1,1 @@
+//! The host side: solvers, compression and products on all cores.

@@ -1,0 +1,1 @@
+//! The bodies of the kernels: one invocation each, no `std`.

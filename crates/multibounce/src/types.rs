@@ -1,0 +1,1 @@
+//! The plain data that CPU and GPU share, field for field.
