@@ -3,9 +3,10 @@
 use bytemuck::{Pod, Zeroable};
 use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use glam::{UVec2, Vec2, Vec3, Vec4};
-use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
+use multibounce::TileSlot;
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -111,6 +112,8 @@ structure!(HemisphereParams {
 structure!(HitsParams { rows: u32, first_quad: u32 });
 structure!(GatherParams { rows: u32, vectors: u32, first_row: u32, reserved: u32 });
 structure!(CountParams { count: u32 });
+structure!(EnterParams { count: u32, patches: u32 });
+structure!(TileSlot { scale: f32, block: u32, channel: u32, reserved: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
 structure!(Member { sample: u32, weight: f32 });
@@ -140,7 +143,11 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "receiver_cells" => layout::<ReceiverCell>(),
         "grids" => layout::<TriangleGrid>(),
         "members" => layout::<Member>(),
-        "entries" => layout::<LookupPatch>(),
+        "entries" if kernel == "patches_lookup" => layout::<LookupPatch>(),
+        "slots" => layout::<TileSlot>(),
+        "order" | "place" | "words" | "use_start" | "uses" | "entries" => layout::<u32>(),
+        "root" | "steps" => layout::<f32>(),
+        "ordered" | "sums" | "rows" => layout::<Vec4>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"
         | "cells" | "probes" => layout::<u32>(),
         "planes" => layout::<f32>(),
@@ -166,6 +173,7 @@ fn push(kernel: &str) -> Layout {
             layout::<GatherParams>()
         }
         "formfactor_gather_hits" => layout::<HitsParams>(),
+        "multibounce_tiles_enter" => layout::<EnterParams>(),
         "patches_lookup" => layout::<LookupParams>(),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => layout::<VolumeParams>(),
         _ => layout::<CountParams>(),

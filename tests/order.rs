@@ -8,7 +8,7 @@ use bytemuck::Pod;
 use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::{UVec3, Vec4};
 use gpu_kernels::table::MAX_GROUPS_X;
-use gpu_kernels::{formfactor as ff, patches as pa, scene as sc};
+use gpu_kernels::{formfactor as ff, patches as pa, scene as sc, tiles as mb};
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
 use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
@@ -56,7 +56,7 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
             [(out, bytes)].into()
         }};
     }
-    use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+    use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
     Some(match i.kernel.name {
         "scene_closest_hit" => entry!(sc::closest_hit, CountParams, Hit, [0, 1, 2, 3, 4, 5, 6]),
         "scene_any_hit" => entry!(sc::any_hit, CountParams, u32, [0, 1, 2, 3, 4, 5, 6]),
@@ -89,6 +89,10 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "patches_lookup" => entry!(pa::lookup, LookupParams, Vec4, [0, 1, 2, 3, 4]),
         "patches_volume_lookup" => entry!(pa::volume_lookup, VolumeParams, Vec4, [0, 1, 2, 3]),
         "patches_volume_lookup_sh" => entry!(pa::volume_lookup_sh, VolumeParams, Vec4, [0, 1, 2, 3]),
+        "multibounce_tiles_enter" => entry!(mb::tiles_enter, EnterParams, Vec4, [0, 1, 2]),
+        "multibounce_tiles_project" => entry!(mb::tiles_project, CountParams, Vec4, [0, 1, 2]),
+        "multibounce_tiles_expand" => entry!(mb::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7]),
+        "multibounce_tiles_leave" => entry!(mb::tiles_leave, CountParams, Vec4, [0, 1, 2]),
         _ => return None,
     })
 }
@@ -109,7 +113,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 17 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 21 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

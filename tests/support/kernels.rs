@@ -10,8 +10,10 @@ use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
 use formfactor::{GatherParams, HemisphereParams, HitRows, HitsParams, ReceiverCell, TriangleGrid};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
-use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{Access, KERNELS, Kernel};
+use multibounce::TileSlot;
+use multibounce::kernel::tiles::{SLOT_WORDS, TILE};
 use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
 use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::kernel::{bvh, camera};
@@ -154,9 +156,21 @@ impl Random {
     fn color(&mut self) -> Vec4 {
         self.vector().extend(self.unit())
     }
+    fn words(&mut self, n: u32) -> Vec<u32> {
+        (0..n).map(|_| self.word()).collect()
+    }
+    fn floats(&mut self, n: usize) -> Vec<f32> {
+        (0..n).map(|_| 0.1 + self.unit()).collect()
+    }
     fn colors(&mut self, n: usize) -> Vec<Vec4> {
         (0..n).map(|_| self.color()).collect()
     }
+}
+
+/// Slots of two blocks, for one channel or for all.
+fn tile_slots(r: &mut Random, n: u32) -> Vec<TileSlot> {
+    let slot = |k: u32| TileSlot { scale: r.unit() - 0.3, block: k / 2 % 2, channel: r.below(4), reserved: 0 };
+    (0..n).map(slot).collect()
 }
 
 /// A heap of triangles over a floor with textures, holes and emission, all kinds of lights and a sky map.
@@ -527,6 +541,56 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 vec![("factors", Data::Buffer(bytes)), buffer("exitance", &exitance)]
             };
             call(rows, p, [tables, vec![room::<Vec4>("irradiance", rows as usize + 3)]].concat())
+        }
+        "multibounce_tiles_enter" => {
+            let (patches, places) = (200u32, 256u32);
+            let order: Vec<u32> = (0..patches).map(|p| p * 7 % patches).collect();
+            let tables = vec![
+                buffer("order", &order),
+                buffer("root", &r.floats(patches as usize)),
+                buffer("exitance", &r.colors(patches as usize)),
+                room::<Vec4>("ordered", places as usize),
+            ];
+            call(places, EnterParams { count: places, patches }, tables)
+        }
+        "multibounce_tiles_project" => {
+            let n = 150u32;
+            let tables = vec![
+                buffer("slots", &tile_slots(r, n)),
+                buffer("words", &r.words((n * SLOT_WORDS) as usize)),
+                buffer("ordered", &r.colors(2 * TILE as usize)),
+                room::<Vec4>("sums", n as usize),
+            ];
+            call(n, CountParams { count: n }, tables)
+        }
+        "multibounce_tiles_expand" => {
+            let (n, places) = (150u32, 2 * TILE);
+            let uses: Vec<u32> = (0..n).map(|k| k * 77 % n).collect();
+            let row_start = offsets(r, places as usize);
+            let entries: Vec<u32> = (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(places)).collect();
+            let tables = vec![
+                buffer("use_start", &[0, n / 3, n]),
+                buffer("uses", &uses),
+                buffer("words", &r.words((n * SLOT_WORDS) as usize)),
+                buffer("sums", &r.colors(n as usize)),
+                buffer("row_start", &row_start),
+                buffer("entries", &entries),
+                buffer("steps", &r.floats(places as usize)),
+                buffer("ordered", &r.colors(places as usize)),
+                room::<Vec4>("rows", places as usize),
+            ];
+            call(places, CountParams { count: places }, tables)
+        }
+        "multibounce_tiles_leave" => {
+            let n = 200u32;
+            let place: Vec<u32> = (0..n).map(|i| i * 9 % 256).collect();
+            let tables = vec![
+                buffer("place", &place),
+                buffer("root", &r.floats(n as usize)),
+                buffer("rows", &r.colors(256)),
+                room::<Vec4>("irradiance", n as usize),
+            ];
+            call(n, CountParams { count: n }, tables)
         }
         "patches_gather_mean" => {
             let (offsets, values) = (offsets(r, 200), r.colors(300));

@@ -6,7 +6,7 @@
 //! Light follows from `B = E + ρ∘(F B)`; the output is the irradiance `H = F B`. Lengths are metres, E, B and H W/m².
 //! [`subdivide`] cuts the triangles of a scene into patches; [`form_factors`] fills the rows by one of four estimators:
 //! [`Hemisphere`] (rays), [`AreaToArea`] (pairs of points), [`PointToPoint`] (disc form) and [`Contour`] (Lambert's exact
-//! sum, the reference for accuracy). [`balance`] enforces reciprocity and closure. [`Dense`], [`Half`], [`Csr`] and, for
+//! sum, the reference for accuracy). [`balance`] enforces reciprocity and closure, [`reciprocal`] that of sparse rows. [`Dense`], [`Half`], [`Csr`] and, for
 //! rows that come from rays, the small [`HitRows`] multiply on all cores; [`jacobi`], [`gauss_seidel`], [`shoot`] and
 //! [`lu`] solve; [`RowFileWriter`] takes rows to disk.
 //! The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike.

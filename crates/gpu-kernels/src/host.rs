@@ -4,6 +4,7 @@
 pub(crate) mod formfactor;
 pub(crate) mod patches;
 pub(crate) mod scene;
+pub(crate) mod tiles;
 
 use std::vec::Vec;
 

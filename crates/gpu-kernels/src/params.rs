@@ -12,6 +12,17 @@ pub struct CountParams {
 }
 const _: () = assert!(size_of::<CountParams>() == 4);
 
+/// Exitance in the order of tiles.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct EnterParams {
+    /// Number of places, whole blocks.
+    pub count: u32,
+    /// Number of patches.
+    pub patches: u32,
+}
+const _: () = assert!(size_of::<EnterParams>() == 8);
+
 /// Primary rays and shading of one sub-frame.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

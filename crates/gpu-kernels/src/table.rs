@@ -2,6 +2,7 @@
 
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
+use ::multibounce::TileSlot;
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -10,7 +11,7 @@ use glam::{UVec2, Vec4};
 
 use crate::host::{self, HostCall, HostError};
 use crate::invocation::WORKGROUP;
-use crate::params::{CountParams, PixelParams, ToneMapParams};
+use crate::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 
 /// How a kernel uses a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,6 +150,10 @@ pub static KERNELS: &[&Kernel] = &[
     &PATCHES_LOOKUP,
     &PATCHES_VOLUME_LOOKUP,
     &PATCHES_VOLUME_LOOKUP_SH,
+    &MULTIBOUNCE_TILES_ENTER,
+    &MULTIBOUNCE_TILES_PROJECT,
+    &MULTIBOUNCE_TILES_EXPAND,
+    &MULTIBOUNCE_TILES_LEAVE,
 ];
 
 /// Nearest hit of every ray. An element is a ray.
@@ -509,4 +514,58 @@ pub static PATCHES_VOLUME_LOOKUP_SH: Kernel = Kernel {
         write::<Rgb>("irradiance"),
     ],
     host: host::patches::volume_lookup_sh,
+};
+
+/// Exitance in the order of tiles, times √a. An element is a place, of whole blocks.
+pub static MULTIBOUNCE_TILES_ENTER: Kernel = Kernel {
+    name: "multibounce_tiles_enter",
+    spv: spv!("multibounce_tiles_enter"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<EnterParams>() as u32,
+    bindings: &[read::<u32>("order"), read::<f32>("root"), read::<Rgb>("exitance"), write::<Rgb>("ordered")],
+    host: host::tiles::enter,
+};
+
+/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a slot.
+pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
+    name: "multibounce_tiles_project",
+    spv: spv!("multibounce_tiles_project"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[read::<TileSlot>("slots"), read::<u32>("words"), read::<Rgb>("ordered"), write::<Rgb>("sums")],
+    host: host::tiles::project,
+};
+
+/// Rows of the tiles. An element is a place, of whole blocks.
+pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
+    name: "multibounce_tiles_expand",
+    spv: spv!("multibounce_tiles_expand"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[
+        read::<u32>("use_start"),
+        read::<u32>("uses"),
+        read::<u32>("words"),
+        read::<Rgb>("sums"),
+        read::<u32>("row_start"),
+        read::<u32>("entries"),
+        read::<f32>("steps"),
+        read::<Rgb>("ordered"),
+        write::<Rgb>("rows"),
+    ],
+    host: host::tiles::expand,
+};
+
+/// Irradiance of the patches from the rows of tiles, W/m². An element is a patch.
+pub static MULTIBOUNCE_TILES_LEAVE: Kernel = Kernel {
+    name: "multibounce_tiles_leave",
+    spv: spv!("multibounce_tiles_leave"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[read::<u32>("place"), read::<f32>("root"), read::<Rgb>("rows"), write::<Rgb>("irradiance")],
+    host: host::tiles::leave,
 };

@@ -2,11 +2,41 @@
 //! All bounces of light as one matrix, compressed so that its product fits in a cache.
 //!
 //! With the form factors F and the reflectance ρ of a colour channel, light that leaves as E arrives as
-//! `H = T E`, `T = F (I − diag(ρ) F)⁻¹`; with K bounces `T_K = F Σ_{k<K} (diag(ρ) F)^k`.
+//! `H = T E`, `T = F (I − diag(ρ) F)⁻¹`; with K bounces `T_K = F Σ_{k<K} (diag(ρ) F)^k`. E and H are W/m².
 //!
-//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 3.
+//! [`all_bounces`] makes T from reciprocal form factors by Cholesky's factorisation, [`all_bounces_lu`] from any,
+//! [`some_bounces`] makes T_K by Horner's rule. With areas a by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric:
+//! half of it says all. [`Tiles`] store it as pairs of vectors of 8 bits and single entries of 16 bits, in tiles of an order
+//! in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); the three colour
+//! channels share what they have in common. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike;
+//! the forms for all cores give the same bits.
+//!
+//! Tiles of F alone serve *feedback*, `B ← E + ρ∘(F B)`, a bounce in each frame, in which ρ may change at any time.
+//!
+//! ```
+//! use glam::{Vec3, Vec4};
+//! use multibounce::{Channels, Factors, Proceed, Tiles, all_bounces, halving_order};
+//!
+//! // Two plates that see each other by half, one twice as large.
+//! let (area, values) = ([1.0, 2.0], [0.5, 0.25]);
+//! let factors = Factors { row_start: &[0, 1, 2], columns: &[1, 0], values: &values, area: &area };
+//! let operator = all_bounces(&factors.symmetric()?, &[0.8, 0.5])?;
+//! let order = halving_order(&[Vec3::ZERO, Vec3::Z], &[Vec3::Z, Vec3::NEG_Z]);
+//! let go_on = |_, _| Proceed::Continue(());
+//! let tiles = Tiles::encode(Channels::One(&operator), &area, &order, 1e-3, &go_on)?;
+//!
+//! let mut irradiance = [Vec4::ZERO; 2];
+//! tiles.product(&[Vec4::ONE, Vec4::ZERO], &mut irradiance)?;
+//! // H_2 = F_21 B_1 and B_1 = 1 + ρ_1 F_12 ρ_2 H_2.
+//! let expected = 0.25 / (1.0 - 0.8 * 0.5 * 0.5 * 0.25);
+//! assert!((irradiance[1].x - expected).abs() < 2e-3 * expected);
+//! # Ok::<(), multibounce::Error>(())
+//! ```
+//!
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 3; the symmetric form and the tiles are this project's own.
 // The kernel build has `core` only: what needs `alloc` needs the feature `std`.
 #[cfg(any(feature = "std", test))]
+#[macro_use]
 extern crate std;
 
 #[cfg(feature = "std")]

@@ -20,6 +20,9 @@ pub enum Error {
     /// Virtual patches.
     #[error("patches: {0}")]
     Patches(#[from] patches::Error),
+    /// The operator of the light between patches.
+    #[error("operator: {0}")]
+    Operator(#[from] multibounce::Error),
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
     Write {

@@ -3,6 +3,7 @@
 pub mod classic;
 pub mod debug;
 mod frame;
+pub mod operator;
 pub mod path;
 mod pixels;
 pub mod proxy;

@@ -60,6 +60,7 @@ pub enum Command {
     /// Light a scene and write pictures (PNG, EXR) and summary.json.
     #[command(after_help = "Examples:\n  \
         patchlight render cornell --method classic --patch-count 4000\n  \
+        patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell")]
     Render(Render),
@@ -99,6 +100,10 @@ pub enum Command {
 pub enum Method {
     /// Classic radiosity: patches of any kind, one product a bounce.
     Classic,
+    /// All bounces in one product with a compressed operator.
+    Tiles,
+    /// One product a frame with compressed form factors, from the light of the frame before.
+    Feedback,
     /// Path tracing on the CPU, the reference.
     Path,
 }
@@ -108,6 +113,8 @@ impl Method {
     pub fn name(self) -> &'static str {
         match self {
             Self::Classic => "classic",
+            Self::Tiles => "tiles",
+            Self::Feedback => "feedback",
             Self::Path => "path",
         }
     }
@@ -216,6 +223,9 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
+    /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
+    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
+    pub epsilon: f64,
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
     pub receivers: ReceiverPlaces,
@@ -329,6 +339,13 @@ fn parse_bounces(text: &str) -> Result<Bounces, String> {
     match text.parse() {
         Ok(count) if (1..=1000).contains(&count) => Ok(Bounces::Count(count)),
         _ => Err(format!("`{text}` is neither `all` nor a number from 1 to 1000")),
+    }
+}
+
+fn parse_epsilon(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(epsilon) if (1e-6..1.0).contains(&epsilon) => Ok(epsilon),
+        _ => Err(format!("`{text}` is no number of at least 0.000001 and below 1")),
     }
 }
 

@@ -17,6 +17,7 @@ use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
 use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
+use crate::render::operator::Transport;
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -47,7 +48,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     };
     let (pictures, points) = match args.method {
         Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
-        Method::Classic => {
+        Method::Classic | Method::Tiles | Method::Feedback => {
             classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
         }
     };
@@ -147,6 +148,11 @@ fn classic_frames(
             FormFactors::Area => Estimator::Area,
             FormFactors::Point => Estimator::Point,
         },
+        transport: match args.method {
+            Method::Tiles => Transport::Tiles { epsilon: args.epsilon },
+            Method::Feedback => Transport::Feedback { epsilon: args.epsilon },
+            Method::Classic | Method::Path => Transport::Classic,
+        },
         bounces: match args.bounces {
             Bounces::All => None,
             Bounces::Count(k) => Some(k),
@@ -168,7 +174,10 @@ fn classic_frames(
     summary.patches = Some(classic.patch_count());
     summary.receivers = Some(classic.receiver_count());
     summary.bytes = classic.bytes();
-    for phase in ["import", "sample", "form_factors", "receivers"] {
+    for phase in ["import", "sample", "form_factors", "receivers", "operator", "compress"] {
+        if !progress.phases.iter().any(|(name, _)| name == phase) {
+            continue;
+        }
         summary.bake.insert(phase.into(), progress.seconds(phase));
     }
     let animation = Animation::or_default_path(loaded);

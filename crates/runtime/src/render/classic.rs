@@ -14,6 +14,7 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
 use super::frame::{Frame, FrameParts};
+use super::operator::{self, Transport};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
@@ -81,6 +82,8 @@ pub struct ClassicSettings {
     pub sample_rays: u32,
     /// Estimator of the form factors between patches.
     pub estimator: Estimator,
+    /// How light goes from patch to patch.
+    pub transport: Transport,
     /// Bounces; `None` for all.
     pub bounces: Option<u32>,
     /// Where irradiance is gathered.
@@ -111,6 +114,7 @@ impl Default for ClassicSettings {
             samples: ViewSettings::default().samples,
             sample_rays: 8,
             estimator: Estimator::Hemisphere { rays: 4096 },
+            transport: Transport::default(),
             bounces: None,
             receivers: ReceiverKind::default(),
             receiver_edge: None,
@@ -235,8 +239,14 @@ impl Classic {
             Some(bounces) => bounces,
             None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
         };
+        let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
+        let tiles = operator::compress(settings.transport, &senders, &factors, settings.bounces, by_patches, progress)?;
+        let between = match &tiles {
+            Some(tiles) => ("operator".to_owned(), tiles.bytes().iter().map(|part| part.1).sum()),
+            None => ("form_factors".to_owned(), csr_bytes(&factors)),
+        };
         let bytes = BTreeMap::from([
-            ("form_factors".to_owned(), csr_bytes(&factors)),
+            between,
             ("facets".to_owned(), csr_bytes(&facet_rows.factors)),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
             ("receivers".to_owned(), receivers.rows.bytes() as u64),
@@ -251,8 +261,10 @@ impl Classic {
                 senders: &senders,
                 receivers: &receivers,
                 factors: &factors,
+                tiles: tiles.as_ref(),
+                is_feedback: matches!(settings.transport, Transport::Feedback { .. }),
                 facet_rows: &facet_rows,
-                lookup: senders.lookup.as_ref().filter(|_| settings.receivers == ReceiverKind::SelfReceivers),
+                lookup: senders.lookup.as_ref().filter(|_| by_patches),
                 bounces,
                 direct,
                 size: settings.size,

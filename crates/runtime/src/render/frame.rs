@@ -4,14 +4,17 @@ use std::f32::consts::PI;
 
 use bytemuck::{Pod, cast_slice};
 use formfactor::kernel::hits::WORD_COUNTS;
-use formfactor::{Csr, HitRows, HitsParams, Operator, SparseRows};
+use formfactor::{Csr, HitRows, HitsParams, Operator as _, SparseRows};
 use glam::{Vec3, Vec4};
-use gpu_kernels::params::{CountParams, PixelParams};
+use gpu_kernels::params::{CountParams, EnterParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
+use multibounce::Tiles;
+use multibounce::kernel::tiles::TILE;
 use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
+use super::operator::LAST_BOUNCES;
 use super::receivers::MeshReceivers;
 use super::senders::Senders;
 use crate::error::Error;
@@ -29,6 +32,10 @@ pub struct FrameParts<'a> {
     pub receivers: &'a MeshReceivers,
     /// From patches to patches.
     pub factors: &'a Csr,
+    /// The same in one product, of all bounces, or with feedback of one.
+    pub tiles: Option<&'a Tiles>,
+    /// Whether a frame's bounces begin with the light of the frame before.
+    pub is_feedback: bool,
     /// From patches to facets.
     pub facet_rows: &'a SparseRows,
     /// Takes the patches' own irradiance to the pixels, instead of the receivers.
@@ -54,8 +61,20 @@ pub struct Frame {
     direct: BufferId,
     pixels: usize,
     patch_light: (PassId, DirectParams),
+    /// What is to be done before the first frame.
+    feedback: Option<Feedback>,
     sub_frames: Vec<SubFrame>,
     seed: u32,
+}
+
+/// Bounces whose light stays from frame to frame.
+struct Feedback {
+    /// Passes that find E.
+    light: Vec<PassId>,
+    /// Passes of a bounce.
+    bounce: Vec<PassId>,
+    /// Bounces after which nothing changes, when the lights do not.
+    bounces: u32,
 }
 
 /// The passes of a sub-frame whose push constants change.
@@ -162,7 +181,10 @@ impl Frame {
         let facet_shares = uploads.table(&mut plan, "facet shares", cast_slice(&facet_shares));
         let facet_rows =
             uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
-        let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], parts.factors);
+        let no_rows = Csr::default();
+        let patch_factors = if parts.tiles.is_some() { &no_rows } else { parts.factors };
+        let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], patch_factors);
+        let tile_tables = parts.tiles.map(|tiles| TileTables::new(&mut plan, &mut uploads, tiles));
         let names = ["smoothing starts", "smoothing columns", "smoothing weights"];
         let smoothing_rows = uploads.csr(&mut plan, names, &parts.receivers.smoothing);
         let node_rows =
@@ -231,18 +253,29 @@ impl Frame {
             ("irradiance", Range::from(irradiance)),
             ("exitance", Range::from(exitance)),
         ];
-        // B = E to begin with: a bounce of no irradiance.
         let dark = plan.storage("dark", rgb(patches));
-        let first = [("irradiance", Range::from(dark))];
-        pass(&mut plan, "gather", &table::FORMFACTOR_BOUNCE, &first, &patch_tables, &patch_count, patches as u32)?;
+        if !parts.is_feedback {
+            // B = E to begin with: a bounce of no irradiance.
+            let first = [("irradiance", Range::from(dark))];
+            pass(&mut plan, "gather", &table::FORMFACTOR_BOUNCE, &first, &patch_tables, &patch_count, patches as u32)?;
+        }
         let kernel = &table::FORMFACTOR_GATHER_CSR;
         // The last bounce arrives at the receivers, the one before at the facets; all of them where patches are receivers.
-        let on_patches = if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(2) };
-        for _ in 0..on_patches {
+        let on_patches =
+            if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(LAST_BOUNCES) };
+        let products = if tile_tables.is_some() { 1 } else { on_patches };
+        let before = plan.passes().len();
+        for _ in 0..products {
+            if let Some(tiles) = &tile_tables {
+                tiles.product(&mut plan, exitance, irradiance)?;
+                pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
+                continue;
+            }
             let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(irradiance))];
             pass(&mut plan, "method", kernel, &own, &patch_rows, &patch_count, patches as u32)?;
             pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
         }
+        let method: Vec<PassId> = plan.all_passes().split_off(before);
         if parts.bounces > 1 && parts.lookup.is_none() {
             let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(facet_irradiance))];
             pass(&mut plan, "lookup", kernel, &own, &facet_rows, &facet_count, facets as u32)?;
@@ -324,14 +357,22 @@ impl Frame {
             sub_frames.push(SubFrame { light: (light_pass, light), primary, shade_full, shade_direct });
         }
 
+        let all = plan.all_passes();
         executor.load(plan)?;
         for (buffer, bytes) in uploads.0 {
             executor.upload_at(buffer, 0, bytes)?;
         }
         executor.upload(dark, &vec![Vec4::ZERO; patches])?;
+        executor.upload(exitance, &vec![Vec4::ZERO; patches])?;
         executor.upload(irradiance, &vec![Vec4::ZERO; values])?;
         executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
+        let feedback = (parts.is_feedback && parts.tiles.is_some()).then(|| Feedback {
+            // What comes before is the light of the patches.
+            light: (0..before).map(|k| all[k]).collect(),
+            bounce: method,
+            bounces: on_patches,
+        });
         let patch_light = (patch_light, parts.direct);
         let seed = parts.seed;
         Ok(Self {
@@ -346,6 +387,7 @@ impl Frame {
             direct,
             pixels,
             patch_light,
+            feedback,
             sub_frames,
             seed,
         })
@@ -372,6 +414,12 @@ impl Frame {
             let push = PixelParams { camera: *camera, count: self.pixels as u32, seed, light_count, reserved: 0 };
             for pass in [sub.primary, sub.shade_full, sub.shade_direct] {
                 self.executor.push(pass, &push)?;
+            }
+        }
+        if let Some(Feedback { light, bounce, bounces }) = self.feedback.take() {
+            self.executor.run_passes(&light)?;
+            for _ in 0..bounces {
+                self.executor.run_passes(&bounce)?;
             }
         }
         let mut times: Vec<(String, f64)> = Vec::new();
@@ -417,6 +465,62 @@ impl Frame {
 /// Seed of sub-frame k of a frame.
 pub fn sub_frame_seed(frame: u32, sub_frames: u32, k: u32, seed: u32) -> u32 {
     hash3(frame * sub_frames + k, 0x6672_616d, seed)
+}
+
+/// An operator in tiles on the device, and what a product keeps between its passes.
+struct TileTables {
+    tables: Vec<(&'static str, Range)>,
+    ordered: BufferId,
+    sums: BufferId,
+    rows: BufferId,
+    patches: u32,
+    slots: u32,
+}
+
+impl TileTables {
+    fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a Tiles) -> Self {
+        let rgb = |n: usize| (n * size_of::<Vec4>()) as u64;
+        let places = tiles.steps.len();
+        let tables = vec![
+            uploads.named(plan, "order", cast_slice(&tiles.order)),
+            uploads.named(plan, "place", cast_slice(&tiles.place)),
+            uploads.named(plan, "root", cast_slice(&tiles.root)),
+            uploads.named(plan, "slots", cast_slice(&tiles.slots)),
+            uploads.named(plan, "words", cast_slice(&tiles.words)),
+            uploads.named(plan, "use_start", cast_slice(&tiles.use_start)),
+            uploads.named(plan, "uses", cast_slice(&tiles.uses)),
+            uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
+            uploads.named(plan, "entries", cast_slice(&tiles.entries)),
+            uploads.named(plan, "steps", cast_slice(&tiles.steps)),
+        ];
+        Self {
+            tables,
+            ordered: plan.storage("ordered", rgb(places)),
+            sums: plan.storage("sums", rgb(tiles.slots.len())),
+            rows: plan.storage("rows", rgb(places)),
+            patches: tiles.order.len() as u32,
+            slots: tiles.slots.len() as u32,
+        }
+    }
+
+    /// The passes of `irradiance = T exitance`.
+    fn product(&self, plan: &mut Plan, exitance: BufferId, irradiance: BufferId) -> Result<(), ExecutorError> {
+        let own = [
+            ("exitance", Range::from(exitance)),
+            ("irradiance", Range::from(irradiance)),
+            ("ordered", Range::from(self.ordered)),
+            ("sums", Range::from(self.sums)),
+            ("rows", Range::from(self.rows)),
+        ];
+        let places = self.patches.next_multiple_of(TILE);
+        let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
+        let tables = &self.tables;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, places)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.slots), self.slots)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(places), places)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
+        Ok(())
+    }
 }
 
 /// Where the receivers' rows are on the device.

@@ -1,0 +1,200 @@
+//! Dense operators of many bounces.
+
+use std::ops::ControlFlow;
+use std::vec::Vec;
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use rayon::prelude::*;
+
+use crate::error::{Error, check_length};
+
+/// Whether to go on: a progress callback breaks it to cancel.
+pub type Proceed = ControlFlow<()>;
+
+/// Form factors between patches as sparse rows, borrowed: row i has the entries `row_start[i]..row_start[i + 1]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Factors<'a> {
+    /// `[patches + 1]`.
+    pub row_start: &'a [u32],
+    /// Column of each entry, ascending in a row.
+    pub columns: &'a [u32],
+    /// `F_ij` of each entry.
+    pub values: &'a [f32],
+    /// Areas a, m², by which F is reciprocal: `a_i F_ij = a_j F_ji`.
+    pub area: &'a [f32],
+}
+
+/// Largest `|a_i F_ij − a_j F_ji| / √(a_i a_j)` that passes as reciprocal.
+const RECIPROCITY: f32 = 1e-4;
+
+impl Factors<'_> {
+    /// Number of patches.
+    pub fn patches(&self) -> usize {
+        self.area.len()
+    }
+
+    /// Columns and values of row `i`.
+    pub(crate) fn row(&self, i: usize) -> impl Iterator<Item = (usize, f32)> {
+        let range = self.row_start[i] as usize..self.row_start[i + 1] as usize;
+        self.columns[range.clone()].iter().map(|&j| j as usize).zip(self.values[range].iter().copied())
+    }
+
+    /// Whether the tables belong together.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Value`].
+    pub fn check(&self) -> Result<(), Error> {
+        let n = self.area.len();
+        check_length("row_start", n + 1, self.row_start.len())?;
+        check_length("columns", self.values.len(), self.columns.len())?;
+        check_length("values", self.row_start[n] as usize, self.values.len())?;
+        let value = |name, index, value: f32, rule| Error::Value { name, index, value: f64::from(value), rule };
+        if let Some(k) = (0..n).find(|&k| self.row_start[k] > self.row_start[k + 1]) {
+            return Err(value("row_start", k, self.row_start[k] as f32, "ascending"));
+        }
+        if let Some(k) = self.columns.iter().position(|&j| j as usize >= n) {
+            return Err(value("columns", k, self.columns[k] as f32, "a patch"));
+        }
+        if let Some(k) = self.values.iter().position(|f| !(f.is_finite() && *f >= 0.0)) {
+            return Err(value("values", k, self.values[k], "finite and not negative"));
+        }
+        if let Some(k) = self.area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
+            return Err(value("area", k, self.area[k], "positive"));
+        }
+        Ok(())
+    }
+
+    /// `Ŝ = a^½ F a^-½`, symmetric, all of it.
+    ///
+    /// # Errors
+    /// What [`Factors::check`] finds; [`Error::Value`] where F is not reciprocal.
+    pub fn symmetric(&self) -> Result<Mat<f32>, Error> {
+        self.check()?;
+        let n = self.patches();
+        let root: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        let mut dense: Mat<f32> = Mat::zeros(n, n);
+        for i in 0..n {
+            // A column of the matrix, which lies together in memory.
+            for (j, f) in self.row(i) {
+                dense[(j, i)] += f * root[i] / root[j];
+            }
+        }
+        let unlike = |i: usize| {
+            let gap = |j: usize| -> f32 { dense[(i, j)] - dense[(j, i)] };
+            (0..i).any(|j| gap(j).abs() > RECIPROCITY)
+        };
+        if let Some(index) = (0..n).into_par_iter().find_first(|&i| unlike(i)) {
+            let rule = "reciprocal: a_i F_ij = a_j F_ji (balance the form factors first)";
+            return Err(Error::Value { name: "factors", index, value: f64::from(self.area[index]), rule });
+        }
+        Ok(dense)
+    }
+}
+
+fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> {
+    check_length("albedo", patches, albedo.len())?;
+    match albedo.iter().position(|a| !(0.0..1.0).contains(a)) {
+        Some(index) => {
+            Err(Error::Value { name: "albedo", index, value: f64::from(albedo[index]), rule: "at least 0 and below 1" })
+        }
+        None => Ok(()),
+    }
+}
+
+/// All bounces of one colour channel, from the symmetric form factors: `T̂ = Ŝ + XᵀX`, `X = L⁻¹ P Ŝ`, `L Lᵀ = I − P Ŝ P`,
+/// `P = diag(ρ^½)`; `T = a^-½ T̂ a^½`. Cholesky's factorisation, a triangular solve and a product of about 7/3 n³ operations,
+/// and 3 n² numbers of memory at the peak; well conditioned also for ρ = 0.
+///
+/// # Errors
+/// [`Error::Length`], [`Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when light grows without end.
+pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
+    let n = symmetric.nrows();
+    check_length("columns", n, symmetric.ncols())?;
+    check_albedo(albedo, n)?;
+    let root: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a)).collect();
+    let system = Mat::from_fn(n, n, |i, j| {
+        let inner = root[i] * symmetric[(i, j)] * root[j];
+        if i == j { 1.0 - inner } else { -inner }
+    });
+    let factor = system.llt(Side::Lower).map_err(|error| {
+        let faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index } = error;
+        Error::Singular { patch: index }
+    })?;
+    drop(system);
+    let mut x = Mat::from_fn(n, n, |i, j| root[i] * symmetric[(i, j)]);
+    let parallel = faer::get_global_parallelism();
+    faer::linalg::triangular_solve::solve_lower_triangular_in_place(factor.L(), x.as_mut(), parallel);
+    drop(factor);
+    let mut out = symmetric.clone();
+    use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+    matmul(
+        out.as_mut(),
+        BlockStructure::TriangularLower,
+        faer::Accum::Add,
+        x.transpose(),
+        BlockStructure::Rectangular,
+        x.as_ref(),
+        BlockStructure::Rectangular,
+        1.0f32,
+        parallel,
+    );
+    for j in 0..n {
+        for i in 0..j {
+            out[(i, j)] = out[(j, i)];
+        }
+    }
+    Ok(out)
+}
+
+/// All bounces of one colour channel for form factors that need not be reciprocal, `T = F (I − diag(ρ) F)⁻¹`, by LU with
+/// partial pivoting: 8/3 n³ operations, 3 n² numbers of memory.
+///
+/// # Errors
+/// As [`all_bounces`].
+pub fn all_bounces_lu(factors: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
+    let n = factors.nrows();
+    check_length("columns", n, factors.ncols())?;
+    check_albedo(albedo, n)?;
+    // Transposed, for a solve from the left: T (I − R) = F.
+    let system = Mat::from_fn(n, n, |i, j| {
+        let r = albedo[j] * factors[(j, i)];
+        if i == j { 1.0 - r } else { -r }
+    });
+    let solved = system.partial_piv_lu().solve(factors.transpose());
+    let out = solved.transpose().to_owned();
+    match (0..n).find(|&i| (0..n).any(|j| !out[(i, j)].is_finite())) {
+        Some(patch) => Err(Error::Singular { patch }),
+        None => Ok(out),
+    }
+}
+
+/// So many bounces of one colour channel, `T_K = F Σ_{k<K} (diag(ρ) F)^k`, by Horner's rule: `T_1 = F`,
+/// `T_{k+1} = F + F diag(ρ) T_k`, K − 1 products. `progress(done, total)` is called after each; breaking it cancels.
+///
+/// # Errors
+/// [`Error::Length`], [`Error::Value`], [`Error::Setting`] for no bounces, [`Error::Cancelled`].
+pub fn some_bounces(
+    factors: &Mat<f32>,
+    albedo: &[f32],
+    bounces: u32,
+    progress: &dyn Fn(usize, usize) -> Proceed,
+) -> Result<Mat<f32>, Error> {
+    let n = factors.nrows();
+    check_length("columns", n, factors.ncols())?;
+    check_albedo(albedo, n)?;
+    if bounces == 0 {
+        return Err(Error::Setting { name: "bounces", value: 0.0, rule: "at least 1" });
+    }
+    let (mut sum, total) = (factors.clone(), bounces as usize - 1);
+    for done in 1..=total {
+        let lit = Mat::from_fn(n, n, |i, j| albedo[i] * sum[(i, j)]);
+        sum = factors.clone();
+        let parallel = faer::get_global_parallelism();
+        faer::linalg::matmul::matmul(sum.as_mut(), faer::Accum::Add, factors.as_ref(), lit.as_ref(), 1.0f32, parallel);
+        if progress(done, total).is_break() {
+            return Err(Error::Cancelled { done, total });
+        }
+    }
+    Ok(sum)
+}

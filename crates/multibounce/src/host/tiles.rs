@@ -1,0 +1,150 @@
+//! Symmetric operators in tiles of low rank and single entries.
+
+mod encode;
+mod product;
+
+use std::vec::Vec;
+
+use faer::Mat;
+
+use crate::error::{Error, check_length};
+use crate::kernel::tiles::{SLOT_WORDS, TILE};
+use crate::types::TileSlot;
+
+pub use product::{ExpandTables, enter_all, expand_all, leave_all, project_all};
+
+/// Most patches: entries name columns by 16 bits.
+pub const MOST_TILE_PATCHES: usize = 65_536 - TILE as usize;
+
+/// The symmetric operators of the colour channels, `T̂ = a^½ T a^-½`.
+#[derive(Clone, Copy, Debug)]
+pub enum Channels<'a> {
+    /// One for all three: form factors.
+    One(&'a Mat<f32>),
+    /// Red, green, blue.
+    Three([&'a Mat<f32>; 3]),
+}
+
+/// A symmetric operator, `T̂ ≈ Σ_k s_k (u_k v_kᵀ + v_k u_kᵀ) + S`: the upper triangle is cut into tiles of [`TILE`] rows and
+/// columns, each the sum of a few pairs of vectors of 8 bits and of single entries of 16 bits; a tile may have none of both. Three colour channels share
+/// what they have in common: green is the common part, red and blue are stored as differences to it, which have far fewer
+/// components, because the light that arrives directly is the same.
+///
+/// A component is kept when it takes more from the squared error than λ times its bytes, an entry likewise, and λ is found so
+/// that the whole has the error that was asked for: for its bytes the smallest error that such parts can have.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tiles {
+    /// Patch at each place of the order.
+    pub order: Vec<u32>,
+    /// Place of each patch.
+    pub place: Vec<u32>,
+    /// `√a` of each patch, m.
+    pub root: Vec<f32>,
+    /// Two for each component.
+    pub slots: Vec<TileSlot>,
+    /// `[slots · SLOT_WORDS]`.
+    pub words: Vec<u32>,
+    /// Slots of block b: `uses[use_start[b]..use_start[b + 1]]`.
+    pub use_start: Vec<u32>,
+    /// Slots, block by block.
+    pub uses: Vec<u32>,
+    /// Entries of each place, `[blocks · TILE + 1]`.
+    pub row_start: Vec<u32>,
+    /// Column in the lower 16 bits, value in the upper.
+    pub entries: Vec<u32>,
+    /// Step of the values of each place.
+    pub steps: Vec<f32>,
+    /// What was lost.
+    pub report: TileReport,
+}
+
+/// How an operator was stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TileReport {
+    /// Relative Frobenius error of each channel.
+    pub error: [f64; 3],
+    /// Tiles without components or entries, with entries only, with components.
+    pub tiles: [usize; 3],
+    /// Components for all channels, and of the differences.
+    pub components: [usize; 2],
+    /// Most components of a tile.
+    pub most_rank: usize,
+    /// Single entries of the upper triangle.
+    pub entries: usize,
+}
+
+impl Tiles {
+    /// Number of patches.
+    pub fn patches(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Blocks of [`TILE`] rows.
+    pub fn blocks(&self) -> usize {
+        self.order.len().div_ceil(TILE as usize)
+    }
+
+    /// Bytes of each part that a product reads.
+    pub fn bytes(&self) -> [(&'static str, u64); 3] {
+        let vectors = size_of_val(&self.words[..]) + size_of_val(&self.slots[..]) + size_of_val(&self.uses[..]);
+        let entries = size_of_val(&self.entries[..]) + size_of_val(&self.row_start[..]) + size_of_val(&self.steps[..]);
+        let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
+        [("vectors", vectors as u64), ("entries", entries as u64), ("places", places as u64)]
+    }
+
+    /// Bytes that a file of it needs: entries once, not for both of their rows.
+    pub fn stored_bytes(&self) -> u64 {
+        let mirrored = (self.entries.len() - self.report.entries.min(self.entries.len())) * size_of::<u32>();
+        self.bytes().iter().map(|part| part.1).sum::<u64>() - mirrored as u64
+    }
+
+    /// Whether the tables belong together, so that no product reads beyond them.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Value`], naming the table and the entry.
+    pub fn check(&self) -> Result<(), Error> {
+        let (n, rows) = (self.patches(), self.blocks() * TILE as usize);
+        check_length("place", n, self.place.len())?;
+        check_length("root", n, self.root.len())?;
+        check_length("words", self.slots.len() * SLOT_WORDS as usize, self.words.len())?;
+        check_length("use_start", self.blocks() + 1, self.use_start.len())?;
+        check_length("row_start", rows + 1, self.row_start.len())?;
+        check_length("steps", rows, self.steps.len())?;
+        check_starts("use_start", &self.use_start, self.uses.len())?;
+        check_starts("row_start", &self.row_start, self.entries.len())?;
+        let below = |name, table: &[u32], limit: usize| match table.iter().position(|&k| k as usize >= limit) {
+            Some(index) => Err(Error::Value { name, index, value: f64::from(table[index]), rule: "in its range" }),
+            None => Ok(()),
+        };
+        below("order", &self.order, n)?;
+        below("place", &self.place, n)?;
+        below("uses", &self.uses, self.slots.len() & !1)?;
+        let blocks: Vec<u32> = self.slots.iter().map(|slot| slot.block).collect();
+        below("slots", &blocks, self.blocks())?;
+        let columns: Vec<u32> = self.entries.iter().map(|entry| entry & 0xffff).collect();
+        below("entries", &columns, rows)?;
+        let finite = |name, mut table: std::boxed::Box<dyn Iterator<Item = f32> + '_>| match table
+            .position(|x| !x.is_finite())
+        {
+            Some(index) => Err(Error::Value { name, index, value: f64::NAN, rule: "finite" }),
+            None => Ok(()),
+        };
+        finite("slots", std::boxed::Box::new(self.slots.iter().map(|slot| slot.scale)))?;
+        finite("steps", std::boxed::Box::new(self.steps.iter().copied()))?;
+        match self.root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
+            Some(index) => {
+                Err(Error::Value { name: "root", index, value: f64::from(self.root[index]), rule: "positive" })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+fn check_starts(name: &'static str, starts: &[u32], end: usize) -> Result<(), Error> {
+    let last = starts.last().map_or(0, |&k| k as usize);
+    check_length(name, end, last)?;
+    match starts.windows(2).position(|w| w[0] > w[1]) {
+        Some(index) => Err(Error::Value { name, index, value: f64::from(starts[index]), rule: "ascending" }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,444 @@
+//! From dense operators to tiles.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::vec::Vec;
+
+use faer::Mat;
+use rayon::prelude::*;
+use scene::sampling::hash3;
+
+use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
+use crate::error::{Error, check_length};
+use crate::host::solve::Proceed;
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, SLOT_WORDS, TILE};
+use crate::types::TileSlot;
+
+/// Size of a tile.
+const SIDE: usize = TILE as usize;
+/// Bytes of a component: its vectors, slots and uses.
+const COMPONENT_BYTES: f32 = (2 * SIDE + 2 * size_of::<TileSlot>() + 8) as f32;
+/// What an entry costs, on both sides of the diagonal: 8 bytes, but the time of 12 bytes of components.
+const ENTRY_BYTES: f32 = 12.0;
+/// An entry is taken out before components are looked for when it is so many times greater than those that are kept.
+const PEAK: f32 = 4.0;
+/// Times that what components and entries leave is looked at again.
+const MOST_STAGES: usize = 6;
+/// Largest element of a vector.
+const MOST: f32 = 127.0;
+/// The error is at least this share of what was asked for, when it can be.
+const CLOSE: f64 = 0.85;
+/// Times that λ is corrected.
+const MOST_ROUNDS: usize = 24;
+/// Tiles from which on λ is first looked for with a part of them, and that part.
+const MANY_TILES: usize = 512;
+const PART: u32 = 8;
+
+/// A pair of vectors of a tile.
+struct Component {
+    scale: f32,
+    channel: u32,
+    rows: [u32; SLOT_WORDS as usize],
+    columns: [u32; SLOT_WORDS as usize],
+}
+
+/// What a tile becomes.
+#[derive(Default)]
+struct Part {
+    components: Vec<Component>,
+    /// Row and column in the tile, value.
+    entries: Vec<(u8, u8, f32)>,
+    /// Squared error of each channel, both sides of the diagonal.
+    error: [f64; 3],
+}
+
+impl Tiles {
+    /// Tiles of operators with a relative Frobenius error of at most `epsilon` in every channel; `area` are the patches' areas
+    /// by which they are symmetric, `order` is one of [`crate::halving_order`]. `progress(done, total)` counts tiles of the
+    /// last pass; breaking it cancels.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for matrices of another size, [`Error::Setting`] for an ε that is not in 10⁻⁶..1,
+    /// [`Error::Value`] for numbers that are not finite, [`Error::TooMany`] patches, [`Error::Cancelled`].
+    pub fn encode(
+        channels: Channels,
+        area: &[f32],
+        order: &[u32],
+        epsilon: f64,
+        progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+    ) -> Result<Self, Error> {
+        let n = area.len();
+        if n > MOST_TILE_PATCHES {
+            return Err(Error::TooMany { name: "patches", found: n as u64, limit: MOST_TILE_PATCHES as u64 });
+        }
+        if !(1e-6..1.0).contains(&epsilon) {
+            return Err(Error::Setting { name: "epsilon", value: epsilon, rule: "at least 0.000001 and below 1" });
+        }
+        check_length("order", n, order.len())?;
+        let mut place = vec![u32::MAX; n];
+        for (p, &i) in order.iter().enumerate() {
+            match place.get_mut(i as usize) {
+                Some(place) if *place == u32::MAX => *place = p as u32,
+                _ => {
+                    let rule = "every patch once";
+                    return Err(Error::Value { name: "order", index: p, value: f64::from(i), rule });
+                }
+            }
+        }
+        if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
+            return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
+        }
+        let source = Source::new(channels, order)?;
+        let blocks = n.div_ceil(SIDE);
+        let all: Vec<(usize, usize)> = (0..blocks).flat_map(|i| (i..blocks).map(move |j| (i, j))).collect();
+        let some: Vec<(usize, usize)> = if all.len() < MANY_TILES {
+            all.clone()
+        } else {
+            all.iter().copied().filter(|&(i, j)| hash3(i as u32, j as u32, 0).is_multiple_of(PART)).collect()
+        };
+        let silent = |_: usize, _: usize| Proceed::Continue(());
+
+        // λ from a part of the tiles first, then from all of them, each time a little less when it was too much.
+        let norm = |tiles: &[(usize, usize)]| source.norms(tiles);
+        let mut lambda = ((epsilon * source.norms(&all)[1]).powi(2) / (0.03 * (n * n) as f64)).max(1e-30) as f32;
+        let worst = |parts: &[Part], norms: [f64; 3]| -> f64 {
+            let sum = |c: usize| parts.iter().map(|part| part.error[c]).sum::<f64>().sqrt();
+            (0..3).filter(|&c| norms[c] > 0.0).map(|c| sum(c) / norms[c]).fold(0.0, f64::max)
+        };
+        // In the logarithm the error is about half of λ; what is known of both sides bounds the next try.
+        let (mut low, mut high) = (0.0f32, f32::INFINITY);
+        if some.len() < all.len() {
+            let norms = norm(&some);
+            for _ in 0..MOST_ROUNDS {
+                let error = worst(&source.encode(&some, lambda, &silent)?, norms);
+                if (CLOSE * epsilon..=epsilon).contains(&error) {
+                    break;
+                }
+                lambda = next_lambda(lambda, error, epsilon, &mut low, &mut high);
+            }
+            (low, high) = (0.0, f32::INFINITY);
+        }
+        let norms = norm(&all);
+        let mut best = None;
+        for round in 0..MOST_ROUNDS {
+            let parts = source.encode(&all, lambda, progress)?;
+            let rows = Rows::pack(&all, &parts, blocks * SIDE);
+            // Entries for all channels are rounded alike in all of them.
+            let least = norms.iter().copied().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);
+            let error = (worst(&parts, norms).powi(2) + rows.error / (least * least)).sqrt();
+            let good = error <= epsilon;
+            if good {
+                best = Some((parts, rows));
+            }
+            // What is good stays good enough when trying again takes long.
+            if good && (error >= CLOSE * epsilon || round > 0 || all.len() >= MANY_TILES) {
+                break;
+            }
+            lambda = next_lambda(lambda, error, epsilon, &mut low, &mut high);
+        }
+        let Some((parts, rows)) = best else {
+            return Err(Error::Setting {
+                name: "epsilon",
+                value: epsilon,
+                rule: "more: single precision cannot give it",
+            });
+        };
+        Ok(Self::assemble(area, order, place, &all, parts, rows, norms))
+    }
+
+    /// Tables from the tiles' parts.
+    fn assemble(
+        area: &[f32],
+        order: &[u32],
+        place: Vec<u32>,
+        tiles: &[(usize, usize)],
+        parts: Vec<Part>,
+        rows: Rows,
+        norms: [f64; 3],
+    ) -> Self {
+        let blocks = area.len().div_ceil(SIDE);
+        let mut report = TileReport::default();
+        let (mut slots, mut words) = (Vec::new(), Vec::new());
+        let mut uses: Vec<Vec<u32>> = vec![Vec::new(); blocks];
+        for (&(i, j), part) in tiles.iter().zip(&parts) {
+            let kind = if !part.components.is_empty() { 2 } else { usize::from(!part.entries.is_empty()) };
+            report.tiles[kind] += 1;
+            report.most_rank = report.most_rank.max(part.components.len());
+            report.entries += part.entries.len();
+            for (sum, error) in report.error.iter_mut().zip(part.error) {
+                *sum += error;
+            }
+            for component in &part.components {
+                report.components[usize::from(component.channel != ALL_CHANNELS)] += 1;
+                let first = slots.len() as u32;
+                let Component { scale, channel, .. } = *component;
+                for (block, vector) in [(i, &component.rows), (j, &component.columns)] {
+                    slots.push(TileSlot { scale, block: block as u32, channel, reserved: 0 });
+                    words.extend_from_slice(vector);
+                }
+                uses[i].push(first);
+                if i != j {
+                    uses[j].push(first + 1);
+                }
+            }
+        }
+        for (error, norm) in report.error.iter_mut().zip(norms) {
+            *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
+        }
+        let use_start = starts(uses.iter().map(Vec::len));
+        let Rows { row_start, entries, steps, .. } = rows;
+        Self {
+            order: order.to_vec(),
+            place,
+            root: area.iter().map(|&a| scene::math::sqrt(a)).collect(),
+            slots,
+            words,
+            use_start,
+            uses: uses.concat(),
+            row_start,
+            entries,
+            steps,
+            report,
+        }
+    }
+}
+
+/// Where each of these begins, and where the last ends.
+fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
+    let mut starts = vec![0u32];
+    for (k, length) in lengths.enumerate() {
+        starts.push(starts[k] + length as u32);
+    }
+    starts
+}
+
+/// The single entries of all rows.
+struct Rows {
+    row_start: Vec<u32>,
+    entries: Vec<u32>,
+    steps: Vec<f32>,
+    /// Squared error of their rounding.
+    error: f64,
+}
+
+impl Rows {
+    fn pack(tiles: &[(usize, usize)], parts: &[Part], rows: usize) -> Self {
+        let mut given: Vec<Vec<(u32, f32)>> = vec![Vec::new(); rows];
+        for (&(i, j), part) in tiles.iter().zip(parts) {
+            for &(r, c, value) in &part.entries {
+                let (r, c) = (i * SIDE + r as usize, j * SIDE + c as usize);
+                given[r].push((c as u32, value));
+                if i != j {
+                    given[c].push((r as u32, value));
+                }
+            }
+        }
+        let row_start = starts(given.iter().map(Vec::len));
+        let (mut entries, mut steps, mut error) = (Vec::with_capacity(row_start[rows] as usize), Vec::new(), 0.0);
+        for row in &mut given {
+            row.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+            let most = row.iter().map(|entry| entry.1.abs()).fold(0.0, f32::max);
+            let step = if most > 0.0 { most / f32::from(i16::MAX) } else { 1.0 };
+            steps.push(step);
+            for &(column, value) in row.iter() {
+                let steps = scene::math::floor(value / step + 0.5);
+                error += f64::from(value - steps * step).powi(2);
+                entries.push(column | (steps as i32 as u32) << 16);
+            }
+        }
+        Self { row_start, entries, steps, error }
+    }
+}
+
+/// The next λ to try: by the error's square, between what was too little and too much.
+fn next_lambda(lambda: f32, error: f64, epsilon: f64, low: &mut f32, high: &mut f32) -> f32 {
+    if error > epsilon {
+        *high = high.min(lambda)
+    } else {
+        *low = low.max(lambda)
+    }
+    let aim = (1.0 + CLOSE) / 2.0 * epsilon;
+    let step = if error > 0.0 { ((aim / error).powi(2) as f32).clamp(1e-3, 1e3) } else { 1e3 };
+    let next = lambda * step;
+    if next > *low && next < *high {
+        next
+    } else if *low > 0.0 {
+        scene::math::sqrt(*low * *high)
+    } else {
+        lambda * 0.5
+    }
+}
+
+/// The operators in their order.
+struct Source<'a> {
+    common: &'a Mat<f32>,
+    /// Red and blue, when they differ from the common one.
+    others: [Option<&'a Mat<f32>>; 2],
+    order: &'a [u32],
+}
+
+impl<'a> Source<'a> {
+    fn new(channels: Channels<'a>, order: &'a [u32]) -> Result<Self, Error> {
+        let (common, others) = match channels {
+            Channels::One(matrix) => (matrix, [None, None]),
+            Channels::Three([red, green, blue]) => (green, [Some(red), Some(blue)]),
+        };
+        for matrix in [Some(common), others[0], others[1]].into_iter().flatten() {
+            check_length("rows", order.len(), matrix.nrows())?;
+            check_length("columns", order.len(), matrix.ncols())?;
+            let wrong = |j: usize| matrix.col(j).iter().any(|x| !x.is_finite());
+            if let Some(index) = (0..matrix.ncols()).into_par_iter().find_first(|&j| wrong(j)) {
+                return Err(Error::Value { name: "operator", index, value: f64::NAN, rule: "finite" });
+            }
+        }
+        Ok(Self { common, others, order })
+    }
+
+    /// A tile of one matrix, filled up with zeros.
+    fn tile(&self, matrix: &Mat<f32>, (i, j): (usize, usize)) -> Mat<f32> {
+        let at = |p: usize| self.order.get(p).map(|&k| k as usize);
+        let rows: Vec<Option<usize>> = (0..SIDE).map(|r| at(i * SIDE + r)).collect();
+        let mut out = Mat::zeros(SIDE, SIDE);
+        for c in 0..SIDE {
+            let Some(column) = at(j * SIDE + c) else { continue };
+            let column = matrix.col(column);
+            for (r, row) in rows.iter().enumerate() {
+                if let Some(row) = row {
+                    out[(r, c)] = column[*row];
+                }
+            }
+        }
+        out
+    }
+
+    /// Frobenius norm of each channel over these tiles, both sides of the diagonal.
+    fn norms(&self, tiles: &[(usize, usize)]) -> [f64; 3] {
+        let of = |matrix: &Mat<f32>| -> f64 {
+            let squares: Vec<f64> = tiles.par_iter().map(|&at| twice(at) * square(&self.tile(matrix, at))).collect();
+            squares.iter().sum::<f64>().sqrt()
+        };
+        let green = of(self.common);
+        [self.others[0].map_or(green, of), green, self.others[1].map_or(green, of)]
+    }
+
+    fn encode(
+        &self,
+        tiles: &[(usize, usize)],
+        lambda: f32,
+        progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+    ) -> Result<Vec<Part>, Error> {
+        let (done, total) = (AtomicUsize::new(0), tiles.len());
+        let work = |&at: &(usize, usize)| {
+            let part = self.part(at, lambda);
+            let count = done.fetch_add(1, Ordering::Relaxed) + 1;
+            (!progress(count, total).is_break()).then_some(part)
+        };
+        let parts: Option<Vec<Part>> = tiles.par_iter().map(work).collect();
+        parts.ok_or(Error::Cancelled { done: done.load(Ordering::Relaxed), total })
+    }
+
+    fn part(&self, at: (usize, usize), lambda: f32) -> Part {
+        let mut part = Part::default();
+        let mut common = self.tile(self.common, at);
+        let given = self.others.map(|other| other.map(|matrix| self.tile(matrix, at) - &common));
+        reduce(&mut common, lambda, ALL_CHANNELS, true, &mut part);
+        part.error[1] = twice(at) * square(&common);
+        for (k, channel) in [(0, 0), (1, 2)] {
+            part.error[channel] = match &given[k] {
+                Some(difference) => {
+                    let mut rest = difference.clone();
+                    reduce(&mut rest, lambda, channel as u32, false, &mut part);
+                    twice(at) * square(&(rest + &common))
+                }
+                None => part.error[1],
+            };
+        }
+        part
+    }
+}
+
+/// Tiles above the diagonal stand for two.
+fn twice((i, j): (usize, usize)) -> f64 {
+    if i == j { 1.0 } else { 2.0 }
+}
+
+fn square(tile: &Mat<f32>) -> f64 {
+    tile.col_iter().flat_map(|column| column.iter()).map(|&x| f64::from(x) * f64::from(x)).sum()
+}
+
+/// Takes components and entries out of a tile as long as they are worth their bytes. Great entries first, for they would
+/// need many components; then components; then entries again; and again, because 8 bits leave something.
+fn reduce(rest: &mut Mat<f32>, lambda: f32, channel: u32, may_have_entries: bool, part: &mut Part) {
+    let least = lambda * COMPONENT_BYTES;
+    for stage in 0..MOST_STAGES {
+        // Squares of singular values add up to those of the entries.
+        if square(rest) <= f64::from(least.min(lambda * ENTRY_BYTES)) {
+            return;
+        }
+        let before = (part.components.len(), part.entries.len());
+        let mut peaks = Vec::new();
+        if may_have_entries && stage == 0 {
+            take_entries(rest, lambda * ENTRY_BYTES * PEAK * PEAK, &mut peaks);
+        }
+        if square(rest) > f64::from(least) {
+            take_components(rest, least, channel, part);
+        }
+        for &(r, c, value) in &peaks {
+            rest[(r as usize, c as usize)] += value;
+        }
+        if may_have_entries {
+            take_entries(rest, lambda * ENTRY_BYTES, &mut part.entries);
+        }
+        if before == (part.components.len(), part.entries.len()) {
+            return;
+        }
+    }
+}
+
+fn take_entries(rest: &mut Mat<f32>, least: f32, out: &mut Vec<(u8, u8, f32)>) {
+    for c in 0..SIDE {
+        for r in 0..SIDE {
+            let value = rest[(r, c)];
+            if value * value > least {
+                out.push((r as u8, c as u8, value));
+                rest[(r, c)] = 0.0;
+            }
+        }
+    }
+}
+
+fn take_components(rest: &mut Mat<f32>, least: f32, channel: u32, part: &mut Part) {
+    let Ok(svd) = rest.thin_svd() else { return };
+    for k in 0..SIDE {
+        let sigma = svd.S().column_vector()[k];
+        // The values descend.
+        if sigma * sigma <= least || !sigma.is_finite() {
+            break;
+        }
+        let (u, v) = (svd.U().col(k), svd.V().col(k));
+        let most = |x: faer::ColRef<f32>| x.iter().fold(0.0f32, |m, x| m.max(x.abs()));
+        let (most_u, most_v) = (most(u), most(v));
+        if most_u == 0.0 || most_v == 0.0 {
+            continue;
+        }
+        let whole = |x: faer::ColRef<f32>, most: f32| -> Vec<f32> {
+            x.iter().map(|x| scene::math::floor(x / most * MOST + 0.5)).collect()
+        };
+        let (rows, columns) = (whole(u, most_u), whole(v, most_v));
+        let scale = sigma * most_u * most_v / (MOST * MOST);
+        for (c, column) in columns.iter().enumerate() {
+            for (r, row) in rows.iter().enumerate() {
+                rest[(r, c)] -= scale * row * column;
+            }
+        }
+        part.components.push(Component { scale, channel, rows: pack(&rows), columns: pack(&columns) });
+    }
+}
+
+/// Byte b of word w is element `32 b + w`, plus the bias.
+fn pack(vector: &[f32]) -> [u32; SLOT_WORDS as usize] {
+    let mut words = [0; SLOT_WORDS as usize];
+    for (e, x) in vector.iter().enumerate() {
+        words[e % SLOT_WORDS as usize] |= ((x + BIAS) as u32) << (8 * (e / SLOT_WORDS as usize));
+    }
+    words
+}

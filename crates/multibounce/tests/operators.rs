@@ -1,0 +1,315 @@
+//! Operators of many bounces against each other, and their compression against what it promises.
+
+use faer::Mat;
+use glam::{Vec3, Vec4};
+use multibounce::{
+    Channels, Error, Factors, Proceed, Tiles, all_bounces, all_bounces_lu, enter_all, expand_all, halving_order,
+    kernel, project_all, some_bounces,
+};
+use proptest::prelude::*;
+use scene::sampling::{hash3, unit};
+
+fn random(a: usize, b: usize, c: u32) -> f32 {
+    unit(hash3(a as u32, b as u32, c))
+}
+
+fn go(_: usize, _: usize) -> Proceed {
+    Proceed::Continue(())
+}
+
+/// Reciprocal form factors of a closed set of patches on a line: near ones see more of each other.
+struct Case {
+    area: Vec<f32>,
+    row_start: Vec<u32>,
+    columns: Vec<u32>,
+    values: Vec<f32>,
+}
+
+impl Case {
+    fn new(n: usize, noise: f32) -> Self {
+        let area: Vec<f32> = (0..n).map(|i| 0.2 + random(i, 0, 1)).collect();
+        let s = |i: usize, j: usize| {
+            let (i, j) = (i.min(j), i.max(j));
+            let x = (j - i) as f32 / n as f32;
+            if i == j { 0.0 } else { area[i] * area[j] / (0.01 + x * x) * (1.0 + noise * (random(i, j, 2) - 0.5)) }
+        };
+        // One scale for all, so that F stays reciprocal and no row exceeds 1.
+        let sums: Vec<f32> = (0..n).map(|i| (0..n).map(|j| s(i, j)).sum::<f32>() / area[i]).collect();
+        let most = sums.iter().copied().fold(0.0, f32::max);
+        let (mut row_start, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+        for i in 0..n {
+            for j in (0..n).filter(|&j| j != i) {
+                columns.push(j as u32);
+                values.push(s(i, j) / (area[i] * most));
+            }
+            row_start.push(values.len() as u32);
+        }
+        Self { area, row_start, columns, values }
+    }
+
+    fn factors(&self) -> Factors<'_> {
+        Factors { row_start: &self.row_start, columns: &self.columns, values: &self.values, area: &self.area }
+    }
+
+    fn dense(&self) -> Mat<f32> {
+        let n = self.area.len();
+        let mut dense = Mat::zeros(n, n);
+        for i in 0..n {
+            for k in self.row_start[i] as usize..self.row_start[i + 1] as usize {
+                dense[(i, self.columns[k] as usize)] = self.values[k];
+            }
+        }
+        dense
+    }
+
+    fn order(&self) -> Vec<u32> {
+        let n = self.area.len();
+        halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n])
+    }
+}
+
+fn albedo(n: usize, channel: u32) -> Vec<f32> {
+    (0..n).map(|i| if i % 7 == 0 { 0.0 } else { 0.3 + 0.6 * random(i, 0, 5 + channel) }).collect()
+}
+
+/// `a^-½ M a^½`.
+fn unscaled(matrix: &Mat<f32>, area: &[f32]) -> Mat<f32> {
+    Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] * (area[j] / area[i]).sqrt())
+}
+
+fn difference(a: &Mat<f32>, b: &Mat<f32>) -> f32 {
+    (a - b).norm_l2() / b.norm_l2()
+}
+
+#[test]
+fn cholesky_lu_and_many_bounces_agree() {
+    let case = Case::new(90, 0.5);
+    let (rho, f) = (albedo(90, 0), case.dense());
+    let symmetric = case.factors().symmetric().unwrap();
+    let all = unscaled(&all_bounces(&symmetric, &rho).unwrap(), &case.area);
+    let lu = all_bounces_lu(&f, &rho).unwrap();
+    assert!(difference(&all, &lu) < 1e-5, "{}", difference(&all, &lu));
+    // 0.9^k of the light is left after k bounces.
+    let many = some_bounces(&f, &rho, 200, &go).unwrap();
+    assert!(difference(&many, &lu) < 1e-4, "{}", difference(&many, &lu));
+    let few = some_bounces(&f, &rho, 4, &go).unwrap();
+    assert!(difference(&few, &lu) > 0.01, "four bounces are not all");
+    // The same in symmetric form.
+    let few_symmetric = unscaled(&some_bounces(&symmetric, &rho, 4, &go).unwrap(), &case.area);
+    assert!(difference(&few_symmetric, &few) < 1e-5);
+    // Other reflectances give another operator.
+    assert!(difference(&all_bounces_lu(&f, &albedo(90, 1)).unwrap(), &lu) > 1e-3);
+}
+
+#[test]
+fn horner_is_the_sum_of_explicit_powers() {
+    let case = Case::new(40, 0.5);
+    let (rho, f) = (albedo(40, 0), case.dense());
+    let reflected = Mat::from_fn(40, 40, |i, j| rho[i] * f[(i, j)]);
+    let (mut power, mut sum) = (Mat::<f32>::identity(40, 40), Mat::<f32>::zeros(40, 40));
+    for bounces in 1..6 {
+        sum += &f * &power;
+        power = &reflected * &power;
+        let horner = some_bounces(&f, &rho, bounces, &go).unwrap();
+        assert!(difference(&horner, &sum) < 1e-6, "{bounces}: {}", difference(&horner, &sum));
+    }
+    let stop = |_: usize, _: usize| Proceed::Break(());
+    assert_eq!(some_bounces(&f, &rho, 3, &stop), Err(Error::Cancelled { done: 1, total: 2 }));
+}
+
+/// The operator that tiles multiply by, column by column.
+fn decoded(tiles: &Tiles, n: usize, channel: usize) -> Mat<f32> {
+    let mut out = Mat::zeros(n, n);
+    for j in 0..n {
+        let (mut unit, mut column) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
+        unit[j] = Vec4::ONE;
+        tiles.product(&unit, &mut column).unwrap();
+        (0..n).for_each(|i| out[(i, j)] = column[i][channel]);
+    }
+    out
+}
+
+/// Relative Frobenius error of one channel, in symmetric form.
+fn error_of(tiles: &Tiles, exact: &Mat<f32>, area: &[f32], channel: usize) -> f32 {
+    let n = area.len();
+    let found = decoded(tiles, n, channel);
+    let symmetric = Mat::from_fn(n, n, |i, j| found[(i, j)] * (area[i] / area[j]).sqrt());
+    difference(&symmetric, exact)
+}
+
+#[test]
+fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_operators() {
+    let n = 300;
+    let case = Case::new(n, 0.3);
+    let symmetric = case.factors().symmetric().unwrap();
+    let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
+    let bytes = |tiles: &Tiles| tiles.bytes().iter().map(|part| part.1).sum::<u64>();
+    let mut last = 0;
+    for epsilon in [1e-1, 1e-2, 1e-3, 1e-4] {
+        let channels = Channels::Three([&made[0], &made[1], &made[2]]);
+        let tiles = Tiles::encode(channels, &case.area, &case.order(), epsilon, &go).unwrap();
+        tiles.check().unwrap();
+        for (c, exact) in made.iter().enumerate() {
+            let error = error_of(&tiles, exact, &case.area, c);
+            assert!(f64::from(error) <= 1.01 * epsilon, "{epsilon}, channel {c}: {error}");
+            // What it says of itself is what it does.
+            assert!((f64::from(error) - tiles.report.error[c]).abs() <= 0.05 * epsilon, "{:?}", tiles.report);
+        }
+        assert!(bytes(&tiles) > last, "{epsilon}: a smaller error costs more");
+        last = bytes(&tiles);
+        if epsilon == 1e-2 {
+            let alone = Tiles::encode(Channels::One(&made[0]), &case.area, &case.order(), epsilon, &go).unwrap();
+            assert!(last < 3 * bytes(&alone) * 3 / 4, "{last} {}", bytes(&alone));
+            assert!(error_of(&alone, &made[1], &case.area, 0) > 0.011, "another operator is noticed");
+            // Broken words change the operator.
+            let mut broken = alone.clone();
+            broken.words[32..48].iter_mut().for_each(|word| *word ^= 0x8080_8080);
+            assert!(error_of(&broken, &made[0], &case.area, 0) > 1.5 * error_of(&alone, &made[0], &case.area, 0));
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn the_error_bound_holds_for_any_operator(seed in 0u32..1000, n in 1usize..200, power in 1u32..5) {
+        let epsilon = 10f64.powi(-(power as i32));
+        let value = |i: usize, j: usize| {
+            let (i, j) = (i.min(j), i.max(j));
+            // Noise, with a few great entries.
+            let x = random(i, j, seed) - 0.3;
+            if random(i, j, seed + 7) < 0.02 { 20.0 * x } else { x }
+        };
+        let matrix = Mat::from_fn(n, n, value);
+        let area: Vec<f32> = (0..n).map(|i| 0.1 + random(i, 1, seed)).collect();
+        let order: Vec<u32> = (0..n as u32).rev().collect();
+        let tiles = Tiles::encode(Channels::One(&matrix), &area, &order, epsilon, &go).unwrap();
+        tiles.check().unwrap();
+        let error = error_of(&tiles, &matrix, &area, 0);
+        prop_assert!(f64::from(error) <= 1.01 * epsilon + 2e-6, "{epsilon}: {error}");
+    }
+}
+
+#[test]
+fn a_furnace_stays_one() {
+    // A closed room of one reflectance: H = M / (1 − ρ) everywhere.
+    let n = 200;
+    let case = Case::new(n, 0.0);
+    let mut f = case.dense();
+    // What is missing in a row stays on the diagonal: reciprocal, and closed.
+    for i in 0..n {
+        let sum: f32 = (0..n).map(|j| f[(i, j)]).sum();
+        f[(i, i)] = 1.0 - sum;
+    }
+    let symmetric = Mat::from_fn(n, n, |i, j| f[(i, j)] * (case.area[i] / case.area[j]).sqrt());
+    let rho = vec![0.6; n];
+    let all = all_bounces(&symmetric, &rho).unwrap();
+    let expected = 1.0 / (1.0 - 0.6);
+    for (name, tiles) in [
+        ("one", Tiles::encode(Channels::One(&all), &case.area, &case.order(), 1e-3, &go).unwrap()),
+        ("three", Tiles::encode(Channels::Three([&all, &all, &all]), &case.area, &case.order(), 1e-3, &go).unwrap()),
+    ] {
+        let mut h = vec![Vec4::ZERO; n];
+        tiles.product(&vec![Vec4::ONE; n], &mut h).unwrap();
+        for h in &h {
+            assert!((h.truncate() - Vec3::splat(expected)).abs().max_element() < 0.01 * expected, "{name}: {h}");
+        }
+    }
+    // Feedback with the form factors alone comes to the same.
+    let tiles = Tiles::encode(Channels::One(&symmetric), &case.area, &case.order(), 1e-3, &go).unwrap();
+    let (mut b, mut h) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
+    for _ in 0..40 {
+        tiles.product(&b, &mut h).unwrap();
+        b.iter_mut().zip(&h).for_each(|(b, h)| *b = Vec4::ONE + *h * 0.6);
+    }
+    assert!(h.iter().all(|h| (h.x - expected).abs() < 0.02 * expected), "{:?}", h[0]);
+}
+
+#[test]
+fn the_product_in_vectors_is_that_of_the_bodies() {
+    let n = 300;
+    let case = Case::new(n, 0.9);
+    let symmetric = case.factors().symmetric().unwrap();
+    let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
+    let channels = Channels::Three([&made[0], &made[1], &made[2]]);
+    let tiles = Tiles::encode(channels, &case.area, &case.order(), 3e-3, &go).unwrap();
+    assert!(tiles.report.components.iter().all(|&c| c > 0) && tiles.report.entries > 0, "{:?}", tiles.report);
+    let light: Vec<Vec4> = (0..n).map(|i| Vec4::new(random(i, 0, 9), random(i, 1, 9), random(i, 2, 9), 0.0)).collect();
+    let mut ordered = vec![Vec4::ZERO; tiles.steps.len()];
+    enter_all(&tiles.order, &tiles.root, &light, &mut ordered);
+    let mut sums = vec![Vec4::ZERO; tiles.slots.len()];
+    project_all(&tiles.slots, &tiles.words, &ordered, &mut sums);
+    for (slot, sum) in sums.iter().enumerate() {
+        assert_eq!(*sum, kernel::tiles::project(slot as u32, &tiles.slots, &tiles.words, &ordered), "slot {slot}");
+    }
+    let mut rows = vec![Vec4::ZERO; ordered.len()];
+    let t = tiles.expand_tables();
+    expand_all(&t, &sums, &ordered, &mut rows);
+    for (p, row) in rows.iter().enumerate() {
+        let body = kernel::tiles::expand(
+            p as u32,
+            t.use_start,
+            t.uses,
+            t.words,
+            &sums,
+            t.row_start,
+            t.entries,
+            t.steps,
+            &ordered,
+        );
+        assert_eq!(*row, body, "place {p}");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let case = Case::new(20, 0.1);
+    let symmetric = case.factors().symmetric().unwrap();
+    let encode =
+        |area: &[f32], order: &[u32], epsilon| Tiles::encode(Channels::One(&symmetric), area, order, epsilon, &go);
+    let order = case.order();
+    assert!(matches!(encode(&case.area, &order, 0.0), Err(Error::Setting { name: "epsilon", .. })));
+    assert!(matches!(encode(&case.area, &order[1..], 0.1), Err(Error::Length { name: "order", .. })));
+    let twice: Vec<u32> = (0..20).map(|p| if p == 3 { 2 } else { p }).collect();
+    assert!(matches!(encode(&case.area, &twice, 0.1), Err(Error::Value { name: "order", index: 3, .. })));
+    let mut area = case.area.clone();
+    area[5] = f32::NAN;
+    assert!(matches!(encode(&area, &order, 0.1), Err(Error::Value { name: "area", index: 5, .. })));
+    let mut broken = symmetric.clone();
+    broken[(3, 4)] = f32::INFINITY;
+    let found = Tiles::encode(Channels::One(&broken), &case.area, &order, 0.1, &go);
+    assert!(matches!(found, Err(Error::Value { name: "operator", index: 4, .. })));
+    let stop = |_: usize, _: usize| Proceed::Break(());
+    let found = Tiles::encode(Channels::One(&symmetric), &case.area, &order, 0.1, &stop);
+    assert!(matches!(found, Err(Error::Cancelled { .. })));
+
+    // Light that grows: rows above 1.
+    let bright = Mat::from_fn(20, 20, |i, j| 3.0 * symmetric[(i, j)]);
+    assert!(matches!(all_bounces(&bright, &vec![0.9; 20]), Err(Error::Singular { .. })));
+    assert!(matches!(all_bounces(&symmetric, &vec![1.0; 20]), Err(Error::Value { name: "albedo", index: 0, .. })));
+
+    // Not reciprocal.
+    let mut values = case.values.clone();
+    values[2] *= 2.0;
+    let unlike = Factors { values: &values, ..case.factors() };
+    assert!(matches!(unlike.symmetric(), Err(Error::Value { name: "factors", .. })));
+    let beyond = [vec![20], case.columns[1..].to_vec()].concat();
+    assert!(matches!(
+        Factors { columns: &beyond, ..case.factors() }.symmetric(),
+        Err(Error::Value { name: "columns", index: 0, .. })
+    ));
+
+    // Tables that lead beyond their end.
+    let good = encode(&case.area, &order, 0.01).unwrap();
+    let mut tiles = good.clone();
+    tiles.uses[0] = tiles.slots.len() as u32;
+    assert!(matches!(tiles.check(), Err(Error::Value { name: "uses", index: 0, .. })));
+    let mut tiles = good.clone();
+    tiles.words.pop();
+    assert!(matches!(tiles.check(), Err(Error::Length { name: "words", .. })));
+    let mut h = vec![Vec4::ZERO; 20];
+    assert!(good.product(&[Vec4::ONE; 19], &mut h).is_err());
+    // No patches at all.
+    let empty = Tiles::encode(Channels::One(&Mat::zeros(0, 0)), &[], &[], 0.1, &go).unwrap();
+    empty.product(&[], &mut []).unwrap();
+}
