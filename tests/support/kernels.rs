@@ -557,7 +557,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let n = 150u32;
             let tables = vec![
                 buffer("slots", &tile_slots(r, n)),
-                buffer("words", &r.words((n * SLOT_WORDS) as usize)),
+                buffer("words", &r.words(n * SLOT_WORDS)),
                 buffer("ordered", &r.colors(2 * TILE as usize)),
                 room::<Vec4>("sums", n as usize),
             ];
@@ -571,7 +571,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let tables = vec![
                 buffer("use_start", &[0, n / 3, n]),
                 buffer("uses", &uses),
-                buffer("words", &r.words((n * SLOT_WORDS) as usize)),
+                buffer("words", &r.words(n * SLOT_WORDS)),
                 buffer("sums", &r.colors(n as usize)),
                 buffer("row_start", &row_start),
                 buffer("entries", &entries),

@@ -34,6 +34,6 @@ fn go_on(_: usize, _: usize) -> Proceed {
 }
 
 /// Reports what is done, and goes on until the user cancels.
-fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> Proceed {
+pub(crate) fn proceed(report: &(dyn Fn(f32) -> bool + Sync), done: usize, total: usize) -> Proceed {
     if report(done as f32 / total.max(1) as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
 }

@@ -70,10 +70,12 @@ pub enum Command {
     /// Run an experiment and write its tables, plots and pictures.
     #[command(after_help = "Examples:\n  \
         patchlight bench patches\n  \
+        patchlight bench operator sponza.toml --counts 10000 --epsilons 0.03,0.01\n  \
         patchlight bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n\n\
         Experiments:\n  \
         patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
-        proxy; where the error is; lights that the bake has not seen")]
+        proxy; where the error is; lights that the bake has not seen\n  \
+        operator   bytes, errors and time of compressed operators over the error that is asked for")]
     Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
@@ -280,20 +282,24 @@ pub struct Compare {
 pub enum Experiment {
     /// Patches as senders, receivers on the mesh.
     Patches,
+    /// The operator of all bounces: bytes and time over the error of its compression.
+    Operator,
 }
 
 /// `patchlight bench`.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 pub struct Bench {
     /// The experiment.
     #[arg(value_enum)]
     pub name: Experiment,
     /// Scene files or built-in scenes [default: cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches that send light.
-    #[arg(long, value_delimiter = ',', default_value = "1000,2000,5000,10000,20000",
-        value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, operator 10000].
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
+    /// Relative errors (Frobenius) of compressed operators.
+    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
+    pub epsilons: Vec<f64>,
     /// Receivers for each that there is by default.
     #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_parser = parse_density)]
     pub densities: Vec<f32>,

@@ -1,6 +1,7 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
 mod lights;
+mod operator;
 mod patches;
 mod rows;
 mod truth;
@@ -20,6 +21,8 @@ use rows::Row;
 
 /// Scenes of an experiment that names none.
 const SCENES: [&str; 2] = ["cornell", "atrium"];
+/// Patches of the experiment with patches.
+const COUNTS: [u32; 5] = [1000, 2000, 5000, 10_000, 20_000];
 /// Bytes that are read to measure the bandwidth, more than caches hold, and how often.
 const STREAM_BYTES: usize = 256 << 20;
 const STREAM_TURNS: usize = 3;
@@ -45,7 +48,14 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Experiment::Patches = args.name;
+    if args.name == Experiment::Operator {
+        return operator::run(common, args);
+    }
+    let mut args = args.clone();
+    if args.counts.is_empty() {
+        args.counts = COUNTS.to_vec();
+    }
+    let args = &args;
     let out = output::folder_or(&common.out, "bench-patches");
     output::make_folder(&out)?;
     let machine = Machine::find(common)?;

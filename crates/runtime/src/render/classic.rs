@@ -378,12 +378,12 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
 }
 
 /// Form factors between patches, and from patches to facets.
-struct Exchange {
-    factors: Csr,
-    facet_rows: SparseRows,
+pub(crate) struct Exchange {
+    pub factors: Csr,
+    pub facet_rows: SparseRows,
 }
 
-fn exchange(
+pub(crate) fn exchange(
     scene: &Scene,
     senders: &Senders,
     settings: &ClassicSettings,

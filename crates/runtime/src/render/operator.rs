@@ -1,6 +1,7 @@
 //! The light between patches as one operator: all bounces in a product, or a bounce of any reflectance.
 
-use formfactor::{Csr, reciprocal};
+use faer::Mat;
+use formfactor::{Csr, Reciprocal, reciprocal};
 use glam::{Vec3, Vec4};
 use multibounce::{Channels, Factors, Tiles, all_bounces, halving_order, some_bounces};
 
@@ -27,6 +28,53 @@ pub enum Transport {
     },
 }
 
+/// The exchange between patches in symmetric form.
+pub(crate) struct Between {
+    /// Reciprocal form factors.
+    pub factors: Csr,
+    /// Areas by which they are, m².
+    pub area: Vec<f32>,
+    /// `a^½ F a^-½`.
+    pub symmetric: Mat<f32>,
+    /// Order in which neighbours are alike.
+    pub order: Vec<u32>,
+}
+
+impl Between {
+    pub fn new(senders: &Senders, factors: &Csr) -> Result<Self, Error> {
+        let Reciprocal { factors, area, .. } = reciprocal(factors, &senders.areas())?;
+        let Csr { row_start, column_index, values, .. } = &factors;
+        let symmetric = Factors { row_start, columns: column_index, values, area: &area }.symmetric()?;
+        let positions: Vec<Vec3> = senders.patches.iter().map(|p| p.centroid).collect();
+        let normals: Vec<Vec3> = senders.patches.iter().map(|p| p.normal).collect();
+        let order = halving_order(&positions, &normals);
+        Ok(Self { factors, area, symmetric, order })
+    }
+
+    /// The symmetric operators of so many bounces, or of all, for red, green and blue.
+    pub fn bounces(
+        &self,
+        albedo: &[Vec4],
+        bounces: Option<u32>,
+        progress: &mut Progress,
+    ) -> Result<Vec<Mat<f32>>, Error> {
+        progress.phase("operator", |report| {
+            let mut made = Vec::new();
+            for channel in 0..3 {
+                let albedo: Vec<f32> = albedo.iter().map(|rho| rho[channel]).collect();
+                made.push(match bounces {
+                    None => all_bounces(&self.symmetric, &albedo)?,
+                    Some(bounces) => some_bounces(&self.symmetric, &albedo, bounces, &go_on)?,
+                });
+                if !report((channel + 1) as f32 / 3.0) {
+                    return Err(Error::Cancelled);
+                }
+            }
+            Ok(made)
+        })
+    }
+}
+
 /// Bounces that do not go from patch to patch: to the facets, and to the receivers.
 pub(super) const LAST_BOUNCES: u32 = 2;
 
@@ -49,37 +97,17 @@ pub(super) fn compress(
     if bounces.is_some_and(|bounces| bounces <= last) || senders.patches.is_empty() {
         return Ok(None);
     }
-    let balanced = reciprocal(factors, &senders.areas())?;
-    let rows = &balanced.factors;
-    let given =
-        Factors { row_start: &rows.row_start, columns: &rows.column_index, values: &rows.values, area: &balanced.area };
-    let symmetric = given.symmetric()?;
-    let positions: Vec<Vec3> = senders.patches.iter().map(|p| p.centroid).collect();
-    let normals: Vec<Vec3> = senders.patches.iter().map(|p| p.normal).collect();
-    let order = halving_order(&positions, &normals);
+    let between = Between::new(senders, factors)?;
     let operators = match is_feedback {
         true => Vec::new(),
-        false => progress.phase("operator", |report| -> Result<Vec<_>, Error> {
-            let mut made = Vec::new();
-            for channel in 0..3 {
-                let albedo: Vec<f32> = senders.albedo.iter().map(|rho: &Vec4| rho[channel]).collect();
-                made.push(match bounces {
-                    None => all_bounces(&symmetric, &albedo)?,
-                    Some(bounces) => some_bounces(&symmetric, &albedo, bounces - last, &go_on)?,
-                });
-                if !report((channel + 1) as f32 / 3.0) {
-                    return Err(Error::Cancelled);
-                }
-            }
-            Ok(made)
-        })?,
+        false => between.bounces(&senders.albedo, bounces.map(|bounces| bounces - last), progress)?,
     };
     let channels = match &operators[..] {
         [red, green, blue] => Channels::Three([red, green, blue]),
-        _ => Channels::One(&symmetric),
+        _ => Channels::One(&between.symmetric),
     };
     let tiles = progress.phase("compress", |report| {
-        Tiles::encode(channels, &balanced.area, &order, epsilon, &|done, total| proceed(report, done, total))
+        Tiles::encode(channels, &between.area, &between.order, epsilon, &|done, total| proceed(report, done, total))
     })?;
     let report = &tiles.report;
     progress.note(&format!(

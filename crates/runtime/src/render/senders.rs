@@ -326,6 +326,16 @@ impl Senders {
             .map(|(name, bytes)| (name, bytes as u64))
     }
 
+    /// First exitance of the patches from the direct light at the sample points, W/m².
+    pub fn source(&self, direct: &[Vec3]) -> Vec<Vec4> {
+        let light = |k: usize| self.point_albedo[k] * direct[k].extend(0.0) * self.points[k].weight;
+        let facet = |range: &[u32]| (range[0] as usize..range[1] as usize).map(light).sum::<Vec4>();
+        let facets: Vec<Vec4> = self.offsets.windows(2).map(facet).collect();
+        let shares = self.facet_shares();
+        let patch = |range: &[u32]| (range[0] as usize..range[1] as usize).map(|f| facets[f] * shares[f]).sum();
+        self.patch_facets.windows(2).map(patch).collect()
+    }
+
     /// Areas, m².
     pub fn areas(&self) -> Vec<f32> {
         self.patches.iter().map(|p| p.area).collect()

@@ -2,7 +2,7 @@
 
 use std::vec::Vec;
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -162,7 +162,7 @@ impl WithSimd for Project<'_> {
                     [x[group], y[group], z[group]] = out;
                 }
                 let [x, y, z] = lanes.map(|lanes| add_lanes(&lanes));
-                *sum = Vec4::new(x, y, z, 0.0) * slot.scale;
+                *sum = (Vec3::new(x, y, z) * slot.scale).extend(0.0);
             } else {
                 let channel = slot.channel as usize % 3;
                 let (plane, _) = S::as_simd_f32s(&planes[channel]);
@@ -180,9 +180,9 @@ impl WithSimd for Project<'_> {
                     }
                     own[group] = out;
                 }
-                let mut one = Vec4::ZERO;
+                let mut one = Vec3::ZERO;
                 one[channel] = add_lanes(&lanes);
-                *sum = one * slot.scale;
+                *sum = (one * slot.scale).extend(0.0);
             }
         }
     }
@@ -256,7 +256,7 @@ impl WithSimd for Entries<'_> {
                     }
                 }
             }
-            *out += ((sums[0] + sums[1]) + (sums[2] + sums[3])) * tables.steps[p];
+            *out += (((sums[0] + sums[1]) + (sums[2] + sums[3])) * tables.steps[p]).truncate().extend(0.0);
         }
     }
 }
