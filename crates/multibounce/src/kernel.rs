@@ -1,1 +1,3 @@
 //! The bodies of the kernels: one invocation each, no `std`.
+
+pub mod blocks;

@@ -1,0 +1,89 @@
+//! Texture blocks: decoding against another decoder, and matrices in blocks.
+
+use glam::{UVec4, Vec4};
+use multibounce::kernel::blocks::{Bc1, Bc3, Bc6h, Bc7, BlockFormat};
+use scene::sampling::hash3;
+
+/// A random block; `mode`, where given, is put into its lowest bits.
+fn block(k: u32, mode: Option<(u32, u32)>) -> UVec4 {
+    let mut w = UVec4::new(hash3(k, 0, 1), hash3(k, 1, 1), hash3(k, 2, 1), hash3(k, 3, 1));
+    if let Some((bits, count)) = mode {
+        w.x = w.x >> count << count | bits;
+    }
+    w
+}
+
+fn bytes(w: UVec4) -> [u8; 16] {
+    bytemuck::cast(w.to_array())
+}
+
+/// Texels of a block by our decoder.
+fn decoded<F: BlockFormat>(w: UVec4) -> [Vec4; 16] {
+    let block = F::parse(w);
+    core::array::from_fn(|k| F::texel(block, k as u32))
+}
+
+/// Texels of a block of 8-bit colours by the other decoder.
+fn expected(w: UVec4, decode: impl Fn(&[u8], &mut [u8], usize)) -> [Vec4; 16] {
+    let mut texels = [0u8; 64];
+    decode(&bytes(w), &mut texels, 16);
+    core::array::from_fn(|k| {
+        let t = &texels[4 * k..4 * k + 4];
+        Vec4::new(t[0].into(), t[1].into(), t[2].into(), t[3].into())
+    })
+}
+
+/// Greatest difference in 255ths.
+fn difference(a: &[Vec4; 16], b: &[Vec4; 16]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| (*a * 255.0 - *b).abs().max_element()).fold(0.0, f32::max)
+}
+
+#[test]
+fn bc7_is_decoded_bit_for_bit_in_all_modes() {
+    for mode in 0..=8u32 {
+        for k in 0..4000 {
+            let w = block(k, Some((1 << mode & 255, mode + 1)));
+            let ours = decoded::<Bc7>(w);
+            let theirs = expected(w, bcdec_rs::bc7);
+            for (a, b) in ours.iter().zip(&theirs) {
+                assert_eq!(*a, *b * (1.0 / 255.0), "mode {mode} {w:08x?}");
+            }
+            // A flipped bit shows, except in the mode that says nothing.
+            if mode < 8 {
+                let other = decoded::<Bc7>(w ^ UVec4::new(0, 1 << (k % 32), 0, 0x8000_0000));
+                assert_ne!(other, ours);
+            }
+        }
+    }
+}
+
+#[test]
+fn bc6h_is_decoded_bit_for_bit_in_all_modes() {
+    let modes = [0u32, 1].map(|m| (m, 2)).into_iter().chain((0..8).flat_map(|m| [(4 * m + 2, 5), (4 * m + 3, 5)]));
+    for mode in modes {
+        for k in 0..4000 {
+            let w = block(k, Some(mode));
+            let mut texels = [0f32; 48];
+            bcdec_rs::bc6h_float(&bytes(w), &mut texels, 12, false);
+            let ours = decoded::<Bc6h>(w);
+            for (a, b) in ours.iter().zip(texels.chunks(3)) {
+                assert_eq!(*a, Vec4::new(b[0], b[1], b[2], 1.0), "mode {mode:?} {w:08x?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn bc1_and_bc3_are_within_rounding_of_a_decoder_to_8_bits() {
+    // The other decoder rounds endpoints and palette to 8 bits at once: half a step off the exact palette.
+    for k in 0..20_000 {
+        let w = block(k, None);
+        let one = difference(&decoded::<Bc1>(w), &expected(w, bcdec_rs::bc1));
+        assert!(one < 0.51, "{w:08x?}: {one}");
+        // Alpha: their divisions by 7 and 5 round down after adding 1.
+        let three = difference(&decoded::<Bc3>(w), &expected(w, bcdec_rs::bc3));
+        assert!(three < 0.87, "{w:08x?}: {three}");
+        let other = difference(&decoded::<Bc1>(w ^ UVec4::new(0x0400_0400, 0, 0, 0)), &expected(w, bcdec_rs::bc1));
+        assert!(other > 0.51);
+    }
+}
