@@ -6,6 +6,6 @@ mod order;
 mod outliers;
 
 pub use blocks::{BlockBytes, BlockCodec, BlockMatrix, BlockReport, BlockSettings, Companding, picture};
-pub use energy::spectral_radius;
+pub use energy::{VectorProduct, spectral_radius};
 pub use order::{MatrixRows, PROJECTED_DIMENSIONS, Permutation, greedy_order, projected_order};
 pub use outliers::Outliers;

@@ -22,5 +22,7 @@ pub struct BlockParams {
     pub companding: u32,
     /// 1 where an entry is a texel's colour times its alpha, 0 where its alpha says nothing.
     pub alpha: u32,
+    /// Number of the first entry of the side table that is bound.
+    pub first_outlier: u32,
 }
-const _: () = assert!(size_of::<BlockParams>() == 32);
+const _: () = assert!(size_of::<BlockParams>() == 36);

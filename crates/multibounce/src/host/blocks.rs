@@ -1,6 +1,7 @@
 //! A matrix in texture blocks with its largest entries beside them (thesis, chapter 3).
 
 mod encode;
+mod planes;
 mod product;
 
 use glam::{UVec4, Vec3, Vec4};
@@ -12,7 +13,8 @@ use super::order::{MatrixRows, Permutation};
 use super::outliers::Outliers;
 use crate::error::{Error, check_length};
 use crate::kernel::blocks::{
-    BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, COMPANDING_LOG2, COMPANDING_NONE, COMPANDING_SQRT, entry, widen_signed_half,
+    BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, COMPANDING_LOG2, COMPANDING_NONE, COMPANDING_SQRT, entry,
+    widen_signed_half,
 };
 use crate::types::BlockParams;
 
@@ -85,7 +87,7 @@ pub struct BlockSettings {
 
 impl Default for BlockSettings {
     fn default() -> Self {
-        Self { codec: BlockCodec::Bc6h, companding: Companding::Sqrt, outliers: 0.05, tile: 64 }
+        Self { codec: BlockCodec::Bc1, companding: Companding::Sqrt, outliers: 0.05, tile: 64 }
     }
 }
 
@@ -98,7 +100,7 @@ pub struct BlockBytes {
     pub scales: u64,
     /// The side table of the greatest entries.
     pub outliers: u64,
-    /// Scales of rows and columns, and the order.
+    /// Scales of the rows, and the order.
     pub vectors: u64,
 }
 
@@ -109,12 +111,12 @@ impl BlockBytes {
     }
 }
 
-/// What was lost. Errors are those of the stored matrix `S_ij = √(A_i / A_j) m_ij`.
+/// What was lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BlockReport {
-    /// `‖S' − S‖ / ‖S‖`, Frobenius.
+    /// `‖m' − m‖ / ‖m‖`, Frobenius.
     pub frobenius: f64,
-    /// Mean of `(S'_ij − S_ij)²` over entries and channels.
+    /// Mean of `(m'_ij − m_ij)²` over entries and channels.
     pub mse: f64,
     /// Greatest factor by which a row had to be scaled to get its sum back.
     pub row_scaled_up: f32,
@@ -122,11 +124,13 @@ pub struct BlockReport {
     pub row_scaled_down: f32,
 }
 
-/// A square RGB matrix `m = diag(r) Pᵀ (D + O) P diag(c)`: the order P, blocks D in tiles with scales, outliers O, and
-/// scales of the rows and columns. The product is `H_i = Σ_j m_ij B_j`.
+/// A square RGB matrix with entries ≥ 0, `m = diag(r) Pᵀ (D + O) P`: the order P, blocks D in tiles with scales, outliers O,
+/// and scales r of the rows. The product is `H_i = Σ_j m_ij B_j`.
 ///
-/// With the areas given, D + O is the symmetric form `√(A_i / A_j) m_ij`, whose entries do not vary with the areas and whose
-/// Frobenius error is that of the energy.
+/// In the place of an outlier D holds the mean of the rest of its block, which bends no palette (zeros there give 1.6 times
+/// the squared error with BC1, 1.8 with BC3, at 2,000 clusters of Sponza), and O what is missing: so outliers
+/// are exact but for the rounding to halves. The scales of the rows give each row, in each channel, the sum that it had:
+/// constant light is kept exactly, and `‖diag(ρ) m‖∞`, which bounds the spectral radius, does not grow.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockMatrix {
     settings: BlockSettings,
@@ -135,7 +139,6 @@ pub struct BlockMatrix {
     scales: Vec<Vec4>,
     outliers: Outliers,
     row_scales: Vec<Vec4>,
-    column_scales: Vec<Vec4>,
     report: BlockReport,
 }
 
@@ -180,14 +183,9 @@ impl BlockMatrix {
         &self.outliers
     }
 
-    /// Factor of each row, in the order of the patches: `H_i = r_i Σ_k (D + O)_ik B'_k`.
+    /// Factor of each row and channel, in the order of the patches: `H_i = r_i Σ_k (D + O)_{place[i] k} B_{order[k]}`.
     pub fn row_scales(&self) -> &[Vec4] {
         &self.row_scales
-    }
-
-    /// Factor of each column, in the order of the blocks: `B'_k = c_k B_{order[k]}`.
-    pub fn column_scales(&self) -> &[Vec4] {
-        &self.column_scales
     }
 
     /// Rows, and columns, of blocks.
@@ -206,6 +204,7 @@ impl BlockMatrix {
             tile_shift: (self.settings.tile as u32 / BLOCK).trailing_zeros(),
             companding: self.settings.companding.id(),
             alpha: u32::from(self.settings.codec == BlockCodec::Bc3),
+            first_outlier: 0,
         }
     }
 
@@ -215,8 +214,7 @@ impl BlockMatrix {
             blocks: size_of_val(&*self.words) as u64,
             scales: size_of_val(&*self.scales) as u64,
             outliers: self.outliers.bytes(),
-            vectors: (size_of_val(&*self.row_scales) + size_of_val(&*self.column_scales)) as u64
-                + size_of_val(self.permutation.order()) as u64,
+            vectors: (size_of_val(&*self.row_scales) + size_of_val(self.permutation.order())) as u64,
         }
     }
 
@@ -240,7 +238,12 @@ impl BlockMatrix {
         let n = self.len();
         check_length("row", n, row.len())?;
         let Some(&place) = self.permutation.place().get(i) else {
-            return Err(Error::Value { name: "row", index: 0, value: i as f64, rule: "smaller than the number of rows" });
+            return Err(Error::Value {
+                name: "row",
+                index: 0,
+                value: i as f64,
+                rule: "smaller than the number of rows",
+            });
         };
         let place = place as usize;
         let (p, edge) = (self.params(0, 0), BLOCK as usize);
@@ -258,7 +261,7 @@ impl BlockMatrix {
             ordered[(words.x & 0xffff) as usize] += unpack(*words);
         }
         for (k, &j) in self.permutation.order().iter().enumerate() {
-            row[j as usize] = ordered[k] * self.row_scales[i].truncate() * self.column_scales[k].x;
+            row[j as usize] = ordered[k] * self.row_scales[i].truncate();
         }
         Ok(())
     }
@@ -266,11 +269,7 @@ impl BlockMatrix {
 
 /// Value of an entry of the side table.
 fn unpack(words: glam::UVec2) -> Vec3 {
-    Vec3::new(
-        widen_signed_half(words.x >> 16),
-        widen_signed_half(words.y & 0xffff),
-        widen_signed_half(words.y >> 16),
-    )
+    Vec3::new(widen_signed_half(words.x >> 16), widen_signed_half(words.y & 0xffff), widen_signed_half(words.y >> 16))
 }
 
 fn decode_texel(codec: BlockCodec, words: UVec4, k: u32) -> Vec4 {

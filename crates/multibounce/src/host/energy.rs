@@ -2,7 +2,6 @@
 
 use glam::{Vec3, Vec4};
 use std::vec;
-use std::vec::Vec;
 
 use crate::error::{Error, check_length};
 
@@ -17,37 +16,41 @@ pub(super) fn row_factor(original: Vec3, decoded: Vec3, limit: f32) -> Vec3 {
     Vec3::new(one(original.x, decoded.x), one(original.y, decoded.y), one(original.z, decoded.z))
 }
 
-/// The spectral radius of `diag(ρ) M` in each channel by power iteration from constant light, to about `tolerance`
-/// relative: below 1 light dies out from bounce to bounce. `product` multiplies by M ≥ 0.
+/// Multiplies a vector (first) by a matrix, into another (second).
+pub type VectorProduct<'a> = dyn FnMut(&[Vec4], &mut [Vec4]) -> Result<(), Error> + 'a;
+
+/// The spectral radius of `diag(ρ) M` in each channel, M ≥ 0, to about `tolerance` relative: below 1 light dies out from
+/// bounce to bounce. Power iteration from constant light; the mean growth of two steps, for where light goes to and fro
+/// between two sets of patches the single steps differ for ever. `product` multiplies by M.
 ///
 /// # Errors
 /// [`Error::Length`] for an albedo of another length, and what `product` says.
 pub fn spectral_radius(
     n: usize,
     albedo: &[Vec4],
-    product: &mut dyn FnMut(&[Vec4], &mut [Vec4]) -> Result<(), Error>,
+    product: &mut VectorProduct,
     tolerance: f32,
     iterations: usize,
 ) -> Result<Vec3, Error> {
     check_length("albedo", n, albedo.len())?;
     let mut light = vec![Vec4::ONE; n];
     let mut next = vec![Vec4::ZERO; n];
-    let mut radius = Vec3::ZERO;
-    for _ in 0..iterations {
+    let (mut radius, mut last) = (Vec3::ZERO, Vec3::ZERO);
+    for step in 0..iterations {
         product(&light, &mut next)?;
         for (next, albedo) in next.iter_mut().zip(albedo) {
             *next *= *albedo;
         }
-        let (before, after) = (norm(&light), norm(&next));
-        let found = (after / before.max(Vec3::splat(f32::MIN_POSITIVE))).min(Vec3::INFINITY);
+        // The light has length 1 after the first step.
+        let growth = norm(&next);
+        let found = (growth * last).map(scene::math::sqrt);
         let change = (found - radius).abs();
-        radius = found;
-        let scale: Vec<f32> = after.to_array().iter().map(|a| if *a > 0.0 { 1.0 / a } else { 0.0 }).collect();
-        let scale = Vec4::new(scale[0], scale[1], scale[2], 0.0);
+        (radius, last) = (found, growth);
+        let scale = growth.map(|g| if g > 0.0 { 1.0 / g } else { 0.0 }).extend(0.0);
         for (light, next) in light.iter_mut().zip(&next) {
             *light = *next * scale;
         }
-        if change.cmple(radius * tolerance).all() {
+        if step > 1 && change.cmple(radius * tolerance).all() {
             break;
         }
     }
@@ -56,6 +59,7 @@ pub fn spectral_radius(
 
 /// Euclidean length of each channel.
 fn norm(values: &[Vec4]) -> Vec3 {
-    let sum = values.iter().fold([0.0f64; 3], |sum, v| core::array::from_fn(|c| sum[c] + f64::from(v[c]) * f64::from(v[c])));
+    let sum =
+        values.iter().fold([0.0f64; 3], |sum, v| core::array::from_fn(|c| sum[c] + f64::from(v[c]) * f64::from(v[c])));
     Vec3::from_array(sum.map(|s| s.sqrt() as f32))
 }

@@ -191,15 +191,20 @@ const ROWS: usize = 256;
 /// Columns one task projects.
 const COLUMNS: usize = 64;
 
-/// As [`greedy_order`], but with distances between columns of grey, `r + g + b`, that have been projected to
+/// As [`greedy_order`], but with distances between columns of `log2(1 + (r + g + b) / ε)` that have been projected to
 /// [`PROJECTED_DIMENSIONS`] dimensions by random signs, which keep distances to about 1/√64 (Achlioptas 2003,
-/// "Database-friendly random projections").
+/// "Database-friendly random projections"). ε is a 64th of the mean grey of every 16th row.
 ///
-/// O(64 n²) operations, 3 kB a row; the same for any number of threads. The matrix is read once, each row by one thread.
+/// Logarithms, because the few great entries, which the codec keeps apart, would decide the distances: at 2,000 clusters
+/// of Sponza the squared error of BC1 is 0.65 of that after [`greedy_order`], and the same as after the same chain on whole columns of
+/// logarithms or after optimal leaf ordering of a cluster tree. Any ε from 10⁻⁴ to 1 of the mean does.
+///
+/// O(64 n²) operations, 1.3 kB a row; the same for any number of threads. The matrix is read once, a 16th of it twice.
 pub fn projected_order(n: usize, rows: &MatrixRows, seed: u32) -> Permutation {
     const D: usize = PROJECTED_DIMENSIONS;
     let mut values = vec![0.0f32; D * n];
     let mut block = vec![0.0f32; ROWS.min(n) * n];
+    let scale = 64.0 / mean_grey(n, rows).max(f32::MIN_POSITIVE);
     for first in (0..n).step_by(ROWS) {
         let block = &mut block[..ROWS.min(n - first) * n];
         block.par_chunks_mut(n).enumerate().for_each_init(
@@ -207,7 +212,7 @@ pub fn projected_order(n: usize, rows: &MatrixRows, seed: u32) -> Permutation {
             |colors, (k, grey)| {
                 rows(first + k, colors);
                 for (grey, color) in grey.iter_mut().zip(colors) {
-                    *grey = color.element_sum();
+                    *grey = libm::log2f(1.0 + scale * color.element_sum());
                 }
             },
         );
@@ -224,6 +229,22 @@ pub fn projected_order(n: usize, rows: &MatrixRows, seed: u32) -> Permutation {
         });
     }
     from_chain(nearest_neighbour_chain(&Features { dimensions: D, values }, n))
+}
+
+/// Mean of r + g + b over every 16th row.
+fn mean_grey(n: usize, rows: &MatrixRows) -> f32 {
+    let chosen: Vec<usize> = (0..n).step_by(16).collect();
+    let sums: Vec<f64> = chosen
+        .par_iter()
+        .map_init(
+            || vec![Vec3::ZERO; n],
+            |row, &i| {
+                rows(i, row);
+                row.iter().map(|color| f64::from(color.element_sum())).sum()
+            },
+        )
+        .collect();
+    (sums.iter().sum::<f64>() / (chosen.len() * n).max(1) as f64) as f32
 }
 
 /// Random signs of a row.

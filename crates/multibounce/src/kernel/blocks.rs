@@ -9,6 +9,8 @@ mod bc6h;
 mod bc7;
 mod words;
 
+use core::ops::Range;
+
 use glam::{UVec2, UVec4, Vec3, Vec4};
 
 pub use bc1::{AlphaColorBlock, Bc1, Bc3, ColorBlock};
@@ -63,13 +65,14 @@ pub fn widen_signed_half(half: u32) -> f32 {
 }
 
 /// 2^x for x in [0, 16), within 2·10⁻⁷ relative, the same bits on CPU and GPU: Taylor series of 2^y, |y| ≤ ½.
-#[inline]
-fn exp2(x: f32) -> f32 {
-    let whole = scene::math::floor(x + 0.5);
+#[inline(always)]
+pub(crate) fn exp2(x: f32) -> f32 {
+    // Not `floor`, for which a CPU without SSE4 has no instruction.
+    let whole = (x + 0.5) as i32 as f32;
     let y = (x - whole) * core::f32::consts::LN_2;
-    let series = 1.0
-        + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0 + y * (1.0 / 720.0))))));
-    series * f32::from_bits((whole as u32 + 127) << 23)
+    let series =
+        1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0 + y * (1.0 / 720.0))))));
+    series * f32::from_bits((whole as i32 as u32 + 127) << 23)
 }
 
 /// Entry, in units of its tile's scale, from its companded form.
@@ -103,6 +106,14 @@ pub struct BlockSums {
     pub c: Vec3,
     /// Of the fourth.
     pub d: Vec3,
+}
+
+impl BlockSums {
+    /// Both together.
+    #[inline]
+    pub fn plus(self, more: Self) -> Self {
+        Self { a: self.a + more.a, b: self.b + more.b, c: self.c + more.c, d: self.d + more.d }
+    }
 }
 
 /// Light of one row of a block: four entries times the exitance of their four columns.
@@ -194,14 +205,13 @@ pub fn fetch_gather_row(
     sums
 }
 
-/// What one of `lanes` lanes adds up for row `i` from the side table: `Σ_k r_k B'_{j(k)}`.
-///
-/// Shapes: `start[rows + 1]`; an entry of `outliers` is a column and three halves: `[column | r << 16, g | b << 16]`.
+/// What one of `lanes` lanes adds up from a row's entries of the side table, `Σ_k r_k B'_{j(k)}` over `k = lane, lane + lanes,
+/// …` of its range. An entry is a column and three halves: `[column | r << 16, g | b << 16]`.
 #[inline]
-pub fn gather_outliers(i: u32, lane: u32, lanes: u32, start: &[u32], outliers: &[UVec2], exitance: &[Vec4]) -> Vec3 {
+pub fn gather_outliers(row: Range<u32>, lane: u32, lanes: u32, outliers: &[UVec2], exitance: &[Vec4]) -> Vec3 {
     let mut sum = Vec3::ZERO;
-    let mut k = start[i as usize] + lane;
-    while k < start[i as usize + 1] {
+    let mut k = row.start + lane;
+    while k < row.end {
         let words = outliers[k as usize];
         let value = Vec3::new(
             widen_signed_half(words.x >> 16),
@@ -214,11 +224,11 @@ pub fn gather_outliers(i: u32, lane: u32, lanes: u32, start: &[u32], outliers: &
     sum
 }
 
-/// Adds the side table's light to the four rows of a row of blocks; `first_outlier` is the number of the first entry bound,
-/// rows beyond the matrix have none.
+/// [`gather_outliers`] for the four rows of a row of blocks; rows beyond the matrix have none.
+///
+/// Shapes: `start[rows + 1]`, of the whole matrix.
 #[inline]
-pub fn add_outliers(
-    sums: BlockSums,
+pub fn gather_outlier_rows(
     block_row: u32,
     p: &BlockParams,
     lane: u32,
@@ -227,11 +237,17 @@ pub fn add_outliers(
     outliers: &[UVec2],
     exitance: &[Vec4],
 ) -> BlockSums {
-    let row = |k: u32| BLOCK * (p.first_block_row + block_row) + k;
-    let of = |i: u32| {
-        if i < p.rows { gather_outliers(i, lane, lanes, start, outliers, exitance) } else { Vec3::ZERO }
+    let first = BLOCK * (p.first_block_row + block_row);
+    let row = |k: u32| {
+        let i = first + k;
+        if i < p.rows {
+            let (begin, end) = (start[i as usize] - p.first_outlier, start[i as usize + 1] - p.first_outlier);
+            gather_outliers(begin..end, lane, lanes, outliers, exitance)
+        } else {
+            Vec3::ZERO
+        }
     };
-    BlockSums { a: sums.a + of(row(0)), b: sums.b + of(row(1)), c: sums.c + of(row(2)), d: sums.d + of(row(3)) }
+    BlockSums { a: row(0), b: row(1), c: row(2), d: row(3) }
 }
 
 /// One step of the tree by which [`LANES`] partial sums become one: lane k takes in lane k + 32, then k + 16, …, k + 1.

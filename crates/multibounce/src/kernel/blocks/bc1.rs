@@ -9,11 +9,7 @@ use super::BlockFormat;
 /// Colours of 5, 6 and 5 bits, red highest.
 #[inline]
 fn unpack_565(c: u32) -> Vec3 {
-    Vec3::new(
-        (c >> 11 & 31) as f32 * (1.0 / 31.0),
-        (c >> 5 & 63) as f32 * (1.0 / 63.0),
-        (c & 31) as f32 * (1.0 / 31.0),
-    )
+    Vec3::new((c >> 11 & 31) as f32 * (1.0 / 31.0), (c >> 5 & 63) as f32 * (1.0 / 63.0), (c & 31) as f32 * (1.0 / 31.0))
 }
 
 /// Endpoints and indices of a block of colours.

@@ -72,18 +72,18 @@ fn add_differences(base: UVec3, v: UVec3, counts: UVec3, width: u32) -> UVec3 {
 /// Endpoints of both subsets, 16 bits a channel, and where the indices are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfBlock {
-    words: UVec4,
-    low: UVec3,
-    high: UVec3,
-    second_low: UVec3,
-    second_high: UVec3,
+    pub(crate) words: UVec4,
+    pub(crate) low: UVec3,
+    pub(crate) high: UVec3,
+    pub(crate) second_low: UVec3,
+    pub(crate) second_high: UVec3,
     /// Mask of the texels of the second subset.
-    second: u32,
+    pub(crate) second: u32,
     /// Texel of the second subset whose index has a bit less; 16 where there is one subset.
-    anchor: u32,
+    pub(crate) anchor: u32,
     /// Bits of an index; 0 in a reserved mode, whose texels are black.
-    index_bits: u32,
-    index_start: u32,
+    pub(crate) index_bits: u32,
+    pub(crate) index_start: u32,
 }
 
 /// BC6H: 16 bytes a block, three unsigned half-precision numbers a texel.

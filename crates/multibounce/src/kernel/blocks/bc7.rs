@@ -7,16 +7,8 @@ use super::words::{THREE_ANCHORS, THREE_SUBSETS, TWO_SUBSETS, bits, mix, weight}
 
 /// Of each mode, four bits each, lowest first: subsets, bits of the partition, of a colour, of an alpha, low bits of the
 /// endpoints (1: one for each, 2: one for each subset), bits of an index, of a second index, of rotation and selection.
-const MODES: [u32; 8] = [
-    0x0031_0443,
-    0x0032_0662,
-    0x0020_0563,
-    0x0021_0762,
-    0x3320_6501,
-    0x2220_8701,
-    0x0041_7701,
-    0x0021_5562,
-];
+const MODES: [u32; 8] =
+    [0x0031_0443, 0x0032_0662, 0x0020_0563, 0x0021_0762, 0x3320_6501, 0x2220_8701, 0x0041_7701, 0x0021_5562];
 
 /// Where things are in a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,26 +27,26 @@ struct Header {
 /// Endpoints of up to three subsets, 8 bits a channel, and where the indices are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ByteBlock {
-    words: UVec4,
-    low: UVec4,
-    high: UVec4,
-    second_low: UVec4,
-    second_high: UVec4,
-    third_low: UVec4,
-    third_high: UVec4,
+    pub(crate) words: UVec4,
+    pub(crate) low: UVec4,
+    pub(crate) high: UVec4,
+    pub(crate) second_low: UVec4,
+    pub(crate) second_high: UVec4,
+    pub(crate) third_low: UVec4,
+    pub(crate) third_high: UVec4,
     /// Subset of each texel, two bits a texel.
-    subset: u32,
+    pub(crate) subset: u32,
     /// Texels of the second and third subset whose indices have a bit less; 16 where there is none.
-    anchor: u32,
-    third_anchor: u32,
-    rotation: u32,
+    pub(crate) anchor: u32,
+    pub(crate) third_anchor: u32,
+    pub(crate) rotation: u32,
     /// 1 where colours take the second index.
-    selection: u32,
+    pub(crate) selection: u32,
     /// Bits of an index; 0 in the reserved mode, whose texels are 0.
-    index_bits: u32,
-    second_bits: u32,
-    index_start: u32,
-    second_start: u32,
+    pub(crate) index_bits: u32,
+    pub(crate) second_bits: u32,
+    pub(crate) index_start: u32,
+    pub(crate) second_start: u32,
 }
 
 /// BC7: 16 bytes a block, four 8-bit channels.
@@ -84,8 +76,11 @@ fn endpoint(w: UVec4, h: Header, e: u32) -> UVec4 {
     };
     let n = h.color_bits;
     let color = |channel: u32| widen(bits(w, h.ends + (channel * ends + e) * n, n), n, low);
-    let alpha =
-        if h.alpha_bits == 0 { 255 } else { widen(bits(w, alphas + e * h.alpha_bits, h.alpha_bits), h.alpha_bits, low) };
+    let alpha = if h.alpha_bits == 0 {
+        255
+    } else {
+        widen(bits(w, alphas + e * h.alpha_bits, h.alpha_bits), h.alpha_bits, low)
+    };
     UVec4::new(color(0), color(1), color(2), alpha)
 }
 

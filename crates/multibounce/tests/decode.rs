@@ -1,4 +1,4 @@
-//! Texture blocks: decoding against another decoder, and matrices in blocks.
+//! Texture blocks: our decoding against that of another crate.
 
 use glam::{UVec4, Vec4};
 use multibounce::kernel::blocks::{Bc1, Bc3, Bc6h, Bc7, BlockFormat};
@@ -33,9 +33,10 @@ fn expected(w: UVec4, decode: impl Fn(&[u8], &mut [u8], usize)) -> [Vec4; 16] {
     })
 }
 
-/// Greatest difference in 255ths.
-fn difference(a: &[Vec4; 16], b: &[Vec4; 16]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| (*a * 255.0 - *b).abs().max_element()).fold(0.0, f32::max)
+/// Greatest differences in 255ths, of colours and of alpha.
+fn difference(a: &[Vec4; 16], b: &[Vec4; 16]) -> (f32, f32) {
+    let worst = a.iter().zip(b).map(|(a, b)| (*a * 255.0 - *b).abs()).fold(Vec4::ZERO, Vec4::max);
+    (worst.truncate().max_element(), worst.w)
 }
 
 #[test]
@@ -75,15 +76,15 @@ fn bc6h_is_decoded_bit_for_bit_in_all_modes() {
 
 #[test]
 fn bc1_and_bc3_are_within_rounding_of_a_decoder_to_8_bits() {
-    // The other decoder rounds endpoints and palette to 8 bits at once: half a step off the exact palette.
+    // The other decoder rounds endpoints and palette to 8 bits at once: half a step off the exact palette. Its alpha is
+    // rounded down after adding 1/7 or 1/5; in BC1 without alpha ours is 1.
     for k in 0..20_000 {
         let w = block(k, None);
-        let one = difference(&decoded::<Bc1>(w), &expected(w, bcdec_rs::bc1));
-        assert!(one < 0.51, "{w:08x?}: {one}");
-        // Alpha: their divisions by 7 and 5 round down after adding 1.
-        let three = difference(&decoded::<Bc3>(w), &expected(w, bcdec_rs::bc3));
-        assert!(three < 0.87, "{w:08x?}: {three}");
-        let other = difference(&decoded::<Bc1>(w ^ UVec4::new(0x0400_0400, 0, 0, 0)), &expected(w, bcdec_rs::bc1));
-        assert!(other > 0.51);
+        let (color, _) = difference(&decoded::<Bc1>(w), &expected(w, bcdec_rs::bc1));
+        assert!(color < 0.501, "{w:08x?}: {color}");
+        let (color, alpha) = difference(&decoded::<Bc3>(w), &expected(w, bcdec_rs::bc3));
+        assert!(color < 0.501 && alpha < 0.715, "{w:08x?}: {color} {alpha}");
+        let other = decoded::<Bc1>(w ^ UVec4::new(0x8000, 0, 0, 0));
+        assert!(difference(&other, &expected(w, bcdec_rs::bc1)).0 > 0.501);
     }
 }
