@@ -1,6 +1,6 @@
 //! SPIR-V entry points of all methods, their compiled modules, and the table that describes them to executors.
 //!
-//! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel` and `patches::kernel`. Here each gets an entry point (bindings,
+//! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `multibounce::kernel` and `patches::kernel`. Here each gets an entry point (bindings,
 //! range check, one call), a module `spv/<crate>_<kernel>.spv`, and a row of [`table::KERNELS`] with its host form
 //! ([`host`]), which runs the same body over all elements on all cores. Results agree in all bits on the devices that we
 //! know, because the modules forbid contraction and take their maths from polynomials of our own.
@@ -17,6 +17,8 @@
 //!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four rows
 //!   among a workgroup, with coalesced loads; `_image` and `_half_image` gather four rows in one invocation from texels,
 //!   which is faster on software Vulkan.
+//! - Products with a matrix in texture blocks take one row of blocks a workgroup, by the same tree of lanes.
+//!   `multibounce_reorder` brings vectors into the order of the blocks and back.
 //!
 //! ```
 //! use glam::Vec4;
@@ -61,6 +63,7 @@ extern crate std;
 pub mod formfactor;
 mod half;
 mod invocation;
+pub mod multibounce;
 pub mod params;
 pub mod patches;
 pub mod scene;

@@ -9,8 +9,6 @@ mod bc6h;
 mod bc7;
 mod words;
 
-use core::ops::Range;
-
 use glam::{UVec2, UVec4, Vec3, Vec4};
 
 pub use bc1::{AlphaColorBlock, Bc1, Bc3, ColorBlock};
@@ -116,43 +114,31 @@ impl BlockSums {
     }
 }
 
-/// Light of one row of a block: four entries times the exitance of their four columns.
-#[inline]
-fn block_row(texels: impl Fn(u32) -> Vec4, first: u32, p: &BlockParams, light: (Vec3, Vec3, Vec3, Vec3)) -> Vec3 {
-    entry(texels(first), p) * light.0
-        + entry(texels(first + 1), p) * light.1
-        + entry(texels(first + 2), p) * light.2
-        + entry(texels(first + 3), p) * light.3
-}
-
-/// Adds the light through one block; `texels(k)` is its texel k, `light` the exitance of its columns, `scale` its tile's.
+/// Adds the light through one block; `texels(k)` is its texel k, `light(c)` the exitance of its column c, `scale` its
+/// tile's. A loop over columns: unrolled, a decoder would stand in a module sixteen times.
 #[inline]
 pub fn add_block(
     sums: BlockSums,
     texels: impl Fn(u32) -> Vec4,
     p: &BlockParams,
     scale: Vec3,
-    light: (Vec3, Vec3, Vec3, Vec3),
+    light: impl Fn(u32) -> Vec3,
 ) -> BlockSums {
-    BlockSums {
-        a: sums.a + block_row(&texels, 0, p, light) * scale,
-        b: sums.b + block_row(&texels, 4, p, light) * scale,
-        c: sums.c + block_row(&texels, 8, p, light) * scale,
-        d: sums.d + block_row(&texels, 12, p, light) * scale,
+    let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+    for column in 0..BLOCK {
+        let light = light(column);
+        a += entry(texels(column), p) * light;
+        b += entry(texels(4 + column), p) * light;
+        c += entry(texels(8 + column), p) * light;
+        d += entry(texels(12 + column), p) * light;
     }
+    sums.plus(BlockSums { a: a * scale, b: b * scale, c: c * scale, d: d * scale })
 }
 
 /// Place of the scale of a block's tile.
 #[inline]
 fn tile_of(p: &BlockParams, row: u32, column: u32) -> u32 {
     (row >> p.tile_shift) * p.tile_columns + (column >> p.tile_shift)
-}
-
-/// Exitance of the four columns of a block.
-#[inline]
-fn columns_of(exitance: &[Vec4], block_column: u32) -> (Vec3, Vec3, Vec3, Vec3) {
-    let j = (BLOCK * block_column) as usize;
-    (exitance[j].truncate(), exitance[j + 1].truncate(), exitance[j + 2].truncate(), exitance[j + 3].truncate())
 }
 
 /// What one of `lanes` lanes adds up for the four rows of a row of blocks: `H'_i = Σ_j m_ij B'_j` over the block columns
@@ -175,7 +161,7 @@ pub fn decode_gather_row<F: BlockFormat>(
     while column < p.block_columns {
         let block = F::parse(words(block_row * p.block_columns + column));
         let scale = scales[tile_of(p, p.first_block_row + block_row, column) as usize].truncate();
-        let light = columns_of(exitance, column);
+        let light = |c: u32| exitance[(BLOCK * column + c) as usize].truncate();
         sums = add_block(sums, |k| F::texel(block, k), p, scale, light);
         column += lanes;
     }
@@ -197,7 +183,7 @@ pub fn fetch_gather_row(
     let mut column = lane;
     while column < p.block_columns {
         let scale = scales[tile_of(p, p.first_block_row + block_row, column) as usize].truncate();
-        let light = columns_of(exitance, column);
+        let light = |c: u32| exitance[(BLOCK * column + c) as usize].truncate();
         let texel = |k: u32| fetch(BLOCK * column + (k & 3), BLOCK * block_row + (k >> 2));
         sums = add_block(sums, texel, p, scale, light);
         column += lanes;
@@ -205,28 +191,39 @@ pub fn fetch_gather_row(
     sums
 }
 
-/// What one of `lanes` lanes adds up from a row's entries of the side table, `Σ_k r_k B'_{j(k)}` over `k = lane, lane + lanes,
-/// …` of its range. An entry is a column and three halves: `[column | r << 16, g | b << 16]`.
+/// What one of `lanes` lanes adds up for row `i` from the side table, `Σ_k r_k B'_{j(k)}`; rows beyond the matrix have no
+/// entries. An entry is a column and three halves: `[column | r << 16, g | b << 16]`.
+///
+/// Shapes: `start[rows + 1]`, of the whole matrix; `outliers` from [`BlockParams::first_outlier`] on.
 #[inline]
-pub fn gather_outliers(row: Range<u32>, lane: u32, lanes: u32, outliers: &[UVec2], exitance: &[Vec4]) -> Vec3 {
+pub fn gather_outliers(
+    i: u32,
+    p: &BlockParams,
+    lane: u32,
+    lanes: u32,
+    start: &[u32],
+    outliers: &[UVec2],
+    exitance: &[Vec4],
+) -> Vec3 {
     let mut sum = Vec3::ZERO;
-    let mut k = row.start + lane;
-    while k < row.end {
-        let words = outliers[k as usize];
-        let value = Vec3::new(
-            widen_signed_half(words.x >> 16),
-            widen_signed_half(words.y & 0xffff),
-            widen_signed_half(words.y >> 16),
-        );
-        sum += value * exitance[(words.x & 0xffff) as usize].truncate();
-        k += lanes;
+    if i < p.rows {
+        let end = start[i as usize + 1] - p.first_outlier;
+        let mut k = start[i as usize] - p.first_outlier + lane;
+        while k < end {
+            let words = outliers[k as usize];
+            let value = Vec3::new(
+                widen_signed_half(words.x >> 16),
+                widen_signed_half(words.y & 0xffff),
+                widen_signed_half(words.y >> 16),
+            );
+            sum += value * exitance[(words.x & 0xffff) as usize].truncate();
+            k += lanes;
+        }
     }
     sum
 }
 
-/// [`gather_outliers`] for the four rows of a row of blocks; rows beyond the matrix have none.
-///
-/// Shapes: `start[rows + 1]`, of the whole matrix.
+/// [`gather_outliers`] for the four rows of a row of blocks.
 #[inline]
 pub fn gather_outlier_rows(
     block_row: u32,
@@ -237,17 +234,13 @@ pub fn gather_outlier_rows(
     outliers: &[UVec2],
     exitance: &[Vec4],
 ) -> BlockSums {
-    let first = BLOCK * (p.first_block_row + block_row);
-    let row = |k: u32| {
-        let i = first + k;
-        if i < p.rows {
-            let (begin, end) = (start[i as usize] - p.first_outlier, start[i as usize + 1] - p.first_outlier);
-            gather_outliers(begin..end, lane, lanes, outliers, exitance)
-        } else {
-            Vec3::ZERO
-        }
-    };
-    BlockSums { a: row(0), b: row(1), c: row(2), d: row(3) }
+    let i = BLOCK * (p.first_block_row + block_row);
+    BlockSums {
+        a: gather_outliers(i, p, lane, lanes, start, outliers, exitance),
+        b: gather_outliers(i + 1, p, lane, lanes, start, outliers, exitance),
+        c: gather_outliers(i + 2, p, lane, lanes, start, outliers, exitance),
+        d: gather_outliers(i + 3, p, lane, lanes, start, outliers, exitance),
+    }
 }
 
 /// One step of the tree by which [`LANES`] partial sums become one: lane k takes in lane k + 32, then k + 16, …, k + 1.

@@ -234,7 +234,10 @@ mod tests {
     #[test]
     fn planes_hold_what_the_kernels_decode() {
         assert_eq!(
-            difference::<Bc6h>(|k| if k % 3 < 2 { (k % 3, 2) } else { ((k / 3) % 16 * 2 + 2 & 31, 5) }, Vec4::truncate),
+            difference::<Bc6h>(
+                |k| if k % 3 < 2 { (k % 3, 2) } else { (k / 6 % 8 * 4 + 2 + k / 3 % 2, 5) },
+                Vec4::truncate
+            ),
             0.0
         );
         assert_eq!(difference::<Bc7>(|k| (1 << (k % 9) & 255, k % 9 + 1), Vec4::truncate), 0.0);

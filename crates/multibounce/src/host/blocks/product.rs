@@ -43,7 +43,7 @@ impl BlockMatrix {
     }
 
     fn gather<F: PlaneFormat>(&self, light: &[Vec4], ordered: &mut [Vec4]) {
-        let arch = Arch::new();
+        let (arch, p) = (Arch::new(), self.params(0, self.block_count() as u32));
         // Each channel of the light of a block's columns, once for each of its rows.
         let mut lanes = vec![[[0.0f32; TEXELS]; 3]; self.block_count()];
         for (lanes, light) in lanes.iter_mut().zip(light.chunks(EDGE)) {
@@ -69,7 +69,7 @@ impl BlockMatrix {
                 let i = row * EDGE + k;
                 if i < self.len() {
                     let (start, entries) = (&self.outliers.start, &self.outliers.entries);
-                    *out = (sums[k] + gather_outliers(start[i]..start[i + 1], 0, 1, entries, light)).extend(0.0);
+                    *out = (sums[k] + gather_outliers(i as u32, &p, 0, 1, start, entries, light)).extend(0.0);
                 }
             }
         });
