@@ -88,7 +88,7 @@ impl<F: PlaneFormat, const COMPANDING: u32> WithSimd for Strip<'_, F, COMPANDING
     type Output = [Vec3; EDGE];
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let columns = self.lanes.len();
         let tile = self.matrix.settings.tile / EDGE;
         let tile_columns = columns.div_ceil(tile);
@@ -97,17 +97,16 @@ impl<F: PlaneFormat, const COMPANDING: u32> WithSimd for Strip<'_, F, COMPANDING
         for (t, scale) in scales.iter().enumerate() {
             let mut part = [[0.0f32; TEXELS]; 3];
             for column in t * tile..((t + 1) * tile).min(columns) {
-                let planes = F::planes(self.matrix.block(self.row * columns + column));
-                for c in 0..3 {
-                    for k in 0..TEXELS {
-                        let x = planes[c][k];
-                        let entry = match COMPANDING {
-                            0 => x,
-                            1 => x * x,
-                            _ => (exp2(8.0 * x) - 1.0) * (1.0 / 255.0),
+                let mut planes = F::planes(self.matrix.block(self.row * columns + column));
+                for (c, plane) in planes.iter_mut().enumerate() {
+                    for x in plane.iter_mut() {
+                        *x = match COMPANDING {
+                            0 => *x,
+                            1 => *x * *x,
+                            _ => (exp2(8.0 * *x) - 1.0) * (1.0 / 255.0),
                         };
-                        part[c][k] += entry * self.lanes[column][c][k];
                     }
+                    add_product(simd, &mut part[c], plane, &self.lanes[column][c]);
                 }
             }
             for c in 0..3 {
@@ -120,5 +119,14 @@ impl<F: PlaneFormat, const COMPANDING: u32> WithSimd for Strip<'_, F, COMPANDING
             let channel = |c: usize| sums[c][row * EDGE..(row + 1) * EDGE].iter().sum::<f32>();
             Vec3::new(channel(0), channel(1), channel(2))
         })
+    }
+}
+
+/// `sums[k] += a[k] b[k]`. A multiple of every vector's length, so that there is no tail.
+#[inline(always)]
+fn add_product<S: Simd>(simd: S, sums: &mut [f32; TEXELS], a: &[f32; TEXELS], b: &[f32; TEXELS]) {
+    let (sums, (a, _), (b, _)) = (S::as_mut_simd_f32s(sums).0, S::as_simd_f32s(a), S::as_simd_f32s(b));
+    for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+        *sum = simd.mul_add_f32s(*a, *b, *sum);
     }
 }
