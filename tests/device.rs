@@ -165,6 +165,9 @@ fn bytes_come_back_as_they_went() {
         let fresh = plan.storage("zeros", 1001);
         let wide = plan.image("wide", ImageFormat::Rgba32Float, 1031, 1001);
         let half = plan.image("half", ImageFormat::Rgba16Float, 3, 5);
+        // 2303 x 2402 blocks of 8 bytes: more than one staging buffer, and blocks over both edges.
+        let has_blocks = executor.device().has_block_images;
+        let blocks = has_blocks.then(|| plan.image("blocks", ImageFormat::Bc1Rgb, 9209, 9605));
         let empty = plan.storage("empty", 0);
         executor.load(plan).expect("the plan loads");
         assert_eq!(executor.download(fresh).expect("readable"), vec![0; 1001], "new buffers are zeros");
@@ -182,6 +185,14 @@ fn bytes_come_back_as_they_went() {
         assert!(found[8..] == bytes[8..], "the rest is unchanged");
         assert!(executor.download(wide).expect("readable") == picture);
         assert_eq!(executor.download(half).expect("readable"), &bytes[..120]);
+        if let Some(blocks) = blocks {
+            let size = 2303 * 2402 * 8;
+            let content: Vec<u8> = bytes.iter().cycle().take(size).copied().collect();
+            assert!(executor.download(blocks).expect("readable").iter().all(|&b| b == 0), "new pictures are zeros");
+            executor.upload(blocks, &content).expect("fits");
+            assert!(executor.download(blocks).expect("readable") == content);
+            assert!(executor.upload(blocks, &content[1..]).is_err());
+        }
         assert!(executor.download(empty).expect("readable").is_empty());
     }
 }

@@ -2,11 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
-use glam::{UVec2, Vec2, Vec3, Vec4};
+use glam::{UVec2, UVec4, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
-use multibounce::TileSlot;
+use multibounce::{BlockParams, TileSlot};
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -34,7 +34,7 @@ macro_rules! words {
         }
     )*};
 }
-words!(u32, f32, Vec2, Vec3, Vec4, UVec2, [u32; 2], [u32; 3]);
+words!(u32, f32, Vec2, Vec3, Vec4, UVec2, UVec4, [u32; 2], [u32; 3]);
 
 macro_rules! structure {
     ($type:ty { $($field:ident: $kind:ty),* $(,)? }) => {
@@ -111,6 +111,17 @@ structure!(HemisphereParams {
 });
 structure!(HitsParams { rows: u32, first_quad: u32 });
 structure!(GatherParams { rows: u32, vectors: u32, first_row: u32, reserved: u32 });
+structure!(BlockParams {
+    block_rows: u32,
+    block_columns: u32,
+    first_block_row: u32,
+    rows: u32,
+    tile_columns: u32,
+    tile_shift: u32,
+    companding: u32,
+    alpha: u32,
+    first_outlier: u32,
+});
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
 structure!(TileSlot { scale: f32, block: u32, channel: u32, reserved: u32 });
@@ -155,9 +166,13 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "factors" if kernel == "formfactor_gather_half" => layout::<UVec2>(),
         "values" if kernel == "formfactor_gather_csr" => layout::<f32>(),
         "scales" => layout::<f32>(),
-        "quads" => layout::<UVec2>(),
+        "quads" | "outliers" => layout::<UVec2>(),
+        "blocks" if kernel == "multibounce_blocks_gather_bc1" => layout::<UVec2>(),
+        "blocks" => layout::<UVec4>(),
         "factors" | "values" | "sky_map" | "irradiance" | "direct" | "indirect" | "sum" | "source" | "albedo"
-        | "emission" | "exitance" | "means" | "cubes" | "harmonics" => layout::<Vec4>(),
+        | "tile_scales" | "scale" | "input" | "output" | "emission" | "exitance" | "means" | "cubes" | "harmonics" => {
+            layout::<Vec4>()
+        }
         other => panic!("{kernel}: say the type of the binding {other} here"),
     }
 }
@@ -174,6 +189,7 @@ fn push(kernel: &str) -> Layout {
         }
         "formfactor_gather_hits" => layout::<HitsParams>(),
         "multibounce_tiles_enter" => layout::<EnterParams>(),
+        k if k.starts_with("multibounce_blocks_gather") => layout::<BlockParams>(),
         "patches_lookup" => layout::<LookupParams>(),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => layout::<VolumeParams>(),
         _ => layout::<CountParams>(),

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use bytemuck::Pod;
 use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::{UVec3, Vec4};
-use gpu_kernels::table::MAX_GROUPS_X;
-use gpu_kernels::{formfactor as ff, patches as pa, scene as sc, tiles as mb};
+use gpu_kernels::table::{ImageFormat, MAX_GROUPS_X};
+use gpu_kernels::{formfactor as ff, multibounce as mb, patches as pa, scene as sc, tiles as ti};
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
 use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
@@ -85,14 +85,15 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "formfactor_gather_hits" => entry!(ff::gather_hits, HitsParams, Vec4, [0, 1, 2, 3, 4]),
         "formfactor_bounce" => entry!(ff::bounce, CountParams, Vec4, [0, 1, 2]),
         "formfactor_interpolate" => entry!(ff::interpolate, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6]),
+        "multibounce_reorder" => entry!(mb::reorder, CountParams, Vec4, [0, 1, 2]),
         "patches_gather_mean" => entry!(pa::gather_mean, CountParams, Vec4, [0, 1, 2]),
         "patches_lookup" => entry!(pa::lookup, LookupParams, Vec4, [0, 1, 2, 3, 4]),
         "patches_volume_lookup" => entry!(pa::volume_lookup, VolumeParams, Vec4, [0, 1, 2, 3]),
         "patches_volume_lookup_sh" => entry!(pa::volume_lookup_sh, VolumeParams, Vec4, [0, 1, 2, 3]),
-        "multibounce_tiles_enter" => entry!(mb::tiles_enter, EnterParams, Vec4, [0, 1, 2]),
-        "multibounce_tiles_project" => entry!(mb::tiles_project, CountParams, Vec4, [0, 1, 2]),
-        "multibounce_tiles_expand" => entry!(mb::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7]),
-        "multibounce_tiles_leave" => entry!(mb::tiles_leave, CountParams, Vec4, [0, 1, 2]),
+        "multibounce_tiles_enter" => entry!(ti::tiles_enter, EnterParams, Vec4, [0, 1, 2]),
+        "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2]),
+        "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7]),
+        "multibounce_tiles_leave" => entry!(ti::tiles_leave, CountParams, Vec4, [0, 1, 2]),
         _ => return None,
     })
 }
@@ -113,7 +114,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 21 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 22 * 9, "an entry point of the table is not called here");
 }
 
 #[test]
@@ -137,7 +138,9 @@ fn row_block(input: &Input, first: u32, rows: u32) -> Input {
     };
     block.bindings[0] = match &input.bindings[0] {
         Data::Buffer(bytes) => Data::Buffer(cut(bytes)),
-        Data::Image { width, texels, .. } => Data::Image { width: *width, height: rows, texels: cut(texels) },
+        Data::Image { format, width, texels, .. } => {
+            Data::Image { format: *format, width: *width, height: rows, texels: cut(texels) }
+        }
     };
     block.elements = rows;
     block.push = bytemuck::bytes_of(&GatherParams { rows, first_row: p.first_row + first, ..p }).to_vec();
@@ -250,6 +253,19 @@ fn calls_that_do_not_suit_the_table_are_refused() {
     missing.bindings.pop();
     assert!(matches!(missing.run_on_host(), Err(HostError::BindingCount { expected: 8, found: 7, .. })));
     let mut image = input.clone();
-    image.bindings[0] = Data::Image { width: 1, height: 1, texels: Bytes::of(&[Vec4::ZERO]) };
+    image.bindings[0] =
+        Data::Image { format: ImageFormat::Rgba32Float, width: 1, height: 1, texels: Bytes::of(&[Vec4::ZERO]) };
     assert!(matches!(image.run_on_host(), Err(HostError::BindingKind { binding: "rays", .. })));
+    let blocks = all.iter().find(|i| i.kernel.name == "multibounce_blocks_gather_image").unwrap();
+    let mut format = blocks.clone();
+    let Data::Image { format: of_texels, .. } = &mut format.bindings[0] else { panic!("the blocks are an image") };
+    *of_texels = ImageFormat::Rgba32Float;
+    assert!(matches!(format.run_on_host(), Err(HostError::BindingKind { binding: "blocks", .. })));
+    let mut small = blocks.clone();
+    let Data::Image { width, .. } = &mut small.bindings[0] else { panic!("the blocks are an image") };
+    *width -= 4;
+    assert!(matches!(small.run_on_host(), Err(HostError::ImageSize { binding: "blocks", .. })));
+    let mut short = blocks.clone();
+    short.bindings[1] = Data::Buffer(Bytes::of(&[Vec4::ZERO; 3]));
+    assert!(matches!(short.run_on_host(), Err(HostError::TooShort { binding: "tile_scales", .. })));
 }

@@ -196,8 +196,9 @@ fn no_float_operation_may_be_contracted() {
 }
 
 /// Instructions of GLSL.std.450 that give the same bits on every device we know (or, the power, a stated tolerance):
-/// Trunc, FAbs, Floor, Ceil, Pow, Sqrt, FMin, UMin, SMin, FMax, UMax, SMax, FClamp, UClamp, SClamp, UnpackHalf2x16.
-const ALLOWED_MATHS: [u32; 16] = [3, 4, 8, 9, 26, 31, 37, 38, 39, 40, 41, 42, 43, 44, 45, 62];
+/// Trunc, FAbs, Floor, Ceil, Pow, Sqrt, FMin, UMin, SMin, FMax, UMax, SMax, FClamp, UClamp, SClamp, UnpackHalf2x16,
+/// FindILsb.
+const ALLOWED_MATHS: [u32; 17] = [3, 4, 8, 9, 26, 31, 37, 38, 39, 40, 41, 42, 43, 44, 45, 62, 73];
 
 /// The Pow instruction, and where it may stand.
 const POW: (u32, &str) = (26, "scene_tone_map");

@@ -8,12 +8,18 @@ use formfactor::kernel::grid::{cell_count, vertex_count};
 use formfactor::kernel::hits::WORD_COUNTS;
 use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
 use formfactor::{GatherParams, HemisphereParams, HitRows, HitsParams, ReceiverCell, TriangleGrid};
-use glam::{Vec2, Vec3, Vec4};
+use glam::{UVec2, Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
-use gpu_kernels::table::{Access, KERNELS, Kernel};
+use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
+use gpu_kernels::table::{
+    MULTIBOUNCE_BLOCKS_GATHER_BC1, MULTIBOUNCE_BLOCKS_GATHER_BC3, MULTIBOUNCE_BLOCKS_GATHER_BC6H,
+    MULTIBOUNCE_BLOCKS_GATHER_BC7, MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
+};
 use multibounce::TileSlot;
+use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use multibounce::kernel::tiles::{SLOT_WORDS, TILE};
+use multibounce::{BlockCodec, BlockParams, Companding};
 use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
 use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::kernel::{bvh, camera};
@@ -62,6 +68,8 @@ pub enum Data {
     Buffer(Bytes),
     /// A sampled image.
     Image {
+        /// Texel format.
+        format: ImageFormat,
         /// Texels of a row.
         width: u32,
         /// Rows.
@@ -111,8 +119,8 @@ impl Input {
                     Access::Read => HostBinding::Read(bytes.bytes()),
                     _ => HostBinding::Write(bytes.bytes_mut()),
                 },
-                Data::Image { width, height, texels } => {
-                    HostBinding::Image { width: *width, height: *height, texels: texels.bytes() }
+                Data::Image { format, width, height, texels } => {
+                    HostBinding::Image { format: *format, width: *width, height: *height, texels: texels.bytes() }
                 }
             })
             .collect();
@@ -350,6 +358,84 @@ fn scene_tables(scene: &Scene) -> Tables {
     ]
 }
 
+/// The product with some rows of blocks of a format, as a buffer or as an image: blocks of random bits, in all modes of the
+/// format, each codec with another companding.
+pub fn block_input(codec: BlockCodec, image: Option<ImageFormat>) -> Input {
+    let mut r = Random(20_000 + codec.block_words() as u32);
+    let kernel = match (codec, image) {
+        (_, Some(_)) => &MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
+        (BlockCodec::Bc1, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC1,
+        (BlockCodec::Bc3, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC3,
+        (BlockCodec::Bc6h, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC6H,
+        (BlockCodec::Bc7, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC7,
+    };
+    let (elements, push, tables) = blocks(&mut r, codec, image);
+    Input { kernel, elements, push, bindings: tables.into_iter().map(|(_, data)| data).collect() }
+}
+
+fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
+    // More columns of blocks than lanes, and a last row of blocks that is not full.
+    let (rows, first_block_row) = (273u32, 60);
+    let (block_columns, block_rows) = (rows.div_ceil(BLOCK), rows.div_ceil(BLOCK) - first_block_row);
+    let (companding, mode_bits) = match codec {
+        BlockCodec::Bc1 => (Companding::Sqrt, 0),
+        BlockCodec::Bc3 => (Companding::Log2, 0),
+        BlockCodec::Bc6h => (Companding::None, 5),
+        BlockCodec::Bc7 => (Companding::Log2, 8),
+    };
+    let mut words = Vec::new();
+    for k in 0..block_rows * block_columns {
+        let first = words.len();
+        words.extend((0..codec.block_words()).map(|_| r.word()));
+        // Random bits are rarely in the higher modes.
+        let mode = if codec == BlockCodec::Bc7 { 1 << (k % 9) & 255 } else { k % 32 };
+        let kept = if codec == BlockCodec::Bc7 { k % 9 + 1 } else { mode_bits };
+        if mode_bits > 0 {
+            words[first] = words[first] >> kept << kept | mode;
+        }
+    }
+    let mut row_start = vec![5u32];
+    for k in 0..rows as usize {
+        row_start.push(row_start[k] + if k % 7 == 0 { 70 + r.below(9) } else { r.below(5) });
+    }
+    // The side table from the first row of this block on; its halves may be negative.
+    let first_outlier = row_start[(BLOCK * first_block_row) as usize];
+    let outliers: Vec<UVec2> = (first_outlier..row_start[rows as usize])
+        .map(|_| {
+            let half = |r: &mut Random| u32::from(half::f16::from_f32(r.unit() - 0.4).to_bits());
+            UVec2::new(r.below(rows) | half(r) << 16, half(r) | half(r) << 16)
+        })
+        .collect();
+    let p = BlockParams {
+        block_rows,
+        block_columns,
+        first_block_row,
+        rows,
+        tile_columns: block_columns.div_ceil(16),
+        tile_shift: 4,
+        companding: companding.id(),
+        alpha: u32::from(codec == BlockCodec::Bc3),
+        first_outlier,
+    };
+    let tiles = p.tile_columns * block_columns.div_ceil(16);
+    let data = match image {
+        Some(format) => {
+            let (width, height) = (BLOCK * block_columns, BLOCK * block_rows);
+            Data::Image { format, width, height, texels: Bytes::of(&words) }
+        }
+        None => Data::Buffer(Bytes::of(&words)),
+    };
+    let tables = vec![
+        ("blocks", data),
+        buffer("tile_scales", &r.colors(tiles as usize)),
+        buffer("row_start", &row_start),
+        buffer("outliers", &outliers),
+        buffer("exitance", &r.colors((BLOCK * block_columns) as usize)),
+        room::<Vec4>("irradiance", rows as usize),
+    ];
+    (block_rows, bytemuck::bytes_of(&p).to_vec(), tables)
+}
+
 /// Elements, push constants and the tables that are not the scene's.
 fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables) {
@@ -527,15 +613,16 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let halves: Vec<half::f16> = factors.iter().map(|f| half::f16::from_f32(*f)).collect();
             let mut exitance = r.colors(4 * vectors as usize);
             exitance[senders..].fill(Vec4::ZERO);
-            let image = |width, height, texels| Data::Image { width, height, texels };
+            let of_factors = if name.contains("half") { ImageFormat::Rgba16Float } else { ImageFormat::Rgba32Float };
+            let image = |format, width, height, texels| Data::Image { format, width, height, texels };
             let bytes = if name.contains("half") { Bytes::of(&halves) } else { Bytes::of(&factors) };
             let tables = if name.ends_with("image") {
                 let columns = VECTOR_IMAGE_WIDTH as usize;
                 exitance.resize(exitance.len().div_ceil(columns) * columns, Vec4::ZERO);
                 let height = (exitance.len() / columns) as u32;
                 vec![
-                    ("factors", image(vectors, rows, bytes)),
-                    ("exitance", image(VECTOR_IMAGE_WIDTH, height, Bytes::of(&exitance))),
+                    ("factors", image(of_factors, vectors, rows, bytes)),
+                    ("exitance", image(ImageFormat::Rgba32Float, VECTOR_IMAGE_WIDTH, height, Bytes::of(&exitance))),
                 ]
             } else {
                 vec![("factors", Data::Buffer(bytes)), buffer("exitance", &exitance)]
@@ -589,6 +676,22 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("root", &r.floats(n as usize)),
                 buffer("rows", &r.colors(256)),
                 room::<Vec4>("irradiance", n as usize),
+            ];
+            call(n, CountParams { count: n }, tables)
+        }
+        "multibounce_blocks_gather_bc1" => blocks(r, BlockCodec::Bc1, None),
+        "multibounce_blocks_gather_bc3" => blocks(r, BlockCodec::Bc3, None),
+        "multibounce_blocks_gather_bc6h" => blocks(r, BlockCodec::Bc6h, None),
+        "multibounce_blocks_gather_bc7" => blocks(r, BlockCodec::Bc7, None),
+        "multibounce_blocks_gather_image" => blocks(r, BlockCodec::Bc7, Some(ImageFormat::Bc7)),
+        "multibounce_reorder" => {
+            let n = 200;
+            let order: Vec<u32> = (0..n).map(|_| if r.below(9) == 0 { NO_ELEMENT } else { r.below(150) }).collect();
+            let tables = vec![
+                buffer("order", &order),
+                buffer("scale", &r.colors(n as usize)),
+                buffer("input", &r.colors(150)),
+                room::<Vec4>("output", n as usize),
             ];
             call(n, CountParams { count: n }, tables)
         }

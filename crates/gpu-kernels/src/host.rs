@@ -2,6 +2,7 @@
 //! so the result does not depend on the number of threads.
 
 pub(crate) mod formfactor;
+pub(crate) mod multibounce;
 pub(crate) mod patches;
 pub(crate) mod scene;
 pub(crate) mod tiles;
@@ -11,7 +12,7 @@ use std::vec::Vec;
 use bytemuck::{AnyBitPattern, Pod};
 use rayon::prelude::*;
 
-use crate::table::{Access, BindingKind, Kernel};
+use crate::table::{Access, BindingKind, ImageFormat, Kernel};
 
 /// What is bound at one place, borrowed from the executor. Buffers are aligned to 16 bytes.
 #[derive(Debug)]
@@ -20,8 +21,10 @@ pub enum HostBinding<'a> {
     Read(&'a [u8]),
     /// A buffer that is written, or read and written.
     Write(&'a mut [u8]),
-    /// A sampled image: rows of texels from the top, without gaps.
+    /// A sampled image: rows of texels, or of blocks, from the top, without gaps.
     Image {
+        /// Texel format.
+        format: ImageFormat,
         /// Texels of a row.
         width: u32,
         /// Rows.
@@ -143,6 +146,12 @@ impl<'a> HostCall<'_, 'a> {
             if expected != found {
                 return Err(HostError::BindingKind { kernel: name, binding: row.name, expected });
             }
+            if let (BindingKind::SampledImage { formats }, HostBinding::Image { format, .. }) = (row.kind, given)
+                && !formats.contains(format)
+            {
+                let expected = "an image of another format";
+                return Err(HostError::BindingKind { kernel: name, binding: row.name, expected });
+            }
         }
         Ok(())
     }
@@ -201,6 +210,15 @@ impl<'s> Bound<'s, '_> {
             return Err(HostError::ImageSize { binding: self.name, needed: (width, height), found });
         }
         Ok(())
+    }
+
+    /// The blocks of an image as words, their format, and the number of blocks in a row.
+    fn blocks(self) -> Result<(&'s [u32], ImageFormat, usize), HostError> {
+        let HostBinding::Image { format, width, height, .. } = *self.data else {
+            return Err(HostError::TooShort { binding: self.name, needed: 1, found: 0 });
+        };
+        let columns = width.div_ceil(format.block_edge()) as usize;
+        Ok((self.read(format.image_bytes(width, height) as usize / 4)?, format, columns))
     }
 
     /// The texels of an image and the length of its rows.

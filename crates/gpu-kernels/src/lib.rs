@@ -17,6 +17,8 @@
 //!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four rows
 //!   among a workgroup, with coalesced loads; `_image` and `_half_image` gather four rows in one invocation from texels,
 //!   which is faster on software Vulkan.
+//! - Products with a matrix in texture blocks take one row of blocks a workgroup, by the same tree of lanes.
+//!   `multibounce_reorder` brings vectors into the order of the blocks and back.
 //!
 //! ```
 //! use glam::Vec4;
@@ -61,6 +63,7 @@ extern crate std;
 pub mod formfactor;
 mod half;
 mod invocation;
+pub mod multibounce;
 pub mod params;
 pub mod patches;
 pub mod scene;

@@ -2,12 +2,12 @@
 
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
-use ::multibounce::TileSlot;
+use ::multibounce::{BlockParams, TileSlot};
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
-use glam::{UVec2, Vec4};
+use glam::{UVec2, UVec4, Vec4};
 
 use crate::host::{self, HostCall, HostError};
 use crate::invocation::WORKGROUP;
@@ -31,6 +31,45 @@ pub enum ImageFormat {
     Rgba32Float,
     /// Four 16-bit floats.
     Rgba16Float,
+    /// Blocks of BC1 without alpha, 0 to 1.
+    Bc1Rgb,
+    /// Blocks of BC3, 0 to 1.
+    Bc3,
+    /// Blocks of BC6H, unsigned.
+    Bc6hUfloat,
+    /// Blocks of BC7, 0 to 1.
+    Bc7,
+}
+
+impl ImageFormat {
+    /// The formats of texture blocks.
+    pub const BLOCKS: &[Self] = &[Self::Bc1Rgb, Self::Bc3, Self::Bc6hUfloat, Self::Bc7];
+
+    /// Texels along the edge of a block, 1 where texels are stored one by one.
+    pub const fn block_edge(self) -> u32 {
+        match self {
+            Self::Rgba32Float | Self::Rgba16Float => 1,
+            Self::Bc1Rgb | Self::Bc3 | Self::Bc6hUfloat | Self::Bc7 => 4,
+        }
+    }
+
+    /// Bytes of a block, or of a texel where texels are stored one by one.
+    pub const fn block_bytes(self) -> u32 {
+        match self {
+            Self::Rgba16Float | Self::Bc1Rgb => 8,
+            Self::Rgba32Float | Self::Bc3 | Self::Bc6hUfloat | Self::Bc7 => 16,
+        }
+    }
+
+    /// Bytes of a row of texels, or of blocks, of an image of this width.
+    pub const fn row_bytes(self, width: u32) -> u64 {
+        width.div_ceil(self.block_edge()) as u64 * self.block_bytes() as u64
+    }
+
+    /// Bytes of an image: its blocks row by row, those at its edges whole.
+    pub const fn image_bytes(self, width: u32, height: u32) -> u64 {
+        self.row_bytes(width) * height.div_ceil(self.block_edge()) as u64
+    }
 }
 
 /// What is bound.
@@ -43,8 +82,8 @@ pub enum BindingKind {
     },
     /// Two-dimensional sampled image without a sampler (texels are fetched), one level.
     SampledImage {
-        /// Texel format.
-        format: ImageFormat,
+        /// Texel formats, any of which may be bound.
+        formats: &'static [ImageFormat],
     },
 }
 
@@ -115,8 +154,8 @@ const fn buffer<T>(name: &'static str, access: Access) -> Binding {
     Binding { name, access, kind: BindingKind::Storage { stride: size_of::<T>() as u32 } }
 }
 
-const fn image(name: &'static str, format: ImageFormat) -> Binding {
-    Binding { name, access: Access::Read, kind: BindingKind::SampledImage { format } }
+const fn image(name: &'static str, formats: &'static [ImageFormat]) -> Binding {
+    Binding { name, access: Access::Read, kind: BindingKind::SampledImage { formats } }
 }
 
 const fn read<T>(name: &'static str) -> Binding {
@@ -146,6 +185,12 @@ pub static KERNELS: &[&Kernel] = &[
     &FORMFACTOR_GATHER_HITS,
     &FORMFACTOR_BOUNCE,
     &FORMFACTOR_INTERPOLATE,
+    &MULTIBOUNCE_BLOCKS_GATHER_BC1,
+    &MULTIBOUNCE_BLOCKS_GATHER_BC3,
+    &MULTIBOUNCE_BLOCKS_GATHER_BC6H,
+    &MULTIBOUNCE_BLOCKS_GATHER_BC7,
+    &MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
+    &MULTIBOUNCE_REORDER,
     &PATCHES_GATHER_MEAN,
     &PATCHES_LOOKUP,
     &PATCHES_VOLUME_LOOKUP,
@@ -365,8 +410,8 @@ pub static FORMFACTOR_GATHER_IMAGE: Kernel = Kernel {
     elements_per_group: WORKGROUP * ROWS_TOGETHER,
     push_bytes: size_of::<GatherParams>() as u32,
     bindings: &[
-        image("factors", ImageFormat::Rgba32Float),
-        image("exitance", ImageFormat::Rgba32Float),
+        image("factors", &[ImageFormat::Rgba32Float]),
+        image("exitance", &[ImageFormat::Rgba32Float]),
         write::<Rgb>("irradiance"),
     ],
     host: host::formfactor::gather_image,
@@ -380,8 +425,8 @@ pub static FORMFACTOR_GATHER_HALF_IMAGE: Kernel = Kernel {
     elements_per_group: WORKGROUP * ROWS_TOGETHER,
     push_bytes: size_of::<GatherParams>() as u32,
     bindings: &[
-        image("factors", ImageFormat::Rgba16Float),
-        image("exitance", ImageFormat::Rgba32Float),
+        image("factors", &[ImageFormat::Rgba16Float]),
+        image("exitance", &[ImageFormat::Rgba32Float]),
         write::<Rgb>("irradiance"),
     ],
     host: host::formfactor::gather_half_image,
@@ -451,6 +496,108 @@ pub static FORMFACTOR_INTERPOLATE: Kernel = Kernel {
         write::<Rgb>("irradiance"),
     ],
     host: host::formfactor::interpolate,
+};
+
+/// Product with a matrix in blocks of BC1 (`multibounce::BlockMatrix`), decoded in the kernel. An element is a row of blocks;
+/// `exitance` and `irradiance` are in the order of the blocks, `exitance` holds 4 elements for each column of blocks.
+pub static MULTIBOUNCE_BLOCKS_GATHER_BC1: Kernel = Kernel {
+    name: "multibounce_blocks_gather_bc1",
+    spv: spv!("multibounce_blocks_gather_bc1"),
+    workgroup: WORKGROUP,
+    elements_per_group: 1,
+    push_bytes: size_of::<BlockParams>() as u32,
+    bindings: &[
+        read::<UVec2>("blocks"),
+        read::<Vec4>("tile_scales"),
+        read::<u32>("row_start"),
+        read::<UVec2>("outliers"),
+        read::<Rgb>("exitance"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::multibounce::blocks_gather_bc1,
+};
+
+/// The same with blocks of BC3.
+pub static MULTIBOUNCE_BLOCKS_GATHER_BC3: Kernel = Kernel {
+    name: "multibounce_blocks_gather_bc3",
+    spv: spv!("multibounce_blocks_gather_bc3"),
+    workgroup: WORKGROUP,
+    elements_per_group: 1,
+    push_bytes: size_of::<BlockParams>() as u32,
+    bindings: &[
+        read::<UVec4>("blocks"),
+        read::<Vec4>("tile_scales"),
+        read::<u32>("row_start"),
+        read::<UVec2>("outliers"),
+        read::<Rgb>("exitance"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::multibounce::blocks_gather_bc3,
+};
+
+/// The same with blocks of BC6H.
+pub static MULTIBOUNCE_BLOCKS_GATHER_BC6H: Kernel = Kernel {
+    name: "multibounce_blocks_gather_bc6h",
+    spv: spv!("multibounce_blocks_gather_bc6h"),
+    workgroup: WORKGROUP,
+    elements_per_group: 1,
+    push_bytes: size_of::<BlockParams>() as u32,
+    bindings: &[
+        read::<UVec4>("blocks"),
+        read::<Vec4>("tile_scales"),
+        read::<u32>("row_start"),
+        read::<UVec2>("outliers"),
+        read::<Rgb>("exitance"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::multibounce::blocks_gather_bc6h,
+};
+
+/// The same with blocks of BC7.
+pub static MULTIBOUNCE_BLOCKS_GATHER_BC7: Kernel = Kernel {
+    name: "multibounce_blocks_gather_bc7",
+    spv: spv!("multibounce_blocks_gather_bc7"),
+    workgroup: WORKGROUP,
+    elements_per_group: 1,
+    push_bytes: size_of::<BlockParams>() as u32,
+    bindings: &[
+        read::<UVec4>("blocks"),
+        read::<Vec4>("tile_scales"),
+        read::<u32>("row_start"),
+        read::<UVec2>("outliers"),
+        read::<Rgb>("exitance"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::multibounce::blocks_gather_bc7,
+};
+
+/// The same with blocks of any format as an image, 4 texels for each block each way, decoded by the texture unit.
+pub static MULTIBOUNCE_BLOCKS_GATHER_IMAGE: Kernel = Kernel {
+    name: "multibounce_blocks_gather_image",
+    spv: spv!("multibounce_blocks_gather_image"),
+    workgroup: WORKGROUP,
+    elements_per_group: 1,
+    push_bytes: size_of::<BlockParams>() as u32,
+    bindings: &[
+        image("blocks", ImageFormat::BLOCKS),
+        read::<Vec4>("tile_scales"),
+        read::<u32>("row_start"),
+        read::<UVec2>("outliers"),
+        read::<Rgb>("exitance"),
+        write::<Rgb>("irradiance"),
+    ],
+    host: host::multibounce::blocks_gather_image,
+};
+
+/// A vector in another order, each element scaled. An element is one of the result.
+pub static MULTIBOUNCE_REORDER: Kernel = Kernel {
+    name: "multibounce_reorder",
+    spv: spv!("multibounce_reorder"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[read::<u32>("order"), read::<Vec4>("scale"), read::<Rgb>("input"), write::<Rgb>("output")],
+    host: host::multibounce::reorder,
 };
 
 /// Mean of a quantity over the samples of every patch, as of the first exitance, W/m². An element is a patch.

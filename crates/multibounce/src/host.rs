@@ -1,9 +1,17 @@
 //! The host side: solvers, compression and products on all cores.
 
+mod blocks;
+mod energy;
+mod order;
+mod outliers;
 mod solve;
 mod tiles;
 mod tree;
 
+pub use blocks::{BlockBytes, BlockCodec, BlockMatrix, BlockReport, BlockSettings, Companding, picture};
+pub use energy::{VectorProduct, spectral_radius};
+pub use order::{MatrixRows, PROJECTED_DIMENSIONS, Permutation, greedy_order, projected_order};
+pub use outliers::Outliers;
 pub use solve::{Factors, Proceed, all_bounces, all_bounces_lu, some_bounces};
 pub use tiles::{
     Channels, ExpandTables, MOST_TILE_PATCHES, TileReport, Tiles, enter_all, expand_all, leave_all, project_all,

@@ -1,3 +1,4 @@
 //! The bodies of the kernels: one invocation each, no `std`.
 
+pub mod blocks;
 pub mod tiles;

@@ -37,10 +37,10 @@ impl Case {
         let sums: Vec<f32> = (0..n).map(|i| (0..n).map(|j| s(i, j)).sum::<f32>() / area[i]).collect();
         let most = sums.iter().copied().fold(0.0, f32::max);
         let (mut row_start, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
-        for i in 0..n {
+        for (i, area) in area.iter().enumerate() {
             for j in (0..n).filter(|&j| j != i) {
                 columns.push(j as u32);
-                values.push(s(i, j) / (area[i] * most));
+                values.push(s(i, j) / (area * most));
             }
             row_start.push(values.len() as u32);
         }
@@ -285,8 +285,8 @@ fn what_is_wrong_is_said() {
 
     // Light that grows: rows above 1.
     let bright = Mat::from_fn(20, 20, |i, j| 3.0 * symmetric[(i, j)]);
-    assert!(matches!(all_bounces(&bright, &vec![0.9; 20]), Err(Error::Singular { .. })));
-    assert!(matches!(all_bounces(&symmetric, &vec![1.0; 20]), Err(Error::Value { name: "albedo", index: 0, .. })));
+    assert!(matches!(all_bounces(&bright, &[0.9; 20]), Err(Error::Singular { .. })));
+    assert!(matches!(all_bounces(&symmetric, &[1.0; 20]), Err(Error::Value { name: "albedo", index: 0, .. })));
 
     // Not reciprocal.
     let mut values = case.values.clone();

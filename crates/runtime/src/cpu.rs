@@ -52,6 +52,7 @@ impl Cpu {
             memory_bytes: 0,
             max_storage_buffer_range: u64::MAX,
             max_image_edge: u32::MAX,
+            has_block_images: true,
             shared_memory_bytes: 0,
             subgroup_size: 1,
             has_timestamps: false,
@@ -89,7 +90,9 @@ fn borrow<'a>(graph: &Graph, pass: &Pass, memory: &'a mut [Block]) -> Vec<HostBi
             for (k, bound) in here {
                 let part = &bytes[bound.offset as usize..(bound.offset + bound.bytes) as usize];
                 lent[k] = Some(match graph.plan().buffers()[bound.buffer.0].kind {
-                    BufferKind::Image { width, height, .. } => HostBinding::Image { width, height, texels: part },
+                    BufferKind::Image { format, width, height } => {
+                        HostBinding::Image { format, width, height, texels: part }
+                    }
                     _ => HostBinding::Read(part),
                 });
             }

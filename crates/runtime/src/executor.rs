@@ -98,6 +98,8 @@ pub struct DeviceInfo {
     pub max_storage_buffer_range: u64,
     /// Greatest width and height of a picture.
     pub max_image_edge: u32,
+    /// Whether pictures of texture blocks (BC1 to BC7) can be fetched from.
+    pub has_block_images: bool,
     /// Memory that a workgroup shares.
     pub shared_memory_bytes: u32,
     /// Invocations of a subgroup, 1 for native code.

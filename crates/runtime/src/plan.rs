@@ -20,14 +20,6 @@ pub struct BufferId(pub(crate) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct PassId(pub(crate) usize);
 
-/// Bytes of a texel.
-pub fn texel_bytes(format: ImageFormat) -> u64 {
-    match format {
-        ImageFormat::Rgba32Float => 16,
-        ImageFormat::Rgba16Float => 8,
-    }
-}
-
 /// What a buffer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BufferKind {
@@ -35,7 +27,8 @@ pub enum BufferKind {
     Storage,
     /// Lives from its first to its last pass of a frame; its memory is shared with others. Neither uploaded nor downloaded.
     Scratch,
-    /// A picture that kernels fetch from, rows from the top. Uploaded and downloaded as its bytes.
+    /// A picture that kernels fetch from, rows of texels or of texture blocks from the top. Uploaded and downloaded as its
+    /// bytes.
     Image {
         /// Texel format.
         format: ImageFormat,
@@ -269,7 +262,7 @@ impl Plan {
 
     /// Adds a picture that kernels fetch from.
     pub fn image(&mut self, name: impl Into<String>, format: ImageFormat, width: u32, height: u32) -> BufferId {
-        let bytes = texel_bytes(format) * u64::from(width) * u64::from(height);
+        let bytes = format.image_bytes(width, height);
         self.add(name.into(), bytes, BufferKind::Image { format, width, height })
     }
 
@@ -336,9 +329,16 @@ impl Plan {
             BindingKind::SampledImage { .. } => 1,
         };
         let expected = match (binding.kind, spec.kind) {
-            (BindingKind::SampledImage { format }, BufferKind::Image { format: given, .. }) if format == given => None,
-            (BindingKind::SampledImage { format: ImageFormat::Rgba32Float }, _) => Some("a picture of 32-bit floats"),
-            (BindingKind::SampledImage { format: ImageFormat::Rgba16Float }, _) => Some("a picture of 16-bit floats"),
+            (BindingKind::SampledImage { formats }, BufferKind::Image { format, .. }) if formats.contains(&format) => {
+                None
+            }
+            (BindingKind::SampledImage { formats: [ImageFormat::Rgba32Float] }, _) => {
+                Some("a picture of 32-bit floats")
+            }
+            (BindingKind::SampledImage { formats: [ImageFormat::Rgba16Float] }, _) => {
+                Some("a picture of 16-bit floats")
+            }
+            (BindingKind::SampledImage { .. }, _) => Some("a picture of texture blocks"),
             (BindingKind::Storage { .. }, BufferKind::Image { .. }) => Some("a buffer"),
             (BindingKind::Storage { .. }, _) => None,
         };

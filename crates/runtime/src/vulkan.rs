@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use ash::vk;
-use gpu_kernels::table::{BindingKind, Kernel};
+use gpu_kernels::table::{BindingKind, ImageFormat, Kernel};
 
 use self::buffer::{Buffer, Image};
 use self::device::{Device, Instance};
@@ -99,7 +99,7 @@ impl Vulkan {
             let spec = &graph.plan().buffers()[slot.buffer.0];
             resources.push(match spec.kind {
                 BufferKind::Image { format, width, height } => {
-                    self.check_picture(&spec.name, width, height)?;
+                    self.check_picture(&spec.name, format, width, height)?;
                     Resource::Image(Image::new(&self.device, &spec.name, format, width, height, spec.bytes)?)
                 }
                 BufferKind::Storage | BufferKind::Scratch => {
@@ -112,7 +112,11 @@ impl Vulkan {
         Ok(resources)
     }
 
-    fn check_picture(&self, name: &str, width: u32, height: u32) -> Result<(), Error> {
+    fn check_picture(&self, name: &str, format: ImageFormat, width: u32, height: u32) -> Result<(), Error> {
+        if format.block_edge() > 1 && !self.device.info.has_block_images {
+            let remedy = "use the kernel that decodes blocks from a buffer";
+            return Err(self.device.limit(format!("picture `{name}`"), "textureCompressionBC", 0, 1, remedy));
+        }
         let limit = self.device.limits.max_image_dimension2_d;
         let asked = width.max(height);
         if width == 0 || height == 0 || asked > limit {
@@ -168,6 +172,15 @@ impl Vulkan {
         }
         let resources = self.make_resources(&graph)?;
         self.queue.submit(|raw, commands| clear(raw, commands, &resources))?;
+        for (slot, resource) in resources.iter().enumerate() {
+            if let Resource::Image(image) = resource
+                && image.is_blocks()
+            {
+                let bytes = image.format.image_bytes(image.extent.width, image.extent.height);
+                self.transfer.upload_zeros(&mut self.queue, &resources, slot, bytes)?;
+            }
+        }
+        self.transfer.flush(&mut self.queue, &resources)?;
         let sets = Sets::new(&self.device, &graph, &resources, pipelines)?;
         self.device.check_messages()?;
         (self.sets, self.resources, self.graph) = (Some(sets), resources, graph);
@@ -304,6 +317,10 @@ fn clear(raw: &ash::Device, commands: vk::CommandBuffer, resources: &[Resource])
         unsafe {
             match resource {
                 Resource::Buffer(buffer) => raw.cmd_fill_buffer(commands, buffer.raw, 0, vk::WHOLE_SIZE, 0),
+                // Blocks cannot be cleared; they are copied.
+                Resource::Image(image) if image.is_blocks() => {
+                    transfer::change_layout(raw, commands, image, vk::ImageLayout::UNDEFINED, transfer::FETCHED);
+                }
                 Resource::Image(image) => {
                     let destination = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
                     transfer::change_layout(raw, commands, image, vk::ImageLayout::UNDEFINED, destination);

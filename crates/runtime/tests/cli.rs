@@ -198,6 +198,34 @@ fn an_unknown_device_is_named() {
 }
 
 #[test]
+fn one_product_gives_what_many_bounces_give() {
+    let folder = tempfile::tempdir().unwrap();
+    let full = |method: &str, more: &[&str]| {
+        let out = folder.path().join([method, &more.concat()].concat());
+        let mut arguments = vec!["render", "cornell", "--method", method, "--patches", "cluster", "--out"];
+        arguments.push(out.to_str().unwrap());
+        arguments.extend(SMALL);
+        arguments.extend(more);
+        succeeds(&arguments);
+        let summary: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(out.join("summary.json")).unwrap()).unwrap();
+        assert_eq!(summary["bytes"].get("operator").is_some(), method != "classic", "{summary}");
+        reference::Picture::read(&out.join("indirect.exr")).unwrap().pixels.iter().map(|c| c.element_sum()).sum::<f32>()
+    };
+    let classic = full("classic", &[]);
+    for (method, more) in
+        [("tiles", vec!["--epsilon", "0.01"]), ("feedback", vec![]), ("feedback", vec!["--epsilon=0.001"])]
+    {
+        let found = full(method, &more);
+        // Patches with 64 rays: making F reciprocal moves some light.
+        assert!((found / classic - 1.0).abs() < 0.03, "{method}: {found} {classic}");
+    }
+    let one = full("tiles", &["--bounces", "3"]);
+    assert!(one < 0.98 * classic, "three bounces are not all: {one} {classic}");
+    assert!(fails(2, &["render", "cornell", "--method", "tiles", "--epsilon", "2"]).contains("epsilon"));
+}
+
+#[test]
 fn too_many_triangles_for_classic_is_said_with_a_remedy() {
     let message = fails(1, &["render", "atrium:120000", "--patches", "polygon", "--quiet", "--size", "32x24"]);
     assert!(message.contains("--method path"), "{message}");

@@ -1,7 +1,9 @@
 //! Plans without a device: what is refused, and what is derived.
 
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, FORMFACTOR_GATHER_IMAGE, ImageFormat};
+use gpu_kernels::table::{
+    FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, FORMFACTOR_GATHER_IMAGE, ImageFormat, MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
+};
 use runtime::cpu::Cpu;
 use runtime::executor::{Executor, ExecutorError};
 use runtime::graph::Graph;
@@ -60,6 +62,20 @@ fn wrong_push_constants_and_formats_are_refused() {
     let push = formfactor::GatherParams::default();
     let error = plan.pass("p", &FORMFACTOR_GATHER_IMAGE, &ranges, &push, 1).expect_err("half for float");
     assert!(matches!(error, PlanError::BindingKind { expected: "a picture of 32-bit floats", .. }), "{error}");
+    // Any format of blocks suits the kernel for blocks, no other does.
+    let others: [BufferId; 5] = storage(&mut plan);
+    let attempt = |plan: &mut Plan, picture| {
+        let ranges = [picture, others[0], others[1], others[2], others[3], others[4]].map(Range::from);
+        let kernel = &MULTIBOUNCE_BLOCKS_GATHER_IMAGE;
+        plan.pass_with_bytes("p", kernel, &ranges, &vec![0; kernel.push_bytes as usize], 1).map(|_| ())
+    };
+    for (format, bytes) in ImageFormat::BLOCKS.iter().zip([48, 96, 96, 96]) {
+        let blocks = plan.image("blocks", *format, 9, 5);
+        assert_eq!(plan.buffer(blocks).map(|b| b.bytes), Ok(bytes));
+        assert_eq!(attempt(&mut plan, blocks), Ok(()));
+    }
+    let error = attempt(&mut plan, half).expect_err("half for blocks");
+    assert!(matches!(error, PlanError::BindingKind { expected: "a picture of texture blocks", .. }), "{error}");
 }
 
 #[test]

@@ -9,7 +9,6 @@ use gpu_kernels::table::ImageFormat;
 
 use super::device::Device;
 use super::error::Error;
-use crate::plan::texel_bytes;
 
 /// Device memory behind a buffer or a picture.
 struct Memory {
@@ -161,7 +160,7 @@ pub(super) struct Image {
     pub raw: vk::Image,
     pub view: vk::ImageView,
     pub extent: vk::Extent3D,
-    texel_bytes: u64,
+    pub format: ImageFormat,
     _memory: Option<Memory>,
     device: Arc<Device>,
 }
@@ -177,10 +176,14 @@ impl Image {
         bytes: u64,
     ) -> Result<Self, Error> {
         check_size(device, "vkCreateImage", name, bytes)?;
-        let texel_bytes = texel_bytes(format);
+        let texels = format;
         let format = match format {
             ImageFormat::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
             ImageFormat::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
+            ImageFormat::Bc1Rgb => vk::Format::BC1_RGB_UNORM_BLOCK,
+            ImageFormat::Bc3 => vk::Format::BC3_UNORM_BLOCK,
+            ImageFormat::Bc6hUfloat => vk::Format::BC6H_UFLOAT_BLOCK,
+            ImageFormat::Bc7 => vk::Format::BC7_UNORM_BLOCK,
         };
         let extent = vk::Extent3D { width, height, depth: 1 };
         let create = vk::ImageCreateInfo::default()
@@ -197,8 +200,14 @@ impl Image {
         // SAFETY: the device is alive; the caller keeps width and height within the device's limits and above 0.
         let raw =
             unsafe { device.raw.create_image(&create, None) }.map_err(creation_error("vkCreateImage", name, bytes))?;
-        let mut image =
-            Self { raw, view: vk::ImageView::null(), extent, texel_bytes, _memory: None, device: Arc::clone(device) };
+        let mut image = Self {
+            raw,
+            view: vk::ImageView::null(),
+            extent,
+            format: texels,
+            _memory: None,
+            device: Arc::clone(device),
+        };
         // SAFETY: the image was made from this device.
         let requirements = unsafe { device.raw.get_image_memory_requirements(raw) };
         let memory = Memory::new(device, name, bytes, requirements, MemoryLocation::GpuOnly, false)?;
@@ -224,9 +233,14 @@ impl Image {
         Ok(image)
     }
 
-    /// Bytes of a row of texels.
+    /// Bytes of a row of texels or of blocks.
     pub fn row_bytes(&self) -> u64 {
-        u64::from(self.extent.width) * self.texel_bytes
+        self.format.row_bytes(self.extent.width)
+    }
+
+    /// Whether texels are stored in blocks.
+    pub fn is_blocks(&self) -> bool {
+        self.format.block_edge() > 1
     }
 }
 

@@ -131,6 +131,8 @@ impl Instance {
             unsafe { self.raw.get_physical_device_features2(physical, &mut features) };
         }
         // SAFETY: `physical` comes from this live instance.
+        let features = unsafe { self.raw.get_physical_device_features(physical) };
+        // SAFETY: as above.
         let memory = unsafe { self.raw.get_physical_device_memory_properties(physical) };
         // SAFETY: as above.
         let families = unsafe { self.raw.get_physical_device_queue_family_properties(physical) };
@@ -179,6 +181,7 @@ impl Instance {
             memory_bytes: memory,
             max_storage_buffer_range: u64::from(plain.limits.max_storage_buffer_range),
             max_image_edge: plain.limits.max_image_dimension2_d,
+            has_block_images: features.texture_compression_bc == vk::TRUE,
             shared_memory_bytes: plain.limits.max_compute_shared_memory_size,
             subgroup_size: subgroup.subgroup_size,
             has_timestamps: timestamp_bits > 0,
@@ -274,7 +277,11 @@ impl Device {
         let mut features = vk::PhysicalDeviceVulkan12Features::default()
             .vulkan_memory_model(true)
             .vulkan_memory_model_device_scope(true);
-        let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut features);
+        let plain = vk::PhysicalDeviceFeatures::default().texture_compression_bc(candidate.info.has_block_images);
+        let create = vk::DeviceCreateInfo::default()
+            .queue_create_infos(&queues)
+            .enabled_features(&plain)
+            .push_next(&mut features);
         // SAFETY: the physical device belongs to the instance; `choose` made sure of queue family and features; the chain
         // lives through the call.
         let raw = unsafe { instance.raw.create_device(candidate.physical, &create, None) }

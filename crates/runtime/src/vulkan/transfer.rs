@@ -79,6 +79,22 @@ impl Transfer {
         Ok(())
     }
 
+    /// Fills a picture with zeros.
+    pub fn upload_zeros(
+        &mut self,
+        queue: &mut Queue,
+        resources: &[Resource],
+        slot: usize,
+        bytes: u64,
+    ) -> Result<(), Error> {
+        let part = STAGING_BYTES / unit(&resources[slot]) * unit(&resources[slot]);
+        let zeros = vec![0; part.min(bytes) as usize];
+        for offset in (0..bytes).step_by(zeros.len().max(1)) {
+            self.upload(queue, resources, slot, offset, &zeros[..part.min(bytes - offset) as usize])?;
+        }
+        Ok(())
+    }
+
     /// Copies what waits.
     pub fn flush(&mut self, queue: &mut Queue, resources: &[Resource]) -> Result<(), Error> {
         let Some(staging) = &self.to_device else { return Ok(()) };
@@ -167,7 +183,7 @@ impl Transfer {
     }
 }
 
-/// What a transfer may be cut into: bytes, or rows of a picture.
+/// What a transfer may be cut into: bytes, or rows of a picture's texels or blocks.
 fn unit(resource: &Resource) -> u64 {
     match resource {
         Resource::Buffer(_) => 1,
@@ -177,7 +193,10 @@ fn unit(resource: &Resource) -> u64 {
 
 /// The rows of a picture that `bytes` bytes from byte `offset` on are.
 fn rows(image: &Image, staging_offset: u64, offset: u64, bytes: u64) -> vk::BufferImageCopy {
-    let row_bytes = image.row_bytes();
+    let (row_bytes, edge) = (image.row_bytes(), image.format.block_edge());
+    let first = (offset / row_bytes) as u32 * edge;
+    // The last row of blocks may reach beyond the picture.
+    let height = ((bytes / row_bytes) as u32 * edge).min(image.extent.height - first);
     vk::BufferImageCopy {
         buffer_offset: staging_offset,
         image_subresource: vk::ImageSubresourceLayers {
@@ -186,8 +205,8 @@ fn rows(image: &Image, staging_offset: u64, offset: u64, bytes: u64) -> vk::Buff
             base_array_layer: 0,
             layer_count: 1,
         },
-        image_offset: vk::Offset3D { x: 0, y: (offset / row_bytes) as i32, z: 0 },
-        image_extent: vk::Extent3D { height: (bytes / row_bytes) as u32, ..image.extent },
+        image_offset: vk::Offset3D { x: 0, y: first as i32, z: 0 },
+        image_extent: vk::Extent3D { height, ..image.extent },
         ..vk::BufferImageCopy::default()
     }
 }

@@ -170,7 +170,7 @@ impl WithSimd for Project<'_> {
                 let mut lanes = [0.0f32; LANES as usize];
                 let (own, _) = S::as_mut_simd_f32s(&mut lanes);
                 let own = &mut own[..groups];
-                for group in 0..groups {
+                for (group, own) in own.iter_mut().enumerate() {
                     let mut out = simd.splat_f32s(0.0);
                     for k in (group..each).step_by(groups) {
                         for byte in 0..4 {
@@ -178,7 +178,7 @@ impl WithSimd for Project<'_> {
                             out = add_product(simd, out, plane[byte as usize * each + k], value);
                         }
                     }
-                    own[group] = out;
+                    *own = out;
                 }
                 let mut one = Vec3::ZERO;
                 one[channel] = add_lanes(&lanes);
@@ -212,10 +212,10 @@ impl WithSimd for Expand<'_> {
             for (&slot, z) in self.uses.iter().zip(self.factors) {
                 let (words, _) = S::as_simd_u32s(&self.vectors[slot as usize]);
                 let (words, z) = (words[k], [z.x, z.y, z.z].map(|z| simd.splat_f32s(z)));
-                for byte in 0..4 {
+                for (byte, sums) in sums.iter_mut().enumerate() {
                     let x = elements(simd, words, byte as u32);
-                    for c in 0..3 {
-                        sums[byte][c] = add_product(simd, sums[byte][c], x, z[c]);
+                    for (sum, z) in sums.iter_mut().zip(z) {
+                        *sum = add_product(simd, *sum, x, z);
                     }
                 }
             }
