@@ -23,6 +23,21 @@ pub enum Error {
     /// The operator of the light between patches.
     #[error("operator: {0}")]
     Operator(#[from] multibounce::Error),
+    /// Matrices that would not fit into memory.
+    #[error(
+        "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; choose a \
+         smaller --patch-count, or --method {instead}"
+    )]
+    OperatorMemory {
+        /// The patches.
+        patches: usize,
+        /// GB needed.
+        needed: f64,
+        /// GB free.
+        available: f64,
+        /// What takes less.
+        instead: &'static str,
+    },
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
     Write {

@@ -28,6 +28,28 @@ pub enum Transport {
     },
 }
 
+/// Dense matrices of single precision at the peak: F, three operators, three of the solver; F alone.
+pub(crate) const MATRICES: usize = 7;
+const FEEDBACK_MATRICES: usize = 1;
+
+/// Whether so many matrices fit into the memory that is free, where the system says how much that is.
+pub(crate) fn check_memory(patches: usize, matrices: usize, instead: &'static str) -> Result<(), Error> {
+    let needed = (matrices * size_of::<f32>()) as f64 * (patches as f64).powi(2) * 1e-9;
+    match available_memory() {
+        Some(bytes) if needed > bytes as f64 * 1e-9 => {
+            Err(Error::OperatorMemory { patches, needed, available: bytes as f64 * 1e-9, instead })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Bytes of memory that are free for new work, on Linux.
+fn available_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+}
+
 /// The exchange between patches in symmetric form.
 pub(crate) struct Between {
     /// Reciprocal form factors.
@@ -97,6 +119,8 @@ pub(super) fn compress(
     if bounces.is_some_and(|bounces| bounces <= last) || senders.patches.is_empty() {
         return Ok(None);
     }
+    let instead = if is_feedback { "classic" } else { "feedback" };
+    check_memory(senders.patches.len(), if is_feedback { FEEDBACK_MATRICES } else { MATRICES }, instead)?;
     let between = Between::new(senders, factors)?;
     let operators = match is_feedback {
         true => Vec::new(),
@@ -124,4 +148,20 @@ pub(super) fn compress(
         report.most_rank
     ));
     Ok(Some(tiles))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_into_memory_is_refused_with_a_remedy() {
+        assert!(check_memory(100, MATRICES, "feedback").is_ok());
+        if available_memory().is_none() {
+            println!("the system does not say how much memory is free: skipped");
+            return;
+        }
+        let message = check_memory(30_000_000, MATRICES, "feedback").unwrap_err().to_string();
+        assert!(message.contains("--patch-count") && message.contains("feedback"), "{message}");
+    }
 }

@@ -17,7 +17,7 @@ use crate::error::Error;
 use crate::import::load_or_build;
 use crate::progress::Progress;
 use crate::render::classic::{ClassicSettings, Estimator, direct_params, exchange};
-use crate::render::operator::Between;
+use crate::render::operator::{Between, MATRICES, check_memory};
 use crate::render::senders::{SenderSettings, Senders, lit_sampler};
 
 /// Patches of a scene, unless it is said.
@@ -159,6 +159,8 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
         Senders::new(scene, sampler.as_ref(), &made)
     })?;
     let found = progress.phase("form_factors", |report| exchange(scene, &senders, &settings, report))?;
+    // One more for the dense product.
+    check_memory(senders.patches.len(), MATRICES + 1, "feedback")?;
     let between = Between::new(&senders, &found.factors)?;
     let operators = between.bounces(&senders.albedo, None, &mut progress)?;
     let n = senders.patches.len();
