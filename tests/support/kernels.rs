@@ -1,25 +1,24 @@
 //! Seeded inputs for every row of the kernel table: a small scene with everything that a scene may have, and the tables
 //! that the kernels need beside it.
 
+mod multibounce;
+
 use std::collections::BTreeMap;
 
+use ::multibounce::BlockCodec;
 use bytemuck::{Pod, Zeroable};
 use formfactor::kernel::grid::{cell_count, vertex_count};
 use formfactor::kernel::hits::WORD_COUNTS;
 use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
 use formfactor::{GatherParams, HemisphereParams, HitRows, HitsParams, ReceiverCell, TriangleGrid};
-use glam::{UVec2, Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
-use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
 use gpu_kernels::table::{
     MULTIBOUNCE_BLOCKS_GATHER_BC1, MULTIBOUNCE_BLOCKS_GATHER_BC3, MULTIBOUNCE_BLOCKS_GATHER_BC6H,
     MULTIBOUNCE_BLOCKS_GATHER_BC7, MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
 };
-use multibounce::TileSlot;
-use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use multibounce::kernel::tiles::{SLOT_WORDS, TILE};
-use multibounce::{BlockCodec, BlockParams, Companding};
 use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
 use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::kernel::{bvh, camera};
@@ -173,12 +172,6 @@ impl Random {
     fn colors(&mut self, n: usize) -> Vec<Vec4> {
         (0..n).map(|_| self.color()).collect()
     }
-}
-
-/// Slots of two blocks, for one channel or for all.
-fn tile_slots(r: &mut Random, n: u32) -> Vec<TileSlot> {
-    let slot = |k: u32| TileSlot { scale: r.unit() - 0.3, block: k / 2 % 2, channel: r.below(4), reserved: 0 };
-    (0..n).map(slot).collect()
 }
 
 /// A heap of triangles over a floor with textures, holes and emission, all kinds of lights and a sky map.
@@ -369,78 +362,17 @@ pub fn block_input(codec: BlockCodec, image: Option<ImageFormat>) -> Input {
         (BlockCodec::Bc6h, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC6H,
         (BlockCodec::Bc7, _) => &MULTIBOUNCE_BLOCKS_GATHER_BC7,
     };
-    let (elements, push, tables) = blocks(&mut r, codec, image);
+    let (elements, push, tables) = multibounce::blocks(&mut r, codec, image);
     Input { kernel, elements, push, bindings: tables.into_iter().map(|(_, data)| data).collect() }
 }
 
-fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
-    // More columns of blocks than lanes, and a last row of blocks that is not full.
-    let (rows, first_block_row) = (273u32, 60);
-    let (block_columns, block_rows) = (rows.div_ceil(BLOCK), rows.div_ceil(BLOCK) - first_block_row);
-    let (companding, mode_bits) = match codec {
-        BlockCodec::Bc1 => (Companding::Sqrt, 0),
-        BlockCodec::Bc3 => (Companding::Log2, 0),
-        BlockCodec::Bc6h => (Companding::None, 5),
-        BlockCodec::Bc7 => (Companding::Log2, 8),
-    };
-    let mut words = Vec::new();
-    for k in 0..block_rows * block_columns {
-        let first = words.len();
-        words.extend((0..codec.block_words()).map(|_| r.word()));
-        // Random bits are rarely in the higher modes.
-        let mode = if codec == BlockCodec::Bc7 { 1 << (k % 9) & 255 } else { k % 32 };
-        let kept = if codec == BlockCodec::Bc7 { k % 9 + 1 } else { mode_bits };
-        if mode_bits > 0 {
-            words[first] = words[first] >> kept << kept | mode;
-        }
-    }
-    let mut row_start = vec![5u32];
-    for k in 0..rows as usize {
-        row_start.push(row_start[k] + if k % 7 == 0 { 70 + r.below(9) } else { r.below(5) });
-    }
-    // The side table from the first row of this block on; its halves may be negative.
-    let first_outlier = row_start[(BLOCK * first_block_row) as usize];
-    let outliers: Vec<UVec2> = (first_outlier..row_start[rows as usize])
-        .map(|_| {
-            let half = |r: &mut Random| u32::from(half::f16::from_f32(r.unit() - 0.4).to_bits());
-            UVec2::new(r.below(rows) | half(r) << 16, half(r) | half(r) << 16)
-        })
-        .collect();
-    let p = BlockParams {
-        block_rows,
-        block_columns,
-        first_block_row,
-        rows,
-        tile_columns: block_columns.div_ceil(16),
-        tile_shift: 4,
-        companding: companding.id(),
-        alpha: u32::from(codec == BlockCodec::Bc3),
-        first_outlier,
-    };
-    let tiles = p.tile_columns * block_columns.div_ceil(16);
-    let data = match image {
-        Some(format) => {
-            let (width, height) = (BLOCK * block_columns, BLOCK * block_rows);
-            Data::Image { format, width, height, texels: Bytes::of(&words) }
-        }
-        None => Data::Buffer(Bytes::of(&words)),
-    };
-    let tables = vec![
-        ("blocks", data),
-        buffer("tile_scales", &r.colors(tiles as usize)),
-        buffer("row_start", &row_start),
-        buffer("outliers", &outliers),
-        buffer("exitance", &r.colors((BLOCK * block_columns) as usize)),
-        room::<Vec4>("irradiance", rows as usize),
-    ];
-    (block_rows, bytemuck::bytes_of(&p).to_vec(), tables)
+/// One dispatch: elements, push constants, tables.
+fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables) {
+    (elements, bytemuck::bytes_of(&push).to_vec(), tables)
 }
 
 /// Elements, push constants and the tables that are not the scene's.
 fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
-    fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables) {
-        (elements, bytemuck::bytes_of(&push).to_vec(), tables)
-    }
     match name {
         "scene_closest_hit" | "scene_any_hit" => {
             let n = 1000;
@@ -629,72 +561,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             };
             call(rows, p, [tables, vec![room::<Vec4>("irradiance", rows as usize + 3)]].concat())
         }
-        "multibounce_tiles_enter" => {
-            let (patches, places) = (200u32, 256u32);
-            let order: Vec<u32> = (0..patches).map(|p| p * 7 % patches).collect();
-            let tables = vec![
-                buffer("order", &order),
-                buffer("root", &r.floats(patches as usize)),
-                buffer("exitance", &r.colors(patches as usize)),
-                room::<Vec4>("ordered", places as usize),
-            ];
-            call(places, EnterParams { count: places, patches }, tables)
-        }
-        "multibounce_tiles_project" => {
-            let n = 150u32;
-            let tables = vec![
-                buffer("slots", &tile_slots(r, n)),
-                buffer("words", &r.words(n * SLOT_WORDS)),
-                buffer("ordered", &r.colors(2 * TILE as usize)),
-                room::<Vec4>("sums", n as usize),
-            ];
-            call(n, CountParams { count: n }, tables)
-        }
-        "multibounce_tiles_expand" => {
-            let (n, places) = (150u32, 2 * TILE);
-            let uses: Vec<u32> = (0..n).map(|k| k * 77 % n).collect();
-            let row_start = offsets(r, places as usize);
-            let entries: Vec<u32> = (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(places)).collect();
-            let tables = vec![
-                buffer("use_start", &[0, n / 3, n]),
-                buffer("uses", &uses),
-                buffer("words", &r.words(n * SLOT_WORDS)),
-                buffer("sums", &r.colors(n as usize)),
-                buffer("row_start", &row_start),
-                buffer("entries", &entries),
-                buffer("steps", &r.floats(places as usize)),
-                buffer("ordered", &r.colors(places as usize)),
-                room::<Vec4>("rows", places as usize),
-            ];
-            call(places, CountParams { count: places }, tables)
-        }
-        "multibounce_tiles_leave" => {
-            let n = 200u32;
-            let place: Vec<u32> = (0..n).map(|i| i * 9 % 256).collect();
-            let tables = vec![
-                buffer("place", &place),
-                buffer("root", &r.floats(n as usize)),
-                buffer("rows", &r.colors(256)),
-                room::<Vec4>("irradiance", n as usize),
-            ];
-            call(n, CountParams { count: n }, tables)
-        }
-        "multibounce_blocks_gather_bc1" => blocks(r, BlockCodec::Bc1, None),
-        "multibounce_blocks_gather_bc3" => blocks(r, BlockCodec::Bc3, None),
-        "multibounce_blocks_gather_bc6h" => blocks(r, BlockCodec::Bc6h, None),
-        "multibounce_blocks_gather_bc7" => blocks(r, BlockCodec::Bc7, None),
-        "multibounce_blocks_gather_image" => blocks(r, BlockCodec::Bc7, Some(ImageFormat::Bc7)),
-        "multibounce_reorder" => {
-            let n = 200;
-            let order: Vec<u32> = (0..n).map(|_| if r.below(9) == 0 { NO_ELEMENT } else { r.below(150) }).collect();
-            let tables = vec![
-                buffer("order", &order),
-                buffer("scale", &r.colors(n as usize)),
-                buffer("input", &r.colors(150)),
-                room::<Vec4>("output", n as usize),
-            ];
-            call(n, CountParams { count: n }, tables)
-        }
+        name if name.starts_with("multibounce_") => multibounce::own_tables(r, name),
         "patches_gather_mean" => {
             let (offsets, values) = (offsets(r, 200), r.colors(300));
             let members: Vec<Member> =

@@ -49,10 +49,9 @@ struct Row {
     stored_bytes: u64,
     /// Relative Frobenius error, the greatest of the channels.
     frobenius: f64,
-    /// Relative error of irradiance (L2 by area): of the scene's light, the greatest of the compact lights, the greatest of all.
+    /// Relative error of irradiance (L2 by area): of the scene's light, the greatest of the compact lights.
     own_light: f64,
     compact_lights: f64,
-    worst: f64,
     median_ms: f64,
     /// Time in which the machine reads as many bytes.
     floor_ms: f64,
@@ -207,7 +206,6 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
         frobenius: 0.0,
         own_light: 0.0,
         compact_lights: 0.0,
-        worst: 0.0,
         median_ms,
         floor_ms: bytes as f64 * 1e-6 / stream_gb_s((bytes as usize).max(1 << 20), TURNS),
         compress_s: None,
@@ -255,7 +253,6 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
                 frobenius: tiles.report.error.iter().copied().fold(0.0, f64::max),
                 own_light: errors[0],
                 compact_lights: compact,
-                worst: compact.max(errors[0]),
                 compress_s: Some(seconds),
                 ..row(operator, "tiles", tiles.bytes().iter().map(|part| part.1).sum(), time)
             });
