@@ -124,7 +124,7 @@ structure!(BlockParams {
 });
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
-structure!(TileSlot { scale: f32, block: u32, channel: u32, reserved: u32 });
+structure!(TileSlot { scale: f32, group: u32, tag: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
 structure!(Member { sample: u32, weight: f32 });

@@ -573,6 +573,7 @@ pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
     bindings: &[
         read::<u32>("use_start"),
         read::<u32>("uses"),
+        read::<TileSlot>("slots"),
         read::<u32>("words"),
         read::<Rgb>("sums"),
         read::<u32>("row_start"),

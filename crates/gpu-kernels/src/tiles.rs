@@ -54,17 +54,18 @@ pub fn tiles_expand(
     #[spirv(push_constant)] p: &CountParams,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] use_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] uses: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] words: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] sums: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] entries: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] steps: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] ordered: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] rows: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] slots: &[TileSlot],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] sums: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] row_start: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] entries: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] steps: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] ordered: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] rows: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        rows[k as usize] = tiles::expand(k, use_start, uses, words, sums, row_start, entries, steps, ordered);
+        rows[k as usize] = tiles::expand(k, use_start, uses, slots, words, sums, row_start, entries, steps, ordered);
     }
 }
 

@@ -33,11 +33,42 @@ const _: () = assert!(size_of::<BlockParams>() == 36);
 pub struct TileSlot {
     /// What its sums are multiplied by.
     pub scale: f32,
-    /// Block of rows or columns that it belongs to.
-    pub block: u32,
-    /// Colour channel that it is for: 0, 1, 2, or [`crate::kernel::tiles::ALL_CHANNELS`].
-    pub channel: u32,
-    /// Keeps the size a multiple of 16.
-    pub reserved: u32,
+    /// Its first group of [`crate::kernel::tiles::LANES`] words.
+    pub group: u32,
+    /// Block of rows or columns that it belongs to in the lower 16 bits; then the colour channel that it is for: 0, 1, 2, or
+    /// [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8 ([`TileSlot::new`]).
+    pub tag: u32,
 }
-const _: () = assert!(size_of::<TileSlot>() == 16);
+const _: () = assert!(size_of::<TileSlot>() == 12);
+
+impl TileSlot {
+    /// A vector of a block, a channel, and elements of 4 or 8 bits.
+    #[inline]
+    pub fn new(scale: f32, group: u32, block: u32, channel: u32, is_short: bool) -> Self {
+        Self { scale, group, tag: (block & 0xffff) | channel << 16 | u32::from(is_short) << 18 }
+    }
+
+    /// Block that it belongs to.
+    #[inline]
+    pub fn block(self) -> u32 {
+        self.tag & 0xffff
+    }
+
+    /// Colour channel that it is for.
+    #[inline]
+    pub fn channel(self) -> u32 {
+        self.tag >> 16 & 3
+    }
+
+    /// Whether its elements have 4 bits.
+    #[inline]
+    pub fn is_short(self) -> bool {
+        self.tag >> 18 & 1 == 1
+    }
+
+    /// Groups of words that its elements take.
+    #[inline]
+    pub fn groups(self) -> u32 {
+        if self.is_short() { 1 } else { 2 }
+    }
+}

@@ -163,7 +163,7 @@ fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_ope
             assert!(error_of(&alone, &made[1], &case.area, 0) > 0.011, "another operator is noticed");
             // Broken words change the operator.
             let mut broken = alone.clone();
-            broken.words[32..48].iter_mut().for_each(|word| *word ^= 0x8080_8080);
+            broken.words[..64].iter_mut().for_each(|word| *word ^= 0x8080_8080);
             assert!(error_of(&broken, &made[0], &case.area, 0) > 1.5 * error_of(&alone, &made[0], &case.area, 0));
         }
     }
@@ -226,6 +226,48 @@ fn a_furnace_stays_one() {
 }
 
 #[test]
+fn tiles_of_sparse_form_factors_are_those_of_the_dense_matrix() {
+    let case = Case::new(300, 0.5);
+    let symmetric = case.factors().symmetric().unwrap();
+    let encode = |channels| Tiles::encode(channels, &case.area, &case.order(), 1e-2, &go).unwrap();
+    let (sparse, dense) = (encode(Channels::Factors(case.factors())), encode(Channels::One(&symmetric)));
+    assert!(sparse == dense, "{:?} {:?}", sparse.report, dense.report);
+    // Other factors give other tiles.
+    let half: Vec<f32> = case.values.iter().map(|f| 0.5 * f).collect();
+    assert!(encode(Channels::Factors(Factors { values: &half, ..case.factors() })) != dense);
+    let mut unlike = case.values.clone();
+    unlike[2] *= 2.0;
+    let unlike = Factors { values: &unlike, ..case.factors() };
+    let found = Tiles::encode(Channels::Factors(unlike), &case.area, &case.order(), 1e-2, &go);
+    assert!(matches!(found, Err(Error::Value { name: "factors", .. })), "{found:?}");
+}
+
+#[test]
+fn light_that_is_even_costs_less_error_than_light_that_is_not() {
+    // For the same error of the operator, light that is even over neighbours is off by less than light that is not.
+    let n = 512;
+    let case = Case::new(n, 0.9);
+    let symmetric = case.factors().symmetric().unwrap();
+    let order = case.order();
+    let tiles = Tiles::encode(Channels::One(&symmetric), &case.area, &order, 0.05, &go).unwrap();
+    let error = |light: &dyn Fn(usize) -> f32| {
+        let light: Vec<Vec4> = (0..n).map(|i| Vec4::splat(light(i))).collect();
+        let (mut ours, mut exact) = (vec![Vec4::ZERO; n], vec![0.0; n]);
+        tiles.product(&light, &mut ours).unwrap();
+        for (i, x) in exact.iter_mut().enumerate() {
+            *x = (0..n).map(|j| symmetric[(i, j)] * (case.area[j] / case.area[i]).sqrt() * light[j].x).sum();
+        }
+        // Against what white light of the same power gives.
+        let power: f32 = light.iter().zip(&case.area).map(|(b, a)| b.x * b.x * a).sum();
+        let wrong: f32 = ours.iter().zip(&exact).zip(&case.area).map(|((h, x), a)| (h.x - x).powi(2) * a).sum();
+        (wrong / power).sqrt()
+    };
+    let even = error(&|i| if i / 100 == 2 { 1.0 } else { 0.0 });
+    let uneven = error(&|i| if random(i, 0, 77) < 0.5 { 1.0 } else { -1.0 });
+    assert!(even < 0.7 * uneven, "{even} {uneven}");
+}
+
+#[test]
 fn the_product_in_vectors_is_that_of_the_bodies() {
     let n = 300;
     let case = Case::new(n, 0.9);
@@ -250,6 +292,7 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
             p as u32,
             t.use_start,
             t.uses,
+            t.slots,
             t.words,
             &sums,
             t.row_start,

@@ -1,7 +1,7 @@
 //! Inputs of the kernels of operators.
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use ::multibounce::kernel::tiles::{SLOT_WORDS, TILE};
+use ::multibounce::kernel::tiles::{LANES, TILE};
 use ::multibounce::{BlockCodec, BlockParams, Companding, TileSlot};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
@@ -9,10 +9,16 @@ use gpu_kernels::table::ImageFormat;
 
 use super::{Bytes, Data, Random, Tables, buffer, call, offsets, room};
 
-/// Slots of two blocks, for one channel or for all.
-fn tile_slots(r: &mut Random, n: u32) -> Vec<TileSlot> {
-    let slot = |k: u32| TileSlot { scale: r.unit() - 0.3, block: k / 2 % 2, channel: r.below(4), reserved: 0 };
-    (0..n).map(slot).collect()
+/// Slots of two blocks, for one channel or for all, of short and long elements, and their words.
+fn tile_slots(r: &mut Random, n: u32) -> (Vec<TileSlot>, Vec<u32>) {
+    let mut groups = 0;
+    let slots = (0..n).map(|k| {
+        let slot = TileSlot::new(r.unit() - 0.3, groups, k / 2 % 2, r.below(4), r.below(2) == 0);
+        groups += slot.groups();
+        slot
+    });
+    let slots = slots.collect();
+    (slots, r.words(groups * LANES))
 }
 
 pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
@@ -94,9 +100,10 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "multibounce_tiles_project" => {
             let n = 150u32;
+            let (slots, words) = tile_slots(r, n);
             let tables = vec![
-                buffer("slots", &tile_slots(r, n)),
-                buffer("words", &r.words(n * SLOT_WORDS)),
+                buffer("slots", &slots),
+                buffer("words", &words),
                 buffer("ordered", &r.colors(2 * TILE as usize)),
                 room::<Vec4>("sums", n as usize),
             ];
@@ -107,10 +114,12 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             let uses: Vec<u32> = (0..n).map(|k| k * 77 % n).collect();
             let row_start = offsets(r, places as usize);
             let entries: Vec<u32> = (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(places)).collect();
+            let (slots, words) = tile_slots(r, n);
             let tables = vec![
                 buffer("use_start", &[0, n / 3, n]),
                 buffer("uses", &uses),
-                buffer("words", &r.words(n * SLOT_WORDS)),
+                buffer("slots", &slots),
+                buffer("words", &words),
                 buffer("sums", &r.colors(n as usize)),
                 buffer("row_start", &row_start),
                 buffer("entries", &entries),

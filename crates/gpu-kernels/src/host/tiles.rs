@@ -1,6 +1,6 @@
 //! Host forms of the kernels of tiles: on all cores, in vectors where the bodies allow it, bit for bit.
 
-use ::multibounce::kernel::tiles::{SLOT_WORDS, TILE};
+use ::multibounce::kernel::tiles::{LANES, TILE};
 use ::multibounce::{ExpandTables, TileSlot, enter_all, expand_all, leave_all, project_all};
 use ::scene::Rgb;
 
@@ -18,6 +18,12 @@ fn end(starts: &[u32]) -> usize {
     if starts.is_sorted() { starts.last().map_or(0, |&k| k as usize) } else { usize::MAX }
 }
 
+/// Words that these slots read.
+fn words_of<'a>(slots: impl Iterator<Item = &'a TileSlot>) -> usize {
+    let end = |slot: &TileSlot| (slot.group as usize + slot.groups() as usize) * LANES as usize;
+    slots.map(end).max().unwrap_or(0)
+}
+
 pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
     let (p, [order, root, exitance, ordered]) = call.parts::<EnterParams, 4>(kernel)?;
@@ -33,8 +39,8 @@ pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
     let (p, [slots, words, ordered, sums]) = call.parts::<CountParams, 4>(kernel)?;
     let n = agreed(elements, p.count)?;
     let slots = &slots.read::<TileSlot>(n)?[..n];
-    let words = &words.read::<u32>(n * SLOT_WORDS as usize)?[..n * SLOT_WORDS as usize];
-    let blocks = slots.iter().map(|slot| slot.block as usize + 1).max().unwrap_or(0);
+    let words = words.read::<u32>(words_of(slots.iter()))?;
+    let blocks = slots.iter().map(|slot| slot.block() as usize + 1).max().unwrap_or(0);
     let ordered = ordered.read::<Rgb>(blocks.saturating_mul(TILE as usize))?;
     project_all(slots, words, ordered, sums.write(n)?);
     Ok(())
@@ -42,19 +48,21 @@ pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
 
 pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [use_start, uses, words, sums, row_start, entries, steps, ordered, rows]) =
-        call.parts::<CountParams, 9>(kernel)?;
+    let (p, [use_start, uses, slots, words, sums, row_start, entries, steps, ordered, rows]) =
+        call.parts::<CountParams, 10>(kernel)?;
     let n = agreed(elements, p.count)?;
     let blocks = n.div_ceil(TILE as usize);
     let use_start = &use_start.read::<u32>(blocks + 1)?[..blocks + 1];
     let row_start = &row_start.read::<u32>(n + 1)?[..n + 1];
     let (uses, entries) = (uses.read::<u32>(end(use_start))?, entries.read::<u32>(end(row_start))?);
-    let slots = named(&uses[..end(use_start)]).next_multiple_of(2);
-    let (words, sums) = (words.read::<u32>(slots * SLOT_WORDS as usize)?, sums.read::<Rgb>(slots)?);
+    let uses = &uses[..end(use_start)];
+    let slot_count = named(uses).next_multiple_of(2);
+    let (slots, sums) = (slots.read::<TileSlot>(slot_count)?, sums.read::<Rgb>(slot_count)?);
+    let words = words.read::<u32>(words_of(uses.iter().map(|&slot| &slots[slot as usize])))?;
     let (steps, ordered) = (steps.read::<f32>(n)?, ordered.read::<Rgb>(0)?);
     let columns = entries[..end(row_start)].iter().map(|entry| (entry & 0xffff) as usize + 1).max().unwrap_or(0);
     long_enough("ordered", ordered.len(), columns)?;
-    let tables = ExpandTables { use_start, uses, words, row_start, entries, steps };
+    let tables = ExpandTables { use_start, uses, slots, words, row_start, entries, steps };
     expand_all(&tables, sums, ordered, rows.write(n)?);
     Ok(())
 }

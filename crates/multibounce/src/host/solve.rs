@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::vec::Vec;
 
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use rayon::prelude::*;
 
@@ -56,6 +56,10 @@ impl Factors<'_> {
         if let Some(k) = self.columns.iter().position(|&j| j as usize >= n) {
             return Err(value("columns", k, self.columns[k] as f32, "a patch"));
         }
+        let range = |i: usize| self.row_start[i] as usize..self.row_start[i + 1] as usize;
+        if let Some(i) = (0..n).find(|&i| !self.columns[range(i)].is_sorted()) {
+            return Err(value("columns", i, i as f32, "ascending in every row"));
+        }
         if let Some(k) = self.values.iter().position(|f| !(f.is_finite() && *f >= 0.0)) {
             return Err(value("values", k, self.values[k], "finite and not negative"));
         }
@@ -65,12 +69,37 @@ impl Factors<'_> {
         Ok(())
     }
 
-    /// `Ŝ = a^½ F a^-½`, symmetric, all of it.
+    /// Whether the tables belong together and `a_i F_ij = a_j F_ji`.
     ///
     /// # Errors
     /// What [`Factors::check`] finds; [`Error::Value`] where F is not reciprocal.
-    pub fn symmetric(&self) -> Result<Mat<f32>, Error> {
+    pub fn check_reciprocal(&self) -> Result<(), Error> {
         self.check()?;
+        let root: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        // Columns ascend in a row; one may stand in it more than once.
+        let of = |i: usize, j: usize| -> f32 {
+            let range = self.row_start[i] as usize..self.row_start[i + 1] as usize;
+            let columns = &self.columns[range.clone()];
+            let first = columns.partition_point(|&k| (k as usize) < j);
+            let same = columns[first..].iter().take_while(|&&k| k as usize == j).count();
+            self.values[range][first..first + same].iter().sum::<f32>() * root[i] / root[j]
+        };
+        let unlike = |i: usize| self.row(i).any(|(j, _)| !((of(i, j) - of(j, i)).abs() <= RECIPROCITY));
+        match (0..self.patches()).into_par_iter().find_first(|&i| unlike(i)) {
+            Some(index) => {
+                let rule = "reciprocal: a_i F_ij = a_j F_ji (balance the form factors first)";
+                Err(Error::Value { name: "factors", index, value: f64::from(self.area[index]), rule })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// `Ŝ = a^½ F a^-½`, symmetric, all of it.
+    ///
+    /// # Errors
+    /// As [`Factors::check_reciprocal`].
+    pub fn symmetric(&self) -> Result<Mat<f32>, Error> {
+        self.check_reciprocal()?;
         let n = self.patches();
         let root: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
         let mut dense: Mat<f32> = Mat::zeros(n, n);
@@ -79,14 +108,6 @@ impl Factors<'_> {
             for (j, f) in self.row(i) {
                 dense[(j, i)] += f * root[i] / root[j];
             }
-        }
-        let unlike = |i: usize| {
-            let gap = |j: usize| -> f32 { dense[(i, j)] - dense[(j, i)] };
-            (0..i).any(|j| gap(j).abs() > RECIPROCITY)
-        };
-        if let Some(index) = (0..n).into_par_iter().find_first(|&i| unlike(i)) {
-            let rule = "reciprocal: a_i F_ij = a_j F_ji (balance the form factors first)";
-            return Err(Error::Value { name: "factors", index, value: f64::from(self.area[index]), rule });
         }
         Ok(dense)
     }
@@ -102,9 +123,13 @@ fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> {
     }
 }
 
-/// All bounces of one colour channel, from the symmetric form factors: `T̂ = Ŝ + XᵀX`, `X = L⁻¹ P Ŝ`, `L Lᵀ = I − P Ŝ P`,
-/// `P = diag(ρ^½)`; `T = a^-½ T̂ a^½`. Cholesky's factorisation, a triangular solve and a product of about 7/3 n³ operations,
-/// and 3 n² numbers of memory at the peak; well conditioned also for ρ = 0.
+/// Reflectance below which a patch is first taken to reflect so much, because [`all_bounces`] divides by it.
+const LEAST_ALBEDO: f32 = 0.1;
+
+/// All bounces of one colour channel, from the symmetric form factors, `T = a^-½ T̂ a^½`: with `P = diag(ρ^½)`,
+/// `T̂ = P⁻¹ ((I − P Ŝ P)⁻¹ − I) P⁻¹`. The inverse is found by Cholesky's factorisation, about n³ operations, and 3 n² numbers
+/// of memory at the peak. Where ρ is almost 0, the operator T̂' of a small reflectance ρ' is made first, and then
+/// `T̂ = T̂' − T̂' Δ T̂` with `Δ = diag(ρ' − ρ)`, which is a linear system of so many patches only.
 ///
 /// # Errors
 /// [`Error::Length`], [`Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when light grows without end.
@@ -112,33 +137,32 @@ pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Err
     let n = symmetric.nrows();
     check_length("columns", n, symmetric.ncols())?;
     check_albedo(albedo, n)?;
-    let root: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a)).collect();
-    let system = Mat::from_fn(n, n, |i, j| {
-        let inner = root[i] * symmetric[(i, j)] * root[j];
-        if i == j { 1.0 - inner } else { -inner }
-    });
+    let root: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect();
+    let identity = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
+    let system = Mat::from_fn(n, n, |i, j| identity(i, j) - root[i] * symmetric[(i, j)] * root[j]);
     let factor = system.llt(Side::Lower).map_err(|error| {
         let faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index } = error;
         Error::Singular { patch: index }
     })?;
     drop(system);
-    let mut x = Mat::from_fn(n, n, |i, j| root[i] * symmetric[(i, j)]);
-    let parallel = faer::get_global_parallelism();
-    faer::linalg::triangular_solve::solve_lower_triangular_in_place(factor.L(), x.as_mut(), parallel);
+    let mut out = factor.inverse();
     drop(factor);
-    let mut out = symmetric.clone();
-    use faer::linalg::matmul::triangular::{BlockStructure, matmul};
-    matmul(
-        out.as_mut(),
-        BlockStructure::TriangularLower,
-        faer::Accum::Add,
-        x.transpose(),
-        BlockStructure::Rectangular,
-        x.as_ref(),
-        BlockStructure::Rectangular,
-        1.0f32,
-        parallel,
-    );
+    for j in 0..n {
+        for i in 0..n {
+            out[(i, j)] = (out[(i, j)] - identity(i, j)) / (root[i] * root[j]);
+        }
+    }
+    let dark: Vec<usize> = (0..n).filter(|&i| albedo[i] < LEAST_ALBEDO).collect();
+    if dark.is_empty() {
+        return Ok(out);
+    }
+    let less = |k: usize| LEAST_ALBEDO - albedo[dark[k]];
+    let columns = Mat::from_fn(n, dark.len(), |i, k| out[(i, dark[k])]);
+    let small = Mat::from_fn(dark.len(), dark.len(), |i, k| identity(i, k) + columns[(dark[i], k)] * less(k));
+    let rows = small.partial_piv_lu().solve(columns.transpose());
+    let scaled = Mat::from_fn(n, dark.len(), |i, k| columns[(i, k)] * less(k));
+    let parallel = faer::get_global_parallelism();
+    faer::linalg::matmul::matmul(out.as_mut(), faer::Accum::Add, scaled.as_ref(), rows.as_ref(), -1.0f32, parallel);
     for j in 0..n {
         for i in 0..j {
             out[(i, j)] = out[(j, i)];

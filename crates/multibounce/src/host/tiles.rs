@@ -2,13 +2,16 @@
 
 mod encode;
 mod product;
+mod reduce;
+mod source;
 
 use std::vec::Vec;
 
 use faer::Mat;
 
 use crate::error::{Error, check_length};
-use crate::kernel::tiles::{SLOT_WORDS, TILE};
+use crate::host::solve::Factors;
+use crate::kernel::tiles::{LANES, TILE};
 use crate::types::TileSlot;
 
 pub use product::{ExpandTables, enter_all, expand_all, leave_all, project_all};
@@ -23,6 +26,8 @@ pub enum Channels<'a> {
     One(&'a Mat<f32>),
     /// Red, green, blue.
     Three([&'a Mat<f32>; 3]),
+    /// One for all three, of reciprocal form factors: no dense matrix is made.
+    Factors(Factors<'a>),
 }
 
 /// A symmetric operator, `T̂ ≈ Σ_k s_k (u_k v_kᵀ + v_k u_kᵀ) + S`: the upper triangle is cut into tiles of [`TILE`] rows and
@@ -42,7 +47,7 @@ pub struct Tiles {
     pub root: Vec<f32>,
     /// Two for each component.
     pub slots: Vec<TileSlot>,
-    /// `[slots · SLOT_WORDS]`.
+    /// Elements of the vectors, in groups of [`LANES`] words.
     pub words: Vec<u32>,
     /// Slots of block b: `uses[use_start[b]..use_start[b + 1]]`.
     pub use_start: Vec<u32>,
@@ -106,7 +111,8 @@ impl Tiles {
         let (n, rows) = (self.patches(), self.blocks() * TILE as usize);
         check_length("place", n, self.place.len())?;
         check_length("root", n, self.root.len())?;
-        check_length("words", self.slots.len() * SLOT_WORDS as usize, self.words.len())?;
+        let groups: usize = self.slots.iter().map(|slot| slot.groups() as usize).sum();
+        check_length("words", groups * LANES as usize, self.words.len())?;
         check_length("use_start", self.blocks() + 1, self.use_start.len())?;
         check_length("row_start", rows + 1, self.row_start.len())?;
         check_length("steps", rows, self.steps.len())?;
@@ -119,8 +125,10 @@ impl Tiles {
         below("order", &self.order, n)?;
         below("place", &self.place, n)?;
         below("uses", &self.uses, self.slots.len() & !1)?;
-        let blocks: Vec<u32> = self.slots.iter().map(|slot| slot.block).collect();
+        let blocks: Vec<u32> = self.slots.iter().map(|slot| slot.block()).collect();
         below("slots", &blocks, self.blocks())?;
+        let last: Vec<u32> = self.slots.iter().map(|slot| slot.group.saturating_add(slot.groups() - 1)).collect();
+        below("slots", &last, groups)?;
         let columns: Vec<u32> = self.entries.iter().map(|entry| entry & 0xffff).collect();
         below("entries", &columns, rows)?;
         let finite = |name, mut table: std::boxed::Box<dyn Iterator<Item = f32> + '_>| match table

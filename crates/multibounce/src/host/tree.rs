@@ -6,43 +6,66 @@ use glam::Vec3;
 
 use crate::kernel::tiles::TILE;
 
-/// What a turn of the normal counts beside a distance, in extents of the whole.
-const TURN: f32 = 0.3;
+/// Products with the covariance that find a principal axis well enough to halve by.
+const POWER_STEPS: usize = 12;
 
-/// Patches in an order in which neighbours are near in position and normal: halved where they spread most, down to single
-/// ones, at multiples of [`TILE`] as long as there are more. `order[p]` is the patch at place p.
+/// Position, and the normal at the scale of a patch.
+type Place = [f32; 6];
+
+/// Patches in an order in which neighbours are near in position and normal: halved across the axis along which they spread
+/// most, down to single ones, at multiples of [`TILE`] as long as there are more. `order[p]` is the patch at place p. A turn
+/// of the normal by a right angle counts like the distance of neighbours on a square sheet as wide as the whole: enough to
+/// tell the sides of sheets apart, and no more, because patches of one corner see the same from its walls.
 pub fn halving_order(positions: &[Vec3], normals: &[Vec3]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..positions.len().min(normals.len()) as u32).collect();
     let (low, high) = positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, p| (b.0.min(*p), b.1.max(*p)));
-    let turn = TURN * (high - low).max_element().max(f32::MIN_POSITIVE);
-    let key = |i: u32| {
-        let (p, n) = (positions[i as usize], normals[i as usize] * turn);
-        [p.x, p.y, p.z, n.x, n.y, n.z]
-    };
-    halve(&mut order, &key);
+    let spacing = (high - low).max_element() / scene::math::sqrt(positions.len().max(1) as f32);
+    let turn = spacing.max(f32::MIN_POSITIVE) * std::f32::consts::FRAC_1_SQRT_2;
+    let place = |(p, n): (&Vec3, &Vec3)| [p.x, p.y, p.z, turn * n.x, turn * n.y, turn * n.z];
+    let places: Vec<Place> = positions.iter().zip(normals).map(place).collect();
+    halve(&mut order, &places);
     order
 }
 
-fn halve(part: &mut [u32], key: &(impl Fn(u32) -> [f32; 6] + Sync)) {
+/// Mean, and the axis along which these spread most.
+fn principal_axis(part: &[u32], places: &[Place]) -> ([f64; 6], [f64; 6]) {
+    let mut mean = [0.0f64; 6];
+    for &i in part {
+        (0..6).for_each(|k| mean[k] += f64::from(places[i as usize][k]) / part.len() as f64);
+    }
+    let mut covariance = [[0.0f64; 6]; 6];
+    for &i in part {
+        let offset: [f64; 6] = std::array::from_fn(|k| f64::from(places[i as usize][k]) - mean[k]);
+        (0..6).for_each(|k| (0..6).for_each(|l| covariance[k][l] += offset[k] * offset[l]));
+    }
+    let mut axis: [f64; 6] = std::array::from_fn(|k| covariance[k][k]);
+    for _ in 0..POWER_STEPS {
+        let next: [f64; 6] = std::array::from_fn(|k| (0..6).map(|l| covariance[k][l] * axis[l]).sum());
+        let length = libm::sqrt(next.iter().map(|x| x * x).sum());
+        if length == 0.0 {
+            break;
+        }
+        axis = next.map(|x| x / length);
+    }
+    (mean, axis)
+}
+
+fn halve(part: &mut [u32], places: &[Place]) {
     if part.len() <= 2 {
         return;
     }
-    let (mut low, mut high) = ([f32::INFINITY; 6], [f32::NEG_INFINITY; 6]);
-    for &i in part.iter() {
-        for (axis, x) in key(i).into_iter().enumerate() {
-            (low[axis], high[axis]) = (low[axis].min(x), high[axis].max(x));
-        }
-    }
-    let spread = |axis: usize| high[axis] - low[axis];
-    let axis = (0..6).max_by(|&a, &b| spread(a).total_cmp(&spread(b)).then(b.cmp(&a))).unwrap_or(0);
-    part.sort_unstable_by(|&a, &b| key(a)[axis].total_cmp(&key(b)[axis]).then(a.cmp(&b)));
+    let (mean, axis) = principal_axis(part, places);
+    let along = |i: u32| -> f64 { (0..6).map(|k| (f64::from(places[i as usize][k]) - mean[k]) * axis[k]).sum() };
+    let mut keyed: Vec<(f64, u32)> = part.iter().map(|&i| (along(i), i)).collect();
+    keyed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    part.iter_mut().zip(keyed).for_each(|(i, (_, sorted))| *i = sorted);
     let tile = TILE as usize;
     let middle = if part.len() > tile { (part.len() / 2).next_multiple_of(tile) } else { part.len() / 2 };
     let (left, right) = part.split_at_mut(middle.min(part.len()));
     if left.is_empty() || right.is_empty() {
         return;
     }
-    rayon::join(|| halve(left, key), || halve(right, key));
+    rayon::join(|| halve(left, places), || halve(right, places));
 }
 
 #[cfg(test)]

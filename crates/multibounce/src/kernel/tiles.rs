@@ -8,18 +8,28 @@ use crate::types::TileSlot;
 
 /// Rows and columns of a tile.
 pub const TILE: u32 = 128;
-/// Words of a vector: four elements of 8 bits each.
-pub const SLOT_WORDS: u32 = TILE / 4;
-/// What is added to the elements of vectors, so that they are not negative.
+/// Sums that [`project`] keeps apart, so that vectors can take them; words of 8-bit elements that make up a group.
+pub const LANES: u32 = 16;
+/// Parts of a block: element `r` is in part `r / LANES`, lane `r % LANES`.
+pub const PARTS: u32 = TILE / LANES;
+/// What is added to elements of 8 and of 4 bits, so that they are not negative.
 pub const BIAS: f32 = 128.0;
+/// See [`BIAS`].
+pub const SHORT_BIAS: f32 = 8.0;
 /// Channel of components that are for all three.
 pub const ALL_CHANNELS: u32 = 3;
 
-/// Element `r` of the vector of a slot: byte `r / 32` of word `r % 32`.
+/// Element `r` of the vector of a slot. Elements of 4 bits: the parts are the nibbles of the words of one group; of 8 bits:
+/// four parts are the bytes of the first group, four of the second.
 #[inline]
-pub fn element(words: &[u32], slot: u32, r: u32) -> f32 {
-    let word = words[(slot * SLOT_WORDS + r % SLOT_WORDS) as usize];
-    ((word >> (8 * (r / SLOT_WORDS))) & 0xff) as f32 - BIAS
+pub fn element(words: &[u32], slot: TileSlot, r: u32) -> f32 {
+    let (part, lane) = (r / LANES, r % LANES);
+    if slot.is_short() {
+        ((words[(slot.group * LANES + lane) as usize] >> (4 * part)) & 0xf) as f32 - SHORT_BIAS
+    } else {
+        let word = words[((slot.group + part / 4) * LANES + lane) as usize];
+        ((word >> (8 * (part % 4))) & 0xff) as f32 - BIAS
+    }
 }
 
 /// The channels of a sum that a slot is for.
@@ -48,49 +58,45 @@ pub fn enter(p: u32, patches: u32, order: &[u32], root: &[f32], exitance: &[Vec4
     (exitance[i].truncate() * root[i]).extend(0.0)
 }
 
-/// Sums that [`project`] keeps apart, so that vectors can take them: those of the words l and l + 16.
-pub const LANES: u32 = 16;
-
 /// What lane `l` of a slot adds up, from the block of `ordered` that begins at `base`.
 #[inline]
-fn lane(slot: u32, l: u32, base: u32, words: &[u32], ordered: &[Vec4]) -> Vec3 {
+fn lane(slot: TileSlot, l: u32, base: u32, words: &[u32], ordered: &[Vec4]) -> Vec3 {
     let mut sum = Vec3::ZERO;
-    for half in 0..SLOT_WORDS / LANES {
-        for byte in 0..4 {
-            let r = byte * SLOT_WORDS + half * LANES + l;
-            sum += ordered[(base + r) as usize].truncate() * element(words, slot, r);
-        }
+    for part in 0..PARTS {
+        let r = part * LANES + l;
+        sum += ordered[(base + r) as usize].truncate() * element(words, slot, r);
     }
     sum
 }
 
 /// Sum of a slot, `z = s (v·x)`, for its channels.
 ///
-/// Shapes: `slots[n]`, `words[n · SLOT_WORDS]`, `ordered[blocks · TILE]`. Needs `slot < n`.
+/// Shapes: `slots[n]`, `words[groups · LANES]`, `ordered[blocks · TILE]`. Needs `slot < n`.
 #[inline]
 pub fn project(slot: u32, slots: &[TileSlot], words: &[u32], ordered: &[Vec4]) -> Vec4 {
     let own = slots[slot as usize];
-    let base = own.block * TILE;
+    let base = own.block() * TILE;
     let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
     for four in 0..LANES / 4 {
-        a += lane(slot, 4 * four, base, words, ordered);
-        b += lane(slot, 4 * four + 1, base, words, ordered);
-        c += lane(slot, 4 * four + 2, base, words, ordered);
-        d += lane(slot, 4 * four + 3, base, words, ordered);
+        a += lane(own, 4 * four, base, words, ordered);
+        b += lane(own, 4 * four + 1, base, words, ordered);
+        c += lane(own, 4 * four + 2, base, words, ordered);
+        d += lane(own, 4 * four + 3, base, words, ordered);
     }
-    (masked((a + c) + (b + d), own.channel) * own.scale).extend(0.0)
+    (masked((a + c) + (b + d), own.channel()) * own.scale).extend(0.0)
 }
 
 /// Row `p` of the ordered irradiance: each vector of its block times the sum of the other one of its component, and the
 /// row's own entries: columns in the lower 16 bits, signed 16-bit values above them, in steps of the row.
 ///
-/// Shapes: `use_start[blocks + 1]`, `uses` names slots, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`.
+/// Shapes: `use_start[blocks + 1]`, `uses` names slots, `sums` has one for each of `slots`, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn expand(
     p: u32,
     use_start: &[u32],
     uses: &[u32],
+    slots: &[TileSlot],
     words: &[u32],
     sums: &[Vec4],
     row_start: &[u32],
@@ -102,7 +108,7 @@ pub fn expand(
     let mut sum = Vec3::ZERO;
     for k in use_start[block as usize]..use_start[block as usize + 1] {
         let slot = uses[k as usize];
-        sum += sums[(slot ^ 1) as usize].truncate() * element(words, slot, r);
+        sum += sums[(slot ^ 1) as usize].truncate() * element(words, slots[slot as usize], r);
     }
     // Four sums: an addition takes longer than the loads.
     let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);

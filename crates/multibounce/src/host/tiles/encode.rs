@@ -3,28 +3,17 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::vec::Vec;
 
-use faer::Mat;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 
+use super::reduce::{Component, Part, SIDE, reduce, square};
+use super::source::{Source, twice};
 use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, SLOT_WORDS, TILE};
+use crate::kernel::tiles::{ALL_CHANNELS, LANES};
 use crate::types::TileSlot;
 
-/// Size of a tile.
-const SIDE: usize = TILE as usize;
-/// Bytes of a component: its vectors, slots and uses.
-const COMPONENT_BYTES: f32 = (2 * SIDE + 2 * size_of::<TileSlot>() + 8) as f32;
-/// What an entry costs, on both sides of the diagonal: 8 bytes, but the time of 12 bytes of components.
-const ENTRY_BYTES: f32 = 12.0;
-/// An entry is taken out before components are looked for when it is so many times greater than those that are kept.
-const PEAK: f32 = 4.0;
-/// Times that what components and entries leave is looked at again.
-const MOST_STAGES: usize = 6;
-/// Largest element of a vector.
-const MOST: f32 = 127.0;
 /// The error is at least this share of what was asked for, when it can be.
 const CLOSE: f64 = 0.85;
 /// Times that λ is corrected.
@@ -32,24 +21,6 @@ const MOST_ROUNDS: usize = 24;
 /// Tiles from which on λ is first looked for with a part of them, and that part.
 const MANY_TILES: usize = 512;
 const PART: u32 = 8;
-
-/// A pair of vectors of a tile.
-struct Component {
-    scale: f32,
-    channel: u32,
-    rows: [u32; SLOT_WORDS as usize],
-    columns: [u32; SLOT_WORDS as usize],
-}
-
-/// What a tile becomes.
-#[derive(Default)]
-struct Part {
-    components: Vec<Component>,
-    /// Row and column in the tile, value.
-    entries: Vec<(u8, u8, f32)>,
-    /// Squared error of each channel, both sides of the diagonal.
-    error: [f64; 3],
-}
 
 impl Tiles {
     /// Tiles of operators with a relative Frobenius error of at most `epsilon` in every channel; `area` are the patches' areas
@@ -87,7 +58,7 @@ impl Tiles {
         if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
             return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
         }
-        let source = Source::new(channels, order)?;
+        let source = Source::new(channels, area, order, &place)?;
         let blocks = n.div_ceil(SIDE);
         let all: Vec<(usize, usize)> = (0..blocks).flat_map(|i| (i..blocks).map(move |j| (i, j))).collect();
         let some: Vec<(usize, usize)> = if all.len() < MANY_TILES {
@@ -170,9 +141,10 @@ impl Tiles {
             for component in &part.components {
                 report.components[usize::from(component.channel != ALL_CHANNELS)] += 1;
                 let first = slots.len() as u32;
-                let Component { scale, channel, .. } = *component;
+                let Component { scale, channel, is_short, .. } = *component;
                 for (block, vector) in [(i, &component.rows), (j, &component.columns)] {
-                    slots.push(TileSlot { scale, block: block as u32, channel, reserved: 0 });
+                    let group = words.len() as u32 / LANES;
+                    slots.push(TileSlot::new(scale, group, block as u32, channel, is_short));
                     words.extend_from_slice(vector);
                 }
                 uses[i].push(first);
@@ -184,6 +156,9 @@ impl Tiles {
         for (error, norm) in report.error.iter_mut().zip(norms) {
             *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
         }
+        // Alike ones together, which processors foresee.
+        let kind = |slot: &u32| slots[*slot as usize].tag >> 16;
+        uses.iter_mut().for_each(|uses| uses.sort_by_key(kind));
         let use_start = starts(uses.iter().map(Vec::len));
         let Rows { row_start, entries, steps, .. } = rows;
         Self {
@@ -268,58 +243,7 @@ fn next_lambda(lambda: f32, error: f64, epsilon: f64, low: &mut f32, high: &mut 
     }
 }
 
-/// The operators in their order.
-struct Source<'a> {
-    common: &'a Mat<f32>,
-    /// Red and blue, when they differ from the common one.
-    others: [Option<&'a Mat<f32>>; 2],
-    order: &'a [u32],
-}
-
-impl<'a> Source<'a> {
-    fn new(channels: Channels<'a>, order: &'a [u32]) -> Result<Self, Error> {
-        let (common, others) = match channels {
-            Channels::One(matrix) => (matrix, [None, None]),
-            Channels::Three([red, green, blue]) => (green, [Some(red), Some(blue)]),
-        };
-        for matrix in [Some(common), others[0], others[1]].into_iter().flatten() {
-            check_length("rows", order.len(), matrix.nrows())?;
-            check_length("columns", order.len(), matrix.ncols())?;
-            let wrong = |j: usize| matrix.col(j).iter().any(|x| !x.is_finite());
-            if let Some(index) = (0..matrix.ncols()).into_par_iter().find_first(|&j| wrong(j)) {
-                return Err(Error::Value { name: "operator", index, value: f64::NAN, rule: "finite" });
-            }
-        }
-        Ok(Self { common, others, order })
-    }
-
-    /// A tile of one matrix, filled up with zeros.
-    fn tile(&self, matrix: &Mat<f32>, (i, j): (usize, usize)) -> Mat<f32> {
-        let at = |p: usize| self.order.get(p).map(|&k| k as usize);
-        let rows: Vec<Option<usize>> = (0..SIDE).map(|r| at(i * SIDE + r)).collect();
-        let mut out = Mat::zeros(SIDE, SIDE);
-        for c in 0..SIDE {
-            let Some(column) = at(j * SIDE + c) else { continue };
-            let column = matrix.col(column);
-            for (r, row) in rows.iter().enumerate() {
-                if let Some(row) = row {
-                    out[(r, c)] = column[*row];
-                }
-            }
-        }
-        out
-    }
-
-    /// Frobenius norm of each channel over these tiles, both sides of the diagonal.
-    fn norms(&self, tiles: &[(usize, usize)]) -> [f64; 3] {
-        let of = |matrix: &Mat<f32>| -> f64 {
-            let squares: Vec<f64> = tiles.par_iter().map(|&at| twice(at) * square(&self.tile(matrix, at))).collect();
-            squares.iter().sum::<f64>().sqrt()
-        };
-        let green = of(self.common);
-        [self.others[0].map_or(green, of), green, self.others[1].map_or(green, of)]
-    }
-
+impl Source<'_> {
     fn encode(
         &self,
         tiles: &[(usize, usize)],
@@ -338,15 +262,16 @@ impl<'a> Source<'a> {
 
     fn part(&self, at: (usize, usize), lambda: f32) -> Part {
         let mut part = Part::default();
-        let mut common = self.tile(self.common, at);
-        let given = self.others.map(|other| other.map(|matrix| self.tile(matrix, at) - &common));
-        reduce(&mut common, lambda, ALL_CHANNELS, true, &mut part);
+        let mut common = self.common(at);
+        let given = [0, 1].map(|k| self.other(k, at).map(|tile| tile - &common));
+        let weights = (&self.weights[at.0], &self.weights[at.1]);
+        reduce(&mut common, weights, lambda, ALL_CHANNELS, true, &mut part);
         part.error[1] = twice(at) * square(&common);
         for (k, channel) in [(0, 0), (1, 2)] {
             part.error[channel] = match &given[k] {
                 Some(difference) => {
                     let mut rest = difference.clone();
-                    reduce(&mut rest, lambda, channel as u32, false, &mut part);
+                    reduce(&mut rest, weights, lambda, channel as u32, false, &mut part);
                     twice(at) * square(&(rest + &common))
                 }
                 None => part.error[1],
@@ -354,91 +279,4 @@ impl<'a> Source<'a> {
         }
         part
     }
-}
-
-/// Tiles above the diagonal stand for two.
-fn twice((i, j): (usize, usize)) -> f64 {
-    if i == j { 1.0 } else { 2.0 }
-}
-
-fn square(tile: &Mat<f32>) -> f64 {
-    tile.col_iter().flat_map(|column| column.iter()).map(|&x| f64::from(x) * f64::from(x)).sum()
-}
-
-/// Takes components and entries out of a tile as long as they are worth their bytes. Great entries first, for they would
-/// need many components; then components; then entries again; and again, because 8 bits leave something.
-fn reduce(rest: &mut Mat<f32>, lambda: f32, channel: u32, may_have_entries: bool, part: &mut Part) {
-    let least = lambda * COMPONENT_BYTES;
-    for stage in 0..MOST_STAGES {
-        // Squares of singular values add up to those of the entries.
-        if square(rest) <= f64::from(least.min(lambda * ENTRY_BYTES)) {
-            return;
-        }
-        let before = (part.components.len(), part.entries.len());
-        let mut peaks = Vec::new();
-        if may_have_entries && stage == 0 {
-            take_entries(rest, lambda * ENTRY_BYTES * PEAK * PEAK, &mut peaks);
-        }
-        if square(rest) > f64::from(least) {
-            take_components(rest, least, channel, part);
-        }
-        for &(r, c, value) in &peaks {
-            rest[(r as usize, c as usize)] += value;
-        }
-        if may_have_entries {
-            take_entries(rest, lambda * ENTRY_BYTES, &mut part.entries);
-        }
-        if before == (part.components.len(), part.entries.len()) {
-            return;
-        }
-    }
-}
-
-fn take_entries(rest: &mut Mat<f32>, least: f32, out: &mut Vec<(u8, u8, f32)>) {
-    for c in 0..SIDE {
-        for r in 0..SIDE {
-            let value = rest[(r, c)];
-            if value * value > least {
-                out.push((r as u8, c as u8, value));
-                rest[(r, c)] = 0.0;
-            }
-        }
-    }
-}
-
-fn take_components(rest: &mut Mat<f32>, least: f32, channel: u32, part: &mut Part) {
-    let Ok(svd) = rest.thin_svd() else { return };
-    for k in 0..SIDE {
-        let sigma = svd.S().column_vector()[k];
-        // The values descend.
-        if sigma * sigma <= least || !sigma.is_finite() {
-            break;
-        }
-        let (u, v) = (svd.U().col(k), svd.V().col(k));
-        let most = |x: faer::ColRef<f32>| x.iter().fold(0.0f32, |m, x| m.max(x.abs()));
-        let (most_u, most_v) = (most(u), most(v));
-        if most_u == 0.0 || most_v == 0.0 {
-            continue;
-        }
-        let whole = |x: faer::ColRef<f32>, most: f32| -> Vec<f32> {
-            x.iter().map(|x| scene::math::floor(x / most * MOST + 0.5)).collect()
-        };
-        let (rows, columns) = (whole(u, most_u), whole(v, most_v));
-        let scale = sigma * most_u * most_v / (MOST * MOST);
-        for (c, column) in columns.iter().enumerate() {
-            for (r, row) in rows.iter().enumerate() {
-                rest[(r, c)] -= scale * row * column;
-            }
-        }
-        part.components.push(Component { scale, channel, rows: pack(&rows), columns: pack(&columns) });
-    }
-}
-
-/// Byte b of word w is element `32 b + w`, plus the bias.
-fn pack(vector: &[f32]) -> [u32; SLOT_WORDS as usize] {
-    let mut words = [0; SLOT_WORDS as usize];
-    for (e, x) in vector.iter().enumerate() {
-        words[e % SLOT_WORDS as usize] |= ((x + BIAS) as u32) << (8 * (e / SLOT_WORDS as usize));
-    }
-    words
 }

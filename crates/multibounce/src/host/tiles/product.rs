@@ -8,16 +8,18 @@ use rayon::prelude::*;
 
 use super::Tiles;
 use crate::error::{Error, check_length};
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, SLOT_WORDS, TILE, enter, leave};
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, PARTS, SHORT_BIAS, TILE, enter, leave};
 use crate::types::TileSlot;
 
 const SIDE: usize = TILE as usize;
-const WORDS: usize = SLOT_WORDS as usize;
+const GROUP: usize = LANES as usize;
 /// Slots that one task takes.
 const TASK_SLOTS: usize = 1024;
+/// Parts of a block whose sums stay in registers together.
+const HALF: u32 = PARTS / 2;
 
-/// Elements of a vector.
-type Vector = [u32; WORDS];
+/// Words of a lane each.
+type Group = [u32; GROUP];
 /// A colour channel of a block.
 type Plane = [f32; SIDE];
 
@@ -41,8 +43,8 @@ impl Tiles {
 
     /// The tables of [`expand_all`].
     pub fn expand_tables(&self) -> ExpandTables<'_> {
-        let Self { use_start, uses, words, row_start, entries, steps, .. } = self;
-        ExpandTables { use_start, uses, words, row_start, entries, steps }
+        let Self { use_start, uses, slots, words, row_start, entries, steps, .. } = self;
+        ExpandTables { use_start, uses, slots, words, row_start, entries, steps }
     }
 }
 
@@ -62,10 +64,10 @@ pub fn project_all(slots: &[TileSlot], words: &[u32], ordered: &[Vec4], sums: &m
     let plane = |block: &[Vec4], c: usize| std::array::from_fn(|r| block[r][c]);
     let planes = |block: &[Vec4]| [plane(block, 0), plane(block, 1), plane(block, 2)];
     let planes: Vec<[Plane; 3]> = ordered.chunks_exact(SIDE).map(planes).collect();
-    let (vectors, _) = words.as_chunks::<WORDS>();
+    let (groups, _) = words.as_chunks::<GROUP>();
     let arch = Arch::new();
-    let tasks = sums.par_chunks_mut(TASK_SLOTS).zip(slots.par_chunks(TASK_SLOTS)).zip(vectors.par_chunks(TASK_SLOTS));
-    tasks.for_each(|((sums, slots), vectors)| arch.dispatch(Project { slots, vectors, planes: &planes, sums }));
+    let tasks = sums.par_chunks_mut(TASK_SLOTS).zip(slots.par_chunks(TASK_SLOTS));
+    tasks.for_each(|(sums, slots)| arch.dispatch(Project { slots, groups, planes: &planes, sums }));
 }
 
 /// What [`expand_all`] reads beside the sums and the ordered exitance.
@@ -75,7 +77,9 @@ pub struct ExpandTables<'a> {
     pub use_start: &'a [u32],
     /// Slots, block by block.
     pub uses: &'a [u32],
-    /// `[slots · SLOT_WORDS]`.
+    /// The vectors of the components.
+    pub slots: &'a [TileSlot],
+    /// Their elements, in groups of [`LANES`] words.
     pub words: &'a [u32],
     /// Entries of each place.
     pub row_start: &'a [u32],
@@ -87,13 +91,14 @@ pub struct ExpandTables<'a> {
 
 /// [`crate::kernel::tiles::expand`] for every place, bit for bit.
 pub fn expand_all(tables: &ExpandTables, sums: &[Vec4], ordered: &[Vec4], out: &mut [Vec4]) {
-    let (vectors, _) = tables.words.as_chunks::<WORDS>();
+    let (groups, _) = tables.words.as_chunks::<GROUP>();
     let arch = Arch::new();
     out.par_chunks_mut(SIDE).enumerate().for_each(|(block, out)| {
         let mut planes = [[0.0f32; SIDE]; 3];
         let uses = &tables.uses[tables.use_start[block] as usize..tables.use_start[block + 1] as usize];
-        let factors: Vec<Vec4> = uses.iter().map(|&slot| sums[slot as usize ^ 1]).collect();
-        arch.dispatch(Expand { vectors, uses, factors: &factors, planes: &mut planes });
+        let uses: Vec<(TileSlot, Vec4)> =
+            uses.iter().map(|&slot| (tables.slots[slot as usize], sums[slot as usize ^ 1])).collect();
+        arch.dispatch(Expand { groups, uses: &uses, planes: &mut planes });
         for (r, out) in out.iter_mut().enumerate() {
             *out = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
         }
@@ -101,12 +106,31 @@ pub fn expand_all(tables: &ExpandTables, sums: &[Vec4], ordered: &[Vec4], out: &
     });
 }
 
-/// Elements of one byte of words, with their bias taken off: bits of a float of 2²³ and more are integers.
+/// Elements of a part, given its words, how far they are to be moved and the greatest element, with their bias taken off:
+/// bits of a float of 2²³ and more are integers.
 #[inline(always)]
-fn elements<S: Simd>(simd: S, words: S::u32s, byte: u32) -> S::f32s {
-    let moved = simd.wrapping_dyn_shr_u32s(words, simd.splat_u32s(8 * byte));
-    let bits = simd.or_u32s(simd.and_u32s(moved, simd.splat_u32s(0xff)), simd.splat_u32s(0x4b00_0000));
-    simd.sub_f32s(simd.transmute_f32s_u32s(bits), simd.splat_f32s(8_388_608.0 + BIAS))
+fn elements<S: Simd>(simd: S, words: S::u32s, shift: u32, most: u32, bias: f32) -> S::f32s {
+    let moved = simd.wrapping_dyn_shr_u32s(words, simd.splat_u32s(shift));
+    let bits = simd.or_u32s(simd.and_u32s(moved, simd.splat_u32s(most)), simd.splat_u32s(0x4b00_0000));
+    simd.sub_f32s(simd.transmute_f32s_u32s(bits), simd.splat_f32s(8_388_608.0 + bias))
+}
+
+/// Elements of the parts of one half of a slot, vector `k` of each.
+#[inline(always)]
+fn half_of<S: Simd>(simd: S, slot: TileSlot, groups: &[Group], half: u32, k: usize) -> [S::f32s; HALF as usize] {
+    let mut out = [simd.splat_f32s(0.0); HALF as usize];
+    if slot.is_short() {
+        let words = S::as_simd_u32s(&groups[slot.group as usize]).0[k];
+        for (part, out) in out.iter_mut().enumerate() {
+            *out = elements(simd, words, 4 * (half * HALF + part as u32), 0xf, SHORT_BIAS);
+        }
+    } else {
+        let words = S::as_simd_u32s(&groups[(slot.group + half) as usize]).0[k];
+        for (part, out) in out.iter_mut().enumerate() {
+            *out = elements(simd, words, 8 * part as u32, 0xff, BIAS);
+        }
+    }
+    out
 }
 
 /// Rounded after the product, as the kernels do.
@@ -126,7 +150,7 @@ fn add_lanes(lanes: &[f32; LANES as usize]) -> f32 {
 /// Sums of some slots.
 struct Project<'a> {
     slots: &'a [TileSlot],
-    vectors: &'a [Vector],
+    groups: &'a [Group],
     planes: &'a [[Plane; 3]],
     sums: &'a mut [Vec4],
 }
@@ -136,64 +160,64 @@ impl WithSimd for Project<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        for ((sum, slot), vector) in self.sums.iter_mut().zip(self.slots).zip(self.vectors) {
-            let planes = &self.planes[slot.block as usize];
-            let (words, _) = S::as_simd_u32s(vector);
-            let each = words.len();
-            // Vectors of words that make up the lanes.
-            let groups = (LANES as usize * each / WORDS).max(1);
-            if slot.channel == ALL_CHANNELS {
-                let [(r, _), (g, _), (b, _)] = [0, 1, 2].map(|c: usize| S::as_simd_f32s(&planes[c]));
-                let (r, g, b) = (&r[..4 * each], &g[..4 * each], &b[..4 * each]);
-                let mut lanes = [[0.0f32; LANES as usize]; 3];
-                let [x, y, z] = &mut lanes;
-                let [(x, _), (y, _), (z, _)] = [x, y, z].map(|lanes| S::as_mut_simd_f32s(lanes));
-                let (x, y, z) = (&mut x[..groups], &mut y[..groups], &mut z[..groups]);
-                for group in 0..groups {
-                    let mut out = [simd.splat_f32s(0.0); 3];
-                    for k in (group..each).step_by(groups) {
-                        for byte in 0..4 {
-                            let (value, at) = (elements(simd, words[k], byte), byte as usize * each + k);
-                            out[0] = add_product(simd, out[0], r[at], value);
-                            out[1] = add_product(simd, out[1], g[at], value);
-                            out[2] = add_product(simd, out[2], b[at], value);
-                        }
-                    }
-                    [x[group], y[group], z[group]] = out;
-                }
-                let [x, y, z] = lanes.map(|lanes| add_lanes(&lanes));
-                *sum = (Vec3::new(x, y, z) * slot.scale).extend(0.0);
+        for (sum, &slot) in self.sums.iter_mut().zip(self.slots) {
+            let planes = &self.planes[slot.block() as usize];
+            if slot.channel() == ALL_CHANNELS {
+                let z = project(simd, slot, self.groups, [&planes[0], &planes[1], &planes[2]]);
+                *sum = (Vec3::from_array(z) * slot.scale).extend(0.0);
             } else {
-                let channel = slot.channel as usize % 3;
-                let (plane, _) = S::as_simd_f32s(&planes[channel]);
-                let plane = &plane[..4 * each];
-                let mut lanes = [0.0f32; LANES as usize];
-                let (own, _) = S::as_mut_simd_f32s(&mut lanes);
-                let own = &mut own[..groups];
-                for (group, own) in own.iter_mut().enumerate() {
-                    let mut out = simd.splat_f32s(0.0);
-                    for k in (group..each).step_by(groups) {
-                        for byte in 0..4 {
-                            let value = elements(simd, words[k], byte);
-                            out = add_product(simd, out, plane[byte as usize * each + k], value);
-                        }
-                    }
-                    *own = out;
-                }
+                let channel = slot.channel() as usize;
                 let mut one = Vec3::ZERO;
-                one[channel] = add_lanes(&lanes);
+                [one[channel]] = project(simd, slot, self.groups, [&planes[channel]]);
                 *sum = (one * slot.scale).extend(0.0);
             }
         }
     }
 }
 
+/// Sums of a slot for some channels.
+#[inline(always)]
+fn project<S: Simd, const C: usize>(simd: S, slot: TileSlot, groups: &[Group], planes: [&Plane; C]) -> [f32; C] {
+    let planes = planes.map(|plane| S::as_simd_f32s(plane).0);
+    // Vectors that make up a part.
+    let each = planes[0].len() / PARTS as usize;
+    let mut lanes = [[0.0f32; GROUP]; C];
+    for k in 0..each {
+        let mut sums = [simd.splat_f32s(0.0); C];
+        for half in 0..PARTS / HALF {
+            for (part, x) in half_of(simd, slot, groups, half, k).into_iter().enumerate() {
+                let at = (half as usize * HALF as usize + part) * each + k;
+                for (sum, plane) in sums.iter_mut().zip(planes) {
+                    *sum = add_product(simd, *sum, plane[at], x);
+                }
+            }
+        }
+        for (lanes, sum) in lanes.iter_mut().zip(sums) {
+            S::as_mut_simd_f32s(lanes).0[k] = sum;
+        }
+    }
+    lanes.map(|lanes| add_lanes(&lanes))
+}
+
+/// Adds elements times a factor to the sums of channel `C`.
+#[inline(always)]
+fn add_channel<S: Simd, const C: usize>(
+    simd: S,
+    sums: &mut [[S::f32s; 3]; HALF as usize],
+    elements: &[S::f32s; HALF as usize],
+    factor: f32,
+) {
+    let factor = simd.splat_f32s(factor);
+    for (sums, x) in sums.iter_mut().zip(elements) {
+        sums[C] = add_product(simd, sums[C], *x, factor);
+    }
+}
+
 /// Sums of the components of a block's rows.
 struct Expand<'a> {
-    vectors: &'a [Vector],
-    uses: &'a [u32],
-    /// What each use is multiplied by.
-    factors: &'a [Vec4],
+    groups: &'a [Group],
+    /// What each slot of the block is multiplied by.
+    uses: &'a [(TileSlot, Vec4)],
     planes: &'a mut [Plane; 3],
 }
 
@@ -203,24 +227,30 @@ impl WithSimd for Expand<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let [red, green, blue] = self.planes;
-        let [(r, _), (g, _), (b, _)] = [red, green, blue].map(|plane| S::as_mut_simd_f32s(plane));
-        let each = r.len() / 4;
-        // One vector of words of all uses at a time, so that the sums stay in registers.
-        for k in 0..each {
+        let mut planes = [S::as_mut_simd_f32s(red).0, S::as_mut_simd_f32s(green).0, S::as_mut_simd_f32s(blue).0];
+        let each = planes[0].len() / PARTS as usize;
+        // Half of the parts of all uses at a time, so that the sums stay in registers.
+        for (half, k) in (0..PARTS / HALF).flat_map(|half| (0..each).map(move |k| (half, k))) {
             let zero = simd.splat_f32s(0.0);
-            let mut sums = [[zero; 3], [zero; 3], [zero; 3], [zero; 3]];
-            for (&slot, z) in self.uses.iter().zip(self.factors) {
-                let (words, _) = S::as_simd_u32s(&self.vectors[slot as usize]);
-                let (words, z) = (words[k], [z.x, z.y, z.z].map(|z| simd.splat_f32s(z)));
-                for (byte, sums) in sums.iter_mut().enumerate() {
-                    let x = elements(simd, words, byte as u32);
-                    for (sum, z) in sums.iter_mut().zip(z) {
-                        *sum = add_product(simd, *sum, x, z);
+            let mut sums = [[zero; 3]; HALF as usize];
+            for &(slot, z) in self.uses {
+                let x = half_of(simd, slot, self.groups, half, k);
+                // The other channels would add nothing.
+                match slot.channel() {
+                    0 => add_channel::<S, 0>(simd, &mut sums, &x, z.x),
+                    1 => add_channel::<S, 1>(simd, &mut sums, &x, z.y),
+                    2 => add_channel::<S, 2>(simd, &mut sums, &x, z.z),
+                    _ => {
+                        add_channel::<S, 0>(simd, &mut sums, &x, z.x);
+                        add_channel::<S, 1>(simd, &mut sums, &x, z.y);
+                        add_channel::<S, 2>(simd, &mut sums, &x, z.z);
                     }
                 }
             }
-            for (byte, [x, y, z]) in sums.into_iter().enumerate() {
-                (r[byte * each + k], g[byte * each + k], b[byte * each + k]) = (x, y, z);
+            for (part, sums) in sums.into_iter().enumerate() {
+                for (plane, sum) in planes.iter_mut().zip(sums) {
+                    plane[(half as usize * HALF as usize + part) * each + k] = sum;
+                }
             }
         }
     }

@@ -1,0 +1,131 @@
+//! Operators, tile by tile in their order.
+
+use std::vec::Vec;
+
+use faer::Mat;
+use rayon::prelude::*;
+
+use super::Channels;
+use super::reduce::{SIDE, Weights, square};
+use crate::error::{Error, check_length};
+use crate::host::solve::Factors;
+
+/// Tiles above the diagonal stand for two.
+pub(super) fn twice((i, j): (usize, usize)) -> f64 {
+    if i == j { 1.0 } else { 2.0 }
+}
+
+/// A symmetric matrix.
+pub(super) enum Matrix<'a> {
+    Dense(&'a Mat<f32>),
+    /// Columns by place, rows ascending.
+    Sparse(Vec<Vec<(u32, f32)>>),
+}
+
+impl Matrix<'_> {
+    /// `Ŝ = a^½ F a^-½` by places.
+    fn sparse(factors: &Factors, order: &[u32], place: &[u32]) -> Result<Self, Error> {
+        factors.check_reciprocal()?;
+        let root: Vec<f32> = factors.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        let row = |&i: &u32| {
+            let entry = |(j, f): (usize, f32)| (place[j], f * root[i as usize] / root[j]);
+            let mut row: Vec<(u32, f32)> = factors.row(i as usize).map(entry).collect();
+            row.sort_unstable_by_key(|entry| entry.0);
+            row
+        };
+        Ok(Self::Sparse(order.par_iter().map(row).collect()))
+    }
+
+    /// A tile, filled up with zeros.
+    fn tile(&self, order: &[u32], (i, j): (usize, usize)) -> Mat<f32> {
+        let mut out = Mat::zeros(SIDE, SIDE);
+        match self {
+            Self::Dense(matrix) => {
+                let at = |p: usize| order.get(p).map(|&k| k as usize);
+                let rows: Vec<Option<usize>> = (0..SIDE).map(|r| at(i * SIDE + r)).collect();
+                for c in 0..SIDE {
+                    let Some(column) = at(j * SIDE + c) else { continue };
+                    let column = matrix.col(column);
+                    for (r, row) in rows.iter().enumerate() {
+                        if let Some(row) = row {
+                            out[(r, c)] = column[*row];
+                        }
+                    }
+                }
+            }
+            // Columns, as in the dense matrix.
+            Self::Sparse(columns) => {
+                let (first, end) = (i * SIDE, (i + 1) * SIDE);
+                for (c, column) in columns.iter().skip(j * SIDE).take(SIDE).enumerate() {
+                    let from = column.partition_point(|entry| (entry.0 as usize) < first);
+                    for &(place, value) in column[from..].iter().take_while(|entry| (entry.0 as usize) < end) {
+                        out[(place as usize - first, c)] += value;
+                    }
+                }
+            }
+        }
+        out
+    }
+}
+
+/// The operators in their order.
+pub(super) struct Source<'a> {
+    common: Matrix<'a>,
+    /// Red and blue, when they differ from the common one.
+    others: [Option<Matrix<'a>>; 2],
+    order: &'a [u32],
+    /// Of each block.
+    pub weights: Vec<Weights>,
+}
+
+impl<'a> Source<'a> {
+    pub fn new(channels: Channels<'a>, area: &[f32], order: &'a [u32], place: &[u32]) -> Result<Self, Error> {
+        let (common, others) = match channels {
+            Channels::One(matrix) => (dense(matrix, order.len())?, [None, None]),
+            Channels::Three([red, green, blue]) => {
+                let [red, blue] = [dense(red, order.len())?, dense(blue, order.len())?];
+                (dense(green, order.len())?, [Some(red), Some(blue)])
+            }
+            Channels::Factors(factors) => {
+                check_length("rows", order.len(), factors.patches())?;
+                (Matrix::sparse(&factors, order, place)?, [None, None])
+            }
+        };
+        let root = |&i: &u32| scene::math::sqrt(area[i as usize]);
+        let weights = |block: &[u32]| Weights::new(&block.iter().map(root).collect::<Vec<_>>());
+        Ok(Self { common, others, order, weights: order.chunks(SIDE).map(weights).collect() })
+    }
+
+    /// A tile of green.
+    pub fn common(&self, at: (usize, usize)) -> Mat<f32> {
+        self.common.tile(self.order, at)
+    }
+
+    /// A tile of red (0) or blue (1), when they differ from green.
+    pub fn other(&self, k: usize, at: (usize, usize)) -> Option<Mat<f32>> {
+        self.others[k].as_ref().map(|matrix| matrix.tile(self.order, at))
+    }
+
+    /// Frobenius norm of each channel over these tiles, both sides of the diagonal.
+    pub fn norms(&self, tiles: &[(usize, usize)]) -> [f64; 3] {
+        let of = |matrix: &Matrix| -> f64 {
+            let square = |&at: &(usize, usize)| twice(at) * square(&matrix.tile(self.order, at));
+            let squares: Vec<f64> = tiles.par_iter().map(square).collect();
+            squares.iter().sum::<f64>().sqrt()
+        };
+        let green = of(&self.common);
+        let [red, blue] = [0, 1].map(|k: usize| self.others[k].as_ref().map_or(green, of));
+        [red, green, blue]
+    }
+}
+
+/// A matrix of so many rows and columns, and of finite numbers.
+fn dense(matrix: &Mat<f32>, size: usize) -> Result<Matrix<'_>, Error> {
+    check_length("rows", size, matrix.nrows())?;
+    check_length("columns", size, matrix.ncols())?;
+    let wrong = |j: usize| matrix.col(j).iter().any(|x| !x.is_finite());
+    match (0..matrix.ncols()).into_par_iter().find_first(|&j| wrong(j)) {
+        Some(index) => Err(Error::Value { name: "operator", index, value: f64::NAN, rule: "finite" }),
+        None => Ok(Matrix::Dense(matrix)),
+    }
+}
