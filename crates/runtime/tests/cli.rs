@@ -210,12 +210,23 @@ fn one_product_gives_what_many_bounces_give() {
         let summary: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(out.join("summary.json")).unwrap()).unwrap();
         assert_eq!(summary["bytes"].get("operator").is_some(), method != "classic", "{summary}");
+        let codec = more.iter().position(|option| *option == "--codec").map(|k| more[k + 1]);
+        assert_eq!(summary.get("codec").and_then(|name| name.as_str()), codec, "{summary}");
         reference::Picture::read(&out.join("indirect.exr")).unwrap().pixels.iter().map(|c| c.element_sum()).sum::<f32>()
     };
     let classic = full("classic", &[]);
-    for (method, more) in
-        [("tiles", vec!["--epsilon", "0.01"]), ("feedback", vec![]), ("feedback", vec!["--epsilon=0.001"])]
-    {
+    for (method, more) in [
+        ("tiles", vec!["--epsilon", "0.01"]),
+        ("feedback", vec![]),
+        ("feedback", vec!["--epsilon=0.001"]),
+        ("multibounce", vec![]),
+        ("multibounce", vec!["--codec", "dense"]),
+        ("multibounce", vec!["--codec", "f16"]),
+        ("multibounce", vec!["--codec", "bc1"]),
+        ("multibounce", vec!["--codec", "bc3"]),
+        ("multibounce", vec!["--codec", "bc6h"]),
+        ("multibounce", vec!["--codec", "bc7"]),
+    ] {
         let found = full(method, &more);
         // Patches with 64 rays: making F reciprocal moves some light.
         assert!((found / classic - 1.0).abs() < 0.03, "{method}: {found} {classic}");
@@ -223,6 +234,24 @@ fn one_product_gives_what_many_bounces_give() {
     let one = full("tiles", &["--bounces", "3"]);
     assert!(one < 0.98 * classic, "three bounces are not all: {one} {classic}");
     assert!(fails(2, &["render", "cornell", "--method", "tiles", "--epsilon", "2"]).contains("epsilon"));
+    assert!(fails(2, &["render", "cornell", "--method", "multibounce", "--codec", "bc2"]).contains("bc6h"));
+}
+
+#[test]
+fn the_short_form_of_a_method_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let picture = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let mut arguments = vec!["render", "cornell", "--out", out.to_str().unwrap()];
+        arguments.extend(SMALL);
+        arguments.extend(more);
+        succeeds(&arguments);
+        std::fs::read(out.join("full.exr")).unwrap()
+    };
+    let short = picture("short", &["--method", "tiles", "--epsilon", "0.1"]);
+    let long = ["--method", "multibounce", "--codec", "tiles", "--epsilon", "0.1"];
+    assert_eq!(short, picture("long", &long));
+    assert_ne!(short, picture("other", &["--method", "multibounce", "--codec", "bc1"]));
 }
 
 #[test]

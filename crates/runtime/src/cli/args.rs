@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use multibounce::BlockCodec;
 
 use crate::render::classic::{ClassicSettings, PatchKind};
+use crate::render::operator::Codec;
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
 #[derive(Parser, Debug)]
@@ -61,6 +63,7 @@ pub enum Command {
     #[command(after_help = "Examples:\n  \
         patchlight render cornell --method classic --patch-count 4000\n  \
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
+        patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell")]
     Render(Render),
@@ -102,7 +105,9 @@ pub enum Command {
 pub enum Method {
     /// Classic radiosity: patches of any kind, one product a bounce.
     Classic,
-    /// All bounces in one product with a compressed operator.
+    /// All bounces in one product with an operator that is stored as --codec says.
+    Multibounce,
+    /// Short for --method multibounce --codec tiles.
     Tiles,
     /// One product a frame with compressed form factors, from the light of the frame before.
     Feedback,
@@ -115,9 +120,45 @@ impl Method {
     pub fn name(self) -> &'static str {
         match self {
             Self::Classic => "classic",
+            Self::Multibounce => "multibounce",
             Self::Tiles => "tiles",
             Self::Feedback => "feedback",
             Self::Path => "path",
+        }
+    }
+}
+
+/// How the operator of all bounces is stored.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Storage {
+    /// Single precision, three numbers an entry.
+    Dense,
+    /// Half precision, three numbers an entry.
+    F16,
+    /// Texture blocks of half a byte an entry, with the greatest entries beside them.
+    Bc1,
+    /// The same of a byte an entry: brightness apart from colour.
+    Bc3,
+    /// The same of a byte an entry: half-precision colours.
+    Bc6h,
+    /// The same of a byte an entry: 8-bit colours on up to three lines.
+    Bc7,
+    /// Tiles of low rank and single entries, with the error that --epsilon says.
+    #[default]
+    Tiles,
+}
+
+impl Storage {
+    /// The codec; tiles with this relative error.
+    pub fn codec(self, epsilon: f64) -> Codec {
+        match self {
+            Self::Dense => Codec::Dense,
+            Self::F16 => Codec::Half,
+            Self::Bc1 => Codec::Blocks(BlockCodec::Bc1),
+            Self::Bc3 => Codec::Blocks(BlockCodec::Bc3),
+            Self::Bc6h => Codec::Blocks(BlockCodec::Bc6h),
+            Self::Bc7 => Codec::Blocks(BlockCodec::Bc7),
+            Self::Tiles => Codec::Tiles { epsilon },
         }
     }
 }
@@ -225,6 +266,9 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
+    /// How the operator is stored (multibounce) [default: tiles].
+    #[arg(long, value_enum)]
+    pub codec: Option<Storage>,
     /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
     pub epsilon: f64,

@@ -173,6 +173,7 @@ fn one_scene(
     let summary = Summary {
         scene: loaded.name.clone(),
         method: "classic".into(),
+        codec: None,
         device,
         patches: Some(classic.patch_count()),
         receivers: Some(classic.receiver_count()),

@@ -17,7 +17,7 @@ use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
 use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
-use crate::render::operator::Transport;
+use crate::render::operator::{Codec, Transport};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -36,19 +36,26 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         progress.warn("the reference is for lights at rest; no errors are computed for moving ones");
     }
     let data = data.filter(|_| args.frames == 1);
-    let out = output::folder_or(&common.out, &format!("{}-{}", loaded.name, args.method.name()));
+    let codec = args.codec.map(|codec| codec.codec(args.epsilon).name());
+    if codec.is_some() && args.method != Method::Multibounce {
+        progress.warn(&format!("--codec is for --method multibounce; --method {} ignores it", args.method.name()));
+    }
+    let codec = codec.filter(|_| args.method == Method::Multibounce);
+    let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
+    let out = output::folder_or(&common.out, &name.join("-"));
     output::make_folder(&out)?;
 
     let mut summary = Summary {
         scene: loaded.name.clone(),
         method: args.method.name().into(),
+        codec: codec.map(str::to_owned),
         frames: args.frames,
         seed: common.seed,
         ..Summary::default()
     };
     let (pictures, points) = match args.method {
         Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
-        Method::Classic | Method::Tiles | Method::Feedback => {
+        Method::Classic | Method::Multibounce | Method::Tiles | Method::Feedback => {
             classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
         }
     };
@@ -149,7 +156,8 @@ fn classic_frames(
             FormFactors::Point => Estimator::Point,
         },
         transport: match args.method {
-            Method::Tiles => Transport::Tiles { epsilon: args.epsilon },
+            Method::Multibounce => Transport::Operator(args.codec.unwrap_or_default().codec(args.epsilon)),
+            Method::Tiles => Transport::Operator(Codec::Tiles { epsilon: args.epsilon }),
             Method::Feedback => Transport::Feedback { epsilon: args.epsilon },
             Method::Classic | Method::Path => Transport::Classic,
         },

@@ -14,7 +14,7 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
 use super::frame::{Frame, FrameParts};
-use super::operator::{self, Transport};
+use super::operator::{self, Compressing, Transport};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
@@ -240,9 +240,15 @@ impl Classic {
             None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
         };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
-        let tiles = operator::compress(settings.transport, &senders, &factors, settings.bounces, by_patches, progress)?;
-        let between = match &tiles {
-            Some(tiles) => ("operator".to_owned(), tiles.bytes().iter().map(|part| part.1).sum()),
+        let compressing = Compressing {
+            transport: settings.transport,
+            bounces: settings.bounces,
+            at_patches: by_patches,
+            seed: settings.seed,
+        };
+        let operator = operator::compress(&compressing, &senders, &factors, progress)?;
+        let between = match &operator {
+            Some(operator) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
             None => ("form_factors".to_owned(), csr_bytes(&factors)),
         };
         let bytes = BTreeMap::from([
@@ -261,7 +267,7 @@ impl Classic {
                 senders: &senders,
                 receivers: &receivers,
                 factors: &factors,
-                tiles: tiles.as_ref(),
+                operator: operator.as_ref(),
                 is_feedback: matches!(settings.transport, Transport::Feedback { .. }),
                 facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
