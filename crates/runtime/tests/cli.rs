@@ -366,6 +366,49 @@ fn info_describes_the_patches() {
 }
 
 #[test]
+fn info_tells_what_operators_take_and_lose() {
+    let folder = tempfile::tempdir().unwrap();
+    let info = |codec: &str, epsilon: &str| -> serde_json::Value {
+        let out = folder.path().join([codec, epsilon].concat());
+        let arguments = ["info", "cornell", "--patches", "cluster", "--patch-count", "150", "--json", "--operator"];
+        let more = ["--codec", codec, "--epsilon", epsilon, "--out", out.to_str().unwrap()];
+        let all: serde_json::Value = serde_json::from_str(&succeeds(&[&arguments[..], &more[..]].concat())).unwrap();
+        all["operator"].clone()
+    };
+    let number = |value: &serde_json::Value, key: &str| value[key].as_f64().unwrap_or_else(|| panic!("{key}: {value}"));
+    for (codec, limit) in [("dense", 1e-6), ("f16", 1e-3), ("bc1", 0.1), ("bc3", 0.1), ("bc6h", 0.1), ("bc7", 0.1)] {
+        let found = info(codec, "0.01");
+        let (radius, t) = (number(&found, "spectral_radius"), &found["stored"][0]);
+        assert_eq!((t["operator"].as_str(), t["codec"].as_str()), (Some("T"), Some(codec)));
+        assert!((0.1..0.95).contains(&radius) && (number(t, "spectral_radius") - radius).abs() < 0.01, "{found}");
+        assert!(number(t, "frobenius") <= limit && number(t, "compact_lights") <= limit, "{t}");
+        assert!(number(t, "own_light") <= number(t, "compact_lights") + 1e-6, "{t}");
+        assert!(number(t, "total_bytes") <= 3.1 * number(&found, "dense_bytes"), "{t}");
+        assert_eq!(found["stored"].as_array().unwrap().len(), 1);
+    }
+    let (fine, coarse) = (info("tiles", "0.001"), info("tiles", "0.1"));
+    for k in 0..2 {
+        let (fine, coarse) = (&fine["stored"][k], &coarse["stored"][k]);
+        assert!(number(fine, "frobenius") <= 0.001 && number(coarse, "frobenius") > 0.01, "{fine} {coarse}");
+        assert!(number(fine, "total_bytes") > number(coarse, "total_bytes"), "{fine} {coarse}");
+        assert!(number(&fine["tiles"], "entries") > 0.0, "{fine}");
+    }
+    // The error is darker than the matrix, and least where least was allowed.
+    let mean = |folder_name: &str, name: &str| -> f32 {
+        let picture = reference::Picture::read(&folder.path().join(folder_name).join(format!("{name}.png"))).unwrap();
+        assert_eq!((picture.width, picture.height), (150, 150));
+        picture.pixels.iter().map(|p| p.x).sum::<f32>() / picture.pixels.len() as f32
+    };
+    for codec in ["f160.01", "bc10.01", "tiles0.1"] {
+        assert!(mean(codec, "matrix-error") < 0.6 * mean(codec, "matrix"), "{codec}");
+    }
+    assert!(mean("tiles0.001", "matrix-error") < mean("tiles0.1", "matrix-error"));
+    assert!((mean("bc10.01", "matrix-reordered") - mean("bc10.01", "matrix")).abs() < 1e-3);
+    assert!(!folder.path().join("dense0.01/matrix-reordered.png").exists());
+    assert!(fails(2, &["info", "cornell", "--codec", "bc1"]).contains("--operator"));
+}
+
+#[test]
 fn the_demo_writes_a_report_that_needs_no_other_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

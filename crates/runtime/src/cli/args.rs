@@ -82,14 +82,18 @@ pub enum Command {
     Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
-    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives.
+    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
+    /// --operator what the operator of the light between them takes and loses.
     #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info atrium:50000 --json\n  \
-        patchlight info sponza.toml --patches axis --patch-count 10000")]
+        patchlight info sponza.toml --patches axis --patch-count 10000\n  \
+        patchlight info atrium --operator --codec bc1 --out out/matrix")]
     Info {
         /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
         scene: String,
         #[command(flatten)]
         patches: PatchOptions,
+        #[command(flatten)]
+        operator: OperatorOptions,
     },
     /// Write a built-in scene as files: scene .toml, .obj, .mtl and textures.
     #[command(after_help = "Example:\n  patchlight scene atrium:20000 --out my-atrium\n\n\
@@ -188,6 +192,21 @@ pub struct PatchOptions {
     /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
     #[arg(long, value_name = "METRES")]
     pub voxel_size: Option<f32>,
+}
+
+/// What operator is made.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct OperatorOptions {
+    /// Also make the operator of all bounces between the patches: bytes, ranks, errors; with --out also pictures of the matrix
+    /// before and after it is reordered, and of the error of its compression.
+    #[arg(long)]
+    pub operator: bool,
+    /// How the operator is stored; with tiles also form factors for feedback.
+    #[arg(long, value_enum, default_value_t = Storage::default(), requires = "operator")]
+    pub codec: Storage,
+    /// Relative error of tiles, in the sense of Frobenius.
+    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator")]
+    pub epsilon: f64,
 }
 
 impl Patches {

@@ -64,7 +64,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     }
     if let (true, Some(indirect)) = (args.debug, data.as_ref().and_then(|data| data.indirect.as_ref())) {
         let worst = worst_blocks(&pictures.indirect, indirect, indirect_scale(indirect))?;
-        write_debug(&out, &[DebugPicture { name: "worst", picture: worst, stops: 0.0 }])?;
+        write_debug(&out.join("debug"), &[DebugPicture { name: "worst", picture: worst, stops: 0.0 }])?;
     }
     if let Some(data) = &data {
         compare_with(data, &pictures, points.as_deref(), loaded.exposure_stops, &out, &mut summary)?;
@@ -208,7 +208,7 @@ fn classic_frames(
             done.pictures.full.write_png(&out.join(format!("frame-{frame:04}.png")), loaded.exposure_stops)?;
         }
         if args.debug && frame + 1 == args.frames {
-            write_debug(out, &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
+            write_debug(&out.join("debug"), &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
         }
         last = Some(done.pictures);
     }
@@ -258,10 +258,9 @@ pub fn write_pictures(out: &Path, pictures: &Pictures, stops: f32) -> Result<(),
     Ok(())
 }
 
-/// Writes pictures for looking into a bake into the folder `debug`.
-fn write_debug(out: &Path, pictures: &[DebugPicture]) -> Result<(), Error> {
-    let folder = out.join("debug");
-    output::make_folder(&folder)?;
+/// Writes pictures for looking into a bake.
+pub fn write_debug(folder: &Path, pictures: &[DebugPicture]) -> Result<(), Error> {
+    output::make_folder(folder)?;
     for DebugPicture { name, picture, stops } in pictures {
         picture.write_png(&folder.join(format!("{name}.png")), *stops)?;
     }

@@ -1,12 +1,14 @@
 //! The light between patches as one operator: all bounces in a product, or a bounce of any reflectance.
 
+pub(crate) mod measure;
+
 use faer::Mat;
 use formfactor::kernel::product::packed_row_words;
-use formfactor::{Csr, Dense, Half, Operator as _, Reciprocal, reciprocal};
+use formfactor::{Csr, Dense, Half, Operator as _, Reciprocal, reciprocal, widen_half};
 use glam::{Vec3, Vec4};
 use multibounce::{
-    BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Tiles, all_bounces, halving_order,
-    projected_order, some_bounces, spectral_radius,
+    BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Tiles, all_bounces,
+    halving_order, projected_order, some_bounces, spectral_radius,
 };
 use rayon::prelude::*;
 
@@ -181,6 +183,80 @@ impl PatchOperator {
         Ok(())
     }
 
+    /// Rows as they are stored, by the areas of the patches.
+    pub fn rows<'a>(&'a self, area: &'a [f32]) -> impl Fn(usize, &mut [Vec3]) + Sync + 'a {
+        move |i, row| {
+            let n = row.len();
+            match self {
+                Self::Dense(dense) => {
+                    let entries = dense.row(i);
+                    (0..n).for_each(|j| row[j] = Vec3::from_array([0, 1, 2].map(|c| entries[c * n + j])));
+                }
+                Self::Half(half) => {
+                    let words = &half.words[i * packed_row_words(half.columns as u32) as usize..];
+                    let entry = |k: usize| widen_half(words[k / 2] >> (16 * (k % 2)));
+                    (0..n).for_each(|j| row[j] = Vec3::from_array([0, 1, 2].map(|c| entry(c * n + j))));
+                }
+                Self::Blocks(matrix) => {
+                    if matrix.row(i, row).is_err() {
+                        row.fill(Vec3::ZERO);
+                    }
+                }
+                Self::Tiles(tiles) => {
+                    // The column of a patch is what its light gives; a_i T_ij = a_j T_ji.
+                    let (mut light, mut column) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
+                    light[i] = Vec4::ONE;
+                    if tiles.product(&light, &mut column).is_err() {
+                        column.fill(Vec4::ZERO);
+                    }
+                    (0..n).for_each(|j| row[j] = column[j].truncate() * (area[j] / area[i]));
+                }
+            }
+        }
+    }
+
+    /// The order in which neighbours are alike, where the codec has one.
+    ///
+    /// # Errors
+    /// An order that is none.
+    pub fn order(&self) -> Result<Option<Permutation>, Error> {
+        Ok(match self {
+            Self::Dense(_) | Self::Half(_) => None,
+            Self::Blocks(matrix) => Some(matrix.permutation().clone()),
+            Self::Tiles(tiles) => Some(Permutation::new(tiles.order.clone())?),
+        })
+    }
+
+    /// Relative error of the entries as the codec states it (Frobenius), the greatest of the channels.
+    pub fn frobenius(&self, channels: Channels, between: &Between) -> f64 {
+        match self {
+            Self::Blocks(matrix) => matrix.report().frobenius,
+            Self::Tiles(tiles) => tiles.report.error.iter().copied().fold(0.0, f64::max),
+            Self::Dense(_) | Self::Half(_) => {
+                let n = self.patches();
+                let (exact, stored) = (between.rows(channels), self.rows(&between.area));
+                let squares = (0..n).into_par_iter().map(|i| {
+                    let (mut right, mut row) = (vec![Vec3::ZERO; n], vec![Vec3::ZERO; n]);
+                    exact(i, &mut right);
+                    stored(i, &mut row);
+                    let one = |c: usize| {
+                        let square = |x: f32| f64::from(x) * f64::from(x);
+                        let both = |sum: [f64; 2], j: usize| {
+                            [sum[0] + square(row[j][c] - right[j][c]), sum[1] + square(right[j][c])]
+                        };
+                        (0..n).fold([0.0; 2], both)
+                    };
+                    [one(0), one(1), one(2)]
+                });
+                // In the order of the rows, so that the number of threads changes nothing.
+                let sums = squares.collect::<Vec<_>>().into_iter().fold([[0.0; 2]; 3], |sums, row| {
+                    core::array::from_fn(|c| [sums[c][0] + row[c][0], sums[c][1] + row[c][1]])
+                });
+                sums.iter().map(|[wrong, all]| if *all > 0.0 { (wrong / all).sqrt() } else { 0.0 }).fold(0.0, f64::max)
+            }
+        }
+    }
+
     /// What there is to say about it.
     fn describe(&self) -> String {
         let size = self.bytes().iter().map(|part| part.1 as f64).sum::<f64>() * 1e-6;
@@ -349,7 +425,7 @@ pub(super) fn compress(
 fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progress) -> Result<PatchOperator, Error> {
     let codec = Codec::Tiles { epsilon };
     let operator = PatchOperator::encode(codec, Channels::One(&between.symmetric), &between, seed, progress)?;
-    let radius = growth(&operator)?;
+    let radius = growth(&operator, &vec![Vec4::ONE; operator.patches()])?;
     if radius <= 1.0 + 2.0 * RADIUS_TOLERANCE {
         return Ok(operator);
     }
@@ -358,20 +434,20 @@ fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progre
     PatchOperator::encode(codec, Channels::One(&between.symmetric), &between, seed, progress)
 }
 
-/// Spectral radius of an operator, the greatest of the channels.
-pub(crate) fn growth(operator: &PatchOperator) -> Result<f32, Error> {
-    let n = operator.patches();
+/// Spectral radius of `diag(ρ) T`, the greatest of the channels.
+pub(crate) fn growth(operator: &PatchOperator, albedo: &[Vec4]) -> Result<f32, Error> {
     let mut failed = None;
     let mut product = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
         failed = operator.product(exitance, irradiance).err().or(failed.take());
         Ok(())
     };
-    let radius = spectral_radius(n, &vec![Vec4::ONE; n], &mut product, RADIUS_TOLERANCE, RADIUS_STEPS)?;
+    let radius = spectral_radius(operator.patches(), albedo, &mut product, RADIUS_TOLERANCE, RADIUS_STEPS)?;
     failed.map_or(Ok(radius.max_element()), Err)
 }
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::measure::relative_error;
     use super::*;
     use crate::procedural;
     use crate::render::classic::{ClassicSettings, Estimator, PatchKind, exchange};
@@ -411,12 +487,9 @@ pub(super) mod tests {
         (0..n).map(|i| Vec4::new(random(i, 0), random(i, 1), 3.0 * random(i, 2), 0.0)).collect()
     }
 
-    /// Relative error of irradiance, L2 by area, all channels.
-    pub fn relative_error(ours: &[Vec4], exact: &[Vec4], area: &[f32]) -> f64 {
-        let sum = |f: &dyn Fn(usize) -> Vec4| -> f64 {
-            (0..area.len()).map(|i| f64::from(area[i] * f(i).truncate().length_squared())).sum()
-        };
-        (sum(&|i| ours[i] - exact[i]) / sum(&|i| exact[i])).sqrt()
+    /// Spectral radius of an operator alone.
+    fn plain(operator: &PatchOperator) -> f32 {
+        growth(operator, &vec![Vec4::ONE; operator.patches()]).unwrap()
     }
 
     fn made(codec: Codec, channels: [&Mat<f32>; 3], between: &Between) -> PatchOperator {
@@ -459,10 +532,32 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn the_rows_are_those_of_the_product() {
+        let (between, albedo) = cornell();
+        let n = albedo.len();
+        let operators = between.bounces(&albedo, None, &mut Progress::new(true)).unwrap();
+        let (light, mut row) = (light(n), vec![Vec3::ZERO; n]);
+        for (codec, _) in CODECS {
+            let operator = made(codec, operators.each_ref(), &between);
+            let (rows, expected) = (operator.rows(&between.area), product(&operator, &light));
+            // Tiles round an entry and its mirror image in steps of their own rows.
+            let limit = if matches!(codec, Codec::Tiles { .. }) { 5e-4 } else { 1e-5 };
+            for i in 0..n {
+                rows(i, &mut row);
+                let sum: Vec3 = row.iter().zip(&light).map(|(t, b)| *t * b.truncate()).sum();
+                let right = expected[i].truncate();
+                assert!((sum - right).abs().max_element() < limit * right.max_element(), "{codec:?}: {sum} {right}");
+                let other: Vec3 = row.iter().zip(&light[1..]).map(|(t, b)| *t * b.truncate()).sum();
+                assert!((other - right).abs().max_element() > 1e-3 * right.max_element(), "{codec:?}");
+            }
+        }
+    }
+
+    #[test]
     fn no_codec_makes_light_grow() {
         let (between, _) = cornell();
         for (codec, _) in CODECS.into_iter().chain([(Codec::Tiles { epsilon: 0.3 }, 0.0)]) {
-            let radius = growth(&made(codec, [&between.symmetric; 3], &between)).unwrap();
+            let radius = plain(&made(codec, [&between.symmetric; 3], &between));
             // An albedo is at most 0.95.
             assert!((0.5..1.02).contains(&radius), "{codec:?}: {radius}");
         }
@@ -474,9 +569,9 @@ pub(super) mod tests {
         let (mut between, _) = cornell();
         between.symmetric *= faer::Scale(1.5);
         let wrong = made(Codec::Tiles { epsilon: 0.01 }, [&between.symmetric; 3], &between);
-        assert!(growth(&wrong).unwrap() > 1.02);
+        assert!(plain(&wrong) > 1.02);
         let operator = feedback(between, 0.01, 1, &mut progress).unwrap();
-        let radius = growth(&operator).unwrap();
+        let radius = plain(&operator);
         assert!((0.99..=1.0 + 2.0 * RADIUS_TOLERANCE).contains(&radius), "{radius}");
         // What does not grow stays as it is.
         let (between, _) = cornell();

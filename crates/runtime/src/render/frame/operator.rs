@@ -301,7 +301,8 @@ impl TileTables {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::operator::tests::{CODECS, cornell, light, relative_error};
+    use super::super::super::operator::measure::relative_error;
+    use super::super::super::operator::tests::{CODECS, cornell, light};
     use super::*;
     use crate::cpu::Cpu;
     use crate::executor::Executor;
