@@ -136,7 +136,20 @@ pub struct FrameResult {
     pub times: Vec<(String, f64)>,
 }
 
-/// What the sides of the scene exchange, ready for frames.
+/// What the sides of the scene exchange, however light goes from patch to patch.
+#[derive(Clone)]
+pub struct Bake {
+    scene: Scene,
+    senders: Senders,
+    factors: Csr,
+    facet_rows: SparseRows,
+    receivers: MeshReceivers,
+    direct: DirectParams,
+    bounces: u32,
+    settings: ClassicSettings,
+}
+
+/// A bake on a device, ready for frames.
 pub struct Classic {
     scene: Scene,
     senders: Senders,
@@ -147,18 +160,12 @@ pub struct Classic {
     bytes: BTreeMap<String, u64>,
 }
 
-impl Classic {
-    /// Cuts the scene into patches, estimates and balances their form factors and the receivers' rows, and loads the frame's
-    /// plan into the executor.
+impl Bake {
+    /// Cuts the scene into patches, and estimates and balances their form factors and the receivers' rows.
     ///
     /// # Errors
-    /// Too many triangles or voxels, settings that the patches do not suit, a device that is too small, cancellation.
-    pub fn bake(
-        loaded: &LoadedScene,
-        settings: ClassicSettings,
-        executor: Box<dyn Executor>,
-        progress: &mut Progress,
-    ) -> Result<Self, Error> {
+    /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
+    pub fn new(loaded: &LoadedScene, settings: ClassicSettings, progress: &mut Progress) -> Result<Self, Error> {
         if settings.receivers == ReceiverKind::SelfReceivers && !settings.patches.has_voxels() {
             let patches = settings.patches.name();
             return Err(Error::NoVoxels { option: "--receivers self", patches, instead: "--receivers mesh" });
@@ -239,13 +246,24 @@ impl Classic {
             Some(bounces) => bounces,
             None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
         };
+        Ok(Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings })
+    }
+
+    /// Makes what the transport needs between patches, and loads the frame's plan into the executor.
+    ///
+    /// # Errors
+    /// An operator that does not fit into memory, a device that is too small, cancellation.
+    pub fn load(
+        self,
+        transport: Transport,
+        executor: Box<dyn Executor>,
+        progress: &mut Progress,
+    ) -> Result<Classic, Error> {
+        let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings } = self;
+        let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
-        let compressing = Compressing {
-            transport: settings.transport,
-            bounces: settings.bounces,
-            at_patches: by_patches,
-            seed: settings.seed,
-        };
+        let compressing =
+            Compressing { transport, bounces: settings.bounces, at_patches: by_patches, seed: settings.seed };
         let operator = operator::compress(&compressing, &senders, &factors, progress)?;
         let between = match &operator {
             Some(operator) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
@@ -268,7 +286,7 @@ impl Classic {
                 receivers: &receivers,
                 factors: &factors,
                 operator: operator.as_ref(),
-                is_feedback: matches!(settings.transport, Transport::Feedback { .. }),
+                is_feedback: matches!(transport, Transport::Feedback { .. }),
                 facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
                 bounces,
@@ -279,7 +297,22 @@ impl Classic {
             },
         )?;
         let receivers = receivers.without_rows()?;
-        Ok(Self { scene, senders, receivers, frame, settings, bytes })
+        Ok(Classic { scene, senders, receivers, frame, settings, bytes })
+    }
+}
+
+impl Classic {
+    /// A [`Bake`] with the transport of the settings, in one step.
+    ///
+    /// # Errors
+    /// As [`Bake::new`] and [`Bake::load`].
+    pub fn bake(
+        loaded: &LoadedScene,
+        settings: ClassicSettings,
+        executor: Box<dyn Executor>,
+        progress: &mut Progress,
+    ) -> Result<Self, Error> {
+        Bake::new(loaded, settings, progress)?.load(settings.transport, executor, progress)
     }
 
     /// Patches that send light.
@@ -313,6 +346,15 @@ impl Classic {
         };
         let full = direct.plus(&indirect)?;
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
+    }
+
+    /// The light of a frame without its picture, for methods that go on from the light of the frame before; milliseconds of
+    /// each pass.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
+        self.frame.advance(lights)
     }
 
     /// Pictures of the bake and of the last frame's light in it, as this camera sees them: patches, facets, the axes of

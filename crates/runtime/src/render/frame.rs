@@ -19,7 +19,7 @@ use super::operator::{LAST_BOUNCES, PatchOperator};
 use super::receivers::MeshReceivers;
 use super::senders::Senders;
 use crate::error::Error;
-use crate::executor::{Executor, ExecutorError};
+use crate::executor::{Executor, ExecutorError, PassTime};
 use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
 use operator::OperatorTables;
 
@@ -65,6 +65,8 @@ pub struct Frame {
     patch_light: (PassId, DirectParams),
     /// What is to be done before the first frame.
     feedback: Option<Feedback>,
+    /// All passes but those of the picture.
+    light_passes: Vec<PassId>,
     sub_frames: Vec<SubFrame>,
     seed: u32,
 }
@@ -304,6 +306,7 @@ impl Frame {
         let push = CountParams { count: nodes as u32 };
         pass(&mut plan, "lookup", kernel, &own, &node_rows, &push, nodes as u32)?;
 
+        let light_passes = plan.all_passes();
         // Sub-frames share the pixel buffers: what one leaves the next overwrites.
         let hits = plan.storage("hits", (pixels * size_of::<Hit>()) as u64);
         let pixel_points = plan.storage("pixel points", (pixels * size_of::<SurfacePoint>()) as u64);
@@ -391,6 +394,7 @@ impl Frame {
             pixels,
             patch_light,
             feedback,
+            light_passes,
             sub_frames,
             seed,
         })
@@ -398,17 +402,10 @@ impl Frame {
 
     /// Renders frame `number` with these lights from this camera.
     pub fn render(&mut self, lights: &[Light], camera: &Camera, number: u32) -> Result<Rendered, Error> {
-        let mut room = lights.to_vec();
-        room.truncate(self.light_room);
-        let light_count = room.len() as u32;
-        room.resize(self.light_room, Light::default());
-        self.executor.upload(self.lights, &room)?;
+        let light_count = self.set_lights(lights)?;
         let zeros = vec![Vec4::ZERO; self.pixels];
         self.executor.upload(self.full, &zeros)?;
         self.executor.upload(self.direct, &zeros)?;
-
-        let (pass, params) = self.patch_light;
-        self.executor.push(pass, &DirectParams { light_count, ..params })?;
         let count = self.sub_frames.len() as u32;
         for (k, sub) in self.sub_frames.iter().enumerate() {
             let seed = sub_frame_seed(number, count, k as u32, self.seed);
@@ -419,22 +416,34 @@ impl Frame {
                 self.executor.push(pass, &push)?;
             }
         }
+        let times = by_name(self.executor.run()?);
+        let full = self.picture(self.full, count)?;
+        let direct = self.picture(self.direct, count)?;
+        Ok((full, direct, times))
+    }
+
+    /// The light of a frame without its picture; the milliseconds of each pass.
+    pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
+        self.set_lights(lights)?;
+        Ok(by_name(self.executor.run_passes(&self.light_passes)?))
+    }
+
+    /// Sets the lights of the frame, and lets their light settle before the first one; their number.
+    fn set_lights(&mut self, lights: &[Light]) -> Result<u32, Error> {
+        let mut room = lights.to_vec();
+        room.truncate(self.light_room);
+        let light_count = room.len() as u32;
+        room.resize(self.light_room, Light::default());
+        self.executor.upload(self.lights, &room)?;
+        let (pass, params) = self.patch_light;
+        self.executor.push(pass, &DirectParams { light_count, ..params })?;
         if let Some(Feedback { light, bounce, bounces }) = self.feedback.take() {
             self.executor.run_passes(&light)?;
             for _ in 0..bounces {
                 self.executor.run_passes(&bounce)?;
             }
         }
-        let mut times: Vec<(String, f64)> = Vec::new();
-        for time in self.executor.run()? {
-            match times.iter_mut().find(|(name, _)| *name == time.name) {
-                Some((_, sum)) => *sum += time.milliseconds,
-                None => times.push((time.name, time.milliseconds)),
-            }
-        }
-        let full = self.picture(self.full, count)?;
-        let direct = self.picture(self.direct, count)?;
-        Ok((full, direct, times))
+        Ok(light_count)
     }
 
     /// First exitance of the patches in the last frame, W/m².
@@ -463,6 +472,18 @@ impl Frame {
         let sums: Vec<Vec4> = self.executor.download_table(sum)?;
         Ok(sums.iter().map(|c| c.truncate() * scale).collect())
     }
+}
+
+/// Times of passes of one name added up, in the order of the first of each.
+fn by_name(passes: Vec<PassTime>) -> Vec<(String, f64)> {
+    let mut times: Vec<(String, f64)> = Vec::new();
+    for time in passes {
+        match times.iter_mut().find(|(name, _)| *name == time.name) {
+            Some((_, sum)) => *sum += time.milliseconds,
+            None => times.push((time.name, time.milliseconds)),
+        }
+    }
+    times
 }
 
 /// Seed of sub-frame k of a frame.
