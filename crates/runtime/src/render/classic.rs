@@ -14,7 +14,7 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
 use super::frame::{Frame, FrameParts};
-use super::operator::{self, Compressing, Transport};
+use super::operator::{self, Compressing, PatchOperator, Transport};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
@@ -249,6 +249,18 @@ impl Bake {
         Ok(Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings })
     }
 
+    /// The operator that frames multiply by between patches: none for classic radiosity, and for so few bounces that patches
+    /// need none.
+    ///
+    /// # Errors
+    /// An operator that does not fit into memory, cancellation.
+    pub fn operator(&self, transport: Transport, progress: &mut Progress) -> Result<Option<PatchOperator>, Error> {
+        let ClassicSettings { bounces, receivers, seed, .. } = self.settings;
+        let at_patches = receivers == ReceiverKind::SelfReceivers;
+        let compressing = Compressing { transport, bounces, at_patches, seed };
+        operator::compress(&compressing, &self.senders, &self.factors, progress)
+    }
+
     /// Makes what the transport needs between patches, and loads the frame's plan into the executor.
     ///
     /// # Errors
@@ -259,12 +271,10 @@ impl Bake {
         executor: Box<dyn Executor>,
         progress: &mut Progress,
     ) -> Result<Classic, Error> {
+        let operator = self.operator(transport, progress)?;
         let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings } = self;
         let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
-        let compressing =
-            Compressing { transport, bounces: settings.bounces, at_patches: by_patches, seed: settings.seed };
-        let operator = operator::compress(&compressing, &senders, &factors, progress)?;
         let between = match &operator {
             Some(operator) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
             None => ("form_factors".to_owned(), csr_bytes(&factors)),

@@ -66,12 +66,16 @@ impl Codec {
 /// An operator between patches as it is multiplied by.
 ///
 /// The dense ones have a row `[red | green | blue | zeros]` for each patch, `columns / 3` entries of each channel, for light
-/// whose channels lie apart ([`apart`]): so the products with one number an entry serve three channels.
+/// whose channels lie apart: so the products with one number an entry serve three channels.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum PatchOperator {
+pub enum PatchOperator {
+    /// Single precision.
     Dense(Dense),
+    /// Half precision.
     Half(Half),
+    /// Texture blocks and outliers.
     Blocks(BlockMatrix),
+    /// Tiles; of one channel they hold form factors.
     Tiles(Tiles),
 }
 
@@ -91,7 +95,7 @@ impl PatchOperator {
     ///
     /// # Errors
     /// What the codec says; cancellation.
-    pub fn encode(
+    pub(crate) fn encode(
         codec: Codec,
         channels: Channels,
         between: &Between,
@@ -184,7 +188,7 @@ impl PatchOperator {
     }
 
     /// Rows as they are stored, by the areas of the patches.
-    pub fn rows<'a>(&'a self, area: &'a [f32]) -> impl Fn(usize, &mut [Vec3]) + Sync + 'a {
+    pub(crate) fn rows<'a>(&'a self, area: &'a [f32]) -> impl Fn(usize, &mut [Vec3]) + Sync + 'a {
         move |i, row| {
             let n = row.len();
             match self {
@@ -219,7 +223,7 @@ impl PatchOperator {
     ///
     /// # Errors
     /// An order that is none.
-    pub fn order(&self) -> Result<Option<Permutation>, Error> {
+    pub(crate) fn order(&self) -> Result<Option<Permutation>, Error> {
         Ok(match self {
             Self::Dense(_) | Self::Half(_) => None,
             Self::Blocks(matrix) => Some(matrix.permutation().clone()),
@@ -228,7 +232,7 @@ impl PatchOperator {
     }
 
     /// Relative error of the entries as the codec states it (Frobenius), the greatest of the channels.
-    pub fn frobenius(&self, channels: Channels, between: &Between) -> f64 {
+    pub(crate) fn frobenius(&self, channels: Channels, between: &Between) -> f64 {
         match self {
             Self::Blocks(matrix) => matrix.report().frobenius,
             Self::Tiles(tiles) => tiles.report.error.iter().copied().fold(0.0, f64::max),
