@@ -1,15 +1,24 @@
-//! The dense product as native code: GB/s of the matrix beside the bandwidth with which the same cores read as many bytes.
-//! The table is measured in turns, so that a busy machine slows both alike.
+//! Products as native code: of the operators of all bounces of the built-in atrium and, with the shared scenes, of Sponza,
+//! however they are stored, and of dense matrices. Each row says how fast its bytes are read beside the bandwidth with which
+//! the same cores read as many; the floor is the time that these would take. Measured in turns, so that a busy machine slows
+//! both alike.
 
 #![allow(missing_docs)]
 
 use std::hint::black_box;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use benches::{PRODUCT_SIZES, Stream, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::Operator;
 use glam::Vec4;
+use multibounce::BlockCodec;
+use runtime::Error;
+use runtime::import::load_or_build;
+use runtime::progress::Progress;
+use runtime::render::classic::{Bake, ClassicSettings, ReceiverKind};
+use runtime::render::operator::{Codec, Transport};
 
 /// Turns of the table: product, stream, product, …
 const TURNS: usize = 15;
@@ -17,20 +26,26 @@ const TURNS: usize = 15;
 /// More than four times the last-level cache of large servers.
 const OUT_OF_CACHE: usize = 1100 << 20;
 
-fn measure(criterion: &mut Criterion, name: &str, operator: &impl Operator, bytes: usize) {
-    let n = operator.rows();
-    let light = exitance(n, n);
-    let mut out = vec![Vec4::ZERO; n];
+/// Relative error of operators in tiles.
+const EPSILON: f64 = 0.01;
+
+/// Patches of the operators.
+const PATCHES: usize = 2000;
+
+const SPONZA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes/sponza/sponza.toml");
+
+/// Times a product of n rows that reads so many bytes.
+fn measure(criterion: &mut Criterion, group: &str, name: &str, n: usize, bytes: usize, mut product: impl FnMut()) {
     let mut run = || {
         let start = Instant::now();
-        operator.product(black_box(&light), &mut out).expect("the shapes agree");
+        product();
         start.elapsed()
     };
-    let mut group = criterion.benchmark_group("product/native");
-    group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
-    group.throughput(Throughput::Bytes(bytes as u64));
-    group.bench_function(BenchmarkId::new(name, n), |b| b.iter_custom(|turns| (0..turns).map(|_| run()).sum()));
-    group.finish();
+    let mut benches = criterion.benchmark_group(group);
+    benches.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
+    benches.throughput(Throughput::Bytes(bytes as u64));
+    benches.bench_function(BenchmarkId::new(name, n), |b| b.iter_custom(|turns| (0..turns).map(|_| run()).sum()));
+    benches.finish();
 
     let mut stream = Stream::new(bytes);
     let mut pairs: Vec<(f64, f64)> =
@@ -39,22 +54,68 @@ fn measure(criterion: &mut Criterion, name: &str, operator: &impl Operator, byte
     let (product, read) = (best(|p| p.0, &pairs), best(|p| p.1, &pairs));
     pairs.sort_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)));
     let median = pairs[TURNS / 2].0 / pairs[TURNS / 2].1;
+    let megabytes = bytes as f64 * 1e-6;
     println!(
-        "product/native/{name}/{n}: {product:.1} GB/s, stream of {:.0} MB {read:.1} GB/s, median of the ratio {:.0} %",
-        bytes as f64 * 1e-6,
+        "{group}/{name}/{n}: {megabytes:.2} MB in {:.3} ms, floor {:.3} ms: {product:.1} GB/s, stream of as much {read:.1} GB/s, \
+         median of the ratio {:.0} %",
+        megabytes / product,
+        megabytes / read,
         100.0 * median
     );
 }
 
-fn main() {
+fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl Operator, bytes: usize) {
+    let n = operator.rows();
+    let light = exitance(n, n);
+    let mut out = vec![Vec4::ZERO; n];
+    measure(criterion, "product/native", name, n, bytes, || {
+        operator.product(black_box(&light), &mut out).expect("the shapes agree");
+    });
+}
+
+/// T of the light between the patches of a scene, and F for feedback.
+fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error> {
+    let loaded = load_or_build(scene)?;
+    let settings = ClassicSettings {
+        patch_count: PATCHES,
+        // No points of the surface: only the light between patches is measured.
+        receivers: ReceiverKind::Pixels,
+        ..ClassicSettings::default()
+    };
+    let mut progress = Progress::new(true);
+    let bake = Bake::new(&loaded, settings, &mut progress)?;
+    let blocks = BlockCodec::ALL.map(Codec::Blocks);
+    let codecs = [Codec::Dense, Codec::Half].into_iter().chain(blocks).chain([Codec::Tiles { epsilon: EPSILON }]);
+    let all_bounces = codecs.map(|codec| (format!("T-{}", codec.name()), Transport::Operator(codec)));
+    let one_bounce = ("F-tiles".to_owned(), Transport::Feedback { epsilon: EPSILON });
+    for (name, transport) in all_bounces.chain([one_bounce]) {
+        let Some(operator) = bake.operator(transport, &mut progress)? else { continue };
+        let (n, bytes) = (operator.patches(), operator.bytes().iter().map(|part| part.1).sum::<u64>());
+        let light = exitance(n, n);
+        let mut out = vec![Vec4::ZERO; n];
+        measure(criterion, &format!("product/{}", loaded.name), &name, n, bytes as usize, || {
+            operator.product(black_box(&light), &mut out).expect("the shapes agree");
+        });
+    }
+    Ok(())
+}
+
+fn main() -> Result<(), Error> {
     let mut criterion = Criterion::default().configure_from_args();
     println!("stream out of cache ({} MB): {:.1} GB/s", OUT_OF_CACHE / 1_000_000, stream_gb_s(OUT_OF_CACHE, 5));
+    measure_operators(&mut criterion, "atrium")?;
+    if Path::new(SPONZA).is_file() {
+        measure_operators(&mut criterion, SPONZA)?;
+    } else {
+        println!("without ../shared/scenes/sponza its operators are left out");
+    }
     for n in PRODUCT_SIZES {
         let dense = factors(n, n, n);
-        measure(&mut criterion, "f32", &dense, 4 * n * n);
+        measure_dense(&mut criterion, "f32", &dense, 4 * n * n);
         let half = dense.to_half();
         drop(dense);
-        measure(&mut criterion, "half", &half, 4 * half.words.len());
+        measure_dense(&mut criterion, "half", &half, 4 * half.words.len());
     }
     criterion.final_summary();
+    Ok(())
 }

@@ -6,12 +6,14 @@ use formfactor::{
 };
 use glam::{Vec3, Vec4};
 use integration_tests::vulkan;
+use multibounce::BlockCodec;
 use runtime::executor::{DeviceChoice, Executor, open};
 use runtime::import::LoadedScene;
 use runtime::procedural;
 use runtime::progress::Progress;
 use runtime::render::Pictures;
-use runtime::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
+use runtime::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use runtime::render::operator::{Codec, Transport};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
 use std::ops::ControlFlow;
@@ -35,8 +37,12 @@ fn settings(patches: usize) -> ClassicSettings {
 }
 
 fn render(loaded: &LoadedScene, executor: Box<dyn Executor>) -> Pictures {
+    render_with(loaded, executor, settings(300))
+}
+
+fn render_with(loaded: &LoadedScene, executor: Box<dyn Executor>, settings: ClassicSettings) -> Pictures {
     let mut progress = Progress::new(true);
-    let mut classic = Classic::bake(loaded, settings(300), executor, &mut progress).unwrap();
+    let mut classic = Classic::bake(loaded, settings, executor, &mut progress).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures
 }
@@ -134,12 +140,56 @@ fn both_executors_render_the_same_pictures() {
     let ours = render(&loaded, cpu());
     check_same(&ours, &render(&loaded, Box::new(vulkan))).unwrap();
     // Another seed gives another picture.
-    let mut progress = Progress::new(true);
-    let other = ClassicSettings { seed: 4, ..settings(300) };
-    let mut classic = Classic::bake(&loaded, other, cpu(), &mut progress).unwrap();
-    let camera = loaded.view.camera(SIZE.0, SIZE.1);
-    let other = classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures;
+    let other = render_with(&loaded, cpu(), ClassicSettings { seed: 4, ..settings(300) });
     assert!(check_same(&ours, &other).is_err());
+}
+
+fn by_operator(codec: Codec) -> ClassicSettings {
+    ClassicSettings { transport: Transport::Operator(codec), ..settings(150) }
+}
+
+/// Relative difference of indirect light, L2.
+fn indirect_error(ours: &Pictures, exact: &Pictures) -> f32 {
+    let square = |pixels: &mut dyn Iterator<Item = Vec3>| pixels.map(|p| p.length_squared()).sum::<f32>();
+    let (a, b) = (&ours.indirect.pixels, &exact.indirect.pixels);
+    (square(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / square(&mut b.iter().copied())).sqrt()
+}
+
+#[test]
+fn every_codec_renders_the_picture_of_the_dense_operator() {
+    let loaded = procedural::build("cornell").unwrap();
+    for (patches, receivers, worst) in
+        [(PatchKind::Polygon, ReceiverKind::Mesh, 0.002), (PatchKind::Axis, ReceiverKind::SelfReceivers, 0.03)]
+    {
+        let render = |transport: Transport, bounces: Option<u32>| {
+            let settings = ClassicSettings { transport, patches, receivers, bounces, ..settings(150) };
+            render_with(&loaded, cpu(), settings)
+        };
+        let exact = render(Transport::Operator(Codec::Dense), None);
+        // F is made reciprocal for operators, so the light is not quite that of classic radiosity.
+        let classic = indirect_error(&render(Transport::Classic, None), &exact);
+        assert!(classic < 0.02, "{patches:?}: {classic}");
+        let blocks = BlockCodec::ALL.map(|codec| (Codec::Blocks(codec), worst));
+        for (codec, limit) in [(Codec::Half, 1e-4), (Codec::Tiles { epsilon: 0.01 }, worst)].into_iter().chain(blocks) {
+            let found = indirect_error(&render(Transport::Operator(codec), None), &exact);
+            println!("{patches:?}, {codec:?}: {found}");
+            assert!(found < limit, "{patches:?}, {codec:?}: {found}");
+            let few = indirect_error(&render(Transport::Operator(codec), Some(3)), &exact);
+            assert!(few > worst, "{patches:?}, {codec:?} with three bounces: {few}");
+        }
+    }
+}
+
+#[test]
+fn both_executors_render_the_same_pictures_with_operators() {
+    let loaded = procedural::build("cornell").unwrap();
+    for codec in [Codec::Half, Codec::Blocks(BlockCodec::Bc1)] {
+        let Some(vulkan) = vulkan() else { return };
+        let ours = render_with(&loaded, cpu(), by_operator(codec));
+        check_same(&ours, &render_with(&loaded, Box::new(vulkan), by_operator(codec))).unwrap();
+        let other = render_with(&loaded, cpu(), ClassicSettings { bounces: Some(3), ..by_operator(codec) });
+        assert!(check_same(&ours, &other).is_err(), "{codec:?}");
+    }
 }
 
 #[test]

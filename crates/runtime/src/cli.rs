@@ -52,7 +52,7 @@ fn dispatch(cli: Cli) -> Result<(), Error> {
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
         Some(Command::Bench(args)) => bench::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),
-        Some(Command::Info { scene, patches }) => info::run(&cli.common, &scene, &patches),
+        Some(Command::Info { scene, patches, operator }) => info::run(&cli.common, &scene, &patches, &operator),
         Some(Command::Scene { name }) => write_scene::run(&cli.common, &name),
     }
 }

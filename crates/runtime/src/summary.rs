@@ -30,6 +30,9 @@ pub struct Summary {
     pub scene: String,
     /// Name of the method.
     pub method: String,
+    /// How the operator of all bounces is stored, where that was chosen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub codec: Option<String>,
     /// Device that ran the kernels.
     pub device: String,
     /// Patches that send light.

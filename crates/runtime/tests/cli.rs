@@ -210,12 +210,23 @@ fn one_product_gives_what_many_bounces_give() {
         let summary: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(out.join("summary.json")).unwrap()).unwrap();
         assert_eq!(summary["bytes"].get("operator").is_some(), method != "classic", "{summary}");
+        let codec = more.iter().position(|option| *option == "--codec").map(|k| more[k + 1]);
+        assert_eq!(summary.get("codec").and_then(|name| name.as_str()), codec, "{summary}");
         reference::Picture::read(&out.join("indirect.exr")).unwrap().pixels.iter().map(|c| c.element_sum()).sum::<f32>()
     };
     let classic = full("classic", &[]);
-    for (method, more) in
-        [("tiles", vec!["--epsilon", "0.01"]), ("feedback", vec![]), ("feedback", vec!["--epsilon=0.001"])]
-    {
+    for (method, more) in [
+        ("tiles", vec!["--epsilon", "0.01"]),
+        ("feedback", vec![]),
+        ("feedback", vec!["--epsilon=0.001"]),
+        ("multibounce", vec![]),
+        ("multibounce", vec!["--codec", "dense"]),
+        ("multibounce", vec!["--codec", "f16"]),
+        ("multibounce", vec!["--codec", "bc1"]),
+        ("multibounce", vec!["--codec", "bc3"]),
+        ("multibounce", vec!["--codec", "bc6h"]),
+        ("multibounce", vec!["--codec", "bc7"]),
+    ] {
         let found = full(method, &more);
         // Patches with 64 rays: making F reciprocal moves some light.
         assert!((found / classic - 1.0).abs() < 0.03, "{method}: {found} {classic}");
@@ -223,6 +234,24 @@ fn one_product_gives_what_many_bounces_give() {
     let one = full("tiles", &["--bounces", "3"]);
     assert!(one < 0.98 * classic, "three bounces are not all: {one} {classic}");
     assert!(fails(2, &["render", "cornell", "--method", "tiles", "--epsilon", "2"]).contains("epsilon"));
+    assert!(fails(2, &["render", "cornell", "--method", "multibounce", "--codec", "bc2"]).contains("bc6h"));
+}
+
+#[test]
+fn the_short_form_of_a_method_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let picture = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let mut arguments = vec!["render", "cornell", "--out", out.to_str().unwrap()];
+        arguments.extend(SMALL);
+        arguments.extend(more);
+        succeeds(&arguments);
+        std::fs::read(out.join("full.exr")).unwrap()
+    };
+    let short = picture("short", &["--method", "tiles", "--epsilon", "0.1"]);
+    let long = ["--method", "multibounce", "--codec", "tiles", "--epsilon", "0.1"];
+    assert_eq!(short, picture("long", &long));
+    assert_ne!(short, picture("other", &["--method", "multibounce", "--codec", "bc1"]));
 }
 
 #[test]
@@ -337,16 +366,70 @@ fn info_describes_the_patches() {
 }
 
 #[test]
+fn info_tells_what_operators_take_and_lose() {
+    let folder = tempfile::tempdir().unwrap();
+    let info = |codec: &str, epsilon: &str| -> serde_json::Value {
+        let out = folder.path().join([codec, epsilon].concat());
+        let arguments = ["info", "cornell", "--patches", "cluster", "--patch-count", "150", "--json", "--operator"];
+        let more = ["--codec", codec, "--epsilon", epsilon, "--out", out.to_str().unwrap()];
+        let all: serde_json::Value = serde_json::from_str(&succeeds(&[&arguments[..], &more[..]].concat())).unwrap();
+        all["operator"].clone()
+    };
+    let number = |value: &serde_json::Value, key: &str| value[key].as_f64().unwrap_or_else(|| panic!("{key}: {value}"));
+    for (codec, limit) in [("dense", 1e-6), ("f16", 1e-3), ("bc1", 0.1), ("bc3", 0.1), ("bc6h", 0.1), ("bc7", 0.1)] {
+        let found = info(codec, "0.01");
+        let (radius, t) = (number(&found, "spectral_radius"), &found["stored"][0]);
+        assert_eq!((t["operator"].as_str(), t["codec"].as_str()), (Some("T"), Some(codec)));
+        assert!((0.1..0.95).contains(&radius) && (number(t, "spectral_radius") - radius).abs() < 0.01, "{found}");
+        assert!(number(t, "frobenius") <= limit && number(t, "compact_lights") <= limit, "{t}");
+        assert!(number(t, "own_light") <= number(t, "compact_lights") + 1e-6, "{t}");
+        assert!(number(t, "total_bytes") <= 3.1 * number(&found, "dense_bytes"), "{t}");
+        assert_eq!(found["stored"].as_array().unwrap().len(), 1);
+    }
+    let (fine, coarse) = (info("tiles", "0.001"), info("tiles", "0.1"));
+    for k in 0..2 {
+        let (fine, coarse) = (&fine["stored"][k], &coarse["stored"][k]);
+        assert!(number(fine, "frobenius") <= 0.001 && number(coarse, "frobenius") > 0.01, "{fine} {coarse}");
+        assert!(number(fine, "total_bytes") > number(coarse, "total_bytes"), "{fine} {coarse}");
+        assert!(number(&fine["tiles"], "entries") > 0.0, "{fine}");
+    }
+    // The error is darker than the matrix, and least where least was allowed.
+    let mean = |folder_name: &str, name: &str| -> f32 {
+        let picture = reference::Picture::read(&folder.path().join(folder_name).join(format!("{name}.png"))).unwrap();
+        assert_eq!((picture.width, picture.height), (150, 150));
+        picture.pixels.iter().map(|p| p.x).sum::<f32>() / picture.pixels.len() as f32
+    };
+    for codec in ["f160.01", "bc10.01", "tiles0.1"] {
+        assert!(mean(codec, "matrix-error") < 0.6 * mean(codec, "matrix"), "{codec}");
+    }
+    assert!(mean("tiles0.001", "matrix-error") < mean("tiles0.1", "matrix-error"));
+    assert!((mean("bc10.01", "matrix-reordered") - mean("bc10.01", "matrix")).abs() < 1e-3);
+    assert!(!folder.path().join("dense0.01/matrix-reordered.png").exists());
+    assert!(fails(2, &["info", "cornell", "--codec", "bc1"]).contains("--operator"));
+}
+
+#[test]
 fn the_demo_writes_a_report_that_needs_no_other_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     succeeds(&["--fast", "--quiet", "--device", "cpu", "--out", out]);
     let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
-    for word in ["cornell", "atrium", "data:image/png;base64,", "median ms", "Against the path tracer", "CPU"] {
+    for word in ["cornell", "atrium", "data:image/png;base64,", "median ms", "against the path tracer", "CPU"] {
         assert!(report.contains(word), "{word}");
     }
+    // Three methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
+    assert_eq!(report.matches("<th>classic</th><th>tiles</th><th>feedback</th>").count(), 6);
+    assert_eq!(report.matches("<td>frame 2, tiles</td>").count(), 4);
+    let summary: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(folder.path().join("summary.json")).unwrap()).unwrap();
+    let methods: Vec<&str> = summary.as_array().unwrap().iter().filter_map(|s| s["method"].as_str()).collect();
+    assert_eq!(methods, ["classic", "tiles", "feedback"].repeat(2));
+    let ssim = |k: usize| summary[k]["indirect"]["ssim"].as_f64().unwrap();
+    assert!((0..6).all(|k| (ssim(k) - ssim(k / 3 * 3)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
     assert!(!report.contains("src=\"http") && !report.contains("<script"));
-    for name in ["cornell/frame-0000.png", "atrium/classic/full.exr", "summary.json"] {
+    for name in
+        ["cornell/frame-0000.png", "atrium/classic/full.exr", "cornell/feedback/full.exr", "atrium/path/full.exr"]
+    {
         assert!(folder.path().join(name).is_file(), "{name}");
     }
 }

@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use multibounce::BlockCodec;
 
 use crate::render::classic::{ClassicSettings, PatchKind};
+use crate::render::operator::Codec;
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
 #[derive(Parser, Debug)]
@@ -61,6 +63,7 @@ pub enum Command {
     #[command(after_help = "Examples:\n  \
         patchlight render cornell --method classic --patch-count 4000\n  \
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
+        patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell")]
     Render(Render),
@@ -79,14 +82,18 @@ pub enum Command {
     Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
-    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives.
+    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
+    /// --operator what the operator of the light between them takes and loses.
     #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info atrium:50000 --json\n  \
-        patchlight info sponza.toml --patches axis --patch-count 10000")]
+        patchlight info sponza.toml --patches axis --patch-count 10000\n  \
+        patchlight info atrium --operator --codec bc1 --out out/matrix")]
     Info {
         /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
         scene: String,
         #[command(flatten)]
         patches: PatchOptions,
+        #[command(flatten)]
+        operator: OperatorOptions,
     },
     /// Write a built-in scene as files: scene .toml, .obj, .mtl and textures.
     #[command(after_help = "Example:\n  patchlight scene atrium:20000 --out my-atrium\n\n\
@@ -102,7 +109,9 @@ pub enum Command {
 pub enum Method {
     /// Classic radiosity: patches of any kind, one product a bounce.
     Classic,
-    /// All bounces in one product with a compressed operator.
+    /// All bounces in one product with an operator that is stored as --codec says.
+    Multibounce,
+    /// Short for --method multibounce --codec tiles.
     Tiles,
     /// One product a frame with compressed form factors, from the light of the frame before.
     Feedback,
@@ -115,9 +124,45 @@ impl Method {
     pub fn name(self) -> &'static str {
         match self {
             Self::Classic => "classic",
+            Self::Multibounce => "multibounce",
             Self::Tiles => "tiles",
             Self::Feedback => "feedback",
             Self::Path => "path",
+        }
+    }
+}
+
+/// How the operator of all bounces is stored.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Storage {
+    /// Single precision, three numbers an entry.
+    Dense,
+    /// Half precision, three numbers an entry.
+    F16,
+    /// Texture blocks of half a byte an entry, with the greatest entries beside them.
+    Bc1,
+    /// The same of a byte an entry: brightness apart from colour.
+    Bc3,
+    /// The same of a byte an entry: half-precision colours.
+    Bc6h,
+    /// The same of a byte an entry: 8-bit colours on up to three lines.
+    Bc7,
+    /// Tiles of low rank and single entries, with the error that --epsilon says.
+    #[default]
+    Tiles,
+}
+
+impl Storage {
+    /// The codec; tiles with this relative error.
+    pub fn codec(self, epsilon: f64) -> Codec {
+        match self {
+            Self::Dense => Codec::Dense,
+            Self::F16 => Codec::Half,
+            Self::Bc1 => Codec::Blocks(BlockCodec::Bc1),
+            Self::Bc3 => Codec::Blocks(BlockCodec::Bc3),
+            Self::Bc6h => Codec::Blocks(BlockCodec::Bc6h),
+            Self::Bc7 => Codec::Blocks(BlockCodec::Bc7),
+            Self::Tiles => Codec::Tiles { epsilon },
         }
     }
 }
@@ -147,6 +192,21 @@ pub struct PatchOptions {
     /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
     #[arg(long, value_name = "METRES")]
     pub voxel_size: Option<f32>,
+}
+
+/// What operator is made.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct OperatorOptions {
+    /// Also make the operator of all bounces between the patches: bytes, ranks, errors; with --out also pictures of the matrix
+    /// before and after it is reordered, and of the error of its compression.
+    #[arg(long)]
+    pub operator: bool,
+    /// How the operator is stored; with tiles also form factors for feedback.
+    #[arg(long, value_enum, default_value_t = Storage::default(), requires = "operator")]
+    pub codec: Storage,
+    /// Relative error of tiles, in the sense of Frobenius.
+    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator")]
+    pub epsilon: f64,
 }
 
 impl Patches {
@@ -225,6 +285,9 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
+    /// How the operator is stored (multibounce) [default: tiles].
+    #[arg(long, value_enum)]
+    pub codec: Option<Storage>,
     /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
     pub epsilon: f64,

@@ -1,5 +1,6 @@
-//! The demo: the built-in Cornell box and atrium, classic radiosity against path tracing, a light that moves.
+//! The demo: the built-in Cornell box and atrium, every method against path tracing, a light that moves.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use reference::PictureErrors;
@@ -17,7 +18,8 @@ use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, View};
 use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
-use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
+use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
+use crate::render::operator::{Codec, Transport};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -32,13 +34,57 @@ struct Effort {
     rays: u32,
 }
 
-const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 4, paths: 48, patches: 5000, rays: 1024 };
+const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 4, paths: 48, patches: 4000, rays: 1024 };
 const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8, patches: 400, rays: 256 };
+
+/// Relative error of the compressed operators.
+const EPSILON: f64 = 0.02;
+
+/// A method that the demo shows.
+struct Method {
+    name: &'static str,
+    title: &'static str,
+    transport: Transport,
+}
+
+const METHODS: [Method; 3] = [
+    Method { name: "classic", title: "Classic radiosity", transport: Transport::Classic },
+    Method {
+        name: "tiles",
+        title: "Operator in tiles",
+        transport: Transport::Operator(Codec::Tiles { epsilon: EPSILON }),
+    },
+    Method { name: "feedback", title: "Feedback", transport: Transport::Feedback { epsilon: EPSILON } },
+];
 
 /// What one scene gave.
 struct Outcome {
-    summary: Summary,
+    /// One a method.
+    summaries: Vec<Summary>,
     section: Section,
+}
+
+/// Milliseconds of each pass, frame by frame.
+type Times = Vec<(String, Vec<f64>)>;
+
+/// A checked frame, errors of all and of indirect light.
+type Errors = (u32, PictureErrors, PictureErrors);
+
+/// What a method gave.
+struct Run {
+    times: Times,
+    errors: Vec<Errors>,
+    /// The last of these.
+    pictures: Option<Pictures>,
+    /// Seconds before the first frame that other methods do not need.
+    phases: Vec<(String, f64)>,
+    summary: Summary,
+}
+
+/// A frame that is path traced.
+struct Checked {
+    frame: u32,
+    traced: Pictures,
 }
 
 pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
@@ -52,20 +98,26 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
         progress.note(&format!("{name}:"));
         let loaded = progress.phase("import", |_| procedural::build(name))?;
         let outcome = one_scene(common, &effort, &loaded, &out.join(name), &mut progress)?;
-        device.clone_from(&outcome.summary.device);
+        device = outcome.summaries.first().map(|summary| summary.device.clone()).unwrap_or_default();
         outcomes.push(outcome);
     }
     let introduction = [
         format!(
-            "Diffuse global illumination by classic radiosity on {device}, beside path tracing of the same frames. \
-             Lights move over {} frames; form factors are computed once.",
+            "Diffuse global illumination on {device}, beside path tracing of the same frames. Lights move over {} frames; \
+             form factors are computed once.",
             effort.frames
+        ),
+        format!(
+            "Classic radiosity multiplies by the form factors for each bounce. The operator of all bounces does it in one \
+             product; it is stored in tiles with an error of {:.0} %. Feedback takes one product a frame with form factors \
+             stored alike, from the light of the frame before. All three share senders, form factors and receivers.",
+            100.0 * EPSILON
         ),
         "Errors are those of 8 × 8 block means of luminance against the path tracer, whose own noise they include; \
          pictures of indirect light are exposed by 0.18 over the log-average of the reference."
             .to_owned(),
     ];
-    let summaries: Vec<_> = outcomes.iter().map(|o| o.summary.clone()).collect();
+    let summaries: Vec<_> = outcomes.iter().flat_map(|o| o.summaries.clone()).collect();
     let sections: Vec<_> = outcomes.into_iter().map(|o| o.section).collect();
     let report = out.join("report.html");
     output::write_text(&report, &page("Patchlight: demo", &introduction, &sections))?;
@@ -87,11 +139,6 @@ fn one_scene(
     progress: &mut Progress,
 ) -> Result<Outcome, Error> {
     output::make_folder(out)?;
-    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-    if let Some(note) = note {
-        progress.note(&note);
-    }
-    let device = executor.device().name.clone();
     let settings = ClassicSettings {
         patches: PatchKind::suited(loaded.scene.triangles.len(), effort.patches),
         patch_count: effort.patches,
@@ -102,91 +149,152 @@ fn one_scene(
         size: effort.size,
         ..ClassicSettings::default()
     };
-    let mut classic = Classic::bake(loaded, settings, executor, progress)?;
+    let bake = Bake::new(loaded, settings, progress)?;
     let animation = Animation::or_default_path(loaded);
-    let mut times: Vec<(String, Vec<f64>)> = Vec::new();
-    let mut strip = Vec::new();
     let mut checked = Vec::new();
-    let mut best = None;
+    for frame in (0..effort.frames).filter(|&frame| effort.is_checked(frame)) {
+        let (lights, view) = animation.at(frame_time(&animation, frame, effort.frames));
+        checked.push(Checked { frame, traced: trace(common, effort, loaded, (&lights, &view), progress)? });
+    }
+    let mut runs = Vec::new();
+    for method in &METHODS {
+        progress.note(&format!("{}:", method.name));
+        runs.push(one_method(common, effort, loaded, &bake, method, &checked, out)?);
+    }
+    let [classic, ..] = &runs[..] else { return Err(Error::Cancelled) };
+    let mut strip = Vec::new();
+    for frame in (0..effort.frames).step_by(effort.frames.div_ceil(12) as usize) {
+        strip.push(Figure::read(out, &frame_file(frame), format!("frame {frame}"))?);
+    }
+    let shared: Vec<(String, f64)> =
+        progress.phases.iter().filter(|(name, _)| name != "path tracing").cloned().collect();
+    let (all, indirect) = (|e: &Errors| e.1, |e: &Errors| e.2);
+    let line = |(name, values): &(String, Vec<f64>)| Series {
+        name: name.clone(),
+        points: values.iter().enumerate().map(|(frame, ms)| (frame as f64, *ms)).collect(),
+    };
+    let bounces = |(method, run): (&Method, &Run)| {
+        let (_, values) = run.times.iter().find(|(name, _)| name == "method")?;
+        Some(line(&(method.name.to_owned(), values.clone())))
+    };
+    let plot = |title: &str, series| Plot {
+        title: title.to_owned(),
+        unit: "ms".into(),
+        x: "frame".into(),
+        logarithmic: false,
+        series,
+    };
+    let section = Section {
+        title: format!("{} ({} triangles)", loaded.name, loaded.scene.triangles.len()),
+        text: vec![format!(
+            "{} patches, {} receivers; picture {} × {}.",
+            classic.summary.patches.unwrap_or(0),
+            classic.summary.receivers.unwrap_or(0),
+            effort.size.0,
+            effort.size.1
+        )],
+        figures: compared_figures(out, &runs, checked.last(), loaded.exposure_stops)?,
+        strip,
+        tables: vec![
+            times_table(&runs, &classic.summary.device),
+            bytes_table(&runs),
+            bake_table(&shared, &runs),
+            error_table("All light against the path tracer", &runs, all),
+            error_table("Indirect light against the path tracer", &runs, indirect),
+        ],
+        plots: vec![
+            plot("Time of each pass, classic radiosity", classic.times.iter().map(line).collect()),
+            plot("Time of the light between patches", METHODS.iter().zip(&runs).filter_map(bounces).collect()),
+        ],
+    };
+    let summary = |run: Run| Summary { bake: shared.iter().chain(&run.phases).cloned().collect(), ..run.summary };
+    Ok(Outcome { summaries: runs.into_iter().map(summary).collect(), section })
+}
+
+impl Effort {
+    /// Whether a frame is path traced: some at even distances, the last one among them.
+    fn is_checked(&self, frame: u32) -> bool {
+        frame * self.checked / self.frames != (frame + 1) * self.checked / self.frames
+    }
+}
+
+fn frame_file(frame: u32) -> String {
+    format!("frame-{frame:04}.png")
+}
+
+/// All frames of the first method; of the others only the light, but for the frames that are checked.
+fn one_method(
+    common: &Common,
+    effort: &Effort,
+    loaded: &LoadedScene,
+    bake: &Bake,
+    method: &Method,
+    checked: &[Checked],
+    out: &Path,
+) -> Result<Run, Error> {
+    let mut progress = Progress::new(common.quiet);
+    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
+    let is_first = method.transport == Transport::Classic;
+    if let Some(note) = note.filter(|_| is_first) {
+        progress.note(&note);
+    }
+    let device = executor.device().name.clone();
+    let mut loaded_bake = bake.clone().load(method.transport, executor, &mut progress)?;
+    let phases = progress.phases.clone();
+    let animation = Animation::or_default_path(loaded);
+    let mut times = Times::new();
+    let mut errors = Vec::new();
+    let mut pictures = None;
     for frame in 0..effort.frames {
         let (lights, view) = animation.at(frame_time(&animation, frame, effort.frames));
-        let camera = view.camera(effort.size.0, effort.size.1);
-        let done = progress.timed("frame", || classic.frame(&lights, &camera, frame))?;
+        let check = checked.iter().find(|check| check.frame == frame);
+        let passes = if is_first || check.is_some() {
+            let camera = view.camera(effort.size.0, effort.size.1);
+            let done = progress.timed("frame", || loaded_bake.frame(&lights, &camera, frame))?;
+            if is_first {
+                done.pictures.full.write_png(&out.join(frame_file(frame)), loaded.exposure_stops)?;
+            }
+            if let Some(Checked { traced, .. }) = check {
+                let (full, indirect) = picture_errors(&done.pictures, traced, loaded.exposure_stops)?;
+                errors.push((frame, full, indirect));
+                pictures = Some(done.pictures);
+            }
+            done.times
+        } else {
+            loaded_bake.advance(&lights)?
+        };
         if is_cancelled() {
             return Err(Error::Cancelled);
         }
         if (frame + 1) % 8 == 0 {
             progress.note(&format!("frame {} of {}", frame + 1, effort.frames));
         }
-        for (name, ms) in done.times {
+        for (name, ms) in passes {
             match times.iter_mut().find(|(n, _)| *n == name) {
                 Some((_, list)) => list.push(ms),
                 None => times.push((name, vec![ms])),
             }
         }
-        let name = format!("frame-{frame:04}.png");
-        done.pictures.full.write_png(&out.join(&name), loaded.exposure_stops)?;
-        if frame % effort.frames.div_ceil(12) == 0 {
-            strip.push(Figure::read(out, &name, format!("frame {frame}"))?);
-        }
-        // Frames at even distances, the first among them.
-        if frame * effort.checked / effort.frames != (frame + 1) * effort.checked / effort.frames {
-            let traced = trace(common, effort, loaded, (&lights, &view), progress)?;
-            let errors = picture_errors(&done.pictures, &traced, loaded.exposure_stops)?;
-            checked.push((frame, errors));
-            best = Some((done.pictures, traced));
-        }
     }
-    let mut section = Section {
-        title: format!("{} ({} triangles)", loaded.name, loaded.scene.triangles.len()),
-        text: vec![format!(
-            "{} patches, {} receivers; picture {} × {}.",
-            classic.patch_count(),
-            classic.receiver_count(),
-            effort.size.0,
-            effort.size.1
-        )],
-        figures: Vec::new(),
-        strip,
-        tables: Vec::new(),
-        plots: Vec::new(),
-    };
-    if let Some((ours, traced)) = &best {
-        section.figures = compared_figures(out, ours, traced, loaded.exposure_stops)?;
-    }
-    section.tables.push(times_table(&times, &device));
-    section.tables.push(bake_table(progress));
-    section.tables.push(error_table(&checked));
-    let line = |(name, values): &(String, Vec<f64>)| Series {
-        name: name.clone(),
-        points: values.iter().enumerate().map(|(frame, ms)| (frame as f64, *ms)).collect(),
-    };
-    section.plots.push(Plot {
-        title: "Time of each pass".into(),
-        unit: "ms".into(),
-        x: "frame".into(),
-        logarithmic: false,
-        series: times.iter().map(line).collect(),
-    });
-
-    let (full, indirect) = checked.last().map(|(_, e)| *e).unzip();
+    let (full, indirect) = errors.last().map(|(_, full, indirect)| (*full, *indirect)).unzip();
     let summary = Summary {
         scene: loaded.name.clone(),
-        method: "classic".into(),
+        method: method.name.into(),
+        codec: None,
         device,
-        patches: Some(classic.patch_count()),
-        receivers: Some(classic.receiver_count()),
+        patches: Some(loaded_bake.patch_count()),
+        receivers: Some(loaded_bake.receiver_count()),
         frames: effort.frames,
         seed: common.seed,
         passes: times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect(),
-        bake: progress.phases.iter().filter(|(n, _)| n != "frame").cloned().collect(),
+        bake: BTreeMap::new(),
         peak_memory_bytes: peak_memory_bytes(),
-        bytes: classic.bytes(),
+        bytes: loaded_bake.bytes(),
         full,
         indirect,
         points: None,
     };
-    Ok(Outcome { summary, section })
+    Ok(Run { times, errors, pictures, phases, summary })
 }
 
 fn trace(
@@ -203,48 +311,78 @@ fn trace(
     Ok(path::render(&scene, &camera, settings, effort.paths, None, false, progress)?.pictures)
 }
 
-fn compared_figures(out: &Path, ours: &Pictures, traced: &Pictures, stops: f32) -> Result<Vec<Figure>, Error> {
-    write_pictures(&out.join("classic"), ours, stops)?;
-    write_pictures(&out.join("path"), traced, stops)?;
-    let blocks = (ours.full.block_means(8), traced.full.block_means(8));
-    difference_picture(&blocks.0, &blocks.1, 0.25)?.write_png(&out.join("difference.png"), 0.0)?;
-    [
-        ("classic/full.png", "Classic radiosity, all light"),
-        ("path/full.png", "Path traced, all light"),
-        ("classic/indirect.png", "Classic radiosity, indirect light"),
-        ("path/indirect.png", "Path traced, indirect light"),
-        ("difference.png", "Difference of 8 × 8 block means: red brighter, blue darker, full colour at 25 %"),
-    ]
-    .into_iter()
-    .map(|(name, caption)| Figure::read(out, name, caption.to_owned()))
-    .collect()
-}
-
-fn times_table(times: &[(String, Vec<f64>)], device: &str) -> Table {
-    let row = |(name, values): &(String, Vec<f64>)| {
-        let t = PassTimes::of(values)?;
-        Some(vec![name.clone(), significant(t.median_ms), significant(t.max_ms)])
+fn compared_figures(out: &Path, runs: &[Run], checked: Option<&Checked>, stops: f32) -> Result<Vec<Figure>, Error> {
+    let Some(Checked { frame, traced }) = checked else { return Ok(Vec::new()) };
+    let mut figures = Vec::new();
+    let mut add = |folder: &Path, title: &str, pictures: &Pictures| -> Result<(), Error> {
+        write_pictures(folder, pictures, stops)?;
+        figures.push(Figure::read(folder, "full.png", format!("{title}, all light, frame {frame}"))?);
+        figures.push(Figure::read(folder, "indirect.png", format!("{title}, indirect light"))?);
+        Ok(())
     };
-    Table {
-        caption: format!("Time of each pass, {device}"),
-        head: ["pass", "median ms", "max ms"].map(String::from).to_vec(),
-        rows: times.iter().filter_map(row).collect(),
+    add(&out.join("path"), "Path traced", traced)?;
+    for (method, run) in METHODS.iter().zip(runs) {
+        let Some(ours) = &run.pictures else { continue };
+        add(&out.join(method.name), method.title, ours)?;
     }
+    for (method, run) in METHODS.iter().zip(runs) {
+        let Some(ours) = &run.pictures else { continue };
+        let (folder, blocks) = (out.join(method.name), (ours.full.block_means(8), traced.full.block_means(8)));
+        difference_picture(&blocks.0, &blocks.1, 0.25)?.write_png(&folder.join("difference.png"), 0.0)?;
+        let caption = "difference of 8 × 8 block means: red brighter, blue darker, full colour at 25 %";
+        figures.push(Figure::read(&folder, "difference.png", format!("{}: {caption}", method.title))?);
+    }
+    Ok(figures)
 }
 
-fn bake_table(progress: &Progress) -> Table {
-    let phases = progress.phases.iter().filter(|(n, _)| n != "frame" && n != "path tracing");
-    Table {
-        caption: "Once, before the first frame".into(),
-        head: ["phase", "seconds"].map(String::from).to_vec(),
-        rows: phases.map(|(name, seconds)| vec![name.clone(), significant(*seconds)]).collect(),
-    }
+/// A head with a column for each method.
+fn head(first: &str) -> Vec<String> {
+    std::iter::once(first).chain(METHODS.iter().map(|method| method.name)).map(String::from).collect()
 }
 
-fn error_table(checked: &[(u32, (PictureErrors, PictureErrors))]) -> Table {
-    let row = |frame: u32, part: &str, e: &PictureErrors| {
+/// A row for each name that any of the methods has, and a cell for each method.
+fn table<T>(caption: String, first: &str, parts: &[Vec<(String, T)>], cell: impl Fn(&T) -> String) -> Table {
+    let mut names: Vec<&String> = Vec::new();
+    for (name, _) in parts.iter().flatten() {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let of = |name: &str, part: &Vec<(String, T)>| {
+        part.iter().find(|(n, _)| n == name).map(|(_, value)| cell(value)).unwrap_or_default()
+    };
+    let row = |name: &String| std::iter::once(name.clone()).chain(parts.iter().map(|part| of(name, part))).collect();
+    Table { caption, head: head(first), rows: names.into_iter().map(row).collect() }
+}
+
+fn times_table(runs: &[Run], device: &str) -> Table {
+    let parts: Vec<Times> = runs.iter().map(|run| run.times.clone()).collect();
+    let cell = |values: &Vec<f64>| {
+        PassTimes::of(values)
+            .map_or(String::new(), |t| format!("{} ({})", significant(t.median_ms), significant(t.max_ms)))
+    };
+    table(format!("Time of each pass, median ms (greatest), {device}"), "pass", &parts, cell)
+}
+
+fn bytes_table(runs: &[Run]) -> Table {
+    let parts: Vec<Vec<(String, u64)>> =
+        runs.iter().map(|run| run.summary.bytes.clone().into_iter().collect()).collect();
+    table("Memory of each part".into(), "part", &parts, |count| output::bytes(*count))
+}
+
+fn bake_table(shared: &[(String, f64)], runs: &[Run]) -> Table {
+    let parts: Vec<Vec<(String, f64)>> =
+        runs.iter().map(|run| shared.iter().chain(&run.phases).cloned().collect()).collect();
+    table("Once, before the first frame, seconds; shared but for operator and compress".into(), "phase", &parts, |s| {
+        significant(*s)
+    })
+}
+
+fn error_table(caption: &str, runs: &[Run], part: impl Fn(&Errors) -> PictureErrors) -> Table {
+    let row = |method: &Method, errors: &Errors| {
+        let e = part(errors);
         vec![
-            format!("{frame}, {part}"),
+            format!("frame {}, {}", errors.0, method.name),
             format!("{:.2} %", 100.0 * e.block_median_relative_error),
             format!("{:.1} dB", e.block_psnr_db),
             format!("{:.3}", e.mean_ratio),
@@ -252,12 +390,12 @@ fn error_table(checked: &[(u32, (PictureErrors, PictureErrors))]) -> Table {
             significant(e.flip),
         ]
     };
+    let frames = runs.iter().map(|run| run.errors.len()).max().unwrap_or(0);
+    let of_frame =
+        |k: usize| METHODS.iter().zip(runs).filter_map(move |(method, run)| Some((method, run.errors.get(k)?)));
     Table {
-        caption: "Against the path tracer".into(),
-        head: ["frame", "block median", "block PSNR", "mean ratio", "SSIM", "FLIP"].map(String::from).to_vec(),
-        rows: checked
-            .iter()
-            .flat_map(|(frame, (full, indirect))| [row(*frame, "all", full), row(*frame, "indirect", indirect)])
-            .collect(),
+        caption: caption.to_owned(),
+        head: ["", "block median", "block PSNR", "mean ratio", "SSIM", "FLIP"].map(String::from).to_vec(),
+        rows: (0..frames).flat_map(of_frame).map(|(method, errors)| row(method, errors)).collect(),
     }
 }

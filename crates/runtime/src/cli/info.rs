@@ -1,15 +1,17 @@
 //! `patchlight info`.
 
+mod operator;
+
 use std::time::Instant;
 
 use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, NONE};
 use serde::Serialize;
 
-use super::args::{Common, PatchOptions};
+use super::args::{Common, OperatorOptions, PatchOptions};
 use super::output;
 use crate::error::Error;
 use crate::import::{LoadedScene, load_or_build};
-use crate::render::classic::ClassicSettings;
+use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::senders::{SenderSettings, Senders, lit_sampler};
 
 #[derive(Serialize)]
@@ -37,6 +39,8 @@ struct Info {
     seconds: Vec<(&'static str, f64)>,
     #[serde(skip_serializing_if = "Option::is_none")]
     patches: Option<Patches>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    operator: Option<operator::Operator>,
 }
 
 /// What patches a scene gives.
@@ -62,14 +66,27 @@ struct Patches {
     seconds: f64,
 }
 
-pub fn run(common: &Common, spec: &str, patches: &PatchOptions) -> Result<(), Error> {
+pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &OperatorOptions) -> Result<(), Error> {
     let loaded = load_or_build(spec)?;
     for line in &loaded.warnings {
         eprintln!("warning: {line}");
     }
     let mut info = Info::of(&loaded);
-    if patches.is_given() {
-        info.patches = Some(Patches::of(&loaded, patches, info.area_m2, common.seed)?);
+    if patches.is_given() || operator.operator {
+        let start = Instant::now();
+        let kind = patches.kind(loaded.scene.triangles.len());
+        let settings = ClassicSettings {
+            patches: kind,
+            patch_count: patches.count(),
+            voxel_size: patches.voxel_size,
+            seed: common.seed,
+            ..ClassicSettings::default()
+        };
+        let senders = senders(&loaded, &settings)?;
+        info.patches = Some(Patches::of(&senders, kind, info.area_m2, start.elapsed().as_secs_f64()));
+        if operator.operator {
+            info.operator = Some(operator::Operator::of(common, &loaded, &senders, &settings, operator)?);
+        }
     }
     if common.json {
         println!("{}", output::json(&info));
@@ -124,6 +141,7 @@ impl Info {
             ],
             seconds: loaded.timings.clone(),
             patches: None,
+            operator: None,
         }
     }
 
@@ -157,22 +175,24 @@ impl Info {
         if let Some(patches) = &self.patches {
             patches.print();
         }
+        if let Some(operator) = &self.operator {
+            operator.print();
+        }
     }
+}
+
+fn senders(loaded: &LoadedScene, settings: &ClassicSettings) -> Result<Senders, Error> {
+    let ClassicSettings { patches: kind, patch_count: count, voxel_size, samples, seed, .. } = *settings;
+    let sampler = lit_sampler(&loaded.scene, count, seed)?;
+    Senders::new(&loaded.scene, sampler.as_ref(), &SenderSettings { kind, count, voxel_size, samples, seed })
 }
 
 impl Patches {
     /// `area`: of the triangles, one side, m².
-    fn of(loaded: &LoadedScene, options: &PatchOptions, area: f64, seed: u32) -> Result<Self, Error> {
-        let start = Instant::now();
-        let kind = options.kind(loaded.scene.triangles.len());
-        let (count, voxel_size) = (options.count(), options.voxel_size);
-        let sampler = lit_sampler(&loaded.scene, count, seed)?;
-        let settings = SenderSettings { kind, count, voxel_size, samples: ClassicSettings::default().samples, seed };
-        let senders = Senders::new(&loaded.scene, sampler.as_ref(), &settings)?;
-        let seconds = start.elapsed().as_secs_f64();
+    fn of(senders: &Senders, kind: PatchKind, area: f64, seconds: f64) -> Self {
         let mut areas = senders.areas();
         areas.sort_by(f32::total_cmp);
-        Ok(Self {
+        Self {
             kind: kind.name(),
             voxels: senders.lookup.as_ref().map(|lookup| lookup.offsets.len() - 1),
             voxel_edge_m: senders.lookup.as_ref().map(|lookup| lookup.params.shape.edges.x),
@@ -187,7 +207,7 @@ impl Patches {
             max_area_m2: areas.last().copied().unwrap_or(0.0),
             bytes: senders.bytes().to_vec(),
             seconds,
-        })
+        }
     }
 
     fn print(&self) {

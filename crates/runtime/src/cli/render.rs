@@ -17,7 +17,7 @@ use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
 use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
-use crate::render::operator::Transport;
+use crate::render::operator::{Codec, Transport};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -36,19 +36,26 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         progress.warn("the reference is for lights at rest; no errors are computed for moving ones");
     }
     let data = data.filter(|_| args.frames == 1);
-    let out = output::folder_or(&common.out, &format!("{}-{}", loaded.name, args.method.name()));
+    let codec = args.codec.map(|codec| codec.codec(args.epsilon).name());
+    if codec.is_some() && args.method != Method::Multibounce {
+        progress.warn(&format!("--codec is for --method multibounce; --method {} ignores it", args.method.name()));
+    }
+    let codec = codec.filter(|_| args.method == Method::Multibounce);
+    let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
+    let out = output::folder_or(&common.out, &name.join("-"));
     output::make_folder(&out)?;
 
     let mut summary = Summary {
         scene: loaded.name.clone(),
         method: args.method.name().into(),
+        codec: codec.map(str::to_owned),
         frames: args.frames,
         seed: common.seed,
         ..Summary::default()
     };
     let (pictures, points) = match args.method {
         Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
-        Method::Classic | Method::Tiles | Method::Feedback => {
+        Method::Classic | Method::Multibounce | Method::Tiles | Method::Feedback => {
             classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
         }
     };
@@ -57,7 +64,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     }
     if let (true, Some(indirect)) = (args.debug, data.as_ref().and_then(|data| data.indirect.as_ref())) {
         let worst = worst_blocks(&pictures.indirect, indirect, indirect_scale(indirect))?;
-        write_debug(&out, &[DebugPicture { name: "worst", picture: worst, stops: 0.0 }])?;
+        write_debug(&out.join("debug"), &[DebugPicture { name: "worst", picture: worst, stops: 0.0 }])?;
     }
     if let Some(data) = &data {
         compare_with(data, &pictures, points.as_deref(), loaded.exposure_stops, &out, &mut summary)?;
@@ -149,7 +156,8 @@ fn classic_frames(
             FormFactors::Point => Estimator::Point,
         },
         transport: match args.method {
-            Method::Tiles => Transport::Tiles { epsilon: args.epsilon },
+            Method::Multibounce => Transport::Operator(args.codec.unwrap_or_default().codec(args.epsilon)),
+            Method::Tiles => Transport::Operator(Codec::Tiles { epsilon: args.epsilon }),
             Method::Feedback => Transport::Feedback { epsilon: args.epsilon },
             Method::Classic | Method::Path => Transport::Classic,
         },
@@ -200,7 +208,7 @@ fn classic_frames(
             done.pictures.full.write_png(&out.join(format!("frame-{frame:04}.png")), loaded.exposure_stops)?;
         }
         if args.debug && frame + 1 == args.frames {
-            write_debug(out, &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
+            write_debug(&out.join("debug"), &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
         }
         last = Some(done.pictures);
     }
@@ -250,10 +258,9 @@ pub fn write_pictures(out: &Path, pictures: &Pictures, stops: f32) -> Result<(),
     Ok(())
 }
 
-/// Writes pictures for looking into a bake into the folder `debug`.
-fn write_debug(out: &Path, pictures: &[DebugPicture]) -> Result<(), Error> {
-    let folder = out.join("debug");
-    output::make_folder(&folder)?;
+/// Writes pictures for looking into a bake.
+pub fn write_debug(folder: &Path, pictures: &[DebugPicture]) -> Result<(), Error> {
+    output::make_folder(folder)?;
     for DebugPicture { name, picture, stops } in pictures {
         picture.write_png(&folder.join(format!("{name}.png")), *stops)?;
     }

@@ -14,7 +14,7 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
 use super::frame::{Frame, FrameParts};
-use super::operator::{self, Transport};
+use super::operator::{self, Compressing, PatchOperator, Transport};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
@@ -136,7 +136,20 @@ pub struct FrameResult {
     pub times: Vec<(String, f64)>,
 }
 
-/// What the sides of the scene exchange, ready for frames.
+/// What the sides of the scene exchange, however light goes from patch to patch.
+#[derive(Clone)]
+pub struct Bake {
+    scene: Scene,
+    senders: Senders,
+    factors: Csr,
+    facet_rows: SparseRows,
+    receivers: MeshReceivers,
+    direct: DirectParams,
+    bounces: u32,
+    settings: ClassicSettings,
+}
+
+/// A bake on a device, ready for frames.
 pub struct Classic {
     scene: Scene,
     senders: Senders,
@@ -147,18 +160,12 @@ pub struct Classic {
     bytes: BTreeMap<String, u64>,
 }
 
-impl Classic {
-    /// Cuts the scene into patches, estimates and balances their form factors and the receivers' rows, and loads the frame's
-    /// plan into the executor.
+impl Bake {
+    /// Cuts the scene into patches, and estimates and balances their form factors and the receivers' rows.
     ///
     /// # Errors
-    /// Too many triangles or voxels, settings that the patches do not suit, a device that is too small, cancellation.
-    pub fn bake(
-        loaded: &LoadedScene,
-        settings: ClassicSettings,
-        executor: Box<dyn Executor>,
-        progress: &mut Progress,
-    ) -> Result<Self, Error> {
+    /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
+    pub fn new(loaded: &LoadedScene, settings: ClassicSettings, progress: &mut Progress) -> Result<Self, Error> {
         if settings.receivers == ReceiverKind::SelfReceivers && !settings.patches.has_voxels() {
             let patches = settings.patches.name();
             return Err(Error::NoVoxels { option: "--receivers self", patches, instead: "--receivers mesh" });
@@ -239,10 +246,37 @@ impl Classic {
             Some(bounces) => bounces,
             None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
         };
+        Ok(Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings })
+    }
+
+    /// The operator that frames multiply by between patches: none for classic radiosity, and for so few bounces that patches
+    /// need none.
+    ///
+    /// # Errors
+    /// An operator that does not fit into memory, cancellation.
+    pub fn operator(&self, transport: Transport, progress: &mut Progress) -> Result<Option<PatchOperator>, Error> {
+        let ClassicSettings { bounces, receivers, seed, .. } = self.settings;
+        let at_patches = receivers == ReceiverKind::SelfReceivers;
+        let compressing = Compressing { transport, bounces, at_patches, seed };
+        operator::compress(&compressing, &self.senders, &self.factors, progress)
+    }
+
+    /// Makes what the transport needs between patches, and loads the frame's plan into the executor.
+    ///
+    /// # Errors
+    /// An operator that does not fit into memory, a device that is too small, cancellation.
+    pub fn load(
+        self,
+        transport: Transport,
+        executor: Box<dyn Executor>,
+        progress: &mut Progress,
+    ) -> Result<Classic, Error> {
+        let operator = self.operator(transport, progress)?;
+        let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings } = self;
+        let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
-        let tiles = operator::compress(settings.transport, &senders, &factors, settings.bounces, by_patches, progress)?;
-        let between = match &tiles {
-            Some(tiles) => ("operator".to_owned(), tiles.bytes().iter().map(|part| part.1).sum()),
+        let between = match &operator {
+            Some(operator) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
             None => ("form_factors".to_owned(), csr_bytes(&factors)),
         };
         let bytes = BTreeMap::from([
@@ -261,8 +295,8 @@ impl Classic {
                 senders: &senders,
                 receivers: &receivers,
                 factors: &factors,
-                tiles: tiles.as_ref(),
-                is_feedback: matches!(settings.transport, Transport::Feedback { .. }),
+                operator: operator.as_ref(),
+                is_feedback: matches!(transport, Transport::Feedback { .. }),
                 facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
                 bounces,
@@ -273,7 +307,22 @@ impl Classic {
             },
         )?;
         let receivers = receivers.without_rows()?;
-        Ok(Self { scene, senders, receivers, frame, settings, bytes })
+        Ok(Classic { scene, senders, receivers, frame, settings, bytes })
+    }
+}
+
+impl Classic {
+    /// A [`Bake`] with the transport of the settings, in one step.
+    ///
+    /// # Errors
+    /// As [`Bake::new`] and [`Bake::load`].
+    pub fn bake(
+        loaded: &LoadedScene,
+        settings: ClassicSettings,
+        executor: Box<dyn Executor>,
+        progress: &mut Progress,
+    ) -> Result<Self, Error> {
+        Bake::new(loaded, settings, progress)?.load(settings.transport, executor, progress)
     }
 
     /// Patches that send light.
@@ -307,6 +356,15 @@ impl Classic {
         };
         let full = direct.plus(&indirect)?;
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
+    }
+
+    /// The light of a frame without its picture, for methods that go on from the light of the frame before; milliseconds of
+    /// each pass.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
+        self.frame.advance(lights)
     }
 
     /// Pictures of the bake and of the last frame's light in it, as this camera sees them: patches, facets, the axes of

@@ -1,25 +1,27 @@
 //! A frame as a plan: direct light at the patches, bounces, receivers, and sub-frames of the picture.
 
+mod operator;
+
+use std::borrow::Cow;
 use std::f32::consts::PI;
 
 use bytemuck::{Pod, cast_slice};
 use formfactor::kernel::hits::WORD_COUNTS;
 use formfactor::{Csr, HitRows, HitsParams, Operator as _, SparseRows};
 use glam::{Vec3, Vec4};
-use gpu_kernels::params::{CountParams, EnterParams, PixelParams};
+use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
-use multibounce::Tiles;
-use multibounce::kernel::tiles::TILE;
 use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
-use super::operator::LAST_BOUNCES;
+use super::operator::{LAST_BOUNCES, PatchOperator};
 use super::receivers::MeshReceivers;
 use super::senders::Senders;
 use crate::error::Error;
-use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::executor::{Executor, ExecutorError, PassTime};
+use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
+use operator::OperatorTables;
 
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.
 const PIXEL_RAYS: u32 = 2;
@@ -33,7 +35,7 @@ pub struct FrameParts<'a> {
     /// From patches to patches.
     pub factors: &'a Csr,
     /// The same in one product, of all bounces, or with feedback of one.
-    pub tiles: Option<&'a Tiles>,
+    pub operator: Option<&'a PatchOperator>,
     /// Whether a frame's bounces begin with the light of the frame before.
     pub is_feedback: bool,
     /// From patches to facets.
@@ -63,6 +65,8 @@ pub struct Frame {
     patch_light: (PassId, DirectParams),
     /// What is to be done before the first frame.
     feedback: Option<Feedback>,
+    /// All passes but those of the picture.
+    light_passes: Vec<PassId>,
     sub_frames: Vec<SubFrame>,
     seed: u32,
 }
@@ -109,10 +113,11 @@ fn pass<P: Pod>(
 
 /// Tables that stay, and where they go.
 #[derive(Default)]
-struct Uploads<'a>(Vec<(BufferId, &'a [u8])>);
+struct Uploads<'a>(Vec<(BufferId, Cow<'a, [u8]>)>);
 
 impl<'a> Uploads<'a> {
-    fn table(&mut self, plan: &mut Plan, name: &'static str, bytes: &'a [u8]) -> Range {
+    fn table(&mut self, plan: &mut Plan, name: &'static str, bytes: impl Into<Cow<'a, [u8]>>) -> Range {
+        let bytes = bytes.into();
         let id = plan.storage(name, bytes.len() as u64);
         if !bytes.is_empty() {
             self.0.push((id, bytes));
@@ -121,7 +126,7 @@ impl<'a> Uploads<'a> {
     }
 
     /// A table that bindings find by its name.
-    fn named(&mut self, plan: &mut Plan, name: &'static str, bytes: &'a [u8]) -> (&'static str, Range) {
+    fn named(&mut self, plan: &mut Plan, name: &'static str, bytes: impl Into<Cow<'a, [u8]>>) -> (&'static str, Range) {
         (name, self.table(plan, name, bytes))
     }
 
@@ -182,9 +187,9 @@ impl Frame {
         let facet_rows =
             uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
         let no_rows = Csr::default();
-        let patch_factors = if parts.tiles.is_some() { &no_rows } else { parts.factors };
+        let patch_factors = if parts.operator.is_some() { &no_rows } else { parts.factors };
         let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], patch_factors);
-        let tile_tables = parts.tiles.map(|tiles| TileTables::new(&mut plan, &mut uploads, tiles));
+        let operator = parts.operator.map(|operator| OperatorTables::new(&mut plan, &mut uploads, operator));
         let names = ["smoothing starts", "smoothing columns", "smoothing weights"];
         let smoothing_rows = uploads.csr(&mut plan, names, &parts.receivers.smoothing);
         let node_rows =
@@ -263,11 +268,12 @@ impl Frame {
         // The last bounce arrives at the receivers, the one before at the facets; all of them where patches are receivers.
         let on_patches =
             if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(LAST_BOUNCES) };
-        let products = if tile_tables.is_some() { 1 } else { on_patches };
+        let products = if operator.is_some() { 1 } else { on_patches };
+        let range = executor.device().max_storage_buffer_range;
         let before = plan.passes().len();
         for _ in 0..products {
-            if let Some(tiles) = &tile_tables {
-                tiles.product(&mut plan, exitance, irradiance)?;
+            if let Some(operator) = &operator {
+                operator.product(&mut plan, range, exitance, irradiance)?;
                 pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
                 continue;
             }
@@ -287,7 +293,6 @@ impl Frame {
             ("exitance", Range::from(facet_exitance)),
         ];
         pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &[], &facet_count, facets as u32)?;
-        let range = executor.device().max_storage_buffer_range;
         for RowBlock { rows, tables, first_quad } in hit_tables.blocks(hits, range) {
             let light = received.range(rgb(rows.start), rgb(rows.len()));
             let light = [("exitance", Range::from(facet_exitance)), ("irradiance", light)];
@@ -301,6 +306,7 @@ impl Frame {
         let push = CountParams { count: nodes as u32 };
         pass(&mut plan, "lookup", kernel, &own, &node_rows, &push, nodes as u32)?;
 
+        let light_passes = plan.all_passes();
         // Sub-frames share the pixel buffers: what one leaves the next overwrites.
         let hits = plan.storage("hits", (pixels * size_of::<Hit>()) as u64);
         let pixel_points = plan.storage("pixel points", (pixels * size_of::<SurfacePoint>()) as u64);
@@ -360,14 +366,14 @@ impl Frame {
         let all = plan.all_passes();
         executor.load(plan)?;
         for (buffer, bytes) in uploads.0 {
-            executor.upload_at(buffer, 0, bytes)?;
+            executor.upload_at(buffer, 0, &bytes)?;
         }
         executor.upload(dark, &vec![Vec4::ZERO; patches])?;
         executor.upload(exitance, &vec![Vec4::ZERO; patches])?;
         executor.upload(irradiance, &vec![Vec4::ZERO; values])?;
         executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
-        let feedback = (parts.is_feedback && parts.tiles.is_some()).then(|| Feedback {
+        let feedback = (parts.is_feedback && parts.operator.is_some()).then(|| Feedback {
             // What comes before is the light of the patches.
             light: (0..before).map(|k| all[k]).collect(),
             bounce: method,
@@ -388,6 +394,7 @@ impl Frame {
             pixels,
             patch_light,
             feedback,
+            light_passes,
             sub_frames,
             seed,
         })
@@ -395,17 +402,10 @@ impl Frame {
 
     /// Renders frame `number` with these lights from this camera.
     pub fn render(&mut self, lights: &[Light], camera: &Camera, number: u32) -> Result<Rendered, Error> {
-        let mut room = lights.to_vec();
-        room.truncate(self.light_room);
-        let light_count = room.len() as u32;
-        room.resize(self.light_room, Light::default());
-        self.executor.upload(self.lights, &room)?;
+        let light_count = self.set_lights(lights)?;
         let zeros = vec![Vec4::ZERO; self.pixels];
         self.executor.upload(self.full, &zeros)?;
         self.executor.upload(self.direct, &zeros)?;
-
-        let (pass, params) = self.patch_light;
-        self.executor.push(pass, &DirectParams { light_count, ..params })?;
         let count = self.sub_frames.len() as u32;
         for (k, sub) in self.sub_frames.iter().enumerate() {
             let seed = sub_frame_seed(number, count, k as u32, self.seed);
@@ -416,22 +416,34 @@ impl Frame {
                 self.executor.push(pass, &push)?;
             }
         }
+        let times = by_name(self.executor.run()?);
+        let full = self.picture(self.full, count)?;
+        let direct = self.picture(self.direct, count)?;
+        Ok((full, direct, times))
+    }
+
+    /// The light of a frame without its picture; the milliseconds of each pass.
+    pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
+        self.set_lights(lights)?;
+        Ok(by_name(self.executor.run_passes(&self.light_passes)?))
+    }
+
+    /// Sets the lights of the frame, and lets their light settle before the first one; their number.
+    fn set_lights(&mut self, lights: &[Light]) -> Result<u32, Error> {
+        let mut room = lights.to_vec();
+        room.truncate(self.light_room);
+        let light_count = room.len() as u32;
+        room.resize(self.light_room, Light::default());
+        self.executor.upload(self.lights, &room)?;
+        let (pass, params) = self.patch_light;
+        self.executor.push(pass, &DirectParams { light_count, ..params })?;
         if let Some(Feedback { light, bounce, bounces }) = self.feedback.take() {
             self.executor.run_passes(&light)?;
             for _ in 0..bounces {
                 self.executor.run_passes(&bounce)?;
             }
         }
-        let mut times: Vec<(String, f64)> = Vec::new();
-        for time in self.executor.run()? {
-            match times.iter_mut().find(|(name, _)| *name == time.name) {
-                Some((_, sum)) => *sum += time.milliseconds,
-                None => times.push((time.name, time.milliseconds)),
-            }
-        }
-        let full = self.picture(self.full, count)?;
-        let direct = self.picture(self.direct, count)?;
-        Ok((full, direct, times))
+        Ok(light_count)
     }
 
     /// First exitance of the patches in the last frame, W/m².
@@ -462,65 +474,34 @@ impl Frame {
     }
 }
 
+/// Times of passes of one name added up, in the order of the first of each.
+fn by_name(passes: Vec<PassTime>) -> Vec<(String, f64)> {
+    let mut times: Vec<(String, f64)> = Vec::new();
+    for time in passes {
+        match times.iter_mut().find(|(name, _)| *name == time.name) {
+            Some((_, sum)) => *sum += time.milliseconds,
+            None => times.push((time.name, time.milliseconds)),
+        }
+    }
+    times
+}
+
 /// Seed of sub-frame k of a frame.
 pub fn sub_frame_seed(frame: u32, sub_frames: u32, k: u32, seed: u32) -> u32 {
     hash3(frame * sub_frames + k, 0x6672_616d, seed)
 }
 
-/// An operator in tiles on the device, and what a product keeps between its passes.
-struct TileTables {
-    tables: Vec<(&'static str, Range)>,
-    ordered: BufferId,
-    sums: BufferId,
-    rows: BufferId,
-    patches: u32,
-    slots: u32,
-}
-
-impl TileTables {
-    fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a Tiles) -> Self {
-        let rgb = |n: usize| (n * size_of::<Vec4>()) as u64;
-        let places = tiles.steps.len();
-        let tables = vec![
-            uploads.named(plan, "order", cast_slice(&tiles.order)),
-            uploads.named(plan, "place", cast_slice(&tiles.place)),
-            uploads.named(plan, "root", cast_slice(&tiles.root)),
-            uploads.named(plan, "slots", cast_slice(&tiles.slots)),
-            uploads.named(plan, "words", cast_slice(&tiles.words)),
-            uploads.named(plan, "use_start", cast_slice(&tiles.use_start)),
-            uploads.named(plan, "uses", cast_slice(&tiles.uses)),
-            uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
-            uploads.named(plan, "entries", cast_slice(&tiles.entries)),
-            uploads.named(plan, "steps", cast_slice(&tiles.steps)),
-        ];
-        Self {
-            tables,
-            ordered: plan.storage("ordered", rgb(places)),
-            sums: plan.storage("sums", rgb(tiles.slots.len())),
-            rows: plan.storage("rows", rgb(places)),
-            patches: tiles.order.len() as u32,
-            slots: tiles.slots.len() as u32,
-        }
+/// Rows from the first on in blocks that begin at multiples of `step` and are as long as `fits(first, end)` allows, one
+/// step at least: the plan says so when even that is too much for a binding.
+fn row_blocks(rows: usize, step: usize, fits: impl Fn(usize, usize) -> bool) -> Vec<std::ops::Range<usize>> {
+    let (mut blocks, mut first) = (Vec::new(), 0);
+    while first < rows {
+        let end = |steps: usize| (first + steps * step).min(rows);
+        let steps = (1..=(rows - first).div_ceil(step)).take_while(|&k| fits(first, end(k))).last().unwrap_or(1);
+        blocks.push(first..end(steps));
+        first = end(steps);
     }
-
-    /// The passes of `irradiance = T exitance`.
-    fn product(&self, plan: &mut Plan, exitance: BufferId, irradiance: BufferId) -> Result<(), ExecutorError> {
-        let own = [
-            ("exitance", Range::from(exitance)),
-            ("irradiance", Range::from(irradiance)),
-            ("ordered", Range::from(self.ordered)),
-            ("sums", Range::from(self.sums)),
-            ("rows", Range::from(self.rows)),
-        ];
-        let places = self.patches.next_multiple_of(TILE);
-        let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
-        let tables = &self.tables;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, places)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.slots), self.slots)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(places), places)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
-        Ok(())
-    }
+    blocks
 }
 
 /// Where the receivers' rows are on the device.
@@ -548,13 +529,8 @@ impl HitTables {
         let (starts, count) = (hits.row_start(), hits.rows());
         let quad_bytes = size_of_val(hits.quads()) as u64 / hits.quads().len().max(1) as u64;
         let most = (range / quad_bytes.max(1)).saturating_sub(BLOCK_STEP as u64);
-        let (mut blocks, mut first) = (Vec::new(), 0);
-        while first < count {
-            let fits = |end: usize| u64::from(starts[end.min(count)] - starts[first]) <= most;
-            let steps = (count - first).div_ceil(BLOCK_STEP);
-            // At least one step of rows: the plan says so when even that is too much.
-            let steps = (1..=steps).take_while(|k| fits(first + k * BLOCK_STEP)).last().unwrap_or(1);
-            let rows = first..(first + steps * BLOCK_STEP).min(count);
+        let fits = |first: usize, end: usize| u64::from(starts[end] - starts[first]) <= most;
+        let block = |rows: std::ops::Range<usize>| {
             let quad = starts[rows.start] as usize / BLOCK_STEP * BLOCK_STEP;
             let quads = starts[rows.end] as usize - quad;
             let part = |buffer: BufferId, from: usize, to: usize, bytes: u64| {
@@ -567,10 +543,9 @@ impl HitTables {
                 ("counts", self.counts.range(quad as u64, 4 * words)),
                 ("scales", part(self.scales, rows.start, rows.end, 4)),
             ];
-            first = rows.end;
-            blocks.push(RowBlock { rows, tables, first_quad: quad as u32 });
-        }
-        blocks
+            RowBlock { rows, tables, first_quad: quad as u32 }
+        };
+        row_blocks(count, BLOCK_STEP, fits).into_iter().map(block).collect()
     }
 }
 

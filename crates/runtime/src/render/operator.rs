@@ -1,9 +1,16 @@
 //! The light between patches as one operator: all bounces in a product, or a bounce of any reflectance.
 
+pub(crate) mod measure;
+
 use faer::Mat;
-use formfactor::{Csr, Reciprocal, reciprocal};
+use formfactor::kernel::product::packed_row_words;
+use formfactor::{Csr, Dense, Half, Operator as _, Reciprocal, reciprocal, widen_half};
 use glam::{Vec3, Vec4};
-use multibounce::{Channels, Factors, Tiles, all_bounces, halving_order, some_bounces};
+use multibounce::{
+    BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Tiles, all_bounces,
+    halving_order, projected_order, some_bounces, spectral_radius,
+};
+use rayon::prelude::*;
 
 use super::senders::Senders;
 use super::{go_on, proceed};
@@ -16,16 +23,277 @@ pub enum Transport {
     /// A product with the sparse form factors for each bounce.
     #[default]
     Classic,
-    /// One product with the compressed operator of all bounces.
-    Tiles {
-        /// Relative Frobenius error of the operator.
-        epsilon: f64,
-    },
+    /// One product with the operator of all bounces.
+    Operator(Codec),
     /// One product a frame with the compressed form factors, from the light of the frame before.
     Feedback {
         /// Relative Frobenius error of the form factors.
         epsilon: f64,
     },
+}
+
+/// How an operator is stored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Codec {
+    /// A number of single precision for each entry and channel.
+    Dense,
+    /// The same in half precision.
+    Half,
+    /// Texture blocks, with the greatest entries beside them.
+    Blocks(BlockCodec),
+    /// Tiles of low rank and single entries.
+    Tiles {
+        /// Relative Frobenius error.
+        epsilon: f64,
+    },
+}
+
+impl Codec {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dense => "dense",
+            Self::Half => "f16",
+            Self::Blocks(BlockCodec::Bc1) => "bc1",
+            Self::Blocks(BlockCodec::Bc3) => "bc3",
+            Self::Blocks(BlockCodec::Bc6h) => "bc6h",
+            Self::Blocks(BlockCodec::Bc7) => "bc7",
+            Self::Tiles { .. } => "tiles",
+        }
+    }
+}
+
+/// An operator between patches as it is multiplied by.
+///
+/// The dense ones have a row `[red | green | blue | zeros]` for each patch, `columns / 3` entries of each channel, for light
+/// whose channels lie apart: so the products with one number an entry serve three channels.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PatchOperator {
+    /// Single precision.
+    Dense(Dense),
+    /// Half precision.
+    Half(Half),
+    /// Texture blocks and outliers.
+    Blocks(BlockMatrix),
+    /// Tiles; of one channel they hold form factors.
+    Tiles(Tiles),
+}
+
+/// Columns of the dense operators of n patches: whole vectors of four.
+pub(crate) fn apart_columns(n: usize) -> usize {
+    (3 * n).next_multiple_of(4)
+}
+
+/// The source of each element of light whose channels lie apart, if there is one, and its channel: red of all of `n`
+/// patches, green, blue, and nothing up to a whole vector.
+pub(crate) fn apart(n: usize) -> impl Iterator<Item = Option<(usize, usize)>> {
+    (0..apart_columns(n)).map(move |k| (k < 3 * n).then(|| (k % n, k / n)))
+}
+
+impl PatchOperator {
+    /// Stores the operator `a^-½ T̂ a^½` of symmetric channels.
+    ///
+    /// # Errors
+    /// What the codec says; cancellation.
+    pub(crate) fn encode(
+        codec: Codec,
+        channels: Channels,
+        between: &Between,
+        seed: u32,
+        progress: &mut Progress,
+    ) -> Result<Self, Error> {
+        let n = between.area.len();
+        let rows = between.rows(channels);
+        progress.phase("compress", |report| {
+            let proceed = |done, total| proceed(report, done, total);
+            Ok(match codec {
+                Codec::Dense => {
+                    let mut dense = Dense::zeros(n, apart_columns(n));
+                    dense
+                        .values
+                        .par_chunks_mut(apart_columns(n).max(1))
+                        .enumerate()
+                        .for_each_init(|| vec![Vec3::ZERO; n], |colors, (i, row)| fill_apart(&rows, i, colors, row));
+                    Self::Dense(dense)
+                }
+                Codec::Half => {
+                    let columns = apart_columns(n);
+                    let width = packed_row_words(columns as u32) as usize;
+                    let mut words = vec![0; n * width];
+                    words.par_chunks_mut(width.max(1)).enumerate().for_each_init(
+                        || (vec![Vec3::ZERO; n], Dense::zeros(1, columns)),
+                        |(colors, one), (i, row)| {
+                            fill_apart(&rows, i, colors, &mut one.values);
+                            row.copy_from_slice(&one.to_half().words);
+                        },
+                    );
+                    Self::Half(Half { rows: n, columns, words })
+                }
+                Codec::Blocks(codec) => {
+                    let settings = BlockSettings { codec, ..BlockSettings::default() };
+                    let order = projected_order(n, &rows, seed);
+                    Self::Blocks(BlockMatrix::encode(n, &rows, order, settings, &proceed)?)
+                }
+                Codec::Tiles { epsilon } => {
+                    Self::Tiles(Tiles::encode(channels, &between.area, &between.order, epsilon, &proceed)?)
+                }
+            })
+        })
+    }
+
+    /// Number of patches.
+    pub fn patches(&self) -> usize {
+        match self {
+            Self::Dense(dense) => dense.rows,
+            Self::Half(half) => half.rows,
+            Self::Blocks(matrix) => matrix.len(),
+            Self::Tiles(tiles) => tiles.patches(),
+        }
+    }
+
+    /// Bytes of each part that a product reads.
+    pub fn bytes(&self) -> Vec<(&'static str, u64)> {
+        match self {
+            Self::Dense(dense) => vec![("entries", size_of_val(&dense.values[..]) as u64)],
+            Self::Half(half) => vec![("entries", size_of_val(&half.words[..]) as u64)],
+            Self::Blocks(matrix) => {
+                let bytes = matrix.bytes();
+                vec![
+                    ("blocks", bytes.blocks),
+                    ("scales", bytes.scales),
+                    ("outliers", bytes.outliers),
+                    ("vectors", bytes.vectors),
+                ]
+            }
+            Self::Tiles(tiles) => tiles.bytes().to_vec(),
+        }
+    }
+
+    /// `H = T E` on the host, W/m².
+    ///
+    /// # Errors
+    /// Vectors that have not one element a patch.
+    pub fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        let light = || -> Vec<Vec4> {
+            let one = |at: Option<(usize, usize)>| at.map_or(Vec4::ZERO, |(j, c)| Vec4::AXES[c] * exitance[j][c]);
+            apart(exitance.len()).map(one).collect()
+        };
+        match self {
+            Self::Dense(dense) => dense.product(&light(), irradiance)?,
+            Self::Half(half) => half.product(&light(), irradiance)?,
+            Self::Blocks(matrix) => matrix.product(exitance, irradiance)?,
+            Self::Tiles(tiles) => tiles.product(exitance, irradiance)?,
+        }
+        Ok(())
+    }
+
+    /// Rows as they are stored, by the areas of the patches.
+    pub(crate) fn rows<'a>(&'a self, area: &'a [f32]) -> impl Fn(usize, &mut [Vec3]) + Sync + 'a {
+        move |i, row| {
+            let n = row.len();
+            match self {
+                Self::Dense(dense) => {
+                    let entries = dense.row(i);
+                    (0..n).for_each(|j| row[j] = Vec3::from_array([0, 1, 2].map(|c| entries[c * n + j])));
+                }
+                Self::Half(half) => {
+                    let words = &half.words[i * packed_row_words(half.columns as u32) as usize..];
+                    let entry = |k: usize| widen_half(words[k / 2] >> (16 * (k % 2)));
+                    (0..n).for_each(|j| row[j] = Vec3::from_array([0, 1, 2].map(|c| entry(c * n + j))));
+                }
+                Self::Blocks(matrix) => {
+                    if matrix.row(i, row).is_err() {
+                        row.fill(Vec3::ZERO);
+                    }
+                }
+                Self::Tiles(tiles) => {
+                    // The column of a patch is what its light gives; a_i T_ij = a_j T_ji.
+                    let (mut light, mut column) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
+                    light[i] = Vec4::ONE;
+                    if tiles.product(&light, &mut column).is_err() {
+                        column.fill(Vec4::ZERO);
+                    }
+                    (0..n).for_each(|j| row[j] = column[j].truncate() * (area[j] / area[i]));
+                }
+            }
+        }
+    }
+
+    /// The order in which neighbours are alike, where the codec has one.
+    ///
+    /// # Errors
+    /// An order that is none.
+    pub(crate) fn order(&self) -> Result<Option<Permutation>, Error> {
+        Ok(match self {
+            Self::Dense(_) | Self::Half(_) => None,
+            Self::Blocks(matrix) => Some(matrix.permutation().clone()),
+            Self::Tiles(tiles) => Some(Permutation::new(tiles.order.clone())?),
+        })
+    }
+
+    /// Relative error of the entries as the codec states it (Frobenius), the greatest of the channels.
+    pub(crate) fn frobenius(&self, channels: Channels, between: &Between) -> f64 {
+        match self {
+            Self::Blocks(matrix) => matrix.report().frobenius,
+            Self::Tiles(tiles) => tiles.report.error.iter().copied().fold(0.0, f64::max),
+            Self::Dense(_) | Self::Half(_) => {
+                let n = self.patches();
+                let (exact, stored) = (between.rows(channels), self.rows(&between.area));
+                let squares = (0..n).into_par_iter().map(|i| {
+                    let (mut right, mut row) = (vec![Vec3::ZERO; n], vec![Vec3::ZERO; n]);
+                    exact(i, &mut right);
+                    stored(i, &mut row);
+                    let one = |c: usize| {
+                        let square = |x: f32| f64::from(x) * f64::from(x);
+                        let both = |sum: [f64; 2], j: usize| {
+                            [sum[0] + square(row[j][c] - right[j][c]), sum[1] + square(right[j][c])]
+                        };
+                        (0..n).fold([0.0; 2], both)
+                    };
+                    [one(0), one(1), one(2)]
+                });
+                // In the order of the rows, so that the number of threads changes nothing.
+                let sums = squares.collect::<Vec<_>>().into_iter().fold([[0.0; 2]; 3], |sums, row| {
+                    core::array::from_fn(|c| [sums[c][0] + row[c][0], sums[c][1] + row[c][1]])
+                });
+                sums.iter().map(|[wrong, all]| if *all > 0.0 { (wrong / all).sqrt() } else { 0.0 }).fold(0.0, f64::max)
+            }
+        }
+    }
+
+    /// What there is to say about it.
+    fn describe(&self) -> String {
+        let size = self.bytes().iter().map(|part| part.1 as f64).sum::<f64>() * 1e-6;
+        match self {
+            Self::Dense(_) | Self::Half(_) => format!("operator: {size:.2} MB"),
+            Self::Blocks(matrix) => {
+                format!("operator: {size:.2} MB, relative error {:.2} %", 100.0 * matrix.report().frobenius)
+            }
+            Self::Tiles(tiles) => {
+                let report = &tiles.report;
+                format!(
+                    "operator: {size:.2} MB (stored {:.2} MB), relative error {:.2} / {:.2} / {:.2} %, {} components and \
+                     {} entries in {} tiles, ranks up to {}",
+                    tiles.stored_bytes() as f64 * 1e-6,
+                    100.0 * report.error[0],
+                    100.0 * report.error[1],
+                    100.0 * report.error[2],
+                    report.components.iter().sum::<usize>(),
+                    report.entries,
+                    report.tiles.iter().sum::<usize>(),
+                    report.most_rank
+                )
+            }
+        }
+    }
+}
+
+/// A row with its channels apart; `colors` is room for it.
+fn fill_apart(rows: &MatrixRows, i: usize, colors: &mut [Vec3], row: &mut [f32]) {
+    rows(i, colors);
+    for (value, at) in row.iter_mut().zip(apart(colors.len())) {
+        *value = at.map_or(0.0, |(j, c)| colors[j][c]);
+    }
 }
 
 /// Dense matrices of single precision at the peak: F, three operators, three of the solver; F alone.
@@ -73,26 +341,38 @@ impl Between {
         Ok(Self { factors, area, symmetric, order })
     }
 
+    /// Rows of `a^-½ T̂ a^½`, as codecs read them. Rounding leaves no entry below 0.
+    pub fn rows<'a>(&'a self, channels: Channels<'a>) -> impl Fn(usize, &mut [Vec3]) + Sync + 'a {
+        let root: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        move |i, row| {
+            let [r, g, b] = match channels {
+                Channels::One(all) => [all; 3],
+                Channels::Three(each) => each,
+            };
+            // Symmetric: a column, which lies together in memory, is the row.
+            for (j, color) in row.iter_mut().enumerate() {
+                *color = (Vec3::new(r[(j, i)], g[(j, i)], b[(j, i)]) * (root[j] / root[i])).max(Vec3::ZERO);
+            }
+        }
+    }
+
     /// The symmetric operators of so many bounces, or of all, for red, green and blue.
     pub fn bounces(
         &self,
         albedo: &[Vec4],
         bounces: Option<u32>,
         progress: &mut Progress,
-    ) -> Result<Vec<Mat<f32>>, Error> {
+    ) -> Result<[Mat<f32>; 3], Error> {
         progress.phase("operator", |report| {
-            let mut made = Vec::new();
-            for channel in 0..3 {
+            let one = |channel: usize| {
                 let albedo: Vec<f32> = albedo.iter().map(|rho| rho[channel]).collect();
-                made.push(match bounces {
+                let made = match bounces {
                     None => all_bounces(&self.symmetric, &albedo)?,
                     Some(bounces) => some_bounces(&self.symmetric, &albedo, bounces, &go_on)?,
-                });
-                if !report((channel + 1) as f32 / 3.0) {
-                    return Err(Error::Cancelled);
-                }
-            }
-            Ok(made)
+                };
+                if report((channel + 1) as f32 / 3.0) { Ok(made) } else { Err(Error::Cancelled) }
+            };
+            Ok([one(0)?, one(1)?, one(2)?])
         })
     }
 }
@@ -100,59 +380,214 @@ impl Between {
 /// Bounces that do not go from patch to patch: to the facets, and to the receivers.
 pub(super) const LAST_BOUNCES: u32 = 2;
 
+/// Steps and tolerance of the power iteration that finds how far light can grow.
+const RADIUS_STEPS: usize = 200;
+const RADIUS_TOLERANCE: f32 = 1e-4;
+
+/// What [`compress`] makes.
+pub(super) struct Compressing {
+    pub transport: Transport,
+    /// Counts the last two, which end at facets and receivers, unless the patches are the receivers; `None` for all.
+    pub bounces: Option<u32>,
+    /// Whether the patches are the receivers.
+    pub at_patches: bool,
+    pub seed: u32,
+}
+
 /// The operator that a frame multiplies by; none for classic radiosity, and for so few bounces that patches need none.
-/// `bounces` counts the last two, which end at facets and receivers, unless the patches are the receivers.
 pub(super) fn compress(
-    transport: Transport,
+    settings: &Compressing,
     senders: &Senders,
     factors: &Csr,
-    bounces: Option<u32>,
-    at_patches: bool,
     progress: &mut Progress,
-) -> Result<Option<Tiles>, Error> {
-    let (epsilon, is_feedback) = match transport {
-        Transport::Classic => return Ok(None),
-        Transport::Tiles { epsilon } => (epsilon, false),
-        Transport::Feedback { epsilon } => (epsilon, true),
-    };
-    let last = if at_patches { 0 } else { LAST_BOUNCES };
-    if bounces.is_some_and(|bounces| bounces <= last) || senders.patches.is_empty() {
+) -> Result<Option<PatchOperator>, Error> {
+    let last = if settings.at_patches { 0 } else { LAST_BOUNCES };
+    if settings.bounces.is_some_and(|bounces| bounces <= last) || senders.patches.is_empty() {
         return Ok(None);
     }
-    let instead = if is_feedback { "classic" } else { "feedback" };
-    check_memory(senders.patches.len(), if is_feedback { FEEDBACK_MATRICES } else { MATRICES }, instead)?;
-    let between = Between::new(senders, factors)?;
-    let operators = match is_feedback {
-        true => Vec::new(),
-        false => between.bounces(&senders.albedo, bounces.map(|bounces| bounces - last), progress)?,
+    let operator = match settings.transport {
+        Transport::Classic => return Ok(None),
+        Transport::Operator(codec) => {
+            check_memory(senders.patches.len(), MATRICES, "feedback")?;
+            let between = Between::new(senders, factors)?;
+            let bounces = settings.bounces.map(|bounces| bounces - last);
+            let operators = between.bounces(&senders.albedo, bounces, progress)?;
+            let channels = Channels::Three(operators.each_ref());
+            PatchOperator::encode(codec, channels, &between, settings.seed, progress)?
+        }
+        Transport::Feedback { epsilon } => {
+            check_memory(senders.patches.len(), FEEDBACK_MATRICES, "classic")?;
+            feedback(Between::new(senders, factors)?, epsilon, settings.seed, progress)?
+        }
     };
-    let channels = match &operators[..] {
-        [red, green, blue] => Channels::Three([red, green, blue]),
-        _ => Channels::One(&between.symmetric),
+    progress.note(&operator.describe());
+    Ok(Some(operator))
+}
+
+/// The compressed form factors, scaled where light would grow in them from bounce to bounce: their spectral radius is at
+/// most 1, and so is below 1 with every albedo below 1.
+fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progress) -> Result<PatchOperator, Error> {
+    let codec = Codec::Tiles { epsilon };
+    let operator = PatchOperator::encode(codec, Channels::One(&between.symmetric), &between, seed, progress)?;
+    let radius = growth(&operator, &vec![Vec4::ONE; operator.patches()])?;
+    if radius <= 1.0 + 2.0 * RADIUS_TOLERANCE {
+        return Ok(operator);
+    }
+    progress.note(&format!("compressed form factors are scaled by {:.4}, for light would grow", 1.0 / radius));
+    between.symmetric *= faer::Scale((1.0 - RADIUS_TOLERANCE) / radius);
+    PatchOperator::encode(codec, Channels::One(&between.symmetric), &between, seed, progress)
+}
+
+/// Spectral radius of `diag(ρ) T`, the greatest of the channels.
+pub(crate) fn growth(operator: &PatchOperator, albedo: &[Vec4]) -> Result<f32, Error> {
+    let mut failed = None;
+    let mut product = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
+        failed = operator.product(exitance, irradiance).err().or(failed.take());
+        Ok(())
     };
-    let tiles = progress.phase("compress", |report| {
-        Tiles::encode(channels, &between.area, &between.order, epsilon, &|done, total| proceed(report, done, total))
-    })?;
-    let report = &tiles.report;
-    progress.note(&format!(
-        "operator: {:.2} MB (stored {:.2} MB), relative error {:.2} / {:.2} / {:.2} %, {} components and {} entries in {} \
-         tiles, ranks up to {}",
-        tiles.bytes().iter().map(|part| part.1 as f64).sum::<f64>() * 1e-6,
-        tiles.stored_bytes() as f64 * 1e-6,
-        100.0 * report.error[0],
-        100.0 * report.error[1],
-        100.0 * report.error[2],
-        report.components.iter().sum::<usize>(),
-        report.entries,
-        report.tiles.iter().sum::<usize>(),
-        report.most_rank
-    ));
-    Ok(Some(tiles))
+    let radius = spectral_radius(operator.patches(), albedo, &mut product, RADIUS_TOLERANCE, RADIUS_STEPS)?;
+    failed.map_or(Ok(radius.max_element()), Err)
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
+    use super::measure::relative_error;
     use super::*;
+    use crate::procedural;
+    use crate::render::classic::{ClassicSettings, Estimator, PatchKind, exchange};
+    use crate::render::senders::{SenderSettings, lit_sampler};
+
+    /// Every codec, with the relative error of irradiance that it may have against the dense one.
+    pub const CODECS: [(Codec, f64); 8] = [
+        (Codec::Dense, 1e-6),
+        (Codec::Half, 5e-4),
+        (Codec::Blocks(BlockCodec::Bc1), 0.02),
+        (Codec::Blocks(BlockCodec::Bc3), 0.02),
+        (Codec::Blocks(BlockCodec::Bc6h), 0.01),
+        (Codec::Blocks(BlockCodec::Bc7), 0.01),
+        (Codec::Tiles { epsilon: 0.01 }, 0.01),
+        (Codec::Tiles { epsilon: 1e-4 }, 1e-4),
+    ];
+
+    /// The exchange in the Cornell box, and the patches' albedo. Not a multiple of four patches.
+    pub fn cornell() -> (Between, Vec<Vec4>) {
+        let scene = procedural::build("cornell").unwrap().scene;
+        let settings = ClassicSettings {
+            patches: PatchKind::Cluster,
+            patch_count: 149,
+            estimator: Estimator::Hemisphere { rays: 1024 },
+            ..ClassicSettings::default()
+        };
+        let ClassicSettings { patches: kind, patch_count: count, samples, seed, .. } = settings;
+        let made = SenderSettings { kind, count, voxel_size: None, samples, seed };
+        let senders = Senders::new(&scene, lit_sampler(&scene, count, seed).unwrap().as_ref(), &made).unwrap();
+        let found = exchange(&scene, &senders, &settings, &|_| true).unwrap();
+        (Between::new(&senders, &found.factors).unwrap(), senders.albedo.clone())
+    }
+
+    /// Light of another colour at every patch.
+    pub fn light(n: usize) -> Vec<Vec4> {
+        let random = |i: usize, c| scene::sampling::unit(scene::sampling::hash3(i as u32, c, 5));
+        (0..n).map(|i| Vec4::new(random(i, 0), random(i, 1), 3.0 * random(i, 2), 0.0)).collect()
+    }
+
+    /// Spectral radius of an operator alone.
+    fn plain(operator: &PatchOperator) -> f32 {
+        growth(operator, &vec![Vec4::ONE; operator.patches()]).unwrap()
+    }
+
+    fn made(codec: Codec, channels: [&Mat<f32>; 3], between: &Between) -> PatchOperator {
+        PatchOperator::encode(codec, Channels::Three(channels), between, 1, &mut Progress::new(true)).unwrap()
+    }
+
+    fn product(operator: &PatchOperator, light: &[Vec4]) -> Vec<Vec4> {
+        let mut irradiance = vec![Vec4::ZERO; light.len()];
+        operator.product(light, &mut irradiance).unwrap();
+        irradiance
+    }
+
+    #[test]
+    fn every_codec_gives_the_light_of_all_bounces() {
+        let (between, albedo) = cornell();
+        let n = albedo.len();
+        let operators = between.bounces(&albedo, None, &mut Progress::new(true)).unwrap();
+        let three = between.bounces(&albedo, Some(3), &mut Progress::new(true)).unwrap();
+        let light = light(n);
+        // Bounce by bounce, until nothing changes.
+        let (mut exitance, mut exact) = (light.clone(), vec![Vec4::ZERO; n]);
+        for _ in 0..200 {
+            between.factors.product(&exitance, &mut exact).unwrap();
+            exitance = (0..n).map(|i| light[i] + albedo[i] * exact[i]).collect();
+        }
+        let [r, g, b] = operators.each_ref();
+        for (codec, limit) in CODECS {
+            let limit = limit.max(1e-5);
+            let error = |channels| {
+                let operator = made(codec, channels, &between);
+                relative_error(&product(&operator, &light), &exact, &between.area)
+            };
+            let found = error([r, g, b]);
+            println!("{codec:?}: {found}");
+            assert!(found <= limit, "{codec:?}: {found}");
+            for wrong in [[b, g, r], [g, r, b], three.each_ref()] {
+                assert!(error(wrong) > limit.max(0.02), "{codec:?}: {}", error(wrong));
+            }
+        }
+    }
+
+    #[test]
+    fn the_rows_are_those_of_the_product() {
+        let (between, albedo) = cornell();
+        let n = albedo.len();
+        let operators = between.bounces(&albedo, None, &mut Progress::new(true)).unwrap();
+        let (light, mut row) = (light(n), vec![Vec3::ZERO; n]);
+        for (codec, _) in CODECS {
+            let operator = made(codec, operators.each_ref(), &between);
+            let (rows, expected) = (operator.rows(&between.area), product(&operator, &light));
+            // Tiles round an entry and its mirror image in steps of their own rows.
+            let limit = if matches!(codec, Codec::Tiles { .. }) { 5e-4 } else { 1e-5 };
+            for (i, right) in expected.iter().enumerate() {
+                rows(i, &mut row);
+                let sum: Vec3 = row.iter().zip(&light).map(|(t, b)| *t * b.truncate()).sum();
+                let right = right.truncate();
+                assert!((sum - right).abs().max_element() < limit * right.max_element(), "{codec:?}: {sum} {right}");
+                let other: Vec3 = row.iter().zip(&light[1..]).map(|(t, b)| *t * b.truncate()).sum();
+                assert!((other - right).abs().max_element() > 1e-3 * right.max_element(), "{codec:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_codec_makes_light_grow() {
+        let (between, _) = cornell();
+        for (codec, _) in CODECS.into_iter().chain([(Codec::Tiles { epsilon: 0.3 }, 0.0)]) {
+            let radius = plain(&made(codec, [&between.symmetric; 3], &between));
+            // An albedo is at most 0.95.
+            assert!((0.5..1.02).contains(&radius), "{codec:?}: {radius}");
+        }
+    }
+
+    #[test]
+    fn form_factors_in_which_light_would_grow_are_scaled() {
+        let mut progress = Progress::new(true);
+        let (mut between, _) = cornell();
+        between.symmetric *= faer::Scale(1.5);
+        let wrong = made(Codec::Tiles { epsilon: 0.01 }, [&between.symmetric; 3], &between);
+        assert!(plain(&wrong) > 1.02);
+        let operator = feedback(between, 0.01, 1, &mut progress).unwrap();
+        let radius = plain(&operator);
+        assert!((0.99..=1.0 + 2.0 * RADIUS_TOLERANCE).contains(&radius), "{radius}");
+        // What does not grow stays as it is.
+        let (between, _) = cornell();
+        let as_it_is = PatchOperator::encode(
+            Codec::Tiles { epsilon: 0.01 },
+            Channels::One(&between.symmetric),
+            &between,
+            1,
+            &mut progress,
+        );
+        assert_eq!(as_it_is.unwrap(), feedback(between, 0.01, 1, &mut progress).unwrap());
+    }
 
     #[test]
     fn what_does_not_fit_into_memory_is_refused_with_a_remedy() {

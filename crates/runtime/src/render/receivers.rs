@@ -71,6 +71,7 @@ pub struct Placing {
 pub type AddRows<'a> = dyn Fn(&mut HitRows, &[SurfacePoint]) -> Result<(), Error> + 'a;
 
 /// Receivers and the mesh between them.
+#[derive(Clone)]
 pub struct MeshReceivers {
     /// Where irradiance is gathered.
     pub points: Vec<SurfacePoint>,

@@ -91,6 +91,7 @@ pub struct SenderSettings {
 }
 
 /// The senders of a scene: patches, cut into facets, over which light is gathered more finely than patches send it.
+#[derive(Clone)]
 pub struct Senders {
     /// Centroid, area, normal.
     pub patches: Vec<Patch>,

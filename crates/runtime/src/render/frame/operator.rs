@@ -1,0 +1,359 @@
+//! Operators on the device, and the passes of their products.
+
+use bytemuck::cast_slice;
+use formfactor::GatherParams;
+use glam::{UVec2, UVec4, Vec4};
+use gpu_kernels::params::{CountParams, EnterParams};
+use gpu_kernels::table::{self, Kernel};
+use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
+use multibounce::kernel::tiles::TILE;
+use multibounce::{BlockCodec, BlockMatrix, BlockParams, Tiles};
+
+use super::super::operator::{PatchOperator, apart};
+use super::{RANGE_ALIGNMENT, Uploads, pass, row_blocks};
+use crate::executor::ExecutorError;
+use crate::plan::{BufferId, Plan, Range};
+
+/// An operator's tables on the device, and what a product keeps between its passes.
+pub(super) enum OperatorTables<'a> {
+    Dense(DenseTables),
+    Blocks(BlockTables<'a>),
+    Tiles(TileTables),
+}
+
+impl<'a> OperatorTables<'a> {
+    pub fn new(plan: &mut Plan, uploads: &mut Uploads<'a>, operator: &'a PatchOperator) -> Self {
+        match operator {
+            PatchOperator::Dense(dense) => {
+                let (words, kernel) = (cast_slice(&dense.values), &table::FORMFACTOR_GATHER);
+                Self::Dense(DenseTables::new(plan, uploads, dense.rows, words, kernel))
+            }
+            PatchOperator::Half(half) => {
+                let (words, kernel) = (cast_slice(&half.words), &table::FORMFACTOR_GATHER_HALF);
+                Self::Dense(DenseTables::new(plan, uploads, half.rows, words, kernel))
+            }
+            PatchOperator::Blocks(matrix) => Self::Blocks(BlockTables::new(plan, uploads, matrix)),
+            PatchOperator::Tiles(tiles) => Self::Tiles(TileTables::new(plan, uploads, tiles)),
+        }
+    }
+
+    /// The passes of `irradiance = T exitance`; a binding shows at most `range` bytes.
+    pub fn product(
+        &self,
+        plan: &mut Plan,
+        range: u64,
+        exitance: BufferId,
+        irradiance: BufferId,
+    ) -> Result<(), ExecutorError> {
+        match self {
+            Self::Dense(dense) => dense.product(plan, range, exitance, irradiance),
+            Self::Blocks(blocks) => blocks.product(plan, range, exitance, irradiance),
+            Self::Tiles(tiles) => tiles.product(plan, exitance, irradiance),
+        }
+    }
+}
+
+fn rgb(n: usize) -> u64 {
+    (n * size_of::<Vec4>()) as u64
+}
+
+/// Rows that begin at bytes at which ranges may begin are so many apart.
+fn row_step(row_bytes: u64) -> usize {
+    (RANGE_ALIGNMENT >> row_bytes.trailing_zeros().min(RANGE_ALIGNMENT.trailing_zeros())) as usize
+}
+
+/// Entries one by one, whole or half, channels apart.
+pub(super) struct DenseTables {
+    kernel: &'static Kernel,
+    /// Brings the channels apart.
+    order: Range,
+    scale: Range,
+    light: BufferId,
+    factors: BufferId,
+    rows: usize,
+    columns: usize,
+    row_bytes: u64,
+}
+
+impl DenseTables {
+    fn new<'a>(
+        plan: &mut Plan,
+        uploads: &mut Uploads<'a>,
+        rows: usize,
+        words: &'a [u8],
+        kernel: &'static Kernel,
+    ) -> Self {
+        let order: Vec<u32> = apart(rows).map(|at| at.map_or(NO_ELEMENT, |(j, _)| j as u32)).collect();
+        let scale: Vec<Vec4> = apart(rows).map(|at| at.map_or(Vec4::ZERO, |(_, c)| Vec4::AXES[c])).collect();
+        Self {
+            kernel,
+            order: uploads.table(plan, "channel order", cast_slice(&order).to_vec()),
+            scale: uploads.table(plan, "channel scale", cast_slice(&scale).to_vec()),
+            light: plan.storage("channels", rgb(order.len())),
+            factors: uploads.table(plan, "operator", words).buffer,
+            rows,
+            columns: order.len(),
+            row_bytes: (words.len() / rows.max(1)) as u64,
+        }
+    }
+
+    fn product(
+        &self,
+        plan: &mut Plan,
+        range: u64,
+        exitance: BufferId,
+        irradiance: BufferId,
+    ) -> Result<(), ExecutorError> {
+        let own =
+            [("order", self.order), ("scale", self.scale), ("input", exitance.into()), ("output", self.light.into())];
+        let count = CountParams { count: self.columns as u32 };
+        pass(plan, "method", &table::MULTIBOUNCE_REORDER, &own, &[], &count, count.count)?;
+        let fits = |first: usize, end: usize| (end - first) as u64 * self.row_bytes <= range;
+        for rows in row_blocks(self.rows, row_step(self.row_bytes), fits) {
+            let part = self.factors.range(rows.start as u64 * self.row_bytes, rows.len() as u64 * self.row_bytes);
+            let own = [("factors", part), ("exitance", self.light.into()), ("irradiance", irradiance.into())];
+            let push = GatherParams {
+                rows: rows.len() as u32,
+                vectors: self.columns as u32 / 4,
+                first_row: rows.start as u32,
+                reserved: 0,
+            };
+            pass(plan, "method", self.kernel, &own, &[], &push, push.rows)?;
+        }
+        Ok(())
+    }
+}
+
+/// Texture blocks and outliers.
+pub(super) struct BlockTables<'a> {
+    matrix: &'a BlockMatrix,
+    kernel: &'static Kernel,
+    /// Patch at each place of the blocks, and place of each patch with the scale of its row.
+    order: [Range; 2],
+    place: [Range; 2],
+    words: BufferId,
+    outliers: BufferId,
+    tables: [(&'static str, Range); 2],
+    light: BufferId,
+    sums: BufferId,
+}
+
+impl<'a> BlockTables<'a> {
+    fn new(plan: &mut Plan, uploads: &mut Uploads<'a>, matrix: &'a BlockMatrix) -> Self {
+        let places = matrix.block_count() * BLOCK as usize;
+        let mut order = matrix.permutation().order().to_vec();
+        order.resize(places, NO_ELEMENT);
+        let ones = vec![Vec4::ONE; places];
+        Self {
+            matrix,
+            kernel: match matrix.settings().codec {
+                BlockCodec::Bc1 => &table::MULTIBOUNCE_BLOCKS_GATHER_BC1,
+                BlockCodec::Bc3 => &table::MULTIBOUNCE_BLOCKS_GATHER_BC3,
+                BlockCodec::Bc6h => &table::MULTIBOUNCE_BLOCKS_GATHER_BC6H,
+                BlockCodec::Bc7 => &table::MULTIBOUNCE_BLOCKS_GATHER_BC7,
+            },
+            order: [
+                uploads.table(plan, "block order", cast_slice(&order).to_vec()),
+                uploads.table(plan, "ones", cast_slice(&ones).to_vec()),
+            ],
+            place: [
+                uploads.table(plan, "block places", cast_slice(matrix.permutation().place())),
+                uploads.table(plan, "row scales", cast_slice(matrix.row_scales())),
+            ],
+            words: uploads.table(plan, "blocks", cast_slice(matrix.words())).buffer,
+            outliers: uploads.table(plan, "outliers", cast_slice(&matrix.outliers().entries)).buffer,
+            tables: [
+                uploads.named(plan, "tile_scales", cast_slice(matrix.scales())),
+                uploads.named(plan, "row_start", cast_slice(&matrix.outliers().start)),
+            ],
+            light: plan.storage("ordered", rgb(places)),
+            sums: plan.storage("rows", rgb(places)),
+        }
+    }
+
+    fn product(
+        &self,
+        plan: &mut Plan,
+        range: u64,
+        exitance: BufferId,
+        irradiance: BufferId,
+    ) -> Result<(), ExecutorError> {
+        let (matrix, columns) = (self.matrix, self.matrix.block_count());
+        let mut reorder = |[order, scale]: [Range; 2], input: BufferId, output: BufferId, count: usize| {
+            let own = [("order", order), ("scale", scale), ("input", input.into()), ("output", output.into())];
+            let push = CountParams { count: count as u32 };
+            pass(plan, "method", &table::MULTIBOUNCE_REORDER, &own, &[], &push, push.count)
+        };
+        reorder(self.order, exitance, self.light, columns * BLOCK as usize)?;
+        for Part { rows, words, outliers, first_outlier } in self.parts(range) {
+            let own = [
+                ("blocks", words),
+                ("outliers", outliers),
+                ("exitance", self.light.into()),
+                ("irradiance", self.sums.into()),
+            ];
+            let push = BlockParams { first_outlier, ..matrix.params(rows.start as u32, rows.len() as u32) };
+            pass(plan, "method", self.kernel, &own, &self.tables, &push, push.block_rows)?;
+        }
+        let own = [
+            ("order", self.place[0]),
+            ("scale", self.place[1]),
+            ("input", self.sums.into()),
+            ("output", irradiance.into()),
+        ];
+        let push = CountParams { count: matrix.len() as u32 };
+        pass(plan, "method", &table::MULTIBOUNCE_REORDER, &own, &[], &push, push.count)?;
+        Ok(())
+    }
+
+    /// Rows of blocks whose blocks and outliers fit into one binding each.
+    fn parts(&self, range: u64) -> Vec<Part> {
+        let (columns, start) = (self.matrix.block_count(), &self.matrix.outliers().start);
+        let block_bytes =
+            if self.matrix.settings().codec == BlockCodec::Bc1 { size_of::<UVec2>() } else { size_of::<UVec4>() };
+        let row_bytes = (columns * block_bytes) as u64;
+        // Outliers from a place on at which a range may begin.
+        let (entry_bytes, step) = (size_of::<UVec2>() as u64, RANGE_ALIGNMENT / size_of::<UVec2>() as u64);
+        let entries = |first: usize, end: usize| {
+            let at = |row: usize| u64::from(start[(row * BLOCK as usize).min(self.matrix.len())]);
+            (at(first), at(first) / step * step, at(end))
+        };
+        let fits = |first: usize, end: usize| {
+            let (_, aligned, last) = entries(first, end);
+            (end - first) as u64 * row_bytes <= range && (last - aligned) * entry_bytes <= range
+        };
+        let part = |rows: std::ops::Range<usize>| {
+            let words = self.words.range(rows.start as u64 * row_bytes, rows.len() as u64 * row_bytes);
+            let (first, aligned, last) = entries(rows.start, rows.end);
+            // Rows without outliers read none; something is bound nevertheless.
+            let (outliers, first_outlier) = match first == last {
+                true => (self.outliers.range(0, entry_bytes), first),
+                false => (self.outliers.range(aligned * entry_bytes, (last - aligned) * entry_bytes), aligned),
+            };
+            Part { rows, words, outliers, first_outlier: first_outlier as u32 }
+        };
+        row_blocks(columns, row_step(row_bytes), fits).into_iter().map(part).collect()
+    }
+}
+
+/// Some of the rows of blocks, and what a pass over them binds.
+struct Part {
+    rows: std::ops::Range<usize>,
+    words: Range,
+    outliers: Range,
+    first_outlier: u32,
+}
+
+/// An operator in tiles on the device, and what a product keeps between its passes.
+pub(super) struct TileTables {
+    tables: Vec<(&'static str, Range)>,
+    ordered: BufferId,
+    sums: BufferId,
+    rows: BufferId,
+    patches: u32,
+    slots: u32,
+}
+
+impl TileTables {
+    fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a Tiles) -> Self {
+        let places = tiles.steps.len();
+        let tables = vec![
+            uploads.named(plan, "order", cast_slice(&tiles.order)),
+            uploads.named(plan, "place", cast_slice(&tiles.place)),
+            uploads.named(plan, "root", cast_slice(&tiles.root)),
+            uploads.named(plan, "slots", cast_slice(&tiles.slots)),
+            uploads.named(plan, "words", cast_slice(&tiles.words)),
+            uploads.named(plan, "use_start", cast_slice(&tiles.use_start)),
+            uploads.named(plan, "uses", cast_slice(&tiles.uses)),
+            uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
+            uploads.named(plan, "entries", cast_slice(&tiles.entries)),
+            uploads.named(plan, "steps", cast_slice(&tiles.steps)),
+        ];
+        Self {
+            tables,
+            ordered: plan.storage("ordered", rgb(places)),
+            sums: plan.storage("sums", rgb(tiles.slots.len())),
+            rows: plan.storage("rows", rgb(places)),
+            patches: tiles.order.len() as u32,
+            slots: tiles.slots.len() as u32,
+        }
+    }
+
+    /// The passes of `irradiance = T exitance`.
+    fn product(&self, plan: &mut Plan, exitance: BufferId, irradiance: BufferId) -> Result<(), ExecutorError> {
+        let own = [
+            ("exitance", Range::from(exitance)),
+            ("irradiance", Range::from(irradiance)),
+            ("ordered", Range::from(self.ordered)),
+            ("sums", Range::from(self.sums)),
+            ("rows", Range::from(self.rows)),
+        ];
+        let places = self.patches.next_multiple_of(TILE);
+        let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
+        let tables = &self.tables;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, places)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.slots), self.slots)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(places), places)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::operator::measure::relative_error;
+    use super::super::super::operator::tests::{CODECS, cornell, light};
+    use super::*;
+    use crate::cpu::Cpu;
+    use crate::executor::Executor;
+    use crate::progress::Progress;
+    use multibounce::Channels;
+
+    #[test]
+    fn the_passes_give_the_product_of_the_host_for_every_size_of_a_binding() {
+        let (between, albedo) = cornell();
+        let mut progress = Progress::new(true);
+        let operators = between.bounces(&albedo, None, &mut progress).unwrap();
+        let (n, light) = (albedo.len(), light(albedo.len()));
+        assert_ne!(n % 4, 0, "whole blocks hide what happens beyond them");
+        for (codec, _) in CODECS {
+            let channels = Channels::Three(operators.each_ref());
+            let operator = PatchOperator::encode(codec, channels, &between, 1, &mut progress).unwrap();
+            let mut expected = vec![Vec4::ZERO; n];
+            operator.product(&light, &mut expected).unwrap();
+            let run = |range: u64, light: &[Vec4]| {
+                let mut executor: Box<dyn Executor> = Box::new(Cpu::new());
+                let (mut plan, mut uploads) = (Plan::new(), Uploads::default());
+                let tables = OperatorTables::new(&mut plan, &mut uploads, &operator);
+                let [exitance, irradiance] = ["exitance", "irradiance"].map(|name| plan.storage(name, rgb(n)));
+                tables.product(&mut plan, range, exitance, irradiance).unwrap();
+                let passes = plan.passes().len();
+                executor.load(plan).unwrap();
+                for (buffer, bytes) in uploads.0 {
+                    executor.upload_at(buffer, 0, &bytes).unwrap();
+                }
+                executor.upload(exitance, light).unwrap();
+                executor.run().unwrap();
+                (passes, executor.download_table::<Vec4>(irradiance).unwrap())
+            };
+            let (whole, found) = run(u64::MAX, &light);
+            let error = relative_error(&found, &expected, &between.area);
+            assert!(error < 2e-6, "{codec:?}: {error}");
+            // In parts: more passes, the same bits.
+            let (parts, same) = run(6_000, &light);
+            assert_eq!(same, found, "{codec:?}");
+            assert_eq!(parts > whole, !matches!(codec, crate::render::operator::Codec::Tiles { .. }), "{codec:?}");
+            let mut other = light.clone();
+            other[n - 1].x += 1.0;
+            assert!(relative_error(&run(6_000, &other).1, &expected, &between.area) > 1e-4);
+        }
+    }
+
+    #[test]
+    fn rows_begin_where_ranges_may() {
+        for (row_bytes, step) in [(4, 64), (8, 32), (24, 32), (256, 1), (1 << 20, 1), (300, 64)] {
+            assert_eq!(row_step(row_bytes), step);
+            assert_eq!(step as u64 * row_bytes % RANGE_ALIGNMENT, 0);
+        }
+    }
+}

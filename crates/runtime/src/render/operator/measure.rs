@@ -1,0 +1,124 @@
+//! What is lost by storing an operator: errors of irradiance under some lights, and pictures of the matrix.
+
+use std::f32::consts::LN_10;
+
+use faer::Mat;
+use glam::{Vec3, Vec4};
+use multibounce::{Channels, MatrixRows, Permutation, picture};
+use reference::Picture;
+use scene::Scene;
+use scene::kernel::shade::decode_srgb;
+use scene::math::ln;
+use scene::sampling::{hash3, unit};
+
+use super::{Between, PatchOperator};
+use crate::error::Error;
+use crate::render::classic::{ClassicSettings, direct_params};
+use crate::render::debug::DebugPicture;
+use crate::render::senders::Senders;
+
+/// Compact lights, and the share of the patches that each lights.
+const LIGHTS: u32 = 8;
+const LIT_SHARE: usize = 50;
+/// What a turn of the normal counts beside a distance when patches of a light are chosen, m.
+const TURN: f32 = 2.0;
+/// Greatest edge of a picture of a matrix, pixels.
+const MOST_PIXELS: usize = 1024;
+/// Black is so many powers of ten below white.
+const DECADES: f32 = 5.0;
+
+/// First exitance under the lights of the scene, W/m².
+pub(crate) fn own_light(scene: &Scene, senders: &Senders, settings: &ClassicSettings) -> Vec<Vec4> {
+    let direct = scene::DirectParams {
+        count: senders.points.len() as u32,
+        area_rays: settings.sample_rays,
+        sky_rays: if scene.sky.map_width == 0 { 0 } else { settings.sample_rays },
+        seed: settings.seed,
+        ..direct_params(scene)
+    };
+    senders.source(&scene.direct_irradiance(&direct, &senders.points))
+}
+
+/// Exitances of 1 W/m² of the patches about some random ones, a fiftieth of all patches each.
+pub(crate) fn compact_lights(senders: &Senders, seed: u32) -> Vec<Vec<Vec4>> {
+    let n = senders.patches.len();
+    let light = |light: u32| {
+        let centre = (unit(hash3(light, 0, seed ^ 0x6c69)) * n as f32) as usize;
+        let at = &senders.patches[centre.min(n - 1)];
+        let far = |i: &u32| {
+            let p = &senders.patches[*i as usize];
+            p.centroid.distance(at.centroid) + TURN * p.normal.distance(at.normal)
+        };
+        let mut order: Vec<u32> = (0..n as u32).collect();
+        order.sort_by(|a, b| far(a).total_cmp(&far(b)).then(a.cmp(b)));
+        let mut source = vec![Vec4::ZERO; n];
+        order.iter().take(n.div_ceil(LIT_SHARE)).for_each(|&i| source[i as usize] = Vec4::ONE.with_w(0.0));
+        source
+    };
+    (0..if n > 0 { LIGHTS } else { 0 }).map(light).collect()
+}
+
+/// Irradiance by an operator that is not compressed, W/m².
+pub(crate) fn exact_product(channels: Channels, area: &[f32], source: &[Vec4]) -> Vec<Vec4> {
+    let root: Vec<f32> = area.iter().map(|&a| scene::math::sqrt(a)).collect();
+    let one = |symmetric: &Mat<f32>, c: usize| symmetric * faer::Col::from_fn(root.len(), |i| source[i][c] * root[i]);
+    let [r, g, b] = match channels {
+        Channels::One(all) => [all; 3],
+        Channels::Three(each) => each,
+    };
+    let (r, g, b) = (one(r, 0), one(g, 1), one(b, 2));
+    (0..root.len()).map(|i| Vec4::new(r[i], g[i], b[i], 0.0) / root[i]).collect()
+}
+
+/// Relative error of irradiance, L2 by area, the greatest of the channels.
+pub(crate) fn relative_error(ours: &[Vec4], exact: &[Vec4], area: &[f32]) -> f64 {
+    let error = |c: usize| {
+        let (mut wrong, mut whole) = (0.0, 0.0);
+        for ((h, x), a) in ours.iter().zip(exact).zip(area) {
+            wrong += f64::from(*a) * f64::from(h[c] - x[c]).powi(2);
+            whole += f64::from(*a) * f64::from(x[c]).powi(2);
+        }
+        if whole > 0.0 { (wrong / whole).sqrt() } else { 0.0 }
+    };
+    error(0).max(error(1)).max(error(2))
+}
+
+/// Pictures of an operator without compression: in the order of the patches and, where the operator has one, in its own,
+/// and of what is lost. Grey tells the power of ten, from [`DECADES`] below the greatest pixel; each pixel is a mean.
+pub(crate) fn matrix_pictures(
+    operator: &PatchOperator,
+    channels: Channels,
+    between: &Between,
+) -> Result<Vec<DebugPicture>, Error> {
+    let (n, exact, stored) = (operator.patches(), between.rows(channels), operator.rows(&between.area));
+    let difference = |i: usize, row: &mut [Vec3]| {
+        let mut right = vec![Vec3::ZERO; n];
+        exact(i, &mut right);
+        stored(i, row);
+        row.iter_mut().zip(right).for_each(|(entry, right)| *entry = (*entry - right).abs());
+    };
+    let before = pixels(n, &exact, &Permutation::identity(n));
+    let order = operator.order()?;
+    let after = order.as_ref().map(|order| pixels(n, &exact, order));
+    let error = pixels(n, &difference, order.as_ref().unwrap_or(&Permutation::identity(n)));
+    // One scale for all of them.
+    let greatest = before.iter().chain(after.iter().flatten()).fold(f32::MIN_POSITIVE, |a, &b| a.max(b));
+    let mut pictures = Vec::new();
+    for (name, pixels) in [("matrix", Some(before)), ("matrix-reordered", after), ("matrix-error", Some(error))] {
+        if let Some(pixels) = pixels {
+            let edge = n.min(MOST_PIXELS) as u32;
+            let grey = |mean: &f32| {
+                let share = 1.0 + ln((*mean / greatest).max(f32::MIN_POSITIVE)) / (DECADES * LN_10);
+                Vec3::splat(decode_srgb(share.clamp(0.0, 1.0)))
+            };
+            let picture = Picture::from_pixels(edge, edge, pixels.iter().map(grey).collect())?;
+            pictures.push(DebugPicture { name, picture, stops: 0.0 });
+        }
+    }
+    Ok(pictures)
+}
+
+/// Mean of the channels of each pixel.
+fn pixels(n: usize, rows: &MatrixRows, order: &Permutation) -> Vec<f32> {
+    picture(n, rows, order, MOST_PIXELS).iter().map(|color| color.element_sum() / 3.0).collect()
+}
