@@ -14,6 +14,7 @@ pub use order::{MatrixRows, PROJECTED_DIMENSIONS, Permutation, greedy_order, pro
 pub use outliers::Outliers;
 pub use solve::{Factors, Proceed, all_bounces, all_bounces_lu, some_bounces};
 pub use tiles::{
-    Channels, ExpandTables, MOST_TILE_PATCHES, TileReport, Tiles, enter_all, expand_all, leave_all, project_all,
+    Channels, ExpandTables, MOST_TILE_PATCHES, TileReport, TileRoom, Tiles, enter_all, expand_all, leave_all,
+    project_all,
 };
 pub use tree::halving_order;

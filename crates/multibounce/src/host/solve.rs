@@ -35,7 +35,7 @@ impl Factors<'_> {
     }
 
     /// Columns and values of row `i`.
-    pub(crate) fn row(&self, i: usize) -> impl Iterator<Item = (usize, f32)> {
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f32)> {
         let range = self.row_start[i] as usize..self.row_start[i + 1] as usize;
         self.columns[range.clone()].iter().map(|&j| j as usize).zip(self.values[range].iter().copied())
     }
@@ -126,6 +126,10 @@ fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> {
 /// Reflectance below which a patch is first taken to reflect so much, because [`all_bounces`] divides by it.
 const LEAST_ALBEDO: f32 = 0.1;
 
+/// Least entry that is taken from the identity: far below what single precision can tell, but no product of a few such numbers is
+/// denormal. Processors multiply denormal numbers many times slower, and light that fades from room to room has plenty.
+const FLOOR: f32 = 1e-13;
+
 /// All bounces of one colour channel, from the symmetric form factors, `T = a^-½ T̂ a^½`: with `P = diag(ρ^½)`,
 /// `T̂ = P⁻¹ ((I − P Ŝ P)⁻¹ − I) P⁻¹`. The inverse is found by Cholesky's factorisation, about n³ operations, and 3 n² numbers
 /// of memory at the peak. Where ρ is almost 0, the operator T̂' of a small reflectance ρ' is made first, and then
@@ -139,7 +143,7 @@ pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Err
     check_albedo(albedo, n)?;
     let root: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect();
     let identity = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
-    let system = Mat::from_fn(n, n, |i, j| identity(i, j) - root[i] * symmetric[(i, j)] * root[j]);
+    let system = Mat::from_fn(n, n, |i, j| identity(i, j) - (root[i] * symmetric[(i, j)] * root[j]).max(FLOOR));
     let factor = system.llt(Side::Lower).map_err(|error| {
         let faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index } = error;
         Error::Singular { patch: index }
@@ -147,11 +151,11 @@ pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Err
     drop(system);
     let mut out = factor.inverse();
     drop(factor);
-    for j in 0..n {
-        for i in 0..n {
-            out[(i, j)] = (out[(i, j)] - identity(i, j)) / (root[i] * root[j]);
+    out.par_col_iter_mut().enumerate().for_each(|(j, column)| {
+        for (i, value) in column.iter_mut().enumerate() {
+            *value = (*value - identity(i, j)) / (root[i] * root[j]);
         }
-    }
+    });
     let dark: Vec<usize> = (0..n).filter(|&i| albedo[i] < LEAST_ALBEDO).collect();
     if dark.is_empty() {
         return Ok(out);

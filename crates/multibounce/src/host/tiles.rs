@@ -14,7 +14,7 @@ use crate::host::solve::Factors;
 use crate::kernel::tiles::{LANES, TILE};
 use crate::types::TileSlot;
 
-pub use product::{ExpandTables, enter_all, expand_all, leave_all, project_all};
+pub use product::{ExpandTables, TileRoom, enter_all, expand_all, leave_all, project_all};
 
 /// Most patches: entries name columns by 16 bits.
 pub const MOST_TILE_PATCHES: usize = 65_536 - TILE as usize;

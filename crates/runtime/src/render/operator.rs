@@ -296,9 +296,8 @@ fn fill_apart(rows: &MatrixRows, i: usize, colors: &mut [Vec3], row: &mut [f32])
     }
 }
 
-/// Dense matrices of single precision at the peak: F, three operators, three of the solver; F alone.
+/// Dense matrices of single precision at the peak: F, three operators, three of the solver.
 pub(crate) const MATRICES: usize = 7;
-const FEEDBACK_MATRICES: usize = 1;
 
 /// Whether so many matrices fit into the memory that is free, where the system says how much that is.
 pub(crate) fn check_memory(patches: usize, matrices: usize, instead: &'static str) -> Result<(), Error> {
@@ -324,8 +323,6 @@ pub(crate) struct Between {
     pub factors: Csr,
     /// Areas by which they are, m².
     pub area: Vec<f32>,
-    /// `a^½ F a^-½`.
-    pub symmetric: Mat<f32>,
     /// Order in which neighbours are alike.
     pub order: Vec<u32>,
 }
@@ -333,12 +330,25 @@ pub(crate) struct Between {
 impl Between {
     pub fn new(senders: &Senders, factors: &Csr) -> Result<Self, Error> {
         let Reciprocal { factors, area, .. } = reciprocal(factors, &senders.areas())?;
-        let Csr { row_start, column_index, values, .. } = &factors;
-        let symmetric = Factors { row_start, columns: column_index, values, area: &area }.symmetric()?;
         let positions: Vec<Vec3> = senders.patches.iter().map(|p| p.centroid).collect();
         let normals: Vec<Vec3> = senders.patches.iter().map(|p| p.normal).collect();
         let order = halving_order(&positions, &normals);
-        Ok(Self { factors, area, symmetric, order })
+        Ok(Self { factors, area, order })
+    }
+
+    /// The form factors, which compressing them alone needs no dense matrix for.
+    pub fn channels(&self) -> Channels<'_> {
+        Channels::Factors(self.view())
+    }
+
+    fn view(&self) -> Factors<'_> {
+        let Csr { row_start, column_index, values, .. } = &self.factors;
+        Factors { row_start, columns: column_index, values, area: &self.area }
+    }
+
+    /// `a^½ F a^-½`.
+    pub fn symmetric(&self) -> Result<Mat<f32>, Error> {
+        Ok(self.view().symmetric()?)
     }
 
     /// Rows of `a^-½ T̂ a^½`, as codecs read them. Rounding leaves no entry below 0.
@@ -348,6 +358,11 @@ impl Between {
             let [r, g, b] = match channels {
                 Channels::One(all) => [all; 3],
                 Channels::Three(each) => each,
+                Channels::Factors(factors) => {
+                    row.fill(Vec3::ZERO);
+                    factors.row(i).for_each(|(j, f)| row[j] += Vec3::splat(f));
+                    return;
+                }
             };
             // Symmetric: a column, which lies together in memory, is the row.
             for (j, color) in row.iter_mut().enumerate() {
@@ -364,11 +379,12 @@ impl Between {
         progress: &mut Progress,
     ) -> Result<[Mat<f32>; 3], Error> {
         progress.phase("operator", |report| {
+            let symmetric = self.symmetric()?;
             let one = |channel: usize| {
                 let albedo: Vec<f32> = albedo.iter().map(|rho| rho[channel]).collect();
                 let made = match bounces {
-                    None => all_bounces(&self.symmetric, &albedo)?,
-                    Some(bounces) => some_bounces(&self.symmetric, &albedo, bounces, &go_on)?,
+                    None => all_bounces(&symmetric, &albedo)?,
+                    Some(bounces) => some_bounces(&symmetric, &albedo, bounces, &go_on)?,
                 };
                 if report((channel + 1) as f32 / 3.0) { Ok(made) } else { Err(Error::Cancelled) }
             };
@@ -415,10 +431,7 @@ pub(super) fn compress(
             let channels = Channels::Three(operators.each_ref());
             PatchOperator::encode(codec, channels, &between, settings.seed, progress)?
         }
-        Transport::Feedback { epsilon } => {
-            check_memory(senders.patches.len(), FEEDBACK_MATRICES, "classic")?;
-            feedback(Between::new(senders, factors)?, epsilon, settings.seed, progress)?
-        }
+        Transport::Feedback { epsilon } => feedback(Between::new(senders, factors)?, epsilon, settings.seed, progress)?,
     };
     progress.note(&operator.describe());
     Ok(Some(operator))
@@ -428,24 +441,28 @@ pub(super) fn compress(
 /// most 1, and so is below 1 with every albedo below 1.
 fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progress) -> Result<PatchOperator, Error> {
     let codec = Codec::Tiles { epsilon };
-    let operator = PatchOperator::encode(codec, Channels::One(&between.symmetric), &between, seed, progress)?;
-    let radius = growth(&operator, &vec![Vec4::ONE; operator.patches()])?;
+    let operator = PatchOperator::encode(codec, between.channels(), &between, seed, progress)?;
+    let radius = growth(&vec![Vec4::ONE; operator.patches()], &|light, out| operator.product(light, out))?;
     if radius <= 1.0 + 2.0 * RADIUS_TOLERANCE {
         return Ok(operator);
     }
     progress.note(&format!("compressed form factors are scaled by {:.4}, for light would grow", 1.0 / radius));
-    between.symmetric *= faer::Scale((1.0 - RADIUS_TOLERANCE) / radius);
-    PatchOperator::encode(codec, Channels::One(&between.symmetric), &between, seed, progress)
+    let scale = (1.0 - RADIUS_TOLERANCE) / radius;
+    between.factors.values.iter_mut().for_each(|f| *f *= scale);
+    PatchOperator::encode(codec, between.channels(), &between, seed, progress)
 }
 
-/// Spectral radius of `diag(ρ) T`, the greatest of the channels.
-pub(crate) fn growth(operator: &PatchOperator, albedo: &[Vec4]) -> Result<f32, Error> {
+/// Spectral radius of `diag(ρ) T`, the greatest of the channels: of `irradiance = T exitance` as a product.
+pub(crate) fn growth(
+    albedo: &[Vec4],
+    product: &dyn Fn(&[Vec4], &mut [Vec4]) -> Result<(), Error>,
+) -> Result<f32, Error> {
     let mut failed = None;
-    let mut product = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
-        failed = operator.product(exitance, irradiance).err().or(failed.take());
+    let mut one = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
+        failed = product(exitance, irradiance).err().or(failed.take());
         Ok(())
     };
-    let radius = spectral_radius(operator.patches(), albedo, &mut product, RADIUS_TOLERANCE, RADIUS_STEPS)?;
+    let radius = spectral_radius(albedo.len(), albedo, &mut one, RADIUS_TOLERANCE, RADIUS_STEPS)?;
     failed.map_or(Ok(radius.max_element()), Err)
 }
 
@@ -493,7 +510,7 @@ pub(super) mod tests {
 
     /// Spectral radius of an operator alone.
     fn plain(operator: &PatchOperator) -> f32 {
-        growth(operator, &vec![Vec4::ONE; operator.patches()]).unwrap()
+        growth(&vec![Vec4::ONE; operator.patches()], &|light, out| operator.product(light, out)).unwrap()
     }
 
     fn made(codec: Codec, channels: [&Mat<f32>; 3], between: &Between) -> PatchOperator {
@@ -560,8 +577,9 @@ pub(super) mod tests {
     #[test]
     fn no_codec_makes_light_grow() {
         let (between, _) = cornell();
+        let symmetric = between.symmetric().unwrap();
         for (codec, _) in CODECS.into_iter().chain([(Codec::Tiles { epsilon: 0.3 }, 0.0)]) {
-            let radius = plain(&made(codec, [&between.symmetric; 3], &between));
+            let radius = plain(&made(codec, [&symmetric; 3], &between));
             // An albedo is at most 0.95.
             assert!((0.5..1.02).contains(&radius), "{codec:?}: {radius}");
         }
@@ -571,21 +589,16 @@ pub(super) mod tests {
     fn form_factors_in_which_light_would_grow_are_scaled() {
         let mut progress = Progress::new(true);
         let (mut between, _) = cornell();
-        between.symmetric *= faer::Scale(1.5);
-        let wrong = made(Codec::Tiles { epsilon: 0.01 }, [&between.symmetric; 3], &between);
+        between.factors.values.iter_mut().for_each(|f| *f *= 1.5);
+        let wrong = made(Codec::Tiles { epsilon: 0.01 }, [&between.symmetric().unwrap(); 3], &between);
         assert!(plain(&wrong) > 1.02);
         let operator = feedback(between, 0.01, 1, &mut progress).unwrap();
         let radius = plain(&operator);
         assert!((0.99..=1.0 + 2.0 * RADIUS_TOLERANCE).contains(&radius), "{radius}");
         // What does not grow stays as it is.
         let (between, _) = cornell();
-        let as_it_is = PatchOperator::encode(
-            Codec::Tiles { epsilon: 0.01 },
-            Channels::One(&between.symmetric),
-            &between,
-            1,
-            &mut progress,
-        );
+        let as_it_is =
+            PatchOperator::encode(Codec::Tiles { epsilon: 0.01 }, between.channels(), &between, 1, &mut progress);
         assert_eq!(as_it_is.unwrap(), feedback(between, 0.01, 1, &mut progress).unwrap());
     }
 

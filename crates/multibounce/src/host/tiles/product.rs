@@ -23,21 +23,38 @@ type Group = [u32; GROUP];
 /// A colour channel of a block.
 type Plane = [f32; SIDE];
 
+/// What a product keeps between its steps: one for products one after another.
+#[derive(Clone, Debug, Default)]
+pub struct TileRoom {
+    ordered: Vec<Vec4>,
+    sums: Vec<Vec4>,
+    rows: Vec<Vec4>,
+}
+
 impl Tiles {
     /// Irradiance `H = T B`, W/m²; the same bits for any number of threads. The fourth component is 0.
     ///
     /// # Errors
     /// [`Error::Length`] unless both have one element a patch.
     pub fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        self.product_in(&mut TileRoom::default(), exitance, irradiance)
+    }
+
+    /// As [`Tiles::product`], in room that is kept from product to product.
+    ///
+    /// # Errors
+    /// As [`Tiles::product`].
+    pub fn product_in(&self, room: &mut TileRoom, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
         check_length("exitance", self.patches(), exitance.len())?;
         check_length("irradiance", self.patches(), irradiance.len())?;
-        let mut ordered = vec![Vec4::ZERO; self.blocks() * SIDE];
-        enter_all(&self.order, &self.root, exitance, &mut ordered);
-        let mut sums = vec![Vec4::ZERO; self.slots.len()];
-        project_all(&self.slots, &self.words, &ordered, &mut sums);
-        let mut out = vec![Vec4::ZERO; ordered.len()];
-        expand_all(&self.expand_tables(), &sums, &ordered, &mut out);
-        leave_all(&self.place, &self.root, &out, irradiance);
+        let TileRoom { ordered, sums, rows } = room;
+        ordered.resize(self.blocks() * SIDE, Vec4::ZERO);
+        sums.resize(self.slots.len(), Vec4::ZERO);
+        rows.resize(ordered.len(), Vec4::ZERO);
+        enter_all(&self.order, &self.root, exitance, ordered);
+        project_all(&self.slots, &self.words, ordered, sums);
+        expand_all(&self.expand_tables(), sums, ordered, rows);
+        leave_all(&self.place, &self.root, rows, irradiance);
         Ok(())
     }
 

@@ -2,31 +2,26 @@
 
 use std::time::Instant;
 
-use faer::Mat;
 use formfactor::{Operator, Stop, jacobi};
 use glam::Vec4;
-use multibounce::{Channels, Tiles};
-use scene::sampling::{hash3, unit};
+use multibounce::{Channels, TileRoom, Tiles};
 use serde::Serialize;
 
 use super::{Machine, SCENES, stream_gb_s};
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
-use crate::cli::report::Table;
+use crate::cli::report::{Plot, Section, Series, Table, page};
 use crate::error::Error;
 use crate::import::load_or_build;
 use crate::progress::Progress;
-use crate::render::classic::{ClassicSettings, Estimator, direct_params, exchange};
-use crate::render::operator::{Between, MATRICES, check_memory};
+use crate::render::classic::{ClassicSettings, Estimator, exchange};
+use crate::render::operator::measure::{compact_lights, exact_product, own_light, relative_error};
+use crate::render::operator::{Between, MATRICES, check_memory, growth};
 use crate::render::senders::{SenderSettings, Senders, lit_sampler};
+use crate::summary::peak_memory_bytes;
 
 /// Patches of a scene, unless it is said.
 const COUNT: u32 = 10_000;
-/// Compact lights, and the share of the patches that each lights.
-const LIGHTS: u32 = 8;
-const LIT_SHARE: usize = 50;
-/// What a turn of the normal counts beside a distance when patches of a light are chosen, m.
-const TURN: f32 = 2.0;
 /// Products whose times give the median.
 const TURNS: usize = 41;
 /// Bounces of classic radiosity that one product is compared with.
@@ -59,11 +54,27 @@ struct Row {
     compress_s: Option<f64>,
 }
 
+/// What a scene took before its operators were compressed.
+#[derive(Clone, Serialize)]
+struct Build {
+    scene: String,
+    patches: usize,
+    form_factors_s: f64,
+    /// All bounces, three channels; absent where they do not fit into memory.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    operator_s: Option<f64>,
+    /// Share of the light that is left after a bounce, in the end: the rate of feedback.
+    rate: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_memory_bytes: Option<u64>,
+}
+
 #[derive(Serialize)]
 struct Results<'a> {
     name: &'static str,
     machine: &'a Machine,
     seed: u32,
+    builds: &'a [Build],
     rows: &'a [Row],
 }
 
@@ -71,7 +82,8 @@ struct Results<'a> {
 struct Truth {
     source: Vec<Vec4>,
     direct: Vec<Vec4>,
-    all: Vec<Vec4>,
+    /// Where T is known.
+    all: Option<Vec<Vec4>>,
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
@@ -81,25 +93,102 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let scenes: Vec<&str> =
         if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
     let counts = if args.counts.is_empty() { vec![COUNT] } else { args.counts.clone() };
-    let mut rows = Vec::new();
+    let (mut builds, mut rows) = (Vec::new(), Vec::new());
+    let results = |builds: &[Build], rows: &[Row]| {
+        output::json(&Results { name: "operator", machine: &machine, seed: common.seed, builds, rows })
+    };
     for scene in scenes {
         for &count in &counts {
-            measure(common, args, scene, count as usize, &mut rows)?;
-            let results = Results { name: "operator", machine: &machine, seed: common.seed, rows: &rows };
-            output::write_text(&out.join("summary.json"), &output::json(&results))?;
+            measure(common, args, scene, count as usize, &mut builds, &mut rows)?;
+            output::write_text(&out.join("summary.json"), &results(&builds, &rows))?;
+            output::write_text(&out.join("report.html"), &report(&machine, &builds, &rows))?;
         }
     }
     if common.json {
-        println!("{}", output::json(&Results { name: "operator", machine: &machine, seed: common.seed, rows: &rows }));
+        println!("{}", results(&builds, &rows));
     } else {
-        println!(
-            "{}, {} threads, reading {:.1} GB/s out of caches\n",
-            machine.cpu, machine.threads, machine.stream_gb_s
-        );
+        println!("{}\n", machine_line(&machine));
+        builds.iter().for_each(|build| println!("{}\n", build_line(build)));
         println!("{}", table(&rows).markdown());
-        println!("{} holds the same", out.join("summary.json").display());
+        println!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
+}
+
+fn machine_line(machine: &Machine) -> String {
+    format!("{}, {} threads, reading {:.1} GB/s out of caches", machine.cpu, machine.threads, machine.stream_gb_s)
+}
+
+fn build_line(build: &Build) -> String {
+    let operator = match build.operator_s {
+        Some(seconds) => format!("operators of all bounces {seconds:.1} s"),
+        None => "no operators of all bounces, which would not fit into memory".to_owned(),
+    };
+    let memory = build.peak_memory_bytes.map(|bytes| format!("; at most {:.2} GB", bytes as f64 * 1e-9));
+    format!(
+        "{}, {} patches: form factors {:.1} s, {operator}; at most {:.0} % of the light is left after a bounce{}",
+        build.scene,
+        build.patches,
+        build.form_factors_s,
+        100.0 * build.rate,
+        memory.unwrap_or_default()
+    )
+}
+
+/// The table, and curves of bytes and of time over the error.
+fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
+    let curve = |title: &str, unit: &str, value: &dyn Fn(&Row) -> f64| Plot {
+        title: title.to_owned(),
+        unit: unit.to_owned(),
+        x: "error of irradiance, worst light, %".to_owned(),
+        logarithmic: true,
+        series: builds
+            .iter()
+            .flat_map(|build| [(build, "F"), (build, "T")])
+            .map(|(build, operator)| {
+                let own = |row: &&Row| {
+                    (&row.scene, row.patches) == (&build.scene, build.patches)
+                        && row.operator == operator
+                        && row.epsilon.is_some()
+                };
+                let mut points: Vec<_> =
+                    rows.iter().filter(own).map(|row| (100.0 * row.worst_light(), value(row))).collect();
+                points.sort_by(|a, b| a.0.total_cmp(&b.0));
+                Series { name: format!("{} {}, {operator}", build.scene, build.patches), points }
+            })
+            .filter(|series| !series.points.is_empty())
+            .collect(),
+    };
+    let section = Section {
+        title: "Compressed operators".to_owned(),
+        text: builds.iter().map(build_line).collect(),
+        figures: Vec::new(),
+        strip: Vec::new(),
+        tables: vec![table(rows)],
+        plots: vec![
+            curve("Bytes of a file, over the error", "MB a channel", &Row::channel_mb),
+            curve("Time of a product of three channels, over the error", "ms", &|row| row.median_ms),
+        ],
+    };
+    let introduction = [
+        machine_line(machine),
+        "F are form factors, of one channel; T the light of all bounces, of three. Errors are those of irradiance (L2 by \
+         area), of the scene's own light and the worst of eight compact lights, against the same operator without \
+         compression; Frobenius is the error of the entries, for which ε was asked."
+            .to_owned(),
+    ];
+    page("Patchlight: operators", &introduction, [&section])
+}
+
+impl Row {
+    /// Relative error of irradiance, the greatest of all lights.
+    fn worst_light(&self) -> f64 {
+        self.own_light.max(self.compact_lights)
+    }
+
+    fn channel_mb(&self) -> f64 {
+        self.stored_bytes as f64 * 1e-6 / if self.operator == "T" { 3.0 } else { 1.0 }
+    }
 }
 
 fn table(rows: &[Row]) -> Table {
@@ -126,7 +215,7 @@ fn table(rows: &[Row]) -> Table {
             row.method.to_owned(),
             row.patches.to_string(),
             row.epsilon.map(percent).unwrap_or_default(),
-            format!("{:.2}", row.stored_bytes as f64 * 1e-6 / if row.operator == "T" { 3.0 } else { 1.0 }),
+            format!("{:.2}", row.channel_mb()),
             format!("{:.2}", row.bytes as f64 * 1e-6),
             percent(row.frobenius),
             percent(row.own_light),
@@ -136,11 +225,19 @@ fn table(rows: &[Row]) -> Table {
             row.compress_s.map(|s| format!("{s:.1}")).unwrap_or_default(),
         ]
     };
-    let caption = String::new();
+    let caption =
+        "Bytes, errors and times of products; the floor is the time in which the machine reads the bytes.".to_owned();
     Table { caption, head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(line).collect() }
 }
 
-fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut Vec<Row>) -> Result<(), Error> {
+fn measure(
+    common: &Common,
+    args: &Bench,
+    name: &str,
+    count: usize,
+    builds: &mut Vec<Build>,
+    rows: &mut Vec<Row>,
+) -> Result<(), Error> {
     let mut progress = Progress::new(common.quiet);
     let loaded = progress.phase("import", |_| load_or_build(name))?;
     loaded.warnings.iter().for_each(|line| progress.warn(line));
@@ -157,40 +254,31 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
         let made = SenderSettings { kind, count, voxel_size: None, samples: settings.samples, seed: common.seed };
         Senders::new(scene, sampler.as_ref(), &made)
     })?;
+    let start = Instant::now();
     let found = progress.phase("form_factors", |report| exchange(scene, &senders, &settings, report))?;
-    // One more for the dense product.
-    check_memory(senders.patches.len(), MATRICES + 1, "feedback")?;
+    let form_factors_s = start.elapsed().as_secs_f64();
     let between = Between::new(&senders, &found.factors)?;
-    let operators = between.bounces(&senders.albedo, None, &mut progress)?;
     let n = senders.patches.len();
+    let start = Instant::now();
+    // One more for the dense product.
+    let operators = match check_memory(n, MATRICES + 1, "feedback") {
+        Ok(()) => Some(between.bounces(&senders.albedo, None, &mut progress)?),
+        Err(error) => {
+            progress.warn(&format!("{error}; without it"));
+            None
+        }
+    };
+    let operator_s = operators.is_some().then(|| start.elapsed().as_secs_f64());
+    let rate = growth(&senders.albedo, &|light, out| Ok(between.factors.product(light, out)?))?;
 
     // The scene's own light, then compact ones.
-    let direct = scene::DirectParams {
-        count: senders.points.len() as u32,
-        area_rays: settings.sample_rays,
-        sky_rays: if scene.sky.map_width == 0 { 0 } else { settings.sample_rays },
-        seed: common.seed,
-        ..direct_params(scene)
-    };
-    let mut sources = vec![senders.source(&scene.direct_irradiance(&direct, &senders.points))];
-    for light in 0..LIGHTS {
-        let centre = (unit(hash3(light, 0, common.seed ^ 0x6c69)) * n as f32) as usize;
-        let Some(at) = senders.patches.get(centre) else { break };
-        let far = |i: &u32| {
-            let p = &senders.patches[*i as usize];
-            p.centroid.distance(at.centroid) + TURN * p.normal.distance(at.normal)
-        };
-        let mut order: Vec<u32> = (0..n as u32).collect();
-        order.sort_by(|a, b| far(a).total_cmp(&far(b)).then(a.cmp(b)));
-        let mut source = vec![Vec4::ZERO; n];
-        order.iter().take(n.div_ceil(LIT_SHARE)).for_each(|&i| source[i as usize] = Vec4::ONE.with_w(0.0));
-        sources.push(source);
-    }
+    let mut sources = vec![own_light(scene, &senders, &settings)];
+    sources.extend(compact_lights(&senders, common.seed));
     let truth = |source: Vec<Vec4>| -> Result<Truth, Error> {
         let mut direct = vec![Vec4::ZERO; n];
         between.factors.product(&source, &mut direct)?;
-        let all = (0..3).map(|c| dense_product(&operators[c], &between.area, &source, c)).collect::<Vec<_>>();
-        let all = (0..n).map(|i| Vec4::new(all[0][i], all[1][i], all[2][i], 0.0)).collect();
+        let all =
+            operators.as_ref().map(|three| exact_product(Channels::Three(three.each_ref()), &between.area, &source));
         Ok(Truth { source, direct, all })
     };
     let truths = sources.into_iter().map(truth).collect::<Result<Vec<_>, _>>()?;
@@ -221,7 +309,7 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
         Ok(())
     })?;
     rows.push(row("F", "three bounces", csr_bytes, bounces));
-    {
+    if let Some(operators) = &operators {
         // Symmetric: its columns are its rows.
         let values = (0..n).flat_map(|j| operators[1].col(j).iter().copied()).collect();
         let dense = formfactor::Dense::new(n, n, values)?;
@@ -229,10 +317,8 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
         rows.push(row("T", "dense f32, three products", 12 * (n * n) as u64, 3.0 * time));
     }
     for &epsilon in &args.epsilons {
-        for (operator, channels) in [
-            ("F", Channels::One(&between.symmetric)),
-            ("T", Channels::Three([&operators[0], &operators[1], &operators[2]])),
-        ] {
+        let all = operators.as_ref().map(|three| ("T", Channels::Three(three.each_ref())));
+        for (operator, channels) in [("F", between.channels())].into_iter().chain(all) {
             let start = Instant::now();
             let tiles = progress.phase("compress", |report| {
                 let proceed = |done, total| crate::render::proceed(report, done, total);
@@ -241,11 +327,12 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
             let seconds = start.elapsed().as_secs_f64();
             let errors = truths.iter().map(|truth| {
                 tiles.product(&truth.source, &mut h)?;
-                let exact = if operator == "F" { &truth.direct } else { &truth.all };
+                let exact = truth.all.as_ref().filter(|_| operator == "T").unwrap_or(&truth.direct);
                 Ok(relative_error(&h, exact, &between.area))
             });
             let errors = errors.collect::<Result<Vec<f64>, Error>>()?;
-            let time = median_ms(|| Ok(tiles.product(&truths[0].source, &mut h)?))?;
+            let mut room = TileRoom::default();
+            let time = median_ms(|| Ok(tiles.product_in(&mut room, &truths[0].source, &mut h)?))?;
             let compact = errors[1..].iter().copied().fold(0.0, f64::max);
             rows.push(Row {
                 epsilon: Some(epsilon),
@@ -258,27 +345,15 @@ fn measure(common: &Common, args: &Bench, name: &str, count: usize, rows: &mut V
             });
         }
     }
+    builds.push(Build {
+        scene: loaded.name.clone(),
+        patches: n,
+        form_factors_s,
+        operator_s,
+        rate,
+        peak_memory_bytes: peak_memory_bytes(),
+    });
     Ok(())
-}
-
-/// One channel of the irradiance by the operator without compression.
-fn dense_product(symmetric: &Mat<f32>, area: &[f32], source: &[Vec4], channel: usize) -> Vec<f32> {
-    let light = faer::Col::from_fn(area.len(), |i| source[i][channel] * scene::math::sqrt(area[i]));
-    let out = symmetric * &light;
-    (0..area.len()).map(|i| out[i] / scene::math::sqrt(area[i])).collect()
-}
-
-/// Relative error of irradiance, L2 by area, the greatest of the channels.
-fn relative_error(ours: &[Vec4], exact: &[Vec4], area: &[f32]) -> f64 {
-    let error = |c: usize| {
-        let (mut wrong, mut whole) = (0.0, 0.0);
-        for ((h, x), a) in ours.iter().zip(exact).zip(area) {
-            wrong += f64::from(*a) * f64::from(h[c] - x[c]).powi(2);
-            whole += f64::from(*a) * f64::from(x[c]).powi(2);
-        }
-        if whole > 0.0 { (wrong / whole).sqrt() } else { 0.0 }
-    };
-    error(0).max(error(1)).max(error(2))
 }
 
 fn median_ms(mut work: impl FnMut() -> Result<(), Error>) -> Result<f64, Error> {

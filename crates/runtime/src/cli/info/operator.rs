@@ -98,7 +98,7 @@ impl Operator {
         let codec = options.codec.codec(options.epsilon);
         let mut made = vec![("T", Channels::Three(operators.each_ref()))];
         if options.codec == Storage::Tiles {
-            made.push(("F", Channels::One(&between.symmetric)));
+            made.push(("F", between.channels()));
         }
         let mut stored = Vec::new();
         for (operator, channels) in made {
@@ -157,7 +157,7 @@ impl Stored {
             kept.product(light, &mut irradiance)?;
             errors.push(relative_error(&irradiance, &exact_product(channels, &between.area, light), &between.area));
         }
-        let radius = growth(kept, albedo)?;
+        let radius = growth(albedo, &|light, out| kept.product(light, out))?;
         let bytes = kept.bytes();
         let tiles = match kept {
             PatchOperator::Tiles(tiles) => {

@@ -5,6 +5,7 @@ use std::f32::consts::LN_10;
 use faer::Mat;
 use glam::{Vec3, Vec4};
 use multibounce::{Channels, MatrixRows, Permutation, picture};
+use rayon::prelude::*;
 use reference::Picture;
 use scene::Scene;
 use scene::kernel::shade::decode_srgb;
@@ -65,6 +66,10 @@ pub(crate) fn exact_product(channels: Channels, area: &[f32], source: &[Vec4]) -
     let [r, g, b] = match channels {
         Channels::One(all) => [all; 3],
         Channels::Three(each) => each,
+        Channels::Factors(factors) => {
+            let row = |i| factors.row(i).map(|(j, f)| (source[j] * f).truncate().extend(0.0)).sum();
+            return (0..area.len()).into_par_iter().map(row).collect();
+        }
     };
     let (r, g, b) = (one(r, 0), one(g, 1), one(b, 2));
     (0..root.len()).map(|i| Vec4::new(r[i], g[i], b[i], 0.0) / root[i]).collect()
