@@ -6,7 +6,7 @@ use glam::{UVec2, UVec4, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
-use multibounce::{BlockParams, TileSlot};
+use multibounce::{BlockParams, TileComponent};
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -124,7 +124,7 @@ structure!(BlockParams {
 });
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
-structure!(TileSlot { scale: f32, group: u32, tag: u32 });
+structure!(TileComponent { scale: f32, group: u32, tag: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
 structure!(Member { sample: u32, weight: f32 });
@@ -155,7 +155,7 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "grids" => layout::<TriangleGrid>(),
         "members" => layout::<Member>(),
         "entries" if kernel == "patches_lookup" => layout::<LookupPatch>(),
-        "slots" => layout::<TileSlot>(),
+        "components" => layout::<TileComponent>(),
         "order" | "place" | "words" | "use_start" | "uses" | "entries" => layout::<u32>(),
         "root" | "steps" => layout::<f32>(),
         "ordered" | "sums" | "rows" => layout::<Vec4>(),

@@ -6,7 +6,7 @@ pub use row::{Access, Binding, BindingKind, ImageFormat, Kernel, MAX_GROUPS_X};
 
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
-use ::multibounce::{BlockParams, TileSlot};
+use ::multibounce::{BlockParams, TileComponent};
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -559,7 +559,12 @@ pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     workgroup: WORKGROUP,
     elements_per_group: WORKGROUP,
     push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[read::<TileSlot>("slots"), read::<u32>("words"), read::<Rgb>("ordered"), write::<Rgb>("sums")],
+    bindings: &[
+        read::<TileComponent>("components"),
+        read::<u32>("words"),
+        read::<Rgb>("ordered"),
+        write::<Rgb>("sums"),
+    ],
     host: host::tiles::project,
 };
 
@@ -573,7 +578,7 @@ pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
     bindings: &[
         read::<u32>("use_start"),
         read::<u32>("uses"),
-        read::<TileSlot>("slots"),
+        read::<TileComponent>("components"),
         read::<u32>("words"),
         read::<Rgb>("sums"),
         read::<u32>("row_start"),

@@ -1,6 +1,6 @@
 //! Entry points of the product with tiles: the exitance in their order, the sums of their vectors, the rows.
 
-use ::multibounce::TileSlot;
+use ::multibounce::TileComponent;
 use ::multibounce::kernel::tiles;
 use ::scene::Rgb;
 use glam::UVec3;
@@ -34,14 +34,14 @@ pub fn tiles_project(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(num_workgroups)] groups: UVec3,
     #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] slots: &[TileSlot],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] components: &[TileComponent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] words: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] ordered: &[Rgb],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] sums: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        sums[k as usize] = tiles::project(k, slots, words, ordered);
+        sums[k as usize] = tiles::project(k, components, words, ordered);
     }
 }
 
@@ -54,7 +54,7 @@ pub fn tiles_expand(
     #[spirv(push_constant)] p: &CountParams,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] use_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] uses: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] slots: &[TileSlot],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] components: &[TileComponent],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] sums: &[Rgb],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] row_start: &[u32],
@@ -65,7 +65,8 @@ pub fn tiles_expand(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        rows[k as usize] = tiles::expand(k, use_start, uses, slots, words, sums, row_start, entries, steps, ordered);
+        rows[k as usize] =
+            tiles::expand(k, use_start, uses, components, words, sums, row_start, entries, steps, ordered);
     }
 }
 

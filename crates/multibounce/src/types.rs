@@ -27,48 +27,56 @@ pub struct BlockParams {
 }
 const _: () = assert!(size_of::<BlockParams>() == 36);
 
-/// One of the two vectors of a component of [`crate::Tiles`].
+/// A component of [`crate::Tiles`]: two vectors, one along the rows of its tile and one along the columns.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct TileSlot {
-    /// What its sums are multiplied by.
+pub struct TileComponent {
+    /// What their sums are multiplied by.
     pub scale: f32,
-    /// Its first group of [`crate::kernel::tiles::LANES`] words.
+    /// First group of [`crate::kernel::tiles::LANES`] words of the first; the second follows it.
     pub group: u32,
-    /// Block of rows or columns that it belongs to in the lower 16 bits; then the colour channel that it is for: 0, 1, 2, or
-    /// [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8 ([`TileSlot::new`]).
+    /// Block of rows in the lower 12 bits, block of columns in the next 12; then the colour channel that it is for: 0, 1, 2,
+    /// or [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8.
     pub tag: u32,
 }
-const _: () = assert!(size_of::<TileSlot>() == 12);
+const _: () = assert!(size_of::<TileComponent>() == 12);
 
-impl TileSlot {
-    /// A vector of a block, a channel, and elements of 4 or 8 bits.
+impl TileComponent {
+    /// Of a tile in these blocks of rows and columns, for a channel, with elements of 4 or 8 bits.
     #[inline]
-    pub fn new(scale: f32, group: u32, block: u32, channel: u32, is_short: bool) -> Self {
-        Self { scale, group, tag: (block & 0xffff) | channel << 16 | u32::from(is_short) << 18 }
+    pub fn new(scale: f32, group: u32, (rows, columns): (u32, u32), channel: u32, is_short: bool) -> Self {
+        let tag = (rows & 0xfff) | (columns & 0xfff) << 12 | (channel & 3) << 24 | u32::from(is_short) << 26;
+        Self { scale, group, tag }
     }
 
-    /// Block that it belongs to.
-    #[inline]
-    pub fn block(self) -> u32 {
-        self.tag & 0xffff
-    }
-
-    /// Colour channel that it is for.
-    #[inline]
-    pub fn channel(self) -> u32 {
-        self.tag >> 16 & 3
-    }
-
-    /// Whether its elements have 4 bits.
-    #[inline]
-    pub fn is_short(self) -> bool {
-        self.tag >> 18 & 1 == 1
-    }
-
-    /// Groups of words that its elements take.
+    /// Groups of words that both of its vectors take.
     #[inline]
     pub fn groups(self) -> u32 {
-        if self.is_short() { 1 } else { 2 }
+        if self.tag >> 26 & 1 == 1 { 2 } else { 4 }
     }
+
+    /// The vector along the rows (0) or the columns (1).
+    #[inline]
+    pub fn vector(self, side: u32) -> TileVector {
+        let is_short = self.tag >> 26 & 1;
+        TileVector {
+            group: self.group + side * (2 - is_short),
+            block: self.tag >> (12 * side) & 0xfff,
+            channel: self.tag >> 24 & 3,
+            is_short: is_short == 1,
+        }
+    }
+}
+
+/// A vector of a component.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TileVector {
+    /// Its first group of words.
+    pub group: u32,
+    /// Block of rows or columns that it belongs to.
+    pub block: u32,
+    /// Colour channel that it is for.
+    pub channel: u32,
+    /// Whether its elements have 4 bits.
+    pub is_short: bool,
 }

@@ -279,10 +279,10 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
     let light: Vec<Vec4> = (0..n).map(|i| Vec4::new(random(i, 0, 9), random(i, 1, 9), random(i, 2, 9), 0.0)).collect();
     let mut ordered = vec![Vec4::ZERO; tiles.steps.len()];
     enter_all(&tiles.order, &tiles.root, &light, &mut ordered);
-    let mut sums = vec![Vec4::ZERO; tiles.slots.len()];
-    project_all(&tiles.slots, &tiles.words, &ordered, &mut sums);
+    let mut sums = vec![Vec4::ZERO; 2 * tiles.components.len()];
+    project_all(&tiles.components, &tiles.words, &ordered, &mut sums);
     for (slot, sum) in sums.iter().enumerate() {
-        assert_eq!(*sum, kernel::tiles::project(slot as u32, &tiles.slots, &tiles.words, &ordered), "slot {slot}");
+        assert_eq!(*sum, kernel::tiles::project(slot as u32, &tiles.components, &tiles.words, &ordered), "slot {slot}");
     }
     let mut rows = vec![Vec4::ZERO; ordered.len()];
     let t = tiles.expand_tables();
@@ -292,7 +292,7 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
             p as u32,
             t.use_start,
             t.uses,
-            t.slots,
+            t.components,
             t.words,
             &sums,
             t.row_start,
@@ -345,7 +345,7 @@ fn what_is_wrong_is_said() {
     // Tables that lead beyond their end.
     let good = encode(&case.area, &order, 0.01).unwrap();
     let mut tiles = good.clone();
-    tiles.uses[0] = tiles.slots.len() as u32;
+    tiles.uses[0] = 2 * tiles.components.len() as u32;
     assert!(matches!(tiles.check(), Err(Error::Value { name: "uses", index: 0, .. })));
     let mut tiles = good.clone();
     tiles.words.pop();

@@ -2,23 +2,24 @@
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::tiles::{LANES, TILE};
-use ::multibounce::{BlockCodec, BlockParams, Companding, TileSlot};
+use ::multibounce::{BlockCodec, BlockParams, Companding, TileComponent};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::ImageFormat;
 
 use super::{Bytes, Data, Random, Tables, buffer, call, offsets, room};
 
-/// Slots of two blocks, for one channel or for all, of short and long elements, and their words.
-fn tile_slots(r: &mut Random, n: u32) -> (Vec<TileSlot>, Vec<u32>) {
+/// Components of two blocks, for one channel or for all, of short and long elements, and their words.
+fn tile_components(r: &mut Random, n: u32) -> (Vec<TileComponent>, Vec<u32>) {
     let mut groups = 0;
-    let slots = (0..n).map(|k| {
-        let slot = TileSlot::new(r.unit() - 0.3, groups, k / 2 % 2, r.below(4), r.below(2) == 0);
-        groups += slot.groups();
-        slot
+    let components = (0..n).map(|_| {
+        let blocks = (r.below(2), r.below(2));
+        let component = TileComponent::new(r.unit() - 0.3, groups, blocks, r.below(4), r.below(2) == 0);
+        groups += component.groups();
+        component
     });
-    let slots = slots.collect();
-    (slots, r.words(groups * LANES))
+    let components = components.collect();
+    (components, r.words(groups * LANES))
 }
 
 pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
@@ -100,9 +101,9 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "multibounce_tiles_project" => {
             let n = 150u32;
-            let (slots, words) = tile_slots(r, n);
+            let (components, words) = tile_components(r, n / 2);
             let tables = vec![
-                buffer("slots", &slots),
+                buffer("components", &components),
                 buffer("words", &words),
                 buffer("ordered", &r.colors(2 * TILE as usize)),
                 room::<Vec4>("sums", n as usize),
@@ -114,11 +115,11 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             let uses: Vec<u32> = (0..n).map(|k| k * 77 % n).collect();
             let row_start = offsets(r, places as usize);
             let entries: Vec<u32> = (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(places)).collect();
-            let (slots, words) = tile_slots(r, n);
+            let (components, words) = tile_components(r, n / 2);
             let tables = vec![
                 buffer("use_start", &[0, n / 3, n]),
                 buffer("uses", &uses),
-                buffer("slots", &slots),
+                buffer("components", &components),
                 buffer("words", &words),
                 buffer("sums", &r.colors(n as usize)),
                 buffer("row_start", &row_start),

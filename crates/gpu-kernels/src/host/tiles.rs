@@ -1,7 +1,7 @@
 //! Host forms of the kernels of tiles: on all cores, in vectors where the bodies allow it, bit for bit.
 
 use ::multibounce::kernel::tiles::{LANES, TILE};
-use ::multibounce::{ExpandTables, TileSlot, enter_all, expand_all, leave_all, project_all};
+use ::multibounce::{ExpandTables, TileComponent, enter_all, expand_all, leave_all, project_all};
 use ::scene::Rgb;
 
 use super::{HostCall, HostError, agreed, long_enough};
@@ -18,10 +18,10 @@ fn end(starts: &[u32]) -> usize {
     if starts.is_sorted() { starts.last().map_or(0, |&k| k as usize) } else { usize::MAX }
 }
 
-/// Words that these slots read.
-fn words_of<'a>(slots: impl Iterator<Item = &'a TileSlot>) -> usize {
-    let end = |slot: &TileSlot| (slot.group as usize + slot.groups() as usize) * LANES as usize;
-    slots.map(end).max().unwrap_or(0)
+/// Words that these components read.
+fn words_of<'a>(components: impl Iterator<Item = &'a TileComponent>) -> usize {
+    let end = |component: &TileComponent| (component.group as usize + component.groups() as usize) * LANES as usize;
+    components.map(end).max().unwrap_or(0)
 }
 
 pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
@@ -36,19 +36,20 @@ pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 
 pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [slots, words, ordered, sums]) = call.parts::<CountParams, 4>(kernel)?;
+    let (p, [components, words, ordered, sums]) = call.parts::<CountParams, 4>(kernel)?;
     let n = agreed(elements, p.count)?;
-    let slots = &slots.read::<TileSlot>(n)?[..n];
-    let words = words.read::<u32>(words_of(slots.iter()))?;
-    let blocks = slots.iter().map(|slot| slot.block() as usize + 1).max().unwrap_or(0);
+    let components = &components.read::<TileComponent>(n.div_ceil(2))?[..n.div_ceil(2)];
+    let words = words.read::<u32>(words_of(components.iter()))?;
+    let vectors = components.iter().flat_map(|component| [0, 1].map(|side| component.vector(side).block as usize + 1));
+    let blocks = vectors.max().unwrap_or(0);
     let ordered = ordered.read::<Rgb>(blocks.saturating_mul(TILE as usize))?;
-    project_all(slots, words, ordered, sums.write(n)?);
+    project_all(components, words, ordered, sums.write(n)?);
     Ok(())
 }
 
 pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [use_start, uses, slots, words, sums, row_start, entries, steps, ordered, rows]) =
+    let (p, [use_start, uses, components, words, sums, row_start, entries, steps, ordered, rows]) =
         call.parts::<CountParams, 10>(kernel)?;
     let n = agreed(elements, p.count)?;
     let blocks = n.div_ceil(TILE as usize);
@@ -56,13 +57,13 @@ pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErr
     let row_start = &row_start.read::<u32>(n + 1)?[..n + 1];
     let (uses, entries) = (uses.read::<u32>(end(use_start))?, entries.read::<u32>(end(row_start))?);
     let uses = &uses[..end(use_start)];
-    let slot_count = named(uses).next_multiple_of(2);
-    let (slots, sums) = (slots.read::<TileSlot>(slot_count)?, sums.read::<Rgb>(slot_count)?);
-    let words = words.read::<u32>(words_of(uses.iter().map(|&slot| &slots[slot as usize])))?;
+    let count = named(uses).div_ceil(2);
+    let (components, sums) = (components.read::<TileComponent>(count)?, sums.read::<Rgb>(2 * count)?);
+    let words = words.read::<u32>(words_of(uses.iter().map(|&slot| &components[slot as usize / 2])))?;
     let (steps, ordered) = (steps.read::<f32>(n)?, ordered.read::<Rgb>(0)?);
     let columns = entries[..end(row_start)].iter().map(|entry| (entry & 0xffff) as usize + 1).max().unwrap_or(0);
     long_enough("ordered", ordered.len(), columns)?;
-    let tables = ExpandTables { use_start, uses, slots, words, row_start, entries, steps };
+    let tables = ExpandTables { use_start, uses, components, words, row_start, entries, steps };
     expand_all(&tables, sums, ordered, rows.write(n)?);
     Ok(())
 }

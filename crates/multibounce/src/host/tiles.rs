@@ -12,7 +12,7 @@ use faer::Mat;
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
 use crate::kernel::tiles::{LANES, TILE};
-use crate::types::TileSlot;
+use crate::types::TileComponent;
 
 pub use product::{ExpandTables, TileRoom, enter_all, expand_all, leave_all, project_all};
 
@@ -45,8 +45,8 @@ pub struct Tiles {
     pub place: Vec<u32>,
     /// `√a` of each patch, m.
     pub root: Vec<f32>,
-    /// Two for each component.
-    pub slots: Vec<TileSlot>,
+    /// Pairs of vectors; slot `2 k + side` is a vector of component k.
+    pub components: Vec<TileComponent>,
     /// Elements of the vectors, in groups of [`LANES`] words.
     pub words: Vec<u32>,
     /// Slots of block b: `uses[use_start[b]..use_start[b + 1]]`.
@@ -91,7 +91,7 @@ impl Tiles {
 
     /// Bytes of each part that a product reads.
     pub fn bytes(&self) -> [(&'static str, u64); 3] {
-        let vectors = size_of_val(&self.words[..]) + size_of_val(&self.slots[..]) + size_of_val(&self.uses[..]);
+        let vectors = size_of_val(&self.words[..]) + size_of_val(&self.components[..]) + size_of_val(&self.uses[..]);
         let entries = size_of_val(&self.entries[..]) + size_of_val(&self.row_start[..]) + size_of_val(&self.steps[..]);
         let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
         [("vectors", vectors as u64), ("entries", entries as u64), ("places", places as u64)]
@@ -111,7 +111,7 @@ impl Tiles {
         let (n, rows) = (self.patches(), self.blocks() * TILE as usize);
         check_length("place", n, self.place.len())?;
         check_length("root", n, self.root.len())?;
-        let groups: usize = self.slots.iter().map(|slot| slot.groups() as usize).sum();
+        let groups: usize = self.components.iter().map(|component| component.groups() as usize).sum();
         check_length("words", groups * LANES as usize, self.words.len())?;
         check_length("use_start", self.blocks() + 1, self.use_start.len())?;
         check_length("row_start", rows + 1, self.row_start.len())?;
@@ -124,11 +124,11 @@ impl Tiles {
         };
         below("order", &self.order, n)?;
         below("place", &self.place, n)?;
-        below("uses", &self.uses, self.slots.len() & !1)?;
-        let blocks: Vec<u32> = self.slots.iter().map(|slot| slot.block()).collect();
-        below("slots", &blocks, self.blocks())?;
-        let last: Vec<u32> = self.slots.iter().map(|slot| slot.group.saturating_add(slot.groups() - 1)).collect();
-        below("slots", &last, groups)?;
+        below("uses", &self.uses, 2 * self.components.len())?;
+        let vectors = self.components.iter().flat_map(|component| [0, 1].map(|side| component.vector(side).block));
+        below("components", &vectors.collect::<Vec<u32>>(), self.blocks())?;
+        let last = self.components.iter().map(|component| component.group.saturating_add(component.groups() - 1));
+        below("components", &last.collect::<Vec<u32>>(), groups)?;
         let columns: Vec<u32> = self.entries.iter().map(|entry| entry & 0xffff).collect();
         below("entries", &columns, rows)?;
         let finite = |name, mut table: std::boxed::Box<dyn Iterator<Item = f32> + '_>| match table
@@ -137,7 +137,7 @@ impl Tiles {
             Some(index) => Err(Error::Value { name, index, value: f64::NAN, rule: "finite" }),
             None => Ok(()),
         };
-        finite("slots", std::boxed::Box::new(self.slots.iter().map(|slot| slot.scale)))?;
+        finite("components", std::boxed::Box::new(self.components.iter().map(|component| component.scale)))?;
         finite("steps", std::boxed::Box::new(self.steps.iter().copied()))?;
         match self.root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
             Some(index) => {

@@ -4,7 +4,7 @@
 
 use glam::{Vec3, Vec4};
 
-use crate::types::TileSlot;
+use crate::types::{TileComponent, TileVector};
 
 /// Rows and columns of a tile.
 pub const TILE: u32 = 128;
@@ -19,15 +19,15 @@ pub const SHORT_BIAS: f32 = 8.0;
 /// Channel of components that are for all three.
 pub const ALL_CHANNELS: u32 = 3;
 
-/// Element `r` of the vector of a slot. Elements of 4 bits: the parts are the nibbles of the words of one group; of 8 bits:
+/// Element `r` of a vector. Elements of 4 bits: the parts are the nibbles of the words of one group; of 8 bits:
 /// four parts are the bytes of the first group, four of the second.
 #[inline]
-pub fn element(words: &[u32], slot: TileSlot, r: u32) -> f32 {
+pub fn element(words: &[u32], vector: TileVector, r: u32) -> f32 {
     let (part, lane) = (r / LANES, r % LANES);
-    if slot.is_short() {
-        ((words[(slot.group * LANES + lane) as usize] >> (4 * part)) & 0xf) as f32 - SHORT_BIAS
+    if vector.is_short {
+        ((words[(vector.group * LANES + lane) as usize] >> (4 * part)) & 0xf) as f32 - SHORT_BIAS
     } else {
-        let word = words[((slot.group + part / 4) * LANES + lane) as usize];
+        let word = words[((vector.group + part / 4) * LANES + lane) as usize];
         ((word >> (8 * (part % 4))) & 0xff) as f32 - BIAS
     }
 }
@@ -58,24 +58,25 @@ pub fn enter(p: u32, patches: u32, order: &[u32], root: &[f32], exitance: &[Vec4
     (exitance[i].truncate() * root[i]).extend(0.0)
 }
 
-/// What lane `l` of a slot adds up, from the block of `ordered` that begins at `base`.
+/// What lane `l` of a vector adds up, from the block of `ordered` that begins at `base`.
 #[inline]
-fn lane(slot: TileSlot, l: u32, base: u32, words: &[u32], ordered: &[Vec4]) -> Vec3 {
+fn lane(vector: TileVector, l: u32, base: u32, words: &[u32], ordered: &[Vec4]) -> Vec3 {
     let mut sum = Vec3::ZERO;
     for part in 0..PARTS {
         let r = part * LANES + l;
-        sum += ordered[(base + r) as usize].truncate() * element(words, slot, r);
+        sum += ordered[(base + r) as usize].truncate() * element(words, vector, r);
     }
     sum
 }
 
-/// Sum of a slot, `z = s (v·x)`, for its channels.
+/// Sum of a slot, `z = s (v·x)`, for its channels: slot `2 k + side` is a vector of component k.
 ///
-/// Shapes: `slots[n]`, `words[groups · LANES]`, `ordered[blocks · TILE]`. Needs `slot < n`.
+/// Shapes: `components[n]`, `words[groups · LANES]`, `ordered[blocks · TILE]`. Needs `slot < 2 n`.
 #[inline]
-pub fn project(slot: u32, slots: &[TileSlot], words: &[u32], ordered: &[Vec4]) -> Vec4 {
-    let own = slots[slot as usize];
-    let base = own.block() * TILE;
+pub fn project(slot: u32, components: &[TileComponent], words: &[u32], ordered: &[Vec4]) -> Vec4 {
+    let component = components[(slot / 2) as usize];
+    let own = component.vector(slot % 2);
+    let base = own.block * TILE;
     let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
     for four in 0..LANES / 4 {
         a += lane(own, 4 * four, base, words, ordered);
@@ -83,20 +84,20 @@ pub fn project(slot: u32, slots: &[TileSlot], words: &[u32], ordered: &[Vec4]) -
         c += lane(own, 4 * four + 2, base, words, ordered);
         d += lane(own, 4 * four + 3, base, words, ordered);
     }
-    (masked((a + c) + (b + d), own.channel()) * own.scale).extend(0.0)
+    (masked((a + c) + (b + d), own.channel) * component.scale).extend(0.0)
 }
 
 /// Row `p` of the ordered irradiance: each vector of its block times the sum of the other one of its component, and the
 /// row's own entries: columns in the lower 16 bits, signed 16-bit values above them, in steps of the row.
 ///
-/// Shapes: `use_start[blocks + 1]`, `uses` names slots, `sums` has one for each of `slots`, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`.
+/// Shapes: `use_start[blocks + 1]`, `uses` names slots, `sums` has two for each of `components`, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn expand(
     p: u32,
     use_start: &[u32],
     uses: &[u32],
-    slots: &[TileSlot],
+    components: &[TileComponent],
     words: &[u32],
     sums: &[Vec4],
     row_start: &[u32],
@@ -108,7 +109,8 @@ pub fn expand(
     let mut sum = Vec3::ZERO;
     for k in use_start[block as usize]..use_start[block as usize + 1] {
         let slot = uses[k as usize];
-        sum += sums[(slot ^ 1) as usize].truncate() * element(words, slots[slot as usize], r);
+        sum +=
+            sums[(slot ^ 1) as usize].truncate() * element(words, components[(slot / 2) as usize].vector(slot % 2), r);
     }
     // Four sums: an addition takes longer than the loads.
     let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);

@@ -12,7 +12,7 @@ use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
 use crate::kernel::tiles::{ALL_CHANNELS, LANES};
-use crate::types::TileSlot;
+use crate::types::TileComponent;
 
 /// The error is at least this share of what was asked for, when it can be.
 const CLOSE: f64 = 0.85;
@@ -128,7 +128,7 @@ impl Tiles {
     ) -> Self {
         let blocks = area.len().div_ceil(SIDE);
         let mut report = TileReport::default();
-        let (mut slots, mut words) = (Vec::new(), Vec::new());
+        let (mut components, mut words) = (Vec::new(), Vec::new());
         let mut uses: Vec<Vec<u32>> = vec![Vec::new(); blocks];
         for (&(i, j), part) in tiles.iter().zip(&parts) {
             let kind = if !part.components.is_empty() { 2 } else { usize::from(!part.entries.is_empty()) };
@@ -140,13 +140,12 @@ impl Tiles {
             }
             for component in &part.components {
                 report.components[usize::from(component.channel != ALL_CHANNELS)] += 1;
-                let first = slots.len() as u32;
+                let first = 2 * components.len() as u32;
                 let Component { scale, channel, is_short, .. } = *component;
-                for (block, vector) in [(i, &component.rows), (j, &component.columns)] {
-                    let group = words.len() as u32 / LANES;
-                    slots.push(TileSlot::new(scale, group, block as u32, channel, is_short));
-                    words.extend_from_slice(vector);
-                }
+                let group = words.len() as u32 / LANES;
+                components.push(TileComponent::new(scale, group, (i as u32, j as u32), channel, is_short));
+                words.extend_from_slice(&component.rows);
+                words.extend_from_slice(&component.columns);
                 uses[i].push(first);
                 if i != j {
                     uses[j].push(first + 1);
@@ -157,7 +156,7 @@ impl Tiles {
             *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
         }
         // Alike ones together, which processors foresee.
-        let kind = |slot: &u32| slots[*slot as usize].tag >> 16;
+        let kind = |slot: &u32| components[*slot as usize / 2].tag >> 24;
         uses.iter_mut().for_each(|uses| uses.sort_by_key(kind));
         let use_start = starts(uses.iter().map(Vec::len));
         let Rows { row_start, entries, steps, .. } = rows;
@@ -165,7 +164,7 @@ impl Tiles {
             order: order.to_vec(),
             place,
             root: area.iter().map(|&a| scene::math::sqrt(a)).collect(),
-            slots,
+            components,
             words,
             use_start,
             uses: uses.concat(),

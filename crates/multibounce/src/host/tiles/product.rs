@@ -9,12 +9,12 @@ use rayon::prelude::*;
 use super::Tiles;
 use crate::error::{Error, check_length};
 use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, PARTS, SHORT_BIAS, TILE, enter, leave};
-use crate::types::TileSlot;
+use crate::types::{TileComponent, TileVector};
 
 const SIDE: usize = TILE as usize;
 const GROUP: usize = LANES as usize;
-/// Slots that one task takes.
-const TASK_SLOTS: usize = 1024;
+/// Components that one task takes.
+const TASK_COMPONENTS: usize = 512;
 /// Parts of a block whose sums stay in registers together.
 const HALF: u32 = PARTS / 2;
 
@@ -49,10 +49,10 @@ impl Tiles {
         check_length("irradiance", self.patches(), irradiance.len())?;
         let TileRoom { ordered, sums, rows } = room;
         ordered.resize(self.blocks() * SIDE, Vec4::ZERO);
-        sums.resize(self.slots.len(), Vec4::ZERO);
+        sums.resize(2 * self.components.len(), Vec4::ZERO);
         rows.resize(ordered.len(), Vec4::ZERO);
         enter_all(&self.order, &self.root, exitance, ordered);
-        project_all(&self.slots, &self.words, ordered, sums);
+        project_all(&self.components, &self.words, ordered, sums);
         expand_all(&self.expand_tables(), sums, ordered, rows);
         leave_all(&self.place, &self.root, rows, irradiance);
         Ok(())
@@ -60,8 +60,8 @@ impl Tiles {
 
     /// The tables of [`expand_all`].
     pub fn expand_tables(&self) -> ExpandTables<'_> {
-        let Self { use_start, uses, slots, words, row_start, entries, steps, .. } = self;
-        ExpandTables { use_start, uses, slots, words, row_start, entries, steps }
+        let Self { use_start, uses, components, words, row_start, entries, steps, .. } = self;
+        ExpandTables { use_start, uses, components, words, row_start, entries, steps }
     }
 }
 
@@ -77,14 +77,14 @@ pub fn leave_all(place: &[u32], root: &[f32], ordered: &[Vec4], irradiance: &mut
 }
 
 /// [`crate::kernel::tiles::project`] for every slot, bit for bit.
-pub fn project_all(slots: &[TileSlot], words: &[u32], ordered: &[Vec4], sums: &mut [Vec4]) {
+pub fn project_all(components: &[TileComponent], words: &[u32], ordered: &[Vec4], sums: &mut [Vec4]) {
     let plane = |block: &[Vec4], c: usize| std::array::from_fn(|r| block[r][c]);
     let planes = |block: &[Vec4]| [plane(block, 0), plane(block, 1), plane(block, 2)];
     let planes: Vec<[Plane; 3]> = ordered.chunks_exact(SIDE).map(planes).collect();
     let (groups, _) = words.as_chunks::<GROUP>();
     let arch = Arch::new();
-    let tasks = sums.par_chunks_mut(TASK_SLOTS).zip(slots.par_chunks(TASK_SLOTS));
-    tasks.for_each(|(sums, slots)| arch.dispatch(Project { slots, groups, planes: &planes, sums }));
+    let tasks = sums.par_chunks_mut(2 * TASK_COMPONENTS).zip(components.par_chunks(TASK_COMPONENTS));
+    tasks.for_each(|(sums, components)| arch.dispatch(Project { components, groups, planes: &planes, sums }));
 }
 
 /// What [`expand_all`] reads beside the sums and the ordered exitance.
@@ -94,8 +94,8 @@ pub struct ExpandTables<'a> {
     pub use_start: &'a [u32],
     /// Slots, block by block.
     pub uses: &'a [u32],
-    /// The vectors of the components.
-    pub slots: &'a [TileSlot],
+    /// Pairs of vectors.
+    pub components: &'a [TileComponent],
     /// Their elements, in groups of [`LANES`] words.
     pub words: &'a [u32],
     /// Entries of each place.
@@ -113,8 +113,8 @@ pub fn expand_all(tables: &ExpandTables, sums: &[Vec4], ordered: &[Vec4], out: &
     out.par_chunks_mut(SIDE).enumerate().for_each(|(block, out)| {
         let mut planes = [[0.0f32; SIDE]; 3];
         let uses = &tables.uses[tables.use_start[block] as usize..tables.use_start[block + 1] as usize];
-        let uses: Vec<(TileSlot, Vec4)> =
-            uses.iter().map(|&slot| (tables.slots[slot as usize], sums[slot as usize ^ 1])).collect();
+        let vector = |slot: u32| tables.components[slot as usize / 2].vector(slot % 2);
+        let uses: Vec<(TileVector, Vec4)> = uses.iter().map(|&slot| (vector(slot), sums[slot as usize ^ 1])).collect();
         arch.dispatch(Expand { groups, uses: &uses, planes: &mut planes });
         for (r, out) in out.iter_mut().enumerate() {
             *out = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
@@ -132,17 +132,17 @@ fn elements<S: Simd>(simd: S, words: S::u32s, shift: u32, most: u32, bias: f32) 
     simd.sub_f32s(simd.transmute_f32s_u32s(bits), simd.splat_f32s(8_388_608.0 + bias))
 }
 
-/// Elements of the parts of one half of a slot, vector `k` of each.
+/// Elements of the parts of one half of a vector, lanes of register `k` of each.
 #[inline(always)]
-fn half_of<S: Simd>(simd: S, slot: TileSlot, groups: &[Group], half: u32, k: usize) -> [S::f32s; HALF as usize] {
+fn half_of<S: Simd>(simd: S, vector: TileVector, groups: &[Group], half: u32, k: usize) -> [S::f32s; HALF as usize] {
     let mut out = [simd.splat_f32s(0.0); HALF as usize];
-    if slot.is_short() {
-        let words = S::as_simd_u32s(&groups[slot.group as usize]).0[k];
+    if vector.is_short {
+        let words = S::as_simd_u32s(&groups[vector.group as usize]).0[k];
         for (part, out) in out.iter_mut().enumerate() {
             *out = elements(simd, words, 4 * (half * HALF + part as u32), 0xf, SHORT_BIAS);
         }
     } else {
-        let words = S::as_simd_u32s(&groups[(slot.group + half) as usize]).0[k];
+        let words = S::as_simd_u32s(&groups[(vector.group + half) as usize]).0[k];
         for (part, out) in out.iter_mut().enumerate() {
             *out = elements(simd, words, 8 * part as u32, 0xff, BIAS);
         }
@@ -164,9 +164,9 @@ fn add_lanes(lanes: &[f32; LANES as usize]) -> f32 {
     (sum.x + sum.z) + (sum.y + sum.w)
 }
 
-/// Sums of some slots.
+/// Sums of the vectors of some components.
 struct Project<'a> {
-    slots: &'a [TileSlot],
+    components: &'a [TileComponent],
     groups: &'a [Group],
     planes: &'a [[Plane; 3]],
     sums: &'a mut [Vec4],
@@ -177,24 +177,27 @@ impl WithSimd for Project<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        for (sum, &slot) in self.sums.iter_mut().zip(self.slots) {
-            let planes = &self.planes[slot.block() as usize];
-            if slot.channel() == ALL_CHANNELS {
-                let z = project(simd, slot, self.groups, [&planes[0], &planes[1], &planes[2]]);
-                *sum = (Vec3::from_array(z) * slot.scale).extend(0.0);
-            } else {
-                let channel = slot.channel() as usize;
-                let mut one = Vec3::ZERO;
-                [one[channel]] = project(simd, slot, self.groups, [&planes[channel]]);
-                *sum = (one * slot.scale).extend(0.0);
+        for (sums, component) in self.sums.chunks_mut(2).zip(self.components) {
+            for (sum, side) in sums.iter_mut().zip(0..) {
+                let vector = component.vector(side);
+                let planes = &self.planes[vector.block as usize];
+                if vector.channel == ALL_CHANNELS {
+                    let z = project(simd, vector, self.groups, [&planes[0], &planes[1], &planes[2]]);
+                    *sum = (Vec3::from_array(z) * component.scale).extend(0.0);
+                } else {
+                    let channel = vector.channel as usize;
+                    let mut one = Vec3::ZERO;
+                    [one[channel]] = project(simd, vector, self.groups, [&planes[channel]]);
+                    *sum = (one * component.scale).extend(0.0);
+                }
             }
         }
     }
 }
 
-/// Sums of a slot for some channels.
+/// Sums of a vector for some channels.
 #[inline(always)]
-fn project<S: Simd, const C: usize>(simd: S, slot: TileSlot, groups: &[Group], planes: [&Plane; C]) -> [f32; C] {
+fn project<S: Simd, const C: usize>(simd: S, vector: TileVector, groups: &[Group], planes: [&Plane; C]) -> [f32; C] {
     let planes = planes.map(|plane| S::as_simd_f32s(plane).0);
     // Vectors that make up a part.
     let each = planes[0].len() / PARTS as usize;
@@ -202,7 +205,7 @@ fn project<S: Simd, const C: usize>(simd: S, slot: TileSlot, groups: &[Group], p
     for k in 0..each {
         let mut sums = [simd.splat_f32s(0.0); C];
         for half in 0..PARTS / HALF {
-            for (part, x) in half_of(simd, slot, groups, half, k).into_iter().enumerate() {
+            for (part, x) in half_of(simd, vector, groups, half, k).into_iter().enumerate() {
                 let at = (half as usize * HALF as usize + part) * each + k;
                 for (sum, plane) in sums.iter_mut().zip(planes) {
                     *sum = add_product(simd, *sum, plane[at], x);
@@ -233,8 +236,8 @@ fn add_channel<S: Simd, const C: usize>(
 /// Sums of the components of a block's rows.
 struct Expand<'a> {
     groups: &'a [Group],
-    /// What each slot of the block is multiplied by.
-    uses: &'a [(TileSlot, Vec4)],
+    /// The vectors of the block, and what each is multiplied by.
+    uses: &'a [(TileVector, Vec4)],
     planes: &'a mut [Plane; 3],
 }
 
@@ -250,10 +253,10 @@ impl WithSimd for Expand<'_> {
         for (half, k) in (0..PARTS / HALF).flat_map(|half| (0..each).map(move |k| (half, k))) {
             let zero = simd.splat_f32s(0.0);
             let mut sums = [[zero; 3]; HALF as usize];
-            for &(slot, z) in self.uses {
-                let x = half_of(simd, slot, self.groups, half, k);
+            for &(vector, z) in self.uses {
+                let x = half_of(simd, vector, self.groups, half, k);
                 // The other channels would add nothing.
-                match slot.channel() {
+                match vector.channel {
                     0 => add_channel::<S, 0>(simd, &mut sums, &x, z.x),
                     1 => add_channel::<S, 1>(simd, &mut sums, &x, z.y),
                     2 => add_channel::<S, 2>(simd, &mut sums, &x, z.z),

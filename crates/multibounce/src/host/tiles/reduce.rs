@@ -5,15 +5,15 @@ use std::vec::Vec;
 use faer::Mat;
 
 use crate::kernel::tiles::{BIAS, LANES, PARTS, SHORT_BIAS, TILE};
-use crate::types::TileSlot;
+use crate::types::TileComponent;
 
 /// Size of a tile.
 pub(super) const SIDE: usize = TILE as usize;
-/// Bytes of a component beside its vectors: slots and uses.
-const SLOTS_BYTES: f32 = 2.0 * (size_of::<TileSlot>() + 4) as f32;
+/// Bytes of a component beside its vectors: what they are, and two uses.
+const FIXED_BYTES: f32 = (size_of::<TileComponent>() + 8) as f32;
 /// Bytes of a component of elements of 4 and of 8 bits.
-const SHORT_BYTES: f32 = SIDE as f32 + SLOTS_BYTES;
-const LONG_BYTES: f32 = 2.0 * SIDE as f32 + SLOTS_BYTES;
+const SHORT_BYTES: f32 = SIDE as f32 + FIXED_BYTES;
+const LONG_BYTES: f32 = 2.0 * SIDE as f32 + FIXED_BYTES;
 /// Largest elements of vectors of 4 and of 8 bits.
 const MOST_SHORT: f32 = 7.0;
 const MOST_LONG: f32 = 127.0;

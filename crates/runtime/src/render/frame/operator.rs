@@ -261,7 +261,7 @@ impl TileTables {
             uploads.named(plan, "order", cast_slice(&tiles.order)),
             uploads.named(plan, "place", cast_slice(&tiles.place)),
             uploads.named(plan, "root", cast_slice(&tiles.root)),
-            uploads.named(plan, "slots", cast_slice(&tiles.slots)),
+            uploads.named(plan, "components", cast_slice(&tiles.components)),
             uploads.named(plan, "words", cast_slice(&tiles.words)),
             uploads.named(plan, "use_start", cast_slice(&tiles.use_start)),
             uploads.named(plan, "uses", cast_slice(&tiles.uses)),
@@ -272,10 +272,10 @@ impl TileTables {
         Self {
             tables,
             ordered: plan.storage("ordered", rgb(places)),
-            sums: plan.storage("sums", rgb(tiles.slots.len())),
+            sums: plan.storage("sums", rgb(2 * tiles.components.len())),
             rows: plan.storage("rows", rgb(places)),
             patches: tiles.order.len() as u32,
-            slots: tiles.slots.len() as u32,
+            slots: 2 * tiles.components.len() as u32,
         }
     }
 
