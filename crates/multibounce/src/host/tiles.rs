@@ -31,12 +31,14 @@ pub enum Channels<'a> {
 }
 
 /// A symmetric operator, `T̂ ≈ Σ_k s_k (u_k v_kᵀ + v_k u_kᵀ) + S`: the upper triangle is cut into tiles of [`TILE`] rows and
-/// columns, each the sum of a few pairs of vectors of 8 bits and of single entries of 16 bits; a tile may have none of both. Three colour channels share
-/// what they have in common: green is the common part, red and blue are stored as differences to it, which have far fewer
-/// components, because the light that arrives directly is the same.
+/// columns, each the sum of a few pairs of vectors of 4 or 8 bits and of single entries of 16 bits; a tile may have none of
+/// both. Three colour channels share what they have in common: green is the common part, red and blue are stored as
+/// differences to it, which have far fewer components, because the light that arrives directly is the same.
 ///
 /// A component is kept when it takes more from the squared error than λ times its bytes, an entry likewise, and λ is found so
-/// that the whole has the error that was asked for: for its bytes the smallest error that such parts can have.
+/// that the whole has the error that was asked for. Errors that are even over neighbouring places are weighted by the cube
+/// root of their extent when components are found: light is even over neighbours and adds them up. So the error of the
+/// entries is not the least that so many bytes can have, but that of irradiance is about half of what it then would be.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tiles {
     /// Patch at each place of the order.
@@ -91,16 +93,18 @@ impl Tiles {
 
     /// Bytes of each part that a product reads.
     pub fn bytes(&self) -> [(&'static str, u64); 3] {
-        let vectors = size_of_val(&self.words[..]) + size_of_val(&self.components[..]) + size_of_val(&self.uses[..]);
+        let uses = size_of_val(&self.uses[..]) + size_of_val(&self.use_start[..]);
+        let vectors = size_of_val(&self.words[..]) + size_of_val(&self.components[..]) + uses;
         let entries = size_of_val(&self.entries[..]) + size_of_val(&self.row_start[..]) + size_of_val(&self.steps[..]);
         let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
         [("vectors", vectors as u64), ("entries", entries as u64), ("places", places as u64)]
     }
 
-    /// Bytes that a file of it needs: entries once, not for both of their rows.
+    /// Bytes of what does not follow from the rest: entries once, not for both of their rows, and neither `uses` nor `place`.
     pub fn stored_bytes(&self) -> u64 {
-        let mirrored = (self.entries.len() - self.report.entries.min(self.entries.len())) * size_of::<u32>();
-        self.bytes().iter().map(|part| part.1).sum::<u64>() - mirrored as u64
+        let mirrored = self.entries.len() - self.report.entries.min(self.entries.len());
+        let follows = mirrored + self.uses.len() + self.use_start.len() + self.place.len();
+        self.bytes().iter().map(|part| part.1).sum::<u64>() - (follows * size_of::<u32>()) as u64
     }
 
     /// Whether the tables belong together, so that no product reads beyond them.

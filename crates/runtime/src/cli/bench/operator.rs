@@ -40,7 +40,7 @@ struct Row {
     epsilon: Option<f64>,
     /// Bytes that a product reads, all channels.
     bytes: u64,
-    /// Bytes of a file of it.
+    /// Bytes of what does not follow from the rest.
     stored_bytes: u64,
     /// Relative Frobenius error, the greatest of the channels.
     frobenius: f64,
@@ -166,7 +166,7 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
         strip: Vec::new(),
         tables: vec![table(rows)],
         plots: vec![
-            curve("Bytes of a file, over the error", "MB a channel", &Row::channel_mb),
+            curve("Bytes that a file needs, over the error", "MB a channel", &Row::channel_mb),
             curve("Time of a product of three channels, over the error", "ms", &|row| row.median_ms),
         ],
     };
