@@ -84,7 +84,7 @@ impl Factors<'_> {
             let same = columns[first..].iter().take_while(|&&k| k as usize == j).count();
             self.values[range][first..first + same].iter().sum::<f32>() * root[i] / root[j]
         };
-        let unlike = |i: usize| self.row(i).any(|(j, _)| !((of(i, j) - of(j, i)).abs() <= RECIPROCITY));
+        let unlike = |i: usize| self.row(i).any(|(j, _)| (of(i, j) - of(j, i)).abs() > RECIPROCITY);
         match (0..self.patches()).into_par_iter().find_first(|&i| unlike(i)) {
             Some(index) => {
                 let rule = "reciprocal: a_i F_ij = a_j F_ji (balance the form factors first)";

@@ -455,7 +455,7 @@ fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progre
 /// Spectral radius of `diag(ρ) T`, the greatest of the channels: of `irradiance = T exitance` as a product.
 pub(crate) fn growth(
     albedo: &[Vec4],
-    product: &dyn Fn(&[Vec4], &mut [Vec4]) -> Result<(), Error>,
+    product: &impl Fn(&[Vec4], &mut [Vec4]) -> Result<(), Error>,
 ) -> Result<f32, Error> {
     let mut failed = None;
     let mut one = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
