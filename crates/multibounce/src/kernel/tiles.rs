@@ -109,8 +109,8 @@ pub fn expand(
     let mut sum = Vec3::ZERO;
     for k in use_start[block as usize]..use_start[block as usize + 1] {
         let slot = uses[k as usize];
-        sum +=
-            sums[(slot ^ 1) as usize].truncate() * element(words, components[(slot / 2) as usize].vector(slot % 2), r);
+        let vector = components[(slot / 2) as usize].vector(slot % 2);
+        sum += masked(sums[(slot ^ 1) as usize].truncate(), vector.channel) * element(words, vector, r);
     }
     // Four sums: an addition takes longer than the loads.
     let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
