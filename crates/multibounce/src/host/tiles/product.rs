@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::Tiles;
 use crate::error::{Error, check_length};
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, PARTS, SHORT_BIAS, TILE, enter, leave};
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, PARTS, SHORT_BIAS, TILE, element, enter, leave, masked};
 use crate::types::{TileComponent, TileVector};
 
 const SIDE: usize = TILE as usize;
@@ -55,6 +55,35 @@ impl Tiles {
         project_all(&self.components, &self.words, ordered, sums);
         expand_all(&self.expand_tables(), sums, ordered, rows);
         leave_all(&self.place, &self.root, rows, irradiance);
+        Ok(())
+    }
+
+    /// Row `i` of `a^-½ T̂ a^½`, one colour a patch, as products multiply by it.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there is one element a patch, [`Error::Value`] for a patch that there is not.
+    pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
+        check_length("row", self.patches(), row.len())?;
+        let Some(&place) = self.place.get(i) else {
+            return Err(Error::Value { name: "patch", index: i, value: i as f64, rule: "one of the patches" });
+        };
+        let (p, r, block) = (place as usize, place % TILE, place as usize / SIDE);
+        let mut places = vec![Vec3::ZERO; self.blocks() * SIDE];
+        for &slot in &self.uses[self.use_start[block] as usize..self.use_start[block + 1] as usize] {
+            let component = self.components[slot as usize / 2];
+            let (own, other) = (component.vector(slot % 2), component.vector(1 - slot % 2));
+            let factor = masked(Vec3::splat(component.scale * element(&self.words, own, r)), own.channel);
+            let first = other.block as usize * SIDE;
+            for (c, sum) in places[first..first + SIDE].iter_mut().enumerate() {
+                *sum += factor * element(&self.words, other, c as u32);
+            }
+        }
+        for &entry in &self.entries[self.row_start[p] as usize..self.row_start[p + 1] as usize] {
+            places[(entry & 0xffff) as usize] += Vec3::splat(((entry as i32) >> 16) as f32 * self.steps[p]);
+        }
+        for (j, value) in row.iter_mut().enumerate() {
+            *value = places[self.place[j] as usize] * (self.root[j] / self.root[i]);
+        }
         Ok(())
     }
 

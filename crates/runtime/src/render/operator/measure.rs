@@ -95,7 +95,7 @@ pub(crate) fn matrix_pictures(
     channels: Channels,
     between: &Between,
 ) -> Result<Vec<DebugPicture>, Error> {
-    let (n, exact, stored) = (operator.patches(), between.rows(channels), operator.rows(&between.area));
+    let (n, exact, stored) = (operator.patches(), between.rows(channels), operator.rows());
     let difference = |i: usize, row: &mut [Vec3]| {
         let mut right = vec![Vec3::ZERO; n];
         exact(i, &mut right);
