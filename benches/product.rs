@@ -18,7 +18,7 @@ use runtime::Error;
 use runtime::import::load_or_build;
 use runtime::progress::Progress;
 use runtime::render::classic::{Bake, ClassicSettings, ReceiverKind};
-use runtime::render::operator::{Codec, Transport};
+use runtime::render::operator::{Codec, Feedback, Transport};
 
 /// Turns of the table: product, stream, product, …
 const TURNS: usize = 15;
@@ -87,7 +87,7 @@ fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error
     let blocks = BlockCodec::ALL.map(Codec::Blocks);
     let codecs = [Codec::Dense, Codec::Half].into_iter().chain(blocks).chain([Codec::Tiles { epsilon: EPSILON }]);
     let all_bounces = codecs.map(|codec| (format!("T-{}", codec.name()), Transport::Operator(codec)));
-    let one_bounce = ("F-tiles".to_owned(), Transport::Feedback { epsilon: EPSILON });
+    let one_bounce = ("F-tiles".to_owned(), Transport::Feedback(Feedback { epsilon: EPSILON, ..Feedback::default() }));
     for (name, transport) in all_bounces.chain([one_bounce]) {
         let Some(operator) = bake.operator(transport, &mut progress)? else { continue };
         let (n, bytes) = (operator.patches(), operator.bytes().iter().map(|part| part.1).sum::<u64>());

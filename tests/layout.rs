@@ -6,7 +6,7 @@ use glam::{UVec2, UVec4, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
-use multibounce::{BlockParams, TileComponent};
+use multibounce::{BlockParams, FeedbackParams, TileComponent};
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -124,6 +124,7 @@ structure!(BlockParams {
 });
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
+structure!(FeedbackParams { count: u32, step: f32, momentum: f32 });
 structure!(TileComponent { scale: f32, group: u32, tag: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
@@ -170,9 +171,8 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "blocks" if kernel == "multibounce_blocks_gather_bc1" => layout::<UVec2>(),
         "blocks" => layout::<UVec4>(),
         "factors" | "values" | "sky_map" | "irradiance" | "direct" | "indirect" | "sum" | "source" | "albedo"
-        | "tile_scales" | "scale" | "input" | "output" | "emission" | "exitance" | "means" | "cubes" | "harmonics" => {
-            layout::<Vec4>()
-        }
+        | "tile_scales" | "scale" | "input" | "output" | "emission" | "exitance" | "means" | "cubes" | "harmonics"
+        | "change" => layout::<Vec4>(),
         other => panic!("{kernel}: say the type of the binding {other} here"),
     }
 }
@@ -189,6 +189,7 @@ fn push(kernel: &str) -> Layout {
         }
         "formfactor_gather_hits" => layout::<HitsParams>(),
         "multibounce_tiles_enter" => layout::<EnterParams>(),
+        "multibounce_feedback" => layout::<FeedbackParams>(),
         k if k.starts_with("multibounce_blocks_gather") => layout::<BlockParams>(),
         "patches_lookup" => layout::<LookupParams>(),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => layout::<VolumeParams>(),

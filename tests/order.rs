@@ -10,6 +10,7 @@ use glam::{UVec3, Vec4};
 use gpu_kernels::table::{ImageFormat, MAX_GROUPS_X};
 use gpu_kernels::{formfactor as ff, multibounce as mb, patches as pa, scene as sc, tiles as ti};
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
+use multibounce::FeedbackParams;
 use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
 use scene::{DirectParams, Hit, SurfacePoint};
@@ -94,6 +95,17 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2]),
         "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8]),
         "multibounce_tiles_leave" => entry!(ti::tiles_leave, CountParams, Vec4, [0, 1, 2]),
+        "multibounce_feedback" => {
+            // Two outputs: one call for each.
+            let p: FeedbackParams = i.push();
+            let (mut change, mut exitance) = (i.table::<Vec4>(3).to_vec(), i.table::<Vec4>(4).to_vec());
+            let call = |id, groups, change: &mut [Vec4], exitance: &mut [Vec4]| {
+                mb::feedback(id, groups, &p, i.table(0), i.table(1), i.table(2), change, exitance);
+            };
+            let changes = dispatch(i, order, width, 3, |id, g, result| call(id, g, result, &mut exitance));
+            let exitances = dispatch(i, order, width, 4, |id, g, result| call(id, g, &mut change, result));
+            [(3, changes), (4, exitances)].into()
+        }
         _ => return None,
     })
 }
@@ -114,7 +126,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 22 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 23 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use runtime::procedural;
 use runtime::progress::Progress;
 use runtime::render::Pictures;
 use runtime::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use runtime::render::operator::{Codec, Transport};
+use runtime::render::operator::{Codec, Feedback, Transport};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
 use std::ops::ControlFlow;
@@ -144,10 +144,6 @@ fn both_executors_render_the_same_pictures() {
     assert!(check_same(&ours, &other).is_err());
 }
 
-fn by_operator(codec: Codec) -> ClassicSettings {
-    ClassicSettings { transport: Transport::Operator(codec), ..settings(150) }
-}
-
 /// Relative difference of indirect light, L2.
 fn indirect_error(ours: &Pictures, exact: &Pictures) -> f32 {
     let square = |pixels: &mut dyn Iterator<Item = Vec3>| pixels.map(|p| p.length_squared()).sum::<f32>();
@@ -183,13 +179,46 @@ fn every_codec_renders_the_picture_of_the_dense_operator() {
 #[test]
 fn both_executors_render_the_same_pictures_with_operators() {
     let loaded = procedural::build("cornell").unwrap();
-    for codec in [Codec::Half, Codec::Blocks(BlockCodec::Bc1)] {
+    let (half, blocks) = (Transport::Operator(Codec::Half), Transport::Operator(Codec::Blocks(BlockCodec::Bc1)));
+    for transport in [half, blocks, Transport::Feedback(Feedback::default())] {
         let Some(vulkan) = vulkan() else { return };
-        let ours = render_with(&loaded, cpu(), by_operator(codec));
-        check_same(&ours, &render_with(&loaded, Box::new(vulkan), by_operator(codec))).unwrap();
-        let other = render_with(&loaded, cpu(), ClassicSettings { bounces: Some(3), ..by_operator(codec) });
-        assert!(check_same(&ours, &other).is_err(), "{codec:?}");
+        let by_operator = ClassicSettings { transport, ..settings(150) };
+        let ours = render_with(&loaded, cpu(), by_operator);
+        check_same(&ours, &render_with(&loaded, Box::new(vulkan), by_operator)).unwrap();
+        let other = render_with(&loaded, cpu(), ClassicSettings { bounces: Some(3), ..by_operator });
+        assert!(check_same(&ours, &other).is_err(), "{transport:?}");
     }
+}
+
+#[test]
+fn feedback_follows_a_light_that_changes() {
+    let loaded = procedural::build("cornell").unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    let mut brighter = loaded.scene.lights.clone();
+    brighter.iter_mut().for_each(|light| light.color *= 3.0);
+    // The light of this and of the frames after it, once the lights are brighter in the second.
+    let frames = |transport: Transport, count: u32| -> Vec<Pictures> {
+        let settings = ClassicSettings { transport, ..settings(150) };
+        let mut classic = Classic::bake(&loaded, settings, cpu(), &mut Progress::new(true)).unwrap();
+        let frame =
+            |k| classic.frame(if k == 0 { &loaded.scene.lights } else { &brighter }, &camera, 0).unwrap().pictures;
+        (0..count).map(frame).collect()
+    };
+    let exact = frames(Transport::Operator(Codec::Dense), 2);
+    let run = |products: u32, accelerated: bool| -> Vec<f32> {
+        let feedback = Feedback { epsilon: 1e-4, products, accelerated };
+        let found = frames(Transport::Feedback(feedback), 5);
+        assert!(indirect_error(&found[0], &exact[0]) < 1e-3, "settled before the first frame");
+        let errors: Vec<f32> = found[1..].iter().map(|found| indirect_error(found, &exact[1])).collect();
+        println!("{products} products, accelerated {accelerated}: {errors:.5?}");
+        errors
+    };
+    let (plain, fast, three) = (run(1, false), run(1, true), run(3, false));
+    assert!(plain[0] > 0.02, "the first frame lacks some bounces: {}", plain[0]);
+    assert!(plain.windows(2).all(|two| two[1] < two[0]), "{plain:?}");
+    assert!(fast[3] < 0.25 * plain[3], "{fast:?} {plain:?}");
+    // Three products a frame are three frames.
+    assert!((three[0] - plain[2]).abs() < 1e-3 * plain[2], "{three:?} {plain:?}");
 }
 
 #[test]

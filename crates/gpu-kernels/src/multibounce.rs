@@ -1,7 +1,8 @@
 //! Entry points of the multi-bounce products.
 
-use ::multibounce::BlockParams;
 use ::multibounce::kernel::blocks::{self, BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockSums, LANES};
+use ::multibounce::kernel::feedback;
+use ::multibounce::{BlockParams, FeedbackParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec3, UVec4, Vec4};
 use spirv_std::arch::workgroup_memory_barrier_with_group_sync;
@@ -189,5 +190,26 @@ pub fn reorder(
     let k = element(id, groups);
     if k < p.count {
         output[k as usize] = blocks::reorder(k, order, scale, input);
+    }
+}
+
+/// A bounce of feedback: [`feedback::change`] of every patch, added to its exitance.
+#[spirv(compute(threads(64), entry_point_name = "multibounce_feedback"))]
+#[inline(never)]
+pub fn feedback(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(push_constant)] p: &FeedbackParams,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] source: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] albedo: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] irradiance: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] change: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] exitance: &mut [Rgb],
+) {
+    let k = element(id, groups);
+    if k < p.count {
+        let i = k as usize;
+        change[i] = feedback::change(p, source[i], albedo[i], irradiance[i], exitance[i], change[i]);
+        exitance[i] += change[i];
     }
 }

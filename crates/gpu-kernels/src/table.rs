@@ -6,7 +6,7 @@ pub use row::{Access, Binding, BindingKind, ImageFormat, Kernel, MAX_GROUPS_X};
 
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
-use ::multibounce::{BlockParams, TileComponent};
+use ::multibounce::{BlockParams, FeedbackParams, TileComponent};
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -77,6 +77,7 @@ pub static KERNELS: &[&Kernel] = &[
     &MULTIBOUNCE_TILES_PROJECT,
     &MULTIBOUNCE_TILES_EXPAND,
     &MULTIBOUNCE_TILES_LEAVE,
+    &MULTIBOUNCE_FEEDBACK,
 ];
 
 /// Nearest hit of every ray. An element is a ray.
@@ -599,4 +600,22 @@ pub static MULTIBOUNCE_TILES_LEAVE: Kernel = Kernel {
     push_bytes: size_of::<CountParams>() as u32,
     bindings: &[read::<u32>("place"), read::<f32>("root"), read::<Rgb>("rows"), write::<Rgb>("irradiance")],
     host: host::tiles::leave,
+};
+
+/// A bounce that begins with the light of the frame before: the change of exitance and the exitance, W/m². An element is a
+/// patch.
+pub static MULTIBOUNCE_FEEDBACK: Kernel = Kernel {
+    name: "multibounce_feedback",
+    spv: spv!("multibounce_feedback"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<FeedbackParams>() as u32,
+    bindings: &[
+        read::<Rgb>("source"),
+        read::<Rgb>("albedo"),
+        read::<Rgb>("irradiance"),
+        buffer::<Rgb>("change", Access::ReadWrite),
+        buffer::<Rgb>("exitance", Access::ReadWrite),
+    ],
+    host: host::multibounce::feedback,
 };

@@ -2,6 +2,7 @@
 
 mod blocks;
 mod energy;
+mod feedback;
 mod order;
 mod outliers;
 mod solve;
@@ -10,6 +11,7 @@ mod tree;
 
 pub use blocks::{BlockBytes, BlockCodec, BlockMatrix, BlockReport, BlockSettings, Companding, picture};
 pub use energy::{VectorProduct, spectral_radius};
+pub use feedback::{Acceleration, spectral_range};
 pub use order::{MatrixRows, PROJECTED_DIMENSIONS, Permutation, greedy_order, projected_order};
 pub use outliers::Outliers;
 pub use solve::{Factors, Proceed, all_bounces, all_bounces_lu, some_bounces};

@@ -1,4 +1,5 @@
 //! The bodies of the kernels: one invocation each, no `std`.
 
 pub mod blocks;
+pub mod feedback;
 pub mod tiles;

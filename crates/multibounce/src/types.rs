@@ -27,6 +27,19 @@ pub struct BlockParams {
 }
 const _: () = assert!(size_of::<BlockParams>() == 36);
 
+/// A bounce of feedback, [`crate::kernel::feedback::change`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct FeedbackParams {
+    /// Number of patches.
+    pub count: u32,
+    /// How far towards the light of a plain bounce.
+    pub step: f32,
+    /// Share of the last change that is made again.
+    pub momentum: f32,
+}
+const _: () = assert!(size_of::<FeedbackParams>() == 12);
+
 /// A component of [`crate::Tiles`]: two vectors, one along the rows of its tile and one along the columns.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -2,7 +2,7 @@
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::tiles::{LANES, TILE};
-use ::multibounce::{BlockCodec, BlockParams, Companding, TileComponent};
+use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileComponent};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::ImageFormat;
@@ -140,6 +140,12 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                 room::<Vec4>("irradiance", n as usize),
             ];
             call(n, CountParams { count: n }, tables)
+        }
+        "multibounce_feedback" => {
+            let n = 200;
+            let mut colors = |name| buffer(name, &r.colors(n));
+            let tables = ["source", "albedo", "irradiance", "change", "exitance"].map(&mut colors).into();
+            call(n as u32, FeedbackParams { count: n as u32, step: 1.2, momentum: 0.3 }, tables)
         }
         "multibounce_blocks_gather_bc1" => blocks(r, BlockCodec::Bc1, None),
         "multibounce_blocks_gather_bc3" => blocks(r, BlockCodec::Bc3, None),

@@ -1,7 +1,8 @@
 //! Host forms of the multi-bounce products.
 
-use ::multibounce::BlockParams;
 use ::multibounce::kernel::blocks::{self, BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, BlockSums, LANES};
+use ::multibounce::kernel::feedback;
+use ::multibounce::{BlockParams, FeedbackParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 use rayon::prelude::*;
@@ -127,5 +128,18 @@ pub(crate) fn reorder(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
     let n = agreed(elements, p.count)?;
     let (order, scale, input) = (order.read::<u32>(n)?, scale.read::<Vec4>(n)?, input.read::<Rgb>(0)?);
     fill(output.write(n)?, |k| blocks::reorder(k, order, scale, input));
+    Ok(())
+}
+
+pub(crate) fn feedback(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [source, albedo, irradiance, change, exitance]) = call.parts::<FeedbackParams, 5>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let (source, albedo, irradiance) = (source.read::<Rgb>(n)?, albedo.read::<Rgb>(n)?, irradiance.read::<Rgb>(n)?);
+    let both = change.write::<Rgb>(n)?.par_iter_mut().zip(exitance.write::<Rgb>(n)?);
+    both.with_min_len(1024).enumerate().for_each(|(i, (change, exitance))| {
+        *change = feedback::change(&p, source[i], albedo[i], irradiance[i], *exitance, *change);
+        *exitance += *change;
+    });
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use glam::{Vec3, Vec4};
 use std::vec;
+use std::vec::Vec;
 
 use crate::error::{Error, check_length};
 
@@ -33,14 +34,25 @@ pub fn spectral_radius(
     iterations: usize,
 ) -> Result<Vec3, Error> {
     check_length("albedo", n, albedo.len())?;
-    let mut light = vec![Vec4::ONE; n];
-    let mut next = vec![Vec4::ZERO; n];
+    let mut bounce = |light: &[Vec4], out: &mut [Vec4]| {
+        product(light, out)?;
+        out.iter_mut().zip(albedo).for_each(|(out, albedo)| *out *= *albedo);
+        Ok(())
+    };
+    power(vec![Vec4::ONE; n], &mut bounce, tolerance, iterations)
+}
+
+/// The greatest eigenvalue, by its absolute value, of what `product` multiplies each channel by.
+pub(super) fn power(
+    mut light: Vec<Vec4>,
+    product: &mut VectorProduct,
+    tolerance: f32,
+    iterations: usize,
+) -> Result<Vec3, Error> {
+    let mut next = vec![Vec4::ZERO; light.len()];
     let (mut radius, mut last) = (Vec3::ZERO, Vec3::ZERO);
     for step in 0..iterations {
         product(&light, &mut next)?;
-        for (next, albedo) in next.iter_mut().zip(albedo) {
-            *next *= *albedo;
-        }
         // The light has length 1 after the first step.
         let growth = norm(&next);
         let found = (growth * last).map(scene::math::sqrt);

@@ -291,6 +291,12 @@ pub struct Render {
     /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
     pub epsilon: f64,
+    /// Bounces in a frame (feedback).
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub products: u32,
+    /// Bounces do not use where the light was going (feedback): it settles in about twice as many.
+    #[arg(long)]
+    pub plain: bool,
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
     pub receivers: ReceiverPlaces,

@@ -19,7 +19,7 @@ use crate::import::{Animation, LoadedScene, View};
 use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
-use crate::render::operator::{Codec, Transport};
+use crate::render::operator::{Codec, Feedback, Transport};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -40,6 +40,8 @@ const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8,
 /// Relative error of the compressed operators.
 const EPSILON: f64 = 0.02;
 
+const FEEDBACK: Feedback = Feedback { epsilon: EPSILON, products: 1, accelerated: true };
+
 /// A method that the demo shows.
 struct Method {
     name: &'static str,
@@ -54,7 +56,7 @@ const METHODS: [Method; 3] = [
         title: "Operator in tiles",
         transport: Transport::Operator(Codec::Tiles { epsilon: EPSILON }),
     },
-    Method { name: "feedback", title: "Feedback", transport: Transport::Feedback { epsilon: EPSILON } },
+    Method { name: "feedback", title: "Feedback", transport: Transport::Feedback(FEEDBACK) },
 ];
 
 /// What one scene gave.

@@ -17,7 +17,7 @@ use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
 use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
-use crate::render::operator::{Codec, Transport};
+use crate::render::operator::{Codec, Feedback, Transport};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -158,7 +158,11 @@ fn classic_frames(
         transport: match args.method {
             Method::Multibounce => Transport::Operator(args.codec.unwrap_or_default().codec(args.epsilon)),
             Method::Tiles => Transport::Operator(Codec::Tiles { epsilon: args.epsilon }),
-            Method::Feedback => Transport::Feedback { epsilon: args.epsilon },
+            Method::Feedback => Transport::Feedback(Feedback {
+                epsilon: args.epsilon,
+                products: args.products,
+                accelerated: !args.plain,
+            }),
             Method::Classic | Method::Path => Transport::Classic,
         },
         bounces: match args.bounces {

@@ -7,6 +7,7 @@ use formfactor::{
     form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
+use multibounce::Acceleration;
 use patches::{Lookup, ViewSettings};
 use reference::Picture;
 use scene::sampling::hash3;
@@ -14,7 +15,7 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
 use super::frame::{Frame, FrameParts};
-use super::operator::{self, Compressing, PatchOperator, Transport};
+use super::operator::{self, Compressing, Feedback, PatchOperator, Transport, accelerations};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
@@ -249,6 +250,23 @@ impl Bake {
         Ok(Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings })
     }
 
+    /// Bounces of a frame, and how they use where the light was going.
+    fn feedback(
+        &self,
+        settings: Feedback,
+        operator: &PatchOperator,
+        progress: &mut Progress,
+    ) -> Result<(u32, Acceleration), Error> {
+        let product = |light: &[Vec4], out: &mut [Vec4]| operator.product(light, out);
+        let [plain, fast] = progress.phase("feedback", |_| accelerations(&self.senders.albedo, &product))?;
+        progress.note(&format!(
+            "of a change of light a bounce leaves {:.1} % to come, accelerated {:.1} %",
+            100.0 * plain.rate,
+            100.0 * fast.rate
+        ));
+        Ok((settings.products, if settings.accelerated { fast } else { plain }))
+    }
+
     /// The operator that frames multiply by between patches: none for classic radiosity, and for so few bounces that patches
     /// need none.
     ///
@@ -272,6 +290,10 @@ impl Bake {
         progress: &mut Progress,
     ) -> Result<Classic, Error> {
         let operator = self.operator(transport, progress)?;
+        let feedback = match (transport, &operator) {
+            (Transport::Feedback(feedback), Some(operator)) => Some(self.feedback(feedback, operator, progress)?),
+            _ => None,
+        };
         let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings } = self;
         let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
@@ -296,7 +318,7 @@ impl Bake {
                 receivers: &receivers,
                 factors: &factors,
                 operator: operator.as_ref(),
-                is_feedback: matches!(transport, Transport::Feedback { .. }),
+                feedback,
                 facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
                 bounces,

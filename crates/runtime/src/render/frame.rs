@@ -11,6 +11,7 @@ use formfactor::{Csr, HitRows, HitsParams, Operator as _, SparseRows};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
+use multibounce::Acceleration;
 use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
@@ -36,8 +37,8 @@ pub struct FrameParts<'a> {
     pub factors: &'a Csr,
     /// The same in one product, of all bounces, or with feedback of one.
     pub operator: Option<&'a PatchOperator>,
-    /// Whether a frame's bounces begin with the light of the frame before.
-    pub is_feedback: bool,
+    /// Bounces of a frame that begin with the light of the frame before, and how they use where that was going.
+    pub feedback: Option<(u32, Acceleration)>,
     /// From patches to facets.
     pub facet_rows: &'a SparseRows,
     /// Takes the patches' own irradiance to the pixels, instead of the receivers.
@@ -75,10 +76,10 @@ pub struct Frame {
 struct Feedback {
     /// Passes that find E.
     light: Vec<PassId>,
-    /// Passes of a bounce.
+    /// Passes of a frame's bounces.
     bounce: Vec<PassId>,
-    /// Bounces after which nothing changes, when the lights do not.
-    bounces: u32,
+    /// Times after which nothing changes, when the lights do not.
+    times: u32,
 }
 
 /// The passes of a sub-frame whose push constants change.
@@ -259,7 +260,7 @@ impl Frame {
             ("exitance", Range::from(exitance)),
         ];
         let dark = plan.storage("dark", rgb(patches));
-        if !parts.is_feedback {
+        if parts.feedback.is_none() {
             // B = E to begin with: a bounce of no irradiance.
             let first = [("irradiance", Range::from(dark))];
             pass(&mut plan, "gather", &table::FORMFACTOR_BOUNCE, &first, &patch_tables, &patch_count, patches as u32)?;
@@ -268,12 +269,22 @@ impl Frame {
         // The last bounce arrives at the receivers, the one before at the facets; all of them where patches are receivers.
         let on_patches =
             if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(LAST_BOUNCES) };
-        let products = if operator.is_some() { 1 } else { on_patches };
+        let products = match parts.feedback {
+            Some((products, _)) => products,
+            None if operator.is_some() => 1,
+            None => on_patches,
+        };
+        let change = plan.storage("change", rgb(if parts.feedback.is_some() { patches } else { 0 }));
         let range = executor.device().max_storage_buffer_range;
         let before = plan.passes().len();
         for _ in 0..products {
             if let Some(operator) = &operator {
                 operator.product(&mut plan, range, exitance, irradiance)?;
+                if let Some((_, acceleration)) = parts.feedback {
+                    let (own, push) = ([("change", Range::from(change))], acceleration.params(patches as u32));
+                    pass(&mut plan, "method", &table::MULTIBOUNCE_FEEDBACK, &own, &patch_tables, &push, push.count)?;
+                    continue;
+                }
                 pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
                 continue;
             }
@@ -370,14 +381,17 @@ impl Frame {
         }
         executor.upload(dark, &vec![Vec4::ZERO; patches])?;
         executor.upload(exitance, &vec![Vec4::ZERO; patches])?;
+        if parts.feedback.is_some() {
+            executor.upload(change, &vec![Vec4::ZERO; patches])?;
+        }
         executor.upload(irradiance, &vec![Vec4::ZERO; values])?;
         executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
-        let feedback = (parts.is_feedback && parts.operator.is_some()).then(|| Feedback {
+        let feedback = parts.feedback.map(|(products, _)| Feedback {
             // What comes before is the light of the patches.
             light: (0..before).map(|k| all[k]).collect(),
             bounce: method,
-            bounces: on_patches,
+            times: on_patches.div_ceil(products.max(1)),
         });
         let patch_light = (patch_light, parts.direct);
         let seed = parts.seed;
@@ -437,9 +451,9 @@ impl Frame {
         self.executor.upload(self.lights, &room)?;
         let (pass, params) = self.patch_light;
         self.executor.push(pass, &DirectParams { light_count, ..params })?;
-        if let Some(Feedback { light, bounce, bounces }) = self.feedback.take() {
+        if let Some(Feedback { light, bounce, times }) = self.feedback.take() {
             self.executor.run_passes(&light)?;
-            for _ in 0..bounces {
+            for _ in 0..times {
                 self.executor.run_passes(&bounce)?;
             }
         }

@@ -7,8 +7,8 @@ use formfactor::kernel::product::packed_row_words;
 use formfactor::{Csr, Dense, Half, Operator as _, Reciprocal, reciprocal, widen_half};
 use glam::{Vec3, Vec4};
 use multibounce::{
-    BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Tiles, all_bounces,
-    halving_order, projected_order, some_bounces, spectral_radius,
+    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Tiles,
+    all_bounces, halving_order, projected_order, some_bounces, spectral_radius, spectral_range,
 };
 use rayon::prelude::*;
 
@@ -25,11 +25,25 @@ pub enum Transport {
     Classic,
     /// One product with the operator of all bounces.
     Operator(Codec),
-    /// One product a frame with the compressed form factors, from the light of the frame before.
-    Feedback {
-        /// Relative Frobenius error of the form factors.
-        epsilon: f64,
-    },
+    /// Products with the compressed form factors, from the light of the frame before.
+    Feedback(Feedback),
+}
+
+/// How light goes on from frame to frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feedback {
+    /// Relative Frobenius error of the form factors.
+    pub epsilon: f64,
+    /// Bounces in a frame.
+    pub products: u32,
+    /// Whether a bounce uses where the light was going ([`Acceleration`]).
+    pub accelerated: bool,
+}
+
+impl Default for Feedback {
+    fn default() -> Self {
+        Self { epsilon: 0.01, products: 1, accelerated: true }
+    }
 }
 
 /// How an operator is stored.
@@ -427,7 +441,9 @@ pub(super) fn compress(
             let channels = Channels::Three(operators.each_ref());
             PatchOperator::encode(codec, channels, &between, settings.seed, progress)?
         }
-        Transport::Feedback { epsilon } => feedback(Between::new(senders, factors)?, epsilon, settings.seed, progress)?,
+        Transport::Feedback(Feedback { epsilon, .. }) => {
+            feedback(Between::new(senders, factors)?, epsilon, settings.seed, progress)?
+        }
     };
     progress.note(&operator.describe());
     Ok(Some(operator))
@@ -446,6 +462,24 @@ fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progre
     let scale = (1.0 - RADIUS_TOLERANCE) / radius;
     between.factors.values.iter_mut().for_each(|f| *f *= scale);
     PatchOperator::encode(codec, between.channels(), &between, seed, progress)
+}
+
+/// Tolerance of the eigenvalues that accelerated feedback goes by.
+const RANGE_TOLERANCE: f32 = 1e-3;
+
+/// How feedback settles by these form factors, plain and accelerated.
+pub(crate) fn accelerations(
+    albedo: &[Vec4],
+    product: &impl Fn(&[Vec4], &mut [Vec4]) -> Result<(), Error>,
+) -> Result<[Acceleration; 2], Error> {
+    let mut failed = None;
+    let mut one = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
+        failed = product(exitance, irradiance).err().or(failed.take());
+        Ok(())
+    };
+    let range = spectral_range(albedo.len(), albedo, &mut one, RANGE_TOLERANCE, RADIUS_STEPS)?;
+    failed.map_or(Ok(()), Err)?;
+    Ok([Acceleration::none(range.clone()), Acceleration::new(range)?])
 }
 
 /// Spectral radius of `diag(ρ) T`, the greatest of the channels: of `irradiance = T exitance` as a product.

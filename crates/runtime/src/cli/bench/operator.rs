@@ -15,8 +15,8 @@ use crate::error::Error;
 use crate::import::load_or_build;
 use crate::progress::Progress;
 use crate::render::classic::{ClassicSettings, Estimator, exchange};
-use crate::render::operator::measure::{compact_lights, exact_product, own_light, relative_error};
-use crate::render::operator::{Between, MATRICES, check_memory, growth};
+use crate::render::operator::measure::{bounces_until, compact_lights, exact_product, own_light, relative_error};
+use crate::render::operator::{Between, MATRICES, accelerations, check_memory};
 use crate::render::senders::{SenderSettings, Senders, lit_sampler};
 use crate::summary::peak_memory_bytes;
 
@@ -63,8 +63,10 @@ struct Build {
     /// All bounces, three channels; absent where they do not fit into memory.
     #[serde(skip_serializing_if = "Option::is_none")]
     operator_s: Option<f64>,
-    /// Share of the light that is left after a bounce, in the end: the rate of feedback.
-    rate: f32,
+    /// Share of a change of light that a bounce of feedback leaves to come, plain and accelerated.
+    rates: [f32; 2],
+    /// Bounces until a thousandth of the scene's own light is left to come, plain and accelerated.
+    bounces: [usize; 2],
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
 }
@@ -126,11 +128,15 @@ fn build_line(build: &Build) -> String {
     };
     let memory = build.peak_memory_bytes.map(|bytes| format!("; at most {:.2} GB", bytes as f64 * 1e-9));
     format!(
-        "{}, {} patches: form factors {:.1} s, {operator}; at most {:.0} % of the light is left after a bounce{}",
+        "{}, {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, accelerated \
+         {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}",
         build.scene,
         build.patches,
         build.form_factors_s,
-        100.0 * build.rate,
+        100.0 * build.rates[0],
+        100.0 * build.rates[1],
+        build.bounces[0],
+        build.bounces[1],
         memory.unwrap_or_default()
     )
 }
@@ -269,10 +275,12 @@ fn measure(
         }
     };
     let operator_s = operators.is_some().then(|| start.elapsed().as_secs_f64());
-    let rate = growth(&senders.albedo, &|light, out| Ok(between.factors.product(light, out)?))?;
+    let product = |light: &[Vec4], out: &mut [Vec4]| Ok(between.factors.product(light, out)?);
+    let both = accelerations(&senders.albedo, &product)?;
 
     // The scene's own light, then compact ones.
     let mut sources = vec![own_light(scene, &senders, &settings)];
+    let until = bounces_until(1e-3, &senders.albedo, &sources[0], both, &product)?;
     sources.extend(compact_lights(&senders, common.seed));
     let truth = |source: Vec<Vec4>| -> Result<Truth, Error> {
         let mut direct = vec![Vec4::ZERO; n];
@@ -350,7 +358,8 @@ fn measure(
         patches: n,
         form_factors_s,
         operator_s,
-        rate,
+        rates: both.map(|acceleration| acceleration.rate),
+        bounces: until,
         peak_memory_bytes: peak_memory_bytes(),
     });
     Ok(())

@@ -4,7 +4,8 @@ use std::f32::consts::LN_10;
 
 use faer::Mat;
 use glam::{Vec3, Vec4};
-use multibounce::{Channels, MatrixRows, Permutation, picture};
+use multibounce::kernel::feedback::change;
+use multibounce::{Acceleration, Channels, MatrixRows, Permutation, picture};
 use rayon::prelude::*;
 use reference::Picture;
 use scene::Scene;
@@ -39,6 +40,60 @@ pub(crate) fn own_light(scene: &Scene, senders: &Senders, settings: &ClassicSett
     };
     senders.source(&scene.direct_irradiance(&direct, &senders.points))
 }
+
+/// Most bounces that are tried.
+const MOST_BOUNCES: usize = 1000;
+
+/// Bounces after which exitance that began with none is within `share` of where it settles, by its length, for good; and where
+/// that is. `product` multiplies by form factors.
+pub(crate) fn bounces_until(
+    share: f32,
+    albedo: &[Vec4],
+    source: &[Vec4],
+    accelerations: [Acceleration; 2],
+    product: &impl Fn(&[Vec4], &mut [Vec4]) -> Result<(), Error>,
+) -> Result<[usize; 2], Error> {
+    let n = source.len();
+    let run = |acceleration: Acceleration, each: &mut dyn FnMut(&[Vec4]) -> bool| -> Result<(), Error> {
+        let p = acceleration.params(n as u32);
+        let (mut light, mut last, mut irradiance) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
+        for _ in 0..MOST_BOUNCES {
+            product(&light, &mut irradiance)?;
+            for i in 0..n {
+                last[i] = change(&p, source[i], albedo[i], irradiance[i], light[i], last[i]);
+                light[i] += last[i];
+            }
+            if each(&light) {
+                break;
+            }
+        }
+        Ok(())
+    };
+    let distance = |a: &[Vec4], b: &[Vec4]| -> f64 {
+        a.iter().zip(b).map(|(a, b)| f64::from((*a - *b).truncate().length_squared())).sum::<f64>().sqrt()
+    };
+    let mut settled = vec![Vec4::ZERO; n];
+    run(accelerations[1], &mut |light| {
+        let moved = distance(light, &settled);
+        settled.copy_from_slice(light);
+        moved <= 1e-6 * distance(light, &vec![Vec4::ZERO; n])
+    })?;
+    let near = f64::from(share) * distance(&settled, &vec![Vec4::ZERO; n]);
+    let mut bounces = [0; 2];
+    for (bounces, acceleration) in bounces.iter_mut().zip(accelerations) {
+        let (mut done, mut stayed) = (0, 0);
+        run(acceleration, &mut |light| {
+            done += 1;
+            stayed = if distance(light, &settled) <= near { stayed + 1 } else { 0 };
+            stayed == STAYS
+        })?;
+        *bounces = done - stayed + 1;
+    }
+    Ok(bounces)
+}
+
+/// Bounces in a row that count as for good.
+const STAYS: usize = 4;
 
 /// Exitances of 1 W/m² of the patches about some random ones, a fiftieth of all patches each.
 pub(crate) fn compact_lights(senders: &Senders, seed: u32) -> Vec<Vec<Vec4>> {

@@ -1,0 +1,92 @@
+//! How fast light settles that bounces once a frame.
+
+use glam::{Vec3, Vec4};
+use scene::sampling::hash3;
+use std::ops::RangeInclusive;
+use std::vec;
+use std::vec::Vec;
+
+use super::energy::{VectorProduct, power, spectral_radius};
+use crate::error::{Error, check_length};
+use crate::types::FeedbackParams;
+
+/// The eigenvalues of `diag(ρ) F` of all channels, which are real for F ≥ 0 that is reciprocal or symmetric by areas: from
+/// the least, which is negative, to the greatest. `product` multiplies by F; to about `tolerance` of their distance.
+///
+/// The greatest by [`spectral_radius`], the least by the same on the difference to it, from light without any order.
+///
+/// # Errors
+/// As [`spectral_radius`].
+pub fn spectral_range(
+    n: usize,
+    albedo: &[Vec4],
+    product: &mut VectorProduct,
+    tolerance: f32,
+    iterations: usize,
+) -> Result<RangeInclusive<f32>, Error> {
+    check_length("albedo", n, albedo.len())?;
+    let greatest = spectral_radius(n, albedo, product, tolerance, iterations)?.max_element();
+    let sign = |i: usize| if hash3(i as u32, 0, 0) & 1 == 0 { 1.0 } else { -1.0 };
+    let start: Vec<Vec4> = (0..n).map(|i| Vec4::splat(sign(i))).collect();
+    let mut irradiance = vec![Vec4::ZERO; n];
+    let mut difference = |light: &[Vec4], out: &mut [Vec4]| {
+        product(light, &mut irradiance)?;
+        for (((out, light), albedo), irradiance) in out.iter_mut().zip(light).zip(albedo).zip(&irradiance) {
+            *out = *light * greatest - *albedo * *irradiance;
+        }
+        Ok(())
+    };
+    let distance: Vec3 = power(start, &mut difference, tolerance, iterations)?;
+    Ok((greatest - distance.max_element()).min(0.0)..=greatest)
+}
+
+/// How a bounce uses where the light was going, so that it settles in fewer bounces. Light that stays then is the same.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Acceleration {
+    /// How far towards the light of a plain bounce.
+    pub step: f32,
+    /// Share of the last change that is made again.
+    pub momentum: f32,
+    /// Share of the distance to where the light settles that a bounce leaves, after some of them.
+    pub rate: f32,
+}
+
+impl Acceleration {
+    /// Plain bounces, for eigenvalues of `diag(ρ) F` in a range within (−1, 1).
+    pub fn none(eigenvalues: RangeInclusive<f32>) -> Self {
+        let rate = eigenvalues.start().abs().max(eigenvalues.end().abs());
+        Self { step: 1.0, momentum: 0.0, rate }
+    }
+
+    /// The fastest constant step and momentum: with `q = √(1 − a)`, `p = √(1 − b)` for eigenvalues in `a..=b`, a step of
+    /// `(2 / (p + q))²`, a momentum of `((q − p) / (q + p))²`, and a rate of `(q − p) / (q + p)`. This is where Chebyshev's
+    /// iteration tends to, and needs no start, so that lights may change in any frame.
+    ///
+    /// Source: B. T. Polyak, 1964; G. H. Golub, R. S. Varga, "Chebyshev semi-iterative methods", 1961.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for eigenvalues that are not in order, or not below 1: light would grow.
+    pub fn new(eigenvalues: RangeInclusive<f32>) -> Result<Self, Error> {
+        let (least, greatest) = (*eigenvalues.start(), *eigenvalues.end());
+        if !(greatest < 1.0 && least <= greatest && least.is_finite()) {
+            let rule = "in ascending order and below 1";
+            return Err(Error::Setting { name: "eigenvalues", value: f64::from(greatest), rule });
+        }
+        let (q, p) = (scene::math::sqrt(1.0 - least), scene::math::sqrt(1.0 - greatest));
+        let rate = (q - p) / (q + p);
+        Ok(Self { step: (2.0 / (q + p)) * (2.0 / (q + p)), momentum: rate * rate, rate })
+    }
+
+    /// Settings of the kernel for so many patches.
+    pub fn params(&self, count: u32) -> FeedbackParams {
+        FeedbackParams { count, step: self.step, momentum: self.momentum }
+    }
+
+    /// Bounces after which `share` of a change is left.
+    pub fn bounces(&self, share: f32) -> u32 {
+        match self.rate > 0.0 {
+            true => (scene::math::ln(share) / scene::math::ln(self.rate)).ceil().max(1.0) as u32,
+            false => 1,
+        }
+    }
+}
