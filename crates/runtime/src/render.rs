@@ -2,7 +2,7 @@
 
 pub mod classic;
 pub mod debug;
-mod frame;
+pub(crate) mod frame;
 pub mod operator;
 pub mod path;
 mod pixels;

@@ -23,6 +23,7 @@ use crate::error::Error;
 use crate::executor::{Executor, ExecutorError, PassTime};
 use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
 use operator::OperatorTables;
+pub(crate) use operator::product_on_device;
 
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.
 const PIXEL_RAYS: u32 = 2;

@@ -12,11 +12,13 @@ use crate::cli::args::{Bench, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page};
 use crate::error::Error;
+use crate::executor::{DeviceChoice, DeviceKind, Executor, open};
 use crate::import::load_or_build;
 use crate::progress::Progress;
 use crate::render::classic::{ClassicSettings, Estimator, exchange};
+use crate::render::frame::product_on_device;
 use crate::render::operator::measure::{bounces_until, compact_lights, exact_product, own_light, relative_error};
-use crate::render::operator::{Between, MATRICES, accelerations, check_memory};
+use crate::render::operator::{Between, MATRICES, PatchOperator, accelerations, check_memory};
 use crate::render::senders::{SenderSettings, Senders, lit_sampler};
 use crate::summary::peak_memory_bytes;
 
@@ -24,6 +26,8 @@ use crate::summary::peak_memory_bytes;
 const COUNT: u32 = 10_000;
 /// Products whose times give the median.
 const TURNS: usize = 41;
+/// The same on a device.
+const DEVICE_TURNS: usize = 11;
 /// Bounces of classic radiosity that one product is compared with.
 const BOUNCES: u32 = 3;
 
@@ -50,6 +54,9 @@ struct Row {
     median_ms: f64,
     /// Time in which the machine reads as many bytes.
     floor_ms: f64,
+    /// On the Vulkan device, by its clock.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device_ms: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     compress_s: Option<f64>,
 }
@@ -96,12 +103,23 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
     let counts = if args.counts.is_empty() { vec![COUNT] } else { args.counts.clone() };
     let (mut builds, mut rows) = (Vec::new(), Vec::new());
+    // Any device that speaks Vulkan, software too.
+    let choice = if common.device == "auto" { "vulkan" } else { &common.device };
+    let mut device = match open(&DeviceChoice::parse(choice)) {
+        Ok((executor, _)) if executor.device().kind != DeviceKind::Native => Some(executor),
+        Ok(_) => None,
+        Err(error) if common.device != "auto" => return Err(error.into()),
+        Err(error) => {
+            Progress::new(common.quiet).note(&format!("{error}; products are not measured on a Vulkan device"));
+            None
+        }
+    };
     let results = |builds: &[Build], rows: &[Row]| {
         output::json(&Results { name: "operator", machine: &machine, seed: common.seed, builds, rows })
     };
     for scene in scenes {
         for &count in &counts {
-            measure(common, args, scene, count as usize, &mut builds, &mut rows)?;
+            measure(common, args, (scene, count as usize), device.as_deref_mut(), &mut builds, &mut rows)?;
             output::write_text(&out.join("summary.json"), &results(&builds, &rows))?;
             output::write_text(&out.join("report.html"), &report(&machine, &builds, &rows))?;
         }
@@ -211,6 +229,7 @@ fn table(rows: &[Row]) -> Table {
         "compact lights %",
         "product ms",
         "floor ms",
+        "on the device ms",
         "compress s",
     ];
     let line = |row: &Row| {
@@ -228,6 +247,7 @@ fn table(rows: &[Row]) -> Table {
             percent(row.compact_lights),
             format!("{:.3}", row.median_ms),
             format!("{:.3}", row.floor_ms),
+            row.device_ms.map(|ms| format!("{ms:.2}")).unwrap_or_default(),
             row.compress_s.map(|s| format!("{s:.1}")).unwrap_or_default(),
         ]
     };
@@ -239,8 +259,8 @@ fn table(rows: &[Row]) -> Table {
 fn measure(
     common: &Common,
     args: &Bench,
-    name: &str,
-    count: usize,
+    (name, count): (&str, usize),
+    mut device: Option<&mut (dyn Executor + 'static)>,
     builds: &mut Vec<Build>,
     rows: &mut Vec<Row>,
 ) -> Result<(), Error> {
@@ -304,6 +324,7 @@ fn measure(
         compact_lights: 0.0,
         median_ms,
         floor_ms: bytes as f64 * 1e-6 / stream_gb_s((bytes as usize).max(1 << 20), TURNS),
+        device_ms: None,
         compress_s: None,
     };
     // Classic radiosity: a sparse product a bounce.
@@ -342,15 +363,21 @@ fn measure(
             let mut room = TileRoom::default();
             let time = median_ms(|| Ok(tiles.product_in(&mut room, &truths[0].source, &mut h)?))?;
             let compact = errors[1..].iter().copied().fold(0.0, f64::max);
-            rows.push(Row {
+            let read = tiles.bytes().iter().map(|part| part.1).sum();
+            let mut measured = Row {
                 epsilon: Some(epsilon),
                 stored_bytes: tiles.stored_bytes(),
                 frobenius: tiles.report.error.iter().copied().fold(0.0, f64::max),
                 own_light: errors[0],
                 compact_lights: compact,
                 compress_s: Some(seconds),
-                ..row(operator, "tiles", tiles.bytes().iter().map(|part| part.1).sum(), time)
-            });
+                ..row(operator, "tiles", read, time)
+            };
+            if let Some(device) = device.as_deref_mut() {
+                let (tiles, source) = (PatchOperator::Tiles(tiles), &truths[0].source);
+                measured.device_ms = Some(product_on_device(device, &tiles, source, DEVICE_TURNS)?.1);
+            }
+            rows.push(measured);
         }
     }
     builds.push(Build {

@@ -11,7 +11,7 @@ use multibounce::{BlockCodec, BlockMatrix, BlockParams, Tiles};
 
 use super::super::operator::{PatchOperator, apart};
 use super::{RANGE_ALIGNMENT, Uploads, pass, row_blocks};
-use crate::executor::ExecutorError;
+use crate::executor::{Executor, ExecutorError};
 use crate::plan::{BufferId, Plan, Range};
 
 /// An operator's tables on the device, and what a product keeps between its passes.
@@ -51,6 +51,41 @@ impl<'a> OperatorTables<'a> {
             Self::Tiles(tiles) => tiles.product(plan, exitance, irradiance),
         }
     }
+}
+
+/// Loads the product with an operator alone: where its exitance and its irradiance are.
+fn load_product(
+    executor: &mut dyn Executor,
+    operator: &PatchOperator,
+    range: u64,
+) -> Result<[BufferId; 2], ExecutorError> {
+    let (mut plan, mut uploads) = (Plan::new(), Uploads::default());
+    let tables = OperatorTables::new(&mut plan, &mut uploads, operator);
+    let [exitance, irradiance] = ["exitance", "irradiance"].map(|name| plan.storage(name, rgb(operator.patches())));
+    tables.product(&mut plan, range, exitance, irradiance)?;
+    executor.load(plan)?;
+    for (buffer, bytes) in uploads.0 {
+        executor.upload_at(buffer, 0, &bytes)?;
+    }
+    Ok([exitance, irradiance])
+}
+
+/// Irradiance by an operator on a device, W/m², and the median of the times of so many products, ms.
+pub(crate) fn product_on_device(
+    executor: &mut dyn Executor,
+    operator: &PatchOperator,
+    light: &[Vec4],
+    turns: usize,
+) -> Result<(Vec<Vec4>, f64), ExecutorError> {
+    let range = executor.device().max_storage_buffer_range;
+    let [exitance, irradiance] = load_product(executor, operator, range)?;
+    executor.upload(exitance, light)?;
+    let mut times = Vec::with_capacity(turns);
+    for _ in 0..turns.max(1) {
+        times.push(executor.run()?.iter().map(|pass| pass.milliseconds).sum::<f64>());
+    }
+    times.sort_by(f64::total_cmp);
+    Ok((executor.download_table(irradiance)?, times[times.len() / 2]))
 }
 
 fn rgb(n: usize) -> u64 {
@@ -305,7 +340,6 @@ mod tests {
     use super::super::super::operator::tests::{CODECS, cornell, light};
     use super::*;
     use crate::cpu::Cpu;
-    use crate::executor::Executor;
     use crate::progress::Progress;
     use multibounce::Channels;
 
@@ -323,18 +357,10 @@ mod tests {
             operator.product(&light, &mut expected).unwrap();
             let run = |range: u64, light: &[Vec4]| {
                 let mut executor: Box<dyn Executor> = Box::new(Cpu::new());
-                let (mut plan, mut uploads) = (Plan::new(), Uploads::default());
-                let tables = OperatorTables::new(&mut plan, &mut uploads, &operator);
-                let [exitance, irradiance] = ["exitance", "irradiance"].map(|name| plan.storage(name, rgb(n)));
-                tables.product(&mut plan, range, exitance, irradiance).unwrap();
-                let passes = plan.passes().len();
-                executor.load(plan).unwrap();
-                for (buffer, bytes) in uploads.0 {
-                    executor.upload_at(buffer, 0, &bytes).unwrap();
-                }
+                let [exitance, irradiance] = load_product(executor.as_mut(), &operator, range).unwrap();
                 executor.upload(exitance, light).unwrap();
                 executor.run().unwrap();
-                (passes, executor.download_table::<Vec4>(irradiance).unwrap())
+                (executor.plan().passes().len(), executor.download_table::<Vec4>(irradiance).unwrap())
             };
             let (whole, found) = run(u64::MAX, &light);
             let error = relative_error(&found, &expected, &between.area);
