@@ -1,0 +1,83 @@
+//! The matrix round a camera: what a patch costs that enters, alone and among others, what refreshing a column costs, and the
+//! product over shares of lit and of visible slots. Bytes a second stand beside: an entering patch reads the matrix and reads
+//! and writes it once more.
+
+#![allow(missing_docs)]
+
+use std::hint::black_box;
+
+use benches::{SEED, exitance, stream_gb_s};
+use criterion::{BatchSize, BenchmarkId, Criterion, Throughput};
+use glam::{Vec3, Vec4};
+use localmatrix::{Entering, Error, Form, LocalMatrix};
+use scene::sampling::{hash3, unit};
+
+/// Bytes of a read that no cache holds.
+const OUT_OF_CACHE: usize = 1100 << 20;
+const SLOTS: [usize; 2] = [512, 2048];
+/// Patches that enter together.
+const TOGETHER: [usize; 3] = [1, 4, 16];
+/// Shares of the slots that are lit, and that are visible.
+const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
+
+/// Exchange of patches along a line, most with the nearest.
+fn row(patch: u32, patches: u32) -> Vec<(u32, f32)> {
+    let factor = |j: u32| {
+        let far = patch.abs_diff(j) as f32;
+        (j, 0.3 * (0.5 + unit(hash3(patch.min(j), patch.max(j), SEED))) / (1.0 + far * far))
+    };
+    (0..patches).filter(|&j| j != patch).map(factor).collect()
+}
+
+/// A matrix with so many free slots, and the rows of patches that may enter.
+fn filled(slots: usize, free: usize) -> Result<(LocalMatrix, Vec<Vec<(u32, f32)>>), Error> {
+    let rows: Vec<Vec<(u32, f32)>> = (0..slots as u32).map(|i| row(i, slots as u32)).collect();
+    let mut matrix = LocalMatrix::new(slots, Form::Exact)?;
+    let there: Vec<Entering> = (0..(slots - free) as u32).map(|patch| entering(patch, &rows)).collect();
+    there.chunks(128).try_for_each(|some| matrix.add(some))?;
+    Ok((matrix, rows))
+}
+
+fn entering(patch: u32, rows: &[Vec<(u32, f32)>]) -> Entering<'_> {
+    Entering { patch, area: 1.0, albedo: Vec3::new(0.6, 0.5, 0.4), factors: &rows[patch as usize] }
+}
+
+fn main() -> Result<(), Error> {
+    let mut criterion = Criterion::default().configure_from_args().sample_size(20);
+    println!("stream out of cache ({} MB): {:.1} GB/s", OUT_OF_CACHE / 1_000_000, stream_gb_s(OUT_OF_CACHE, 5));
+    for slots in SLOTS {
+        let (matrix, rows) = filled(slots, 16)?;
+        let state = 12 * (slots * slots) as u64;
+        let mut group = criterion.benchmark_group(format!("localmatrix/{slots}"));
+        for count in TOGETHER {
+            let first = (slots - 16) as u32;
+            let some: Vec<Entering> = (first..first + count as u32).map(|patch| entering(patch, &rows)).collect();
+            group.throughput(Throughput::Bytes(3 * state));
+            group.bench_function(BenchmarkId::new("enter", count), |bench| {
+                let fresh = || matrix.clone();
+                bench.iter_batched_ref(fresh, |matrix| matrix.add(&some).expect("room is free"), BatchSize::LargeInput);
+            });
+        }
+        group.throughput(Throughput::Bytes(2 * state));
+        group.bench_function(BenchmarkId::new("refresh", 1), |bench| {
+            let mut matrix = matrix.clone();
+            bench.iter(|| black_box(matrix.refresh(1)));
+        });
+        let light = exitance(slots, slots);
+        let mut irradiance = vec![Vec4::ZERO; slots];
+        for lit in SHARES {
+            for visible in SHARES {
+                let some = |share: f64| -> Vec<u32> { (0..(share * slots as f64) as u32).collect() };
+                let (seen, lit_slots) = (some(visible), some(lit));
+                group.throughput(Throughput::Bytes(12 * (seen.len() * lit_slots.len()) as u64));
+                let name = format!("{:.0} % lit, {:.0} % visible", 100.0 * lit, 100.0 * visible);
+                group.bench_function(BenchmarkId::new("product", name), |bench| {
+                    bench.iter(|| matrix.product(&seen, &lit_slots, &light, &mut irradiance));
+                });
+            }
+        }
+        group.finish();
+    }
+    criterion.final_summary();
+    Ok(())
+}

@@ -1,0 +1,74 @@
+//! What can be wrong with patches and their matrix.
+
+/// Why a change was refused. The patches that are there stay as they were; ghosts may have made room.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A table has the wrong length.
+    #[error("{name} holds {found} entries where {expected} are needed")]
+    Length {
+        /// The table.
+        name: &'static str,
+        /// Entries needed.
+        expected: usize,
+        /// Entries found.
+        found: usize,
+    },
+    /// A setting lies outside its range.
+    #[error("{name} is {value}; it must be {rule}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// A patch has a value that is no number, or out of range.
+    #[error("{name} of patch {patch} is {value}; it must be {rule}")]
+    Value {
+        /// What it is.
+        name: &'static str,
+        /// The patch.
+        patch: u32,
+        /// Its value.
+        value: f32,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// A patch enters that is there, or twice.
+    #[error("patch {patch} is there already")]
+    AlreadyThere {
+        /// The patch.
+        patch: u32,
+    },
+    /// A patch that is not there.
+    #[error("patch {patch} is not there")]
+    NotThere {
+        /// The patch.
+        patch: u32,
+    },
+    /// A slot that there is not.
+    #[error("there is no slot {slot}; there are {slots}")]
+    NoSlot {
+        /// The slot.
+        slot: u32,
+        /// Slots that there are.
+        slots: usize,
+    },
+    /// No slots are left: let patches leave first.
+    #[error("{needed} patches enter, but of {slots} slots only {free} are free or hold ghosts: let others leave first")]
+    Full {
+        /// Patches that enter.
+        needed: usize,
+        /// Slots that can be had.
+        free: usize,
+        /// All slots.
+        slots: usize,
+    },
+    /// With this patch light would grow without end.
+    #[error("light grows without end with patch {patch}: its form factors times the reflectance exceed 1")]
+    Singular {
+        /// The patch.
+        patch: u32,
+    },
+}

@@ -1,0 +1,7 @@
+//! The host side: slots, borders and the choice of patches.
+
+mod choice;
+mod matrix;
+
+pub use choice::{Choice, choose, distance_to_path};
+pub use matrix::{Entering, Form, LocalMatrix, MOST_SLOTS};

@@ -1,0 +1,56 @@
+#![no_std]
+//! All bounces of light between the patches round a camera, kept exact while patches come and go.
+//!
+//! A world may have more patches than their matrix has room for. [`LocalMatrix`] holds M slots, and for each colour channel the
+//! operator of all bounces `T = F (I − diag(ρ) F)⁻¹` of the patches in them: irradiance `H = T E` in W/m², for a first
+//! exitance E. A patch that enters is a border of the matrix, with `f̂` its exchange with the others and ρ its reflectance:
+//!
+//! ```text
+//! w = f̂ + T̂ (ρ∘f̂)     σ = F_nn + f̂·(ρ∘w)     s = 1 − ρ_n σ
+//! T̂ ← T̂ + (ρ_n / s) w wᵀ,     new row and column w / s,     corner σ / s
+//! ```
+//!
+//! about 2 M² multiplications, nothing left out. `T̂ = a^½ T a^-½` with the patches' areas a, and so is f̂: both are symmetric
+//! when F is reciprocal. Several patches enter as one border of as many columns. A patch that leaves becomes a *ghost*: it keeps its
+//! slot, light still goes by way of it, and when it comes back there is nothing to do. When its slot is needed, its border is
+//! taken away, `T̂ ← T̂ − ρ_n T̂_n T̂_nᵀ / (1 + ρ_n T̂_nn)`, which is exact as well: no light is counted twice. What rounding
+//! leaves is taken out column by column ([`LocalMatrix::refresh`]).
+//!
+//! [`choose`] says which patches are to enter and to leave, from how far they are off.
+//!
+//! ```
+//! use glam::{Vec3, Vec4};
+//! use localmatrix::{Entering, Form, LocalMatrix};
+//!
+//! // Two plates that see each other by half, one twice as large.
+//! let albedo = Vec3::splat(0.5);
+//! let mut matrix = LocalMatrix::new(8, Form::Exact)?;
+//! matrix.add(&[Entering { patch: 7, area: 1.0, albedo, factors: &[(9, 0.5)] }])?;
+//! matrix.add(&[Entering { patch: 9, area: 2.0, albedo, factors: &[(7, 0.25)] }])?;
+//!
+//! let slots = [7, 9].map(|patch| matrix.slot(patch).unwrap());
+//! let (mut exitance, mut irradiance) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
+//! exitance[slots[0] as usize] = Vec4::ONE;
+//! matrix.product(&slots, &slots, &exitance, &mut irradiance)?;
+//! // H_2 = F_21 B_1 and B_1 = 1 + ρ_1 F_12 ρ_2 H_2.
+//! let expected = 0.25 / (1.0 - 0.5 * 0.5 * 0.5 * 0.25);
+//! assert!((irradiance[slots[1] as usize].x - expected).abs() < 1e-6);
+//! # Ok::<(), localmatrix::Error>(())
+//! ```
+//!
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's own.
+// The kernel build has `core` only: what needs `alloc` needs the feature `std`.
+#[cfg(any(feature = "std", test))]
+#[macro_use]
+extern crate std;
+
+#[cfg(feature = "std")]
+pub mod error;
+#[cfg(feature = "std")]
+pub mod host;
+pub mod kernel;
+
+#[cfg(feature = "std")]
+pub use error::Error;
+#[cfg(feature = "std")]
+pub use host::*;
