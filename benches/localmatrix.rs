@@ -20,8 +20,11 @@ const TOGETHER: [usize; 3] = [1, 4, 16];
 /// Shares of the slots that are lit, and that are visible.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 
+/// Patches and form factors.
+type Row = Vec<(u32, f32)>;
+
 /// Exchange of patches along a line, most with the nearest.
-fn row(patch: u32, patches: u32) -> Vec<(u32, f32)> {
+fn row(patch: u32, patches: u32) -> Row {
     let factor = |j: u32| {
         let far = patch.abs_diff(j) as f32;
         (j, 0.3 * (0.5 + unit(hash3(patch.min(j), patch.max(j), SEED))) / (1.0 + far * far))
@@ -30,15 +33,15 @@ fn row(patch: u32, patches: u32) -> Vec<(u32, f32)> {
 }
 
 /// A matrix with so many free slots, and the rows of patches that may enter.
-fn filled(slots: usize, free: usize) -> Result<(LocalMatrix, Vec<Vec<(u32, f32)>>), Error> {
-    let rows: Vec<Vec<(u32, f32)>> = (0..slots as u32).map(|i| row(i, slots as u32)).collect();
+fn filled(slots: usize, free: usize) -> Result<(LocalMatrix, Vec<Row>), Error> {
+    let rows: Vec<Row> = (0..slots as u32).map(|i| row(i, slots as u32)).collect();
     let mut matrix = LocalMatrix::new(slots, Form::Exact)?;
     let there: Vec<Entering> = (0..(slots - free) as u32).map(|patch| entering(patch, &rows)).collect();
     there.chunks(128).try_for_each(|some| matrix.add(some))?;
     Ok((matrix, rows))
 }
 
-fn entering(patch: u32, rows: &[Vec<(u32, f32)>]) -> Entering<'_> {
+fn entering(patch: u32, rows: &[Row]) -> Entering<'_> {
     Entering { patch, area: 1.0, albedo: Vec3::new(0.6, 0.5, 0.4), factors: &rows[patch as usize] }
 }
 
