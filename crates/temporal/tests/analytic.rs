@@ -61,9 +61,9 @@ fn tables_by_hand() {
         assert_eq!(tables.slots(), [57_344 << 16 | 2, 24_576 << 16, 0xffff_0002], "{packing:?}");
         assert_eq!(tables.words(), [5 << 16 | 2, 7]);
         let first = |x: u32| draw(x, 0, 3, tables.slots());
-        // The first third of the words is the first slot; 7/8 of it is its own.
-        assert_eq!([0, 0x4000_0000, 0x5000_0000, 0x5555_5555].map(first), [0, 0, 2, 0]);
-        assert_eq!([0x5555_5556, 0x7555_5555, 0x8000_0000, 0xaaaa_aaab, u32::MAX].map(first), [1, 0, 0, 2, 2]);
+        // The first third of the words is the first slot; 7/8 of it are its own.
+        assert_eq!([0, 0x4000_0000, 0x5000_0000, 0x5555_5555].map(first), [0, 0, 2, 2]);
+        assert_eq!([0x5555_5556, 0x7555_5556, 0x8000_0000, 0xaaaa_aaab, u32::MAX].map(first), [1, 0, 0, 2, 2]);
     }
 }
 
@@ -138,10 +138,11 @@ fn colours_keep_luminance_and_the_rows_channels() {
     ];
     for packing in PACKINGS {
         let tables = AliasTables::from_rgb(4, 2, packing, |i, row| row.copy_from_slice(&rows[i])).unwrap();
-        assert_eq!(tables.row_start(), [0, 3, 7]);
-        for entry in 0..7 {
+        // The last entry is less than a part of its row.
+        assert_eq!(tables.row_start(), [0, 3, 6]);
+        for entry in 0..6 {
             let color = color_at(entry, tables.colors());
-            assert!((luminance(color) - 1.0).abs() < 2e-3, "{color}");
+            assert!((luminance(color) - 1.0).abs() < 1e-5, "{color}");
         }
         // Light of one column at a time gives the operator's columns.
         for (i, row) in rows.iter().enumerate() {
@@ -151,8 +152,8 @@ fn colours_keep_luminance_and_the_rows_channels() {
                 let mut found = [Vec4::ZERO; 2];
                 tables.product(&light, &mut found).unwrap();
                 let error = (found[i].truncate() - *expected).abs().max_element();
-                // A step of red of luminance 1 is 0.02, of blue 0.06; errors of neighbours are handed on once.
-                assert!(error <= 0.1 * luminance(*expected) + 2e-4, "{i} {j}: {} for {expected}", found[i]);
+                // The greatest step, at a blue of 13.85 for a luminance of 1, is 0.11; as much may come from the entry before.
+                assert!(error <= 0.22 * luminance(*expected) + 2e-4, "{i} {j}: {} for {expected}", found[i]);
             }
         }
         // Light of all columns: the rows' sums, channel by channel.

@@ -140,7 +140,7 @@ fn rgb_operators_have_the_products_mean() {
     let n = 60u32;
     let row = |i: usize, out: &mut [Vec3]| {
         for (j, c) in out.iter_mut().enumerate() {
-            let random = |k| random(i as u32, j as u32, 70 + k);
+            let random = |k: u32| random(i as u32, j as u32, 70 + k);
             // Sums above 1, as those of all bounces may be.
             *c = Vec3::new(random(0), random(1), random(2)).powf(4.0) * 0.3;
         }
@@ -219,6 +219,17 @@ fn draws_have_the_rows_distribution() {
         // Chi-square has a longer tail than a normal distribution: 5 deviations are rarer than 1 in 10,000.
         assert!(most < 5.0 && least_wrong > 20.0);
     }
+}
+
+#[test]
+fn entries_too_small_for_a_part_leave_whole_rows() {
+    let mut values: Vec<f32> = (0..1000).map(|k| if k % 3 == 0 { 1e-9 * k as f32 } else { 1.0 }).collect();
+    values[1] = 1e6;
+    let columns: Vec<u32> = (0..1000).collect();
+    let tables = AliasTables::from_rows(1000, &[0, 1000], &columns, &values, Packing::Stacks).unwrap();
+    let weights = tables.weights(0);
+    assert!(weights.len() < 700 && !weights.contains(&0));
+    assert_eq!(weights.iter().sum::<u64>(), 65_536 * weights.len() as u64);
 }
 
 #[test]
@@ -366,7 +377,7 @@ fn a_step_of_the_light_arrives_within_eight_frames() {
     let settings = [
         Settings { samples: 64, ..Settings::default() },
         Settings { samples: 64, control_variate: false, ..Settings::default() },
-        Settings { samples: 64, control_variate: false, blend: Blend::Fixed(0.7), ..Settings::default() },
+        Settings { samples: 64, control_variate: false, blend: Blend::Fixed(0.6), ..Settings::default() },
     ];
     let whole = |h: &[Vec4]| h.iter().map(|h| h.truncate().element_sum()).sum::<f32>();
     let response = |settings: &Settings| {
@@ -392,7 +403,11 @@ fn light_that_chooses_its_weight_follows_and_rests() {
     let n = 200;
     let (source, black, rows) = (light(n, 5), vec![Vec4::ZERO; n as usize], lists(n, 1));
     let at = |t: f32| -> Vec<Vec4> {
-        source.iter().enumerate().map(|(j, e)| *e * (1.2 + (0.05 * t + j as f32).sin())).collect()
+        source
+            .iter()
+            .enumerate()
+            .map(|(j, e)| *e * (1.2 + scene::math::sin_cos_turn(0.008 * t + 0.159 * j as f32).0))
+            .collect()
     };
     let errors = |blend: Blend| {
         let settings = Settings { samples: 8, control_variate: false, rotated: false, blend, ..Settings::default() };

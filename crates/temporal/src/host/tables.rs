@@ -50,8 +50,8 @@ struct Row {
 }
 
 impl Row {
-    /// Entries of this column and share, those of weight 0 left out: whole parts whose sum is [`PARTS`] an entry, each less than
-    /// one away from its exact share.
+    /// Entries of this column and share: whole parts whose sum is [`PARTS`] an entry, each less than one away from its exact
+    /// share. What is left with none is left out.
     fn new(mut entries: Vec<(u32, f64)>) -> Self {
         entries.retain(|entry| entry.1 > 0.0);
         let sum: f64 = entries.iter().map(|entry| entry.1).sum();
@@ -59,6 +59,7 @@ impl Row {
         // Fewer entries have larger parts: once more, until none is less than one part.
         loop {
             let all = (entries.len() as u64 * u64::from(PARTS)) as f64;
+            let sum: f64 = entries.iter().map(|entry| entry.1).sum();
             let (mut exact, mut given) = (0.0, 0.0f64);
             row.weights = entries
                 .iter()
@@ -88,14 +89,18 @@ impl Row {
         let codes = row.columns.iter().zip(&row.weights).map(|(&j, &weight)| {
             let (c, weight) = (columns[j as usize], weight as f32);
             let y = luminance(c);
-            let mut code = |k: usize, value: f32, most: f32| {
+            // At most what luminance has room for.
+            let mut code = |k: usize, value: f32, most: f32, room: f32| {
                 let wanted = value + owed[k] / weight;
-                let code = (sqrt((wanted / most).clamp(0.0, 1.0)) * 255.0 + 0.5) as u32;
+                let near = (sqrt((wanted / most).clamp(0.0, 1.0)) * 255.0 + 0.5) as u32;
+                let code = (0..=near).rev().find(|&code| decode(code, most) <= room).unwrap_or(0);
                 // No more than an entry's own light is handed on.
                 owed[k] = ((wanted - decode(code, most)) * weight).clamp(-weight, weight);
                 code
             };
-            code(0, c.x / y, MOST_RED) | code(1, c.z / y, MOST_BLUE) << 8
+            let red = code(0, c.x / y, MOST_RED, MOST_RED);
+            let left = 1.0 - decode(red, MOST_RED) / MOST_RED;
+            red | code(1, c.z / y, MOST_BLUE, left * MOST_BLUE) << 8
         });
         row.colors = codes.collect();
         row
