@@ -54,6 +54,12 @@ pub fn word(first: u32, k: u32, p: &SampleParams) -> u32 {
     }
 }
 
+/// What a table says of a column; of the last one where there is none.
+#[inline]
+pub(super) fn at(values: &[Vec4], column: u32) -> Vec3 {
+    values[column.min(values.len() as u32 - 1) as usize].truncate()
+}
+
 /// Column at an entry of a list.
 #[inline]
 pub fn column_at(entry: u32, columns: &[u32], options: u32) -> u32 {
@@ -82,30 +88,26 @@ pub fn sample_row(
 ) -> Vec4 {
     let first = first_word(row, p);
     let scale = sum / p.samples as f32;
+    let (is_control, is_auto) = (has(p.options, CONTROL), has(p.options, AUTO));
     let mut light = Vec3::ZERO;
-    if has(p.options, CONTROL) {
-        for k in 0..p.samples {
-            let (column, color) = pick(word(first, k, p));
-            light += change[column as usize].truncate() * color;
-        }
-        return (previous.truncate() + light * scale).max(Vec3::ZERO).extend(previous.w);
-    }
-    if !has(p.options, AUTO) {
-        for k in 0..p.samples {
-            let (column, color) = pick(word(first, k, p));
-            light += exitance[column as usize].truncate() * color;
-        }
-        return (previous.truncate() * p.blend + light * (scale * (1.0 - p.blend))).extend(previous.w);
-    }
     let (mut mean, mut squares, mut moved) = (0.0, 0.0, 0.0);
+    // One loop for all: a closure over buffers that is called at several places does not compile for the GPU.
     for k in 0..p.samples {
         let (column, color) = pick(word(first, k, p));
-        let sample = exitance[column as usize].truncate() * color;
-        let y = luminance(sample);
+        let sample = if is_control { at(change, column) } else { at(exitance, column) } * color;
         light += sample;
-        mean += y;
-        squares += y * y;
-        moved += luminance(change[column as usize].truncate() * color);
+        if is_auto {
+            let y = luminance(sample);
+            mean += y;
+            squares += y * y;
+            moved += luminance(at(change, column) * color);
+        }
+    }
+    if is_control {
+        return (previous.truncate() + light * scale).max(Vec3::ZERO).extend(previous.w);
+    }
+    if !is_auto {
+        return (previous.truncate() * p.blend + light * (scale * (1.0 - p.blend))).extend(previous.w);
     }
     // Of Q samples, so σ² of their mean is (Σy²/Q − (Σy/Q)²) / Q, over its square.
     let q = p.samples as f32;
@@ -168,7 +170,8 @@ pub fn sample_list(
     if count == 0 {
         return Vec4::ZERO;
     }
-    let pick = |x| (column_at(first - p.first_entry + wide_product(x, count).0, columns, p.options), Vec3::ONE);
+    let (first, options) = (first - p.first_entry, p.options);
+    let pick = move |x: u32| (column_at(first + wide_product(x, count).0, columns, options), Vec3::ONE);
     sample_row(p.first_row + i, p, sums[i as usize], pick, exitance, change, previous)
 }
 
@@ -186,9 +189,9 @@ pub fn sum_list(i: u32, p: &SumParams, row_start: &[u32], columns: &[u32], sums:
     if first == end {
         return Vec3::ZERO;
     }
-    let mut light = Vec4::ZERO;
+    let mut light = Vec3::ZERO;
     for entry in first..end {
-        light += exitance[column_at(entry, columns, p.options) as usize];
+        light += at(exitance, column_at(entry, columns, p.options));
     }
-    light.truncate() * (sums[i as usize] / (end - first) as f32)
+    light * (sums[i as usize] / (end - first) as f32)
 }

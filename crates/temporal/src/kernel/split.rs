@@ -22,14 +22,14 @@ pub fn scan_row(row: u32, row_start: &[u32], weights: &[u32], base: u32, scan: &
         if weight < PARTS {
             scan[place as usize] = UVec2::new(entry - first, sum);
             place += 1;
-            sum += PARTS - weight;
+            sum = sum.wrapping_add(PARTS - weight);
         }
     }
     sum = 0;
     for entry in first..end {
         let weight = weights[entry as usize];
         if weight >= PARTS {
-            sum += weight - PARTS;
+            sum = sum.wrapping_add(weight - PARTS);
             scan[place as usize] = UVec2::new(entry - first, sum);
             place += 1;
         }
@@ -74,7 +74,8 @@ pub fn pack_entry(entry: u32, rows: u32, row_start: &[u32], weights: &[u32], sca
             high = middle;
         }
     }
-    let heavy = low;
+    // Weights of another sum have none: nothing is read beyond the row.
+    let heavy = low.min(end - 1);
     let own = entry - first;
     let weight = weights[entry as usize];
     // Its place: entries ascend on both sides.
@@ -114,5 +115,5 @@ pub fn pack_entry(entry: u32, rows: u32, row_start: &[u32], weights: &[u32], sca
     // All of them lack as much as the heavy ones have too much.
     let lacking = if a < heavy { scan[a as usize].y } else { scan[(end - 1) as usize].y };
     let next = if low + 1 < end { scan[(low + 1) as usize].x } else { own };
-    slot(PARTS + at.y - lacking, own, next)
+    slot(PARTS.wrapping_add(at.y).wrapping_sub(lacking), own, next)
 }

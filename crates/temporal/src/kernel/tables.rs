@@ -6,7 +6,7 @@
 
 use glam::{Vec3, Vec4};
 
-use super::sample::{COLORED, column_at, has, sample_row};
+use super::sample::{COLORED, at, column_at, has, sample_row};
 use super::wide_product;
 use crate::types::{SampleParams, SumParams};
 
@@ -38,7 +38,7 @@ pub fn color_at(entry: u32, colors: &[u32]) -> Vec3 {
 pub fn draw(x: u32, first: u32, count: u32, slots: &[u32]) -> u32 {
     let (slot, rest) = wide_product(x, count);
     let own = slots[(first + slot) as usize];
-    if rest >> 16 < own >> 16 { slot } else { own & 0xffff }
+    if rest >> 16 < own >> 16 { slot } else { (own & 0xffff).min(count - 1) }
 }
 
 /// [`sample_row`] for row `i` of a block of tables.
@@ -64,11 +64,11 @@ pub fn sample_table(
     if count == 0 {
         return Vec4::ZERO;
     }
-    let first = first - p.first_entry;
-    let pick = |x| {
+    let (first, options) = (first - p.first_entry, p.options);
+    let pick = move |x: u32| {
         let entry = first + draw(x, first, count, slots);
-        let color = if has(p.options, COLORED) { color_at(entry, colors) } else { Vec3::ONE };
-        (column_at(entry, columns, p.options), color)
+        let color = if has(options, COLORED) { color_at(entry, colors) } else { Vec3::ONE };
+        (column_at(entry, columns, options), color)
     };
     sample_row(p.first_row + i, p, sums[i as usize], pick, exitance, change, previous)
 }
@@ -92,13 +92,13 @@ pub fn sum_table(
         return Vec3::ZERO;
     }
     let light = |entry: u32| {
-        let light = exitance[column_at(entry, columns, p.options) as usize].truncate();
+        let light = at(exitance, column_at(entry, columns, p.options));
         if has(p.options, COLORED) { light * color_at(entry, colors) } else { light }
     };
     let mut sum = Vec3::ZERO;
     for entry in first..end {
         let own = slots[entry as usize];
-        let (t, other) = (own >> 16, first + (own & 0xffff));
+        let (t, other) = (own >> 16, first + (own & 0xffff).min(end - first - 1));
         if other == entry {
             sum += light(entry);
         } else {
