@@ -44,14 +44,24 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// 64 samples of the change on a shifted lattice, every row exact once in 16 frames; without the control variate w by itself, up to 64 frames.
+    /// [`Settings::DEFAULT`].
     fn default() -> Self {
-        let blend = Blend::Auto { frames: 64.0 };
-        Self { samples: 64, blend, control_variate: true, rotated: true, refresh: 16, seed: 0 }
+        Self::DEFAULT
     }
 }
 
 impl Settings {
+    /// 64 samples of the change on a shifted lattice, every row exact once in 16 frames; without the control variate w by
+    /// itself, up to 64 frames.
+    pub const DEFAULT: Self = Self {
+        samples: 64,
+        blend: Blend::Auto { frames: 64.0 },
+        control_variate: true,
+        rotated: true,
+        refresh: 16,
+        seed: 0,
+    };
+
     /// Checks the ranges.
     ///
     /// # Errors
