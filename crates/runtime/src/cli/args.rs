@@ -81,7 +81,8 @@ pub enum Command {
         Experiments:\n  \
         patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
         proxy; where the error is; lights that the bake has not seen\n  \
-        operator   bytes, errors and time of compressed operators over the error that is asked for")]
+        operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
+        temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures")]
     Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
@@ -452,6 +453,8 @@ pub enum Experiment {
     Patches,
     /// The operator of all bounces: bytes and time over the error of its compression.
     Operator,
+    /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
+    Temporal,
 }
 
 /// `patchlight bench`.
@@ -462,7 +465,7 @@ pub struct Bench {
     pub name: Experiment,
     /// Scene files or built-in scenes [default: cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, operator 10000].
+    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
@@ -565,6 +568,27 @@ mod tests {
         assert!(matches!(parse_blend("auto"), Ok(Blend::Auto { .. })));
         for wrong in ["1", "-0.1", "NaN", "often", ""] {
             assert!(parse_blend(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn bad_options_of_frames_end_with_code_2() {
+        let parse = |option: &str, value: &str| {
+            Cli::try_parse_from(["patchlight", "render", "cornell", "--method", "temporal", option, value])
+        };
+        for (option, good, bad) in [
+            ("--samples", "16", ["0", "65537", "few"]),
+            ("--blend", "0.5", ["1", "2", "never"]),
+            ("--control-variate", "off", ["0", "maybe", ""]),
+            ("--refresh", "0", ["-1", "1.5", "1000001"]),
+            ("--rows", "tables", ["table", "csr", ""]),
+            ("--sampled", "all", ["none", "some", ""]),
+            ("--animate", "sun", ["moon", "1", ""]),
+        ] {
+            assert!(parse(option, good).is_ok(), "{option} {good}");
+            for value in bad {
+                assert_eq!(parse(option, value).unwrap_err().exit_code(), 2, "{option} {value}");
+            }
         }
     }
 

@@ -112,19 +112,10 @@ impl Sequence {
             lookup_ms: of("lookup"),
             error,
             change: has_before.then(|| distance(&light, &self.before)),
-            flicker: has_before.then(|| self.flicker(&light)),
+            flicker: has_before.then(|| flicker(&light, &self.before, self.scale)),
         });
         self.before = light;
         Ok(())
-    }
-
-    fn flicker(&self, light: &[Vec3]) -> f64 {
-        let shown = |h: &Vec3| {
-            255.0 * encode_srgb((luminance(*h) * ALBEDO / std::f32::consts::PI * self.scale).clamp(0.0, 1.0))
-        };
-        let mut changes: Vec<f32> = light.iter().zip(&self.before).map(|(a, b)| (shown(a) - shown(b)).abs()).collect();
-        changes.sort_by(f32::total_cmp);
-        changes.get(changes.len() * 999 / 1000).map_or(0.0, |&change| f64::from(change))
     }
 
     /// Writes `frames.csv`, `frames-*.svg` and `report.html` into a folder.
@@ -179,8 +170,18 @@ impl Sequence {
     }
 }
 
+/// Least change of the displayed values of a surface of albedo ½ that at most one of a thousand exceeds, in 255ths; `scale`
+/// is the exposure.
+pub fn flicker(light: &[Vec3], before: &[Vec3], scale: f32) -> f64 {
+    let radiance = |h: &Vec3| luminance(*h) * ALBEDO / std::f32::consts::PI;
+    let shown = |h: &Vec3| 255.0 * encode_srgb((radiance(h) * scale).clamp(0.0, 1.0));
+    let mut changes: Vec<f32> = light.iter().zip(before).map(|(a, b)| (shown(a) - shown(b)).abs()).collect();
+    changes.sort_by(f32::total_cmp);
+    changes.get(changes.len() * 999 / 1000).map_or(0.0, |&change| f64::from(change))
+}
+
 /// Relative L2 distance of irradiance.
-fn distance(found: &[Vec3], expected: &[Vec3]) -> f64 {
+pub fn distance(found: &[Vec3], expected: &[Vec3]) -> f64 {
     let squares = |pairs: &mut dyn Iterator<Item = Vec3>| pairs.map(|d| f64::from(d.length_squared())).sum::<f64>();
     let difference = squares(&mut found.iter().zip(expected).map(|(a, b)| *a - *b));
     let whole = squares(&mut expected.iter().copied());
