@@ -74,8 +74,8 @@ fn frames(
 
 /// What may be chosen, with the control variate and without.
 fn variants() -> Vec<Temporal> {
-    let settings = Settings { samples: 32, ..Settings::default() };
-    let without = Settings { control_variate: false, ..settings };
+    let settings = Settings::default();
+    let without = Settings { samples: 32, control_variate: false, ..settings };
     let fixed = Settings { blend: Blend::Fixed(0.6), rotated: false, ..without };
     vec![
         Temporal { settings, rows: RowKind::Lists, sampled: Sampled::Patches },
@@ -108,11 +108,19 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
             );
             // Settled before the first frame, with exact sums.
             assert!(distance(&shown[0], before) < 0.1, "{temporal:?}");
-            assert!(left(8) < 0.1, "{temporal:?}: {}", left(8));
+            // How much of the jump has arrived: noise, which has all directions, hardly counts.
+            let arrived = |k: usize| {
+                let along = |now: &[Vec3]| -> f32 {
+                    now.iter().zip(before).zip(rest).map(|((h, a), b)| (*h - *a).dot(*b - *a)).sum()
+                };
+                along(&shown[k]) / along(rest)
+            };
+            assert!((0.9..1.1).contains(&arrived(8)) && arrived(0) < 0.1, "{temporal:?}: {}", arrived(8));
             if temporal.settings.control_variate {
                 // Lists share the entries of real rows out to 1,024.
-                assert!(left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {} {change}", left(100));
+                assert!(left(8) < 0.1 && left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {change}");
             } else {
+                // Independent samples of which 2.5 frames count leave noise of 7 %.
                 assert!(left(100) < 0.1 && change > 0.0, "{temporal:?}: {}", left(100));
             }
             // The light of before is told apart.

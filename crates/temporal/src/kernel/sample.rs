@@ -24,6 +24,8 @@ const GOLDEN: u32 = 0x9e37_79b9;
 /// A row whose exact sum differs by no more than this share keeps its value, so that rounding cannot go round in circles:
 /// each change that is taken brings light closer to its rest by a certain amount.
 pub const STILL: f32 = 1.0 / 131_072.0;
+/// Variances of the change of light that are taken for noise.
+pub const CERTAIN: f32 = 4.0;
 /// Halvings that take any number of frames below 1.
 const HALVINGS: u32 = 12;
 
@@ -75,7 +77,9 @@ pub fn column_at(entry: u32, columns: &[u32], options: u32) -> u32 {
 ///
 /// With [`AUTO`], a row that averages n frames has the variance `σ²/(2n)` and lags behind by n times the change d of a frame
 /// (both relative): n grows by one a frame while `4 d² n³ ≤ σ²`, where the sum of variance and squared lag is least, up to
-/// `w / (1 − w)` for the greatest w; else it is halved until that holds. Light that jumps has d ≈ 1: it starts again.
+/// `w / (1 − w)` for the greatest w; else it is halved until that holds. Light that jumps has d ≈ 1: it starts again. What noise
+/// may be of the change, [`CERTAIN`] times its variance over the samples, does not count: else light that is fed back would
+/// never come to rest.
 #[inline]
 pub fn sample_row(
     row: u32,
@@ -90,7 +94,7 @@ pub fn sample_row(
     let scale = sum / p.samples as f32;
     let (is_control, is_auto) = (has(p.options, CONTROL), has(p.options, AUTO));
     let mut light = Vec3::ZERO;
-    let (mut mean, mut squares, mut moved) = (0.0, 0.0, 0.0);
+    let (mut mean, mut squares, mut moved, mut spread) = (0.0, 0.0, 0.0, 0.0);
     // One loop for all: a closure over buffers that is called at several places does not compile for the GPU.
     for k in 0..p.samples {
         let (column, color) = pick(word(first, k, p));
@@ -100,7 +104,9 @@ pub fn sample_row(
             let y = luminance(sample);
             mean += y;
             squares += y * y;
-            moved += luminance(at(change, column) * color);
+            let step = luminance(at(change, column) * color);
+            moved += step;
+            spread += step * step;
         }
     }
     if is_control {
@@ -112,22 +118,23 @@ pub fn sample_row(
     // Of Q samples, so σ² of their mean is (Σy²/Q − (Σy/Q)²) / Q, over its square.
     let q = p.samples as f32;
     let variance = (squares * q - mean * mean) / q;
-    let moved = abs(moved);
-    let age = frames(previous.w, variance, mean, moved, p.blend / (1.0 - p.blend));
+    let certain = moved * moved - CERTAIN * (spread - moved * moved / q);
+    let age = frames(previous.w, variance, mean, abs(moved), certain, p.blend / (1.0 - p.blend));
     let w = age / (age + 1.0);
     (previous.truncate() * w + light * (scale * (1.0 - w))).extend(age + 1.0)
 }
 
-/// Frames that go on counting, of those that H averages: see [`sample_row`]. `variance` and the squares of `mean` and `moved`
-/// have one unit.
+/// Frames that go on counting, of those that H averages: see [`sample_row`]. `variance`, `certain` and the squares of `mean` and
+/// `moved` have one unit.
 #[inline]
-fn frames(before: f32, variance: f32, mean: f32, moved: f32, most: f32) -> f32 {
+fn frames(before: f32, variance: f32, mean: f32, moved: f32, certain: f32, most: f32) -> f32 {
     let mut age = if before < most { before } else { most };
     // Light that has gone was all of it: nothing is left to compare with.
-    let change = moved / (if mean > moved { mean } else { moved } + f32::MIN_POSITIVE);
+    let whole = if mean > moved { mean } else { moved };
+    let change = if certain > 0.0 { certain / (whole * whole + f32::MIN_POSITIVE) } else { 0.0 };
     let noise = variance / (mean * mean + f32::MIN_POSITIVE);
     for _ in 0..HALVINGS {
-        if 4.0 * change * change * age * age * age > noise {
+        if 4.0 * change * age * age * age > noise {
             age *= 0.5;
         }
     }
