@@ -4,7 +4,7 @@
 check:
     cargo fmt --all --check
     cargo clippy --workspace --all-targets -- -D warnings
-    cargo check -p scene -p formfactor -p patches --no-default-features
+    cargo check -p scene -p formfactor -p patches -p temporal --no-default-features
     RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
 
 # All tests; Vulkan tests skip without a device.

@@ -11,6 +11,7 @@ use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
+use temporal::{SampleParams, SplitParams, SumParams};
 
 /// A structure as the host has it: offsets of its scalars and its size.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,6 +129,18 @@ structure!(FeedbackParams { count: u32, step: f32, momentum: f32 });
 structure!(TileComponent { scale: f32, group: u32, tag: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
+structure!(SampleParams {
+    rows: u32,
+    first_row: u32,
+    first_entry: u32,
+    samples: u32,
+    frame: u32,
+    seed: u32,
+    options: u32,
+    blend: f32,
+});
+structure!(SumParams { count: u32, rows: u32, first: u32, first_entry: u32, options: u32 });
+structure!(SplitParams { count: u32, rows: u32 });
 structure!(Member { sample: u32, weight: f32 });
 structure!(LookupPatch { position: Vec3, patch: u32, direction: Vec3, reserved: u32 });
 structure!(GridShape { origin: Vec3, count_x: u32, edges: Vec3, count_y: u32, count_z: u32, reserved: [u32; 3] });
@@ -162,6 +175,10 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "ordered" | "sums" | "rows" => layout::<Vec4>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"
         | "cells" | "probes" => layout::<u32>(),
+        "slots" | "colors" | "weights" => layout::<u32>(),
+        "row_sums" => layout::<f32>(),
+        "change" => layout::<Vec4>(),
+        "scan" => layout::<UVec2>(),
         "planes" => layout::<f32>(),
         "factors" if kernel == "formfactor_hemisphere_row" => layout::<f32>(),
         "factors" if kernel == "formfactor_gather_half" => layout::<UVec2>(),
@@ -191,6 +208,9 @@ fn push(kernel: &str) -> Layout {
         "multibounce_tiles_enter" => layout::<EnterParams>(),
         "multibounce_feedback" => layout::<FeedbackParams>(),
         k if k.starts_with("multibounce_blocks_gather") => layout::<BlockParams>(),
+        k if k.starts_with("temporal_sample") => layout::<SampleParams>(),
+        k if k.starts_with("temporal_sum") => layout::<SumParams>(),
+        k if k.starts_with("temporal_split") => layout::<SplitParams>(),
         "patches_lookup" => layout::<LookupParams>(),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => layout::<VolumeParams>(),
         _ => layout::<CountParams>(),

@@ -6,14 +6,15 @@ use std::collections::BTreeMap;
 
 use bytemuck::Pod;
 use formfactor::{GatherParams, HemisphereParams, HitsParams};
-use glam::{UVec3, Vec4};
+use glam::{UVec2, UVec3, Vec4};
 use gpu_kernels::table::{ImageFormat, MAX_GROUPS_X};
-use gpu_kernels::{formfactor as ff, multibounce as mb, patches as pa, scene as sc, tiles as ti};
+use gpu_kernels::{formfactor as ff, multibounce as mb, patches as pa, scene as sc, temporal as te, tiles as ti};
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
 use multibounce::FeedbackParams;
 use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
 use scene::{DirectParams, Hit, SurfacePoint};
+use temporal::{SampleParams, SplitParams, SumParams};
 
 /// Which orders are tried.
 fn orders(invocations: u32) -> [(&'static str, Vec<u32>); 3] {
@@ -106,6 +107,13 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
             let exitances = dispatch(i, order, width, 4, |id, g, result| call(id, g, &mut change, result));
             [(3, changes), (4, exitances)].into()
         }
+        "temporal_change" => entry!(te::change, CountParams, Vec4, [0, 1, 2, 3]),
+        "temporal_sample_lists" => entry!(te::sample_lists, SampleParams, Vec4, [0, 1, 2, 3, 4]),
+        "temporal_sample_tables" => entry!(te::sample_tables, SampleParams, Vec4, [0, 1, 2, 3, 4, 5, 6]),
+        "temporal_sum_lists" => entry!(te::sum_lists, SumParams, Vec4, [0, 1, 2, 3]),
+        "temporal_sum_tables" => entry!(te::sum_tables, SumParams, Vec4, [0, 1, 2, 3, 4, 5]),
+        "temporal_split_scan" => entry!(te::split_scan, SplitParams, UVec2, [0, 1]),
+        "temporal_split_pack" => entry!(te::split_pack, SplitParams, u32, [0, 1, 2]),
         _ => return None,
     })
 }
@@ -126,7 +134,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 23 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 30 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

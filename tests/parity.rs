@@ -20,6 +20,7 @@ use runtime::plan::{BufferId, Plan, Range};
 use runtime::procedural;
 use scene::sampling::{hash3, unit};
 use scene::{DirectParams, Hit, Ray};
+use temporal::{SampleParams, SumParams};
 
 /// How far a kernel's results may be apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -119,6 +120,8 @@ fn count_offset(kernel: &Kernel) -> usize {
         "formfactor_gather_hits" => offset_of!(HitsParams, rows),
         name if name.starts_with("formfactor_gather") => offset_of!(GatherParams, rows),
         name if name.starts_with("multibounce_blocks") => offset_of!(BlockParams, block_rows),
+        name if name.starts_with("temporal_sample") => offset_of!(SampleParams, rows),
+        name if name.starts_with("temporal_sum") => offset_of!(SumParams, count),
         _ => offset_of!(CountParams, count),
     }
 }

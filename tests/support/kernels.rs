@@ -2,6 +2,7 @@
 //! that the kernels need beside it.
 
 mod multibounce;
+mod temporal;
 
 use std::collections::BTreeMap;
 
@@ -562,6 +563,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             call(rows, p, [tables, vec![room::<Vec4>("irradiance", rows as usize + 3)]].concat())
         }
         name if name.starts_with("multibounce_") => multibounce::own_tables(r, name),
+        name if name.starts_with("temporal_") => temporal::own_tables(r, name),
         "patches_gather_mean" => {
             let (offsets, values) = (offsets(r, 200), r.colors(300));
             let members: Vec<Member> =

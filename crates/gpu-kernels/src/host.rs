@@ -5,6 +5,7 @@ pub(crate) mod formfactor;
 pub(crate) mod multibounce;
 pub(crate) mod patches;
 pub(crate) mod scene;
+pub(crate) mod temporal;
 pub(crate) mod tiles;
 
 use std::vec::Vec;

@@ -1,6 +1,7 @@
 //! SPIR-V entry points of all methods, their compiled modules, and the table that describes them to executors.
 //!
-//! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel` and `multibounce::kernel`. Here each gets an entry point (bindings,
+//! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel`, `multibounce::kernel` and
+//! `temporal::kernel`. Here each gets an entry point (bindings,
 //! range check, one call), a module `spv/<crate>_<kernel>.spv`, and a row of [`table::KERNELS`] with its host form
 //! ([`host`]), which runs the same body over all elements on all cores. Results agree in all bits on the devices that we
 //! know, because the modules forbid contraction and take their maths from polynomials of our own.
@@ -17,6 +18,8 @@
 //!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four rows
 //!   among a workgroup, with coalesced loads; `_image` and `_half_image` gather four rows in one invocation from texels,
 //!   which is faster on software Vulkan.
+//! - Kernels that sample rows take a frame's number, so that each frame draws others; what they write they also read, the
+//!   irradiance of the frame before.
 //! - Products with a matrix in texture blocks take one row of blocks a workgroup, by the same tree of lanes.
 //!   `multibounce_reorder` brings vectors into the order of the blocks and back.
 //!
@@ -67,6 +70,7 @@ pub mod multibounce;
 pub mod params;
 pub mod patches;
 pub mod scene;
+pub mod temporal;
 pub mod tiles;
 
 #[cfg(feature = "std")]

@@ -9,6 +9,7 @@ mod info;
 mod output;
 mod render;
 mod report;
+mod sequence;
 mod write_scene;
 
 use std::process::ExitCode;

@@ -23,6 +23,9 @@ pub enum Error {
     /// The operator of the light between patches.
     #[error("operator: {0}")]
     Operator(#[from] multibounce::Error),
+    /// Rows that frames sample.
+    #[error("temporal radiosity: {0}")]
+    Temporal(#[from] temporal::Error),
     /// Matrices that would not fit into memory.
     #[error(
         "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; choose a \

@@ -10,6 +10,7 @@ pub mod proxy;
 mod receivers;
 pub(crate) mod senders;
 mod sight;
+pub mod temporal;
 mod test_lights;
 
 use std::ops::ControlFlow;

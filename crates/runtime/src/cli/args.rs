@@ -4,9 +4,11 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use multibounce::BlockCodec;
+use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::operator::Codec;
+use crate::render::temporal::{RowKind, Sampled, Temporal};
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
 #[derive(Parser, Debug)]
@@ -64,6 +66,7 @@ pub enum Command {
         patchlight render cornell --method classic --patch-count 4000\n  \
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
         patchlight render atrium --method multibounce --codec bc7\n  \
+        patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell")]
     Render(Render),
@@ -78,7 +81,8 @@ pub enum Command {
         Experiments:\n  \
         patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
         proxy; where the error is; lights that the bake has not seen\n  \
-        operator   bytes, errors and time of compressed operators over the error that is asked for")]
+        operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
+        temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures")]
     Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
@@ -115,6 +119,8 @@ pub enum Method {
     Tiles,
     /// One product a frame with compressed form factors, from the light of the frame before.
     Feedback,
+    /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
+    Temporal,
     /// Path tracing on the CPU, the reference.
     Path,
 }
@@ -127,8 +133,100 @@ impl Method {
             Self::Multibounce => "multibounce",
             Self::Tiles => "tiles",
             Self::Feedback => "feedback",
+            Self::Temporal => "temporal",
             Self::Path => "path",
         }
+    }
+}
+
+/// How lights move.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Animate {
+    /// Along the scene's own path, or a made-up one; the camera too.
+    #[default]
+    Path,
+    /// Only suns turn, the camera rests.
+    Sun,
+    /// They jump at a third of the frames, and back at two thirds; the camera rests.
+    Jump,
+    /// Nothing moves.
+    Still,
+}
+
+/// What frames of --method temporal do.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct TemporalOptions {
+    /// Samples a row and frame (temporal).
+    #[arg(long, default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SAMPLES)))]
+    pub samples: u32,
+    /// Weight of the frames before, from 0 to below 1, or auto: from the noise of the samples and the change of the light
+    /// (temporal without control variate).
+    #[arg(long, default_value = "auto", value_parser = parse_blend)]
+    pub blend: Blend,
+    /// Whether only what changes is sampled, so that light at rest has no noise (temporal).
+    #[arg(long, value_enum, default_value_t = Switch::On)]
+    pub control_variate: Switch,
+    /// Frames in which each row is once summed exactly (temporal with control variate); 0 for never.
+    #[arg(long, default_value_t = Settings::default().refresh, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    pub refresh: u32,
+    /// Whether samples are points of a lattice, rotated by chance, or independent (temporal).
+    #[arg(long, value_enum, default_value_t = Switch::On)]
+    pub rotated: Switch,
+    /// How rows between patches are kept (temporal).
+    #[arg(long, value_enum, default_value_t = RowStorage::Lists)]
+    pub rows: RowStorage,
+    /// Which rows are sampled (temporal); the others are multiplied by.
+    #[arg(long, value_enum, default_value_t = SampledRows::Patches)]
+    pub sampled: SampledRows,
+}
+
+/// On or off.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Switch {
+    /// Yes.
+    On,
+    /// No.
+    Off,
+}
+
+/// How rows are kept for sampling.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RowStorage {
+    /// Lists of columns, all entries alike.
+    Lists,
+    /// Alias tables.
+    Tables,
+}
+
+/// Which rows are sampled.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampledRows {
+    /// From patch to patch.
+    Patches,
+    /// Those to facets and to the points where indirect light is gathered, too.
+    All,
+}
+
+impl TemporalOptions {
+    /// The settings of the method.
+    pub fn settings(&self, seed: u32) -> Temporal {
+        let settings = Settings {
+            samples: self.samples,
+            blend: self.blend,
+            control_variate: self.control_variate == Switch::On,
+            rotated: self.rotated == Switch::On,
+            refresh: self.refresh,
+            seed,
+        };
+        let rows = match self.rows {
+            RowStorage::Lists => RowKind::Lists,
+            RowStorage::Tables => RowKind::Tables,
+        };
+        let sampled = match self.sampled {
+            SampledRows::Patches => Sampled::Patches,
+            SampledRows::All => Sampled::All,
+        };
+        Temporal { settings, rows, sampled }
     }
 }
 
@@ -271,9 +369,17 @@ pub struct Render {
     /// How the light is found.
     #[arg(long, value_enum, default_value_t = Method::Classic)]
     pub method: Method,
-    /// Frames; with more than one the scene's lights move.
+    /// Frames; with more than one the scene's lights move, and frames.csv and report.html say what each measured.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub frames: u32,
+    /// How lights move from frame to frame.
+    #[arg(long, value_enum, default_value_t = Animate::Path)]
+    pub animate: Animate,
+    /// Also find the light of each frame by exact products, and write the error of each into frames.csv (not path).
+    #[arg(long)]
+    pub errors: bool,
+    #[command(flatten)]
+    pub temporal: TemporalOptions,
     /// Picture size [default: that of the reference, else 960x540].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
@@ -353,6 +459,8 @@ pub enum Experiment {
     Patches,
     /// The operator of all bounces: bytes and time over the error of its compression.
     Operator,
+    /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
+    Temporal,
 }
 
 /// `patchlight bench`.
@@ -363,7 +471,7 @@ pub struct Bench {
     pub name: Experiment,
     /// Scene files or built-in scenes [default: cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, operator 10000].
+    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
@@ -417,6 +525,14 @@ fn parse_bounces(text: &str) -> Result<Bounces, String> {
     }
 }
 
+fn parse_blend(text: &str) -> Result<Blend, String> {
+    match text.parse() {
+        _ if text == "auto" => Ok(Settings::default().blend),
+        Ok(w) if (0.0..1.0).contains(&w) => Ok(Blend::Fixed(w)),
+        _ => Err(format!("`{text}` is neither `auto` nor a number of at least 0 and below 1")),
+    }
+}
+
 fn parse_epsilon(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(epsilon) if (1e-6..1.0).contains(&epsilon) => Ok(epsilon),
@@ -450,6 +566,36 @@ mod tests {
     #[test]
     fn the_definition_holds_together() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn blends() {
+        assert_eq!(parse_blend("0.9"), Ok(Blend::Fixed(0.9)));
+        assert!(matches!(parse_blend("auto"), Ok(Blend::Auto { .. })));
+        for wrong in ["1", "-0.1", "NaN", "often", ""] {
+            assert!(parse_blend(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn bad_options_of_frames_end_with_code_2() {
+        let parse = |option: &str, value: &str| {
+            Cli::try_parse_from(["patchlight", "render", "cornell", "--method", "temporal", option, value])
+        };
+        for (option, good, bad) in [
+            ("--samples", "16", ["0", "65537", "few"]),
+            ("--blend", "0.5", ["1", "2", "never"]),
+            ("--control-variate", "off", ["0", "maybe", ""]),
+            ("--refresh", "0", ["-1", "1.5", "1000001"]),
+            ("--rows", "tables", ["table", "csr", ""]),
+            ("--sampled", "all", ["none", "some", ""]),
+            ("--animate", "sun", ["moon", "1", ""]),
+        ] {
+            assert!(parse(option, good).is_ok(), "{option} {good}");
+            for value in bad {
+                assert_eq!(parse(option, value).unwrap_err().exit_code(), 2, "{option} {value}");
+            }
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ mod lights;
 mod operator;
 mod patches;
 mod rows;
+mod temporal;
 mod truth;
 
 use std::path::Path;
@@ -50,6 +51,9 @@ struct Results<'a> {
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     if args.name == Experiment::Operator {
         return operator::run(common, args);
+    }
+    if args.name == Experiment::Temporal {
+        return temporal::run(common, args);
     }
     let mut args = args.clone();
     if args.counts.is_empty() {

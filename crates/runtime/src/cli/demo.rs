@@ -7,6 +7,7 @@ use reference::PictureErrors;
 use reference::metrics::difference_picture;
 use reference::path::PathSettings;
 use scene::Light;
+use temporal::Settings;
 
 use super::args::Common;
 use super::compare::picture_errors;
@@ -20,6 +21,7 @@ use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
 use crate::render::operator::{Codec, Feedback, Transport};
+use crate::render::temporal::{RowKind, Sampled, Temporal};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, Summary, peak_memory_bytes};
 
@@ -49,7 +51,7 @@ struct Method {
     transport: Transport,
 }
 
-const METHODS: [Method; 3] = [
+const METHODS: [Method; 4] = [
     Method { name: "classic", title: "Classic radiosity", transport: Transport::Classic },
     Method {
         name: "tiles",
@@ -57,7 +59,10 @@ const METHODS: [Method; 3] = [
         transport: Transport::Operator(Codec::Tiles { epsilon: EPSILON }),
     },
     Method { name: "feedback", title: "Feedback", transport: Transport::Feedback(FEEDBACK) },
+    Method { name: "temporal", title: "Temporal", transport: Transport::Temporal(TEMPORAL) },
 ];
+
+const TEMPORAL: Temporal = Temporal { settings: Settings::DEFAULT, rows: RowKind::Lists, sampled: Sampled::Patches };
 
 /// What one scene gave.
 struct Outcome {
@@ -112,8 +117,10 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
         format!(
             "Classic radiosity multiplies by the form factors for each bounce. The operator of all bounces does it in one \
              product; it is stored in tiles with an error of {:.0} %. Feedback takes one product a frame with form factors \
-             stored alike, from the light of the frame before. All three share senders, form factors and receivers.",
-            100.0 * EPSILON
+             stored alike, from the light of the frame before; temporal radiosity does it with {} samples a row of what has \
+             changed. All four share senders, form factors and receivers.",
+            100.0 * EPSILON,
+            TEMPORAL.settings.samples
         ),
         "Errors are those of 8 × 8 block means of luminance against the path tracer, whose own noise they include; \
          pictures of indirect light are exposed by 0.18 over the log-average of the reference."
@@ -375,9 +382,12 @@ fn bytes_table(runs: &[Run]) -> Table {
 fn bake_table(shared: &[(String, f64)], runs: &[Run]) -> Table {
     let parts: Vec<Vec<(String, f64)>> =
         runs.iter().map(|run| shared.iter().chain(&run.phases).cloned().collect()).collect();
-    table("Once, before the first frame, seconds; shared but for operator and compress".into(), "phase", &parts, |s| {
-        significant(*s)
-    })
+    table(
+        "Once, before the first frame, seconds; shared but for operator, compress and tables".into(),
+        "phase",
+        &parts,
+        |s| significant(*s),
+    )
 }
 
 fn error_table(caption: &str, runs: &[Run], part: impl Fn(&Errors) -> PictureErrors) -> Table {

@@ -11,11 +11,12 @@ use reference::{BlockErrors, Precision, ReferenceData, scale_to_stops, stops_to_
 use super::args::{Bounces, Common, FormFactors, Method, ReceiverPlaces, Render};
 use super::output;
 use super::report::significant;
+use super::sequence::{Movement, Sequence};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
 use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
-use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
+use crate::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
 use crate::render::operator::{Codec, Feedback, Transport};
 use crate::render::{Pictures, path};
@@ -55,7 +56,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     };
     let (pictures, points) = match args.method {
         Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
-        Method::Classic | Method::Multibounce | Method::Tiles | Method::Feedback => {
+        Method::Classic | Method::Multibounce | Method::Tiles | Method::Feedback | Method::Temporal => {
             classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
         }
     };
@@ -102,13 +103,11 @@ fn path_frames(
     let settings = PathSettings { seed: common.seed, bounces, ..PathSettings::default() };
     let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
     let mut scene = loaded.scene.clone();
-    let animation = Animation::or_default_path(loaded);
+    let movement = Movement::new(loaded, args.animate, args.frames, progress);
     let mut last = None;
     for frame in 0..args.frames {
-        let mut view = loaded.view;
-        if args.frames > 1 {
-            (scene.lights, view) = animation.at(frame_time(&animation, frame, args.frames));
-        }
+        let view;
+        (scene.lights, view) = movement.at(frame);
         let camera = view.camera(size.0, size.1);
         let spp = args.spp.unwrap_or(64);
         let traced = path::render(&scene, &camera, settings, spp, saved.as_deref(), args.resume, progress)?;
@@ -163,6 +162,7 @@ fn classic_frames(
                 products: args.products,
                 accelerated: !args.plain,
             }),
+            Method::Temporal => Transport::Temporal(args.temporal.settings(common.seed)),
             Method::Classic | Method::Path => Transport::Classic,
         },
         bounces: match args.bounces {
@@ -182,28 +182,34 @@ fn classic_frames(
         size,
         ..ClassicSettings::default()
     };
-    let mut classic = Classic::bake(loaded, settings, executor, progress)?;
+    let bake = Bake::new(loaded, settings, progress)?;
+    let mut exact = match args.errors {
+        true => Some(bake.clone().load(Transport::Classic, open(&DeviceChoice::parse(&common.device))?.0, progress)?),
+        false => None,
+    };
+    let mut classic = bake.load(settings.transport, executor, progress)?;
     summary.patches = Some(classic.patch_count());
     summary.receivers = Some(classic.receiver_count());
     summary.bytes = classic.bytes();
-    for phase in ["import", "sample", "form_factors", "receivers", "operator", "compress"] {
+    for phase in ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables"] {
         if !progress.phases.iter().any(|(name, _)| name == phase) {
             continue;
         }
         summary.bake.insert(phase.into(), progress.seconds(phase));
     }
-    let animation = Animation::or_default_path(loaded);
+    let movement = Movement::new(loaded, args.animate, args.frames, progress);
+    let mut sequence = Sequence::new(loaded.exposure_stops);
     let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut last = None;
     for frame in 0..args.frames {
-        let (mut lights, mut view) = (loaded.scene.lights.clone(), loaded.view);
-        if args.frames > 1 {
-            (lights, view) = animation.at(frame_time(&animation, frame, args.frames));
-        }
+        let (lights, view) = movement.at(frame);
         let camera = view.camera(size.0, size.1);
         let done = progress.timed("frame", || classic.frame(&lights, &camera, frame))?;
         if crate::progress::is_cancelled() {
             return Err(Error::Cancelled);
+        }
+        if args.frames > 1 || args.errors {
+            sequence.add(&mut classic, exact.as_mut(), &lights, &done.times)?;
         }
         for (name, ms) in done.times {
             times.entry(name).or_default().push(ms);
@@ -215,6 +221,9 @@ fn classic_frames(
             write_debug(&out.join("debug"), &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
         }
         last = Some(done.pictures);
+    }
+    if args.frames > 1 || args.errors {
+        sequence.write(out, &format!("Patchlight: {}, {}", loaded.name, args.method.name()))?;
     }
     summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
     let points = match data.filter(|d| !d.points.is_empty()) {

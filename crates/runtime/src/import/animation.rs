@@ -88,14 +88,16 @@ impl Animation {
         self.tracks.iter().filter_map(|t| t.keyframes.last()).map(|k| k.time).fold(0.0, f32::max)
     }
 
-    /// A movement of one second for any scene: its own when it has one; else each directional light is turned by ±25°
+    /// A movement of one second for any scene: its own when it has one, else [`Animation::default_path`].
+    pub fn or_default_path(scene: &LoadedScene) -> Self {
+        if scene.animation.tracks.is_empty() { Self::default_path(scene) } else { scene.animation.clone() }
+    }
+
+    /// A movement of one second for any scene, whatever its own: each directional light is turned by ±25°
     /// round the vertical, every other light goes to and fro by a sixth of the scene's size. A scene lit only by emissive
     /// surfaces and sky gets a point light that crosses it above the camera's target.
-    pub fn or_default_path(scene: &LoadedScene) -> Self {
-        if !scene.animation.tracks.is_empty() {
-            return scene.animation.clone();
-        }
-        let mut animation = scene.animation.clone();
+    pub fn default_path(scene: &LoadedScene) -> Self {
+        let mut animation = Self { tracks: Vec::new(), ..scene.animation.clone() };
         let (low, high) = scene.scene.bounds;
         let size = high - low;
         let along = if size.x >= size.z { Vec3::X * size.x } else { Vec3::Z * size.z };

@@ -15,11 +15,12 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
 use super::frame::{Frame, FrameParts};
-use super::operator::{self, Compressing, Feedback, PatchOperator, Transport, accelerations};
+use super::operator::{self, Compressing, Feedback, LAST_BOUNCES, PatchOperator, Transport, accelerations};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
 use super::senders::{Columns, MOST_PATCHES, SenderSettings, Senders, lit_sampler};
+use super::temporal::{Rows, Sampled, SampledRows};
 use super::test_lights::test_lights;
 use super::{Pictures, go_on, proceed};
 use crate::error::Error;
@@ -279,6 +280,37 @@ impl Bake {
         operator::compress(&compressing, &self.senders, &self.factors, progress)
     }
 
+    /// The rows that frames sample: none but for temporal radiosity.
+    ///
+    /// # Errors
+    /// Settings out of their range, rows that cannot be sampled.
+    fn sampled(&self, transport: Transport, progress: &mut Progress) -> Result<Option<SampledRows>, Error> {
+        let Transport::Temporal(temporal) = transport else { return Ok(None) };
+        temporal.settings.check()?;
+        let by_patches = self.settings.receivers == ReceiverKind::SelfReceivers;
+        let last = if by_patches { 0 } else { LAST_BOUNCES };
+        let sampled = progress.phase("tables", |_| -> Result<_, Error> {
+            let between = (self.bounces > last).then(|| Rows::new(&self.factors, temporal.rows)).transpose()?;
+            let all = temporal.sampled == Sampled::All;
+            // Facets that no light comes to from patches, and receivers that are not there, are left as they are.
+            let facets = (all && self.bounces > 1 && !by_patches).then(|| {
+                let Estimator::Hemisphere { rays } = self.settings.estimator else {
+                    return Rows::new(&self.facet_rows.factors, temporal.rows);
+                };
+                Rows::of_hits(&self.facet_rows.factors, facet_rays(rays, &self.senders))
+            });
+            let has_receivers = !self.receivers.points.is_empty();
+            let receivers = (all && has_receivers).then(|| Rows::of_receivers(&self.receivers.rows));
+            Ok(SampledRows {
+                settings: temporal.settings,
+                patches: between,
+                facets: facets.transpose()?,
+                receivers: receivers.transpose()?,
+            })
+        })?;
+        Ok(Some(sampled))
+    }
+
     /// Makes what the transport needs between patches, and loads the frame's plan into the executor.
     ///
     /// # Errors
@@ -294,18 +326,21 @@ impl Bake {
             (Transport::Feedback(feedback), Some(operator)) => Some(self.feedback(feedback, operator, progress)?),
             _ => None,
         };
+        let sampled = self.sampled(transport, progress)?;
+        let [patch_bytes, facet_bytes, receiver_bytes] = sampled.as_ref().map(SampledRows::bytes).unwrap_or_default();
         let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings } = self;
         let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
-        let between = match &operator {
-            Some(operator) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
-            None => ("form_factors".to_owned(), csr_bytes(&factors)),
+        let between = match (&operator, patch_bytes) {
+            (Some(operator), _) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
+            (None, Some(bytes)) => ("tables".to_owned(), bytes),
+            (None, None) => ("form_factors".to_owned(), csr_bytes(&factors)),
         };
         let bytes = BTreeMap::from([
             between,
-            ("facets".to_owned(), csr_bytes(&facet_rows.factors)),
+            ("facets".to_owned(), facet_bytes.unwrap_or_else(|| csr_bytes(&facet_rows.factors))),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
-            ("receivers".to_owned(), receivers.rows.bytes() as u64),
+            ("receivers".to_owned(), receiver_bytes.unwrap_or(receivers.rows.bytes() as u64)),
             ("smoothing".to_owned(), csr_bytes(&receivers.smoothing)),
             ("nodes".to_owned(), csr_bytes(&receivers.weights)),
             ("lookup".to_owned(), senders.lookup.as_ref().map_or(0, Lookup::bytes) as u64),
@@ -319,6 +354,7 @@ impl Bake {
                 factors: &factors,
                 operator: operator.as_ref(),
                 feedback,
+                sampled: sampled.as_ref(),
                 facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
                 bounces,
@@ -387,6 +423,20 @@ impl Classic {
     /// What the device says.
     pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
         self.frame.advance(lights)
+    }
+
+    /// Indirect irradiance of the last frame where pixels take it from, W/m²: at the nodes of the receivers' mesh, or of the
+    /// patches where they are the receivers.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn surface_irradiance(&mut self) -> Result<Vec<Vec3>, Error> {
+        let light = match self.settings.receivers {
+            ReceiverKind::SelfReceivers => self.frame.irradiance()?,
+            ReceiverKind::Mesh => self.frame.node_irradiance()?,
+            ReceiverKind::Pixels => self.frame.facet_irradiance()?,
+        };
+        Ok(light.iter().map(|h| h.truncate()).collect())
     }
 
     /// Pictures of the bake and of the last frame's light in it, as this camera sees them: patches, facets, the axes of
@@ -491,14 +541,17 @@ pub(crate) fn exchange(
         Estimator::Area => return without_outlines("AreaToArea"),
         Estimator::Point => return without_outlines("PointToPoint"),
     };
-    // As many rays as rows of the patches' own would take.
-    let (patches, facets) = (senders.patches.len(), senders.facets.len());
-    let facet_rays = (u64::from(rays) * patches as u64).div_ceil(facets.max(1) as u64).max(LEAST_FACET_RAYS) as u32;
-    let facet_rows = sparse_rows(&surfaces, facet_rays, &progress)?;
+    let facet_rows = sparse_rows(&surfaces, facet_rays(rays, senders), &progress)?;
     // The row of a patch is the mean of those of its facets. No balance: the areas of clusters are estimates by samples,
     // and reciprocity with them would make good rows worse.
     let factors = facet_rows.factors.mean_rows(&senders.patch_facets, &senders.facet_shares())?;
     Ok(Exchange { factors, facet_rows })
+}
+
+/// Rays of a facet's row: as many in all as rows of the patches' own would take.
+fn facet_rays(rays: u32, senders: &Senders) -> u32 {
+    let (patches, facets) = (senders.patches.len(), senders.facets.len());
+    (u64::from(rays) * patches as u64).div_ceil(facets.max(1) as u64).max(LEAST_FACET_RAYS) as u32
 }
 
 fn csr_bytes(rows: &Csr) -> u64 {

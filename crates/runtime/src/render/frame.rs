@@ -1,6 +1,7 @@
 //! A frame as a plan: direct light at the patches, bounces, receivers, and sub-frames of the picture.
 
 mod operator;
+mod sampled;
 
 use std::borrow::Cow;
 use std::f32::consts::PI;
@@ -19,11 +20,13 @@ use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 use super::operator::{LAST_BOUNCES, PatchOperator};
 use super::receivers::MeshReceivers;
 use super::senders::Senders;
+use super::temporal::SampledRows;
 use crate::error::Error;
 use crate::executor::{Executor, ExecutorError, PassTime};
 use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
 use operator::OperatorTables;
 pub(crate) use operator::product_on_device;
+use sampled::{Level, LevelPasses};
 
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.
 const PIXEL_RAYS: u32 = 2;
@@ -40,6 +43,8 @@ pub struct FrameParts<'a> {
     pub operator: Option<&'a PatchOperator>,
     /// Bounces of a frame that begin with the light of the frame before, and how they use where that was going.
     pub feedback: Option<(u32, Acceleration)>,
+    /// Rows that are sampled instead of multiplied by.
+    pub sampled: Option<&'a SampledRows>,
     /// From patches to facets.
     pub facet_rows: &'a SparseRows,
     /// Takes the patches' own irradiance to the pixels, instead of the receivers.
@@ -61,12 +66,14 @@ pub struct Frame {
     irradiance: BufferId,
     facet_irradiance: BufferId,
     exitance: BufferId,
+    node_irradiance: BufferId,
     full: BufferId,
     direct: BufferId,
     pixels: usize,
     patch_light: (PassId, DirectParams),
     /// What is to be done before the first frame.
     feedback: Option<Feedback>,
+    sampling: Sampling,
     /// All passes but those of the picture.
     light_passes: Vec<PassId>,
     sub_frames: Vec<SubFrame>,
@@ -81,6 +88,53 @@ struct Feedback {
     bounce: Vec<PassId>,
     /// Times after which nothing changes, when the lights do not.
     times: u32,
+}
+
+/// Light that is sampled from frame to frame.
+#[derive(Default)]
+struct Sampling {
+    /// Number of the next frame.
+    frame: u32,
+    /// Between patches, to facets, to receivers: what comes before, and how often light is to be summed before the first
+    /// frame.
+    levels: Vec<(std::ops::Range<usize>, LevelPasses, u32)>,
+    /// Passes so far.
+    passes: usize,
+    is_settled: bool,
+}
+
+impl Sampling {
+    fn add<'a>(
+        &mut self,
+        plan: &mut Plan,
+        uploads: &mut Uploads<'a>,
+        level: &Level<'a>,
+        range: u64,
+        bounces: u32,
+    ) -> Result<(), ExecutorError> {
+        let before = self.passes..plan.passes().len();
+        self.levels.push((before, LevelPasses::new(plan, uploads, level, range)?, bounces));
+        self.passes = plan.passes().len();
+        Ok(())
+    }
+
+    /// Takes the samples of the next frame; before the first one all rows are summed.
+    fn next_frame(&mut self, executor: &mut dyn Executor, passes: &[PassId]) -> Result<(), ExecutorError> {
+        if !self.is_settled {
+            for (before, level, bounces) in &self.levels {
+                executor.run_passes(&passes[before.clone()])?;
+                for _ in 0..*bounces {
+                    level.settle(executor)?;
+                }
+            }
+            self.is_settled = true;
+        }
+        for (_, level, _) in &self.levels {
+            level.set_frame(executor, self.frame)?;
+        }
+        self.frame = self.frame.wrapping_add(1);
+        Ok(())
+    }
 }
 
 /// The passes of a sub-frame whose push constants change.
@@ -163,7 +217,6 @@ impl Frame {
             sky_light.map(|(albedo, share)| *albedo * (constant_sky * *share).extend(0.0)).collect();
         let every: Vec<u32> = (0..facets as u32).collect();
         let facet_shares = parts.senders.facet_shares();
-        let hit_counts = parts.receivers.rows.count_words();
 
         let mut uploads = Uploads::default();
         let scene_tables = [
@@ -186,21 +239,29 @@ impl Frame {
         let patch_facets = uploads.table(&mut plan, "patch facets", cast_slice(&parts.senders.patch_facets));
         let facet_numbers = uploads.table(&mut plan, "facet numbers", cast_slice(&every));
         let facet_shares = uploads.table(&mut plan, "facet shares", cast_slice(&facet_shares));
-        let facet_rows =
-            uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], &parts.facet_rows.factors);
-        let no_rows = Csr::default();
-        let patch_factors = if parts.operator.is_some() { &no_rows } else { parts.factors };
+        let (no_rows, no_hits) = (Csr::default(), HitRows::default());
+        let mut sampling = Sampling::default();
+        let settings = parts.sampled.map(|sampled| sampled.settings).unwrap_or_default();
+        let [patch_samples, facet_samples, receiver_samples] = match parts.sampled {
+            Some(sampled) => [&sampled.patches, &sampled.facets, &sampled.receivers].map(Option::as_ref),
+            None => [None; 3],
+        };
+        let facet_factors = if facet_samples.is_some() { &no_rows } else { &parts.facet_rows.factors };
+        let facet_rows = uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], facet_factors);
+        let is_sparse = parts.operator.is_none() && patch_samples.is_none();
+        let patch_factors = if is_sparse { parts.factors } else { &no_rows };
         let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], patch_factors);
         let operator = parts.operator.map(|operator| OperatorTables::new(&mut plan, &mut uploads, operator));
         let names = ["smoothing starts", "smoothing columns", "smoothing weights"];
         let smoothing_rows = uploads.csr(&mut plan, names, &parts.receivers.smoothing);
         let node_rows =
             uploads.csr(&mut plan, ["node starts", "node columns", "node weights"], &parts.receivers.weights);
-        let hits = &parts.receivers.rows;
+        let hits = if receiver_samples.is_some() { &no_hits } else { &parts.receivers.rows };
+        let hit_counts = hits.count_words();
         let hit_tables = HitTables {
             row_start: uploads.table(&mut plan, "row starts", cast_slice(hits.row_start())).buffer,
             quads: uploads.table(&mut plan, "quads", cast_slice(hits.quads())).buffer,
-            counts: uploads.table(&mut plan, "counts", cast_slice(&hit_counts)).buffer,
+            counts: uploads.table(&mut plan, "counts", cast_slice(&hit_counts).to_vec()).buffer,
             scales: uploads.table(&mut plan, "scales", cast_slice(hits.scales())).buffer,
         };
         let grids = uploads.table(&mut plan, "grids", cast_slice(&parts.receivers.nodes.grids));
@@ -260,8 +321,8 @@ impl Frame {
             ("irradiance", Range::from(irradiance)),
             ("exitance", Range::from(exitance)),
         ];
-        let dark = plan.storage("dark", rgb(patches));
-        if parts.feedback.is_none() {
+        let dark = plan.storage("dark", rgb(patches.max(facets)));
+        if parts.feedback.is_none() && patch_samples.is_none() {
             // B = E to begin with: a bounce of no irradiance.
             let first = [("irradiance", Range::from(dark))];
             pass(&mut plan, "gather", &table::FORMFACTOR_BOUNCE, &first, &patch_tables, &patch_count, patches as u32)?;
@@ -272,12 +333,19 @@ impl Frame {
             if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(LAST_BOUNCES) };
         let products = match parts.feedback {
             Some((products, _)) => products,
+            None if patch_samples.is_some() => 0,
             None if operator.is_some() => 1,
             None => on_patches,
         };
         let change = plan.storage("change", rgb(if parts.feedback.is_some() { patches } else { 0 }));
         let range = executor.device().max_storage_buffer_range;
         let before = plan.passes().len();
+        if let Some(rows) = patch_samples {
+            let (source, reflected) = (Range::from(source), Range::from(irradiance));
+            let level = Level { name: "method", rows, settings, source, albedo, reflected, irradiance };
+            sampling.add(&mut plan, &mut uploads, &level, range, on_patches)?;
+            pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
+        }
         for _ in 0..products {
             if let Some(operator) = &operator {
                 operator.product(&mut plan, range, exitance, irradiance)?;
@@ -294,7 +362,12 @@ impl Frame {
             pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
         }
         let method: Vec<PassId> = plan.all_passes().split_off(before);
-        if parts.bounces > 1 && parts.lookup.is_none() {
+        // What is only passed on is reflected from nothing.
+        if let Some(rows) = facet_samples {
+            let (source, reflected, irradiance) = (Range::from(exitance), Range::from(dark), facet_irradiance);
+            let level = Level { name: "lookup", rows, settings, source, albedo, reflected, irradiance };
+            sampling.add(&mut plan, &mut uploads, &level, range, 1)?;
+        } else if parts.bounces > 1 && parts.lookup.is_none() {
             let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(facet_irradiance))];
             pass(&mut plan, "lookup", kernel, &own, &facet_rows, &facet_count, facets as u32)?;
         }
@@ -305,6 +378,11 @@ impl Frame {
             ("exitance", Range::from(facet_exitance)),
         ];
         pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &[], &facet_count, facets as u32)?;
+        if let Some(rows) = receiver_samples {
+            let (source, albedo, reflected) = (Range::from(facet_exitance), facet_albedo, Range::from(dark));
+            let level = Level { name: "lookup", rows, settings, source, albedo, reflected, irradiance: received };
+            sampling.add(&mut plan, &mut uploads, &level, range, 1)?;
+        }
         for RowBlock { rows, tables, first_quad } in hit_tables.blocks(hits, range) {
             let light = received.range(rgb(rows.start), rgb(rows.len()));
             let light = [("exitance", Range::from(facet_exitance)), ("irradiance", light)];
@@ -380,7 +458,7 @@ impl Frame {
         for (buffer, bytes) in uploads.0 {
             executor.upload_at(buffer, 0, &bytes)?;
         }
-        executor.upload(dark, &vec![Vec4::ZERO; patches])?;
+        executor.upload(dark, &vec![Vec4::ZERO; patches.max(facets)])?;
         executor.upload(exitance, &vec![Vec4::ZERO; patches])?;
         if parts.feedback.is_some() {
             executor.upload(change, &vec![Vec4::ZERO; patches])?;
@@ -388,6 +466,9 @@ impl Frame {
         executor.upload(irradiance, &vec![Vec4::ZERO; values])?;
         executor.upload(facet_irradiance, &vec![Vec4::ZERO; facets])?;
         executor.upload(no_light, &vec![Vec4::ZERO; pixels])?;
+        for (_, level, _) in &sampling.levels {
+            level.clear(&mut *executor)?;
+        }
         let feedback = parts.feedback.map(|(products, _)| Feedback {
             // What comes before is the light of the patches.
             light: (0..before).map(|k| all[k]).collect(),
@@ -404,11 +485,13 @@ impl Frame {
             irradiance,
             facet_irradiance,
             exitance: facet_exitance,
+            node_irradiance: node_light,
             full,
             direct,
             pixels,
             patch_light,
             feedback,
+            sampling,
             light_passes,
             sub_frames,
             seed,
@@ -458,6 +541,7 @@ impl Frame {
                 self.executor.run_passes(&bounce)?;
             }
         }
+        self.sampling.next_frame(&mut *self.executor, &self.light_passes)?;
         Ok(light_count)
     }
 
@@ -480,6 +564,11 @@ impl Frame {
     /// Exitance of the facets after the last frame, W/m².
     pub fn exitance(&mut self) -> Result<Vec<Vec4>, Error> {
         Ok(self.executor.download_table(self.exitance)?)
+    }
+
+    /// Irradiance of the nodes of the receivers' mesh after the last frame, W/m².
+    pub fn node_irradiance(&mut self) -> Result<Vec<Vec4>, Error> {
+        Ok(self.executor.download_table(self.node_irradiance)?)
     }
 
     fn picture(&mut self, sum: BufferId, sub_frames: u32) -> Result<Vec<Vec3>, Error> {

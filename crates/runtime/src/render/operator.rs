@@ -13,6 +13,7 @@ use multibounce::{
 use rayon::prelude::*;
 
 use super::senders::Senders;
+use super::temporal::Temporal;
 use super::{go_on, proceed};
 use crate::error::Error;
 use crate::progress::Progress;
@@ -27,6 +28,8 @@ pub enum Transport {
     Operator(Codec),
     /// Products with the compressed form factors, from the light of the frame before.
     Feedback(Feedback),
+    /// A few samples a row and frame, from the light of the frame before.
+    Temporal(Temporal),
 }
 
 /// How light goes on from frame to frame.
@@ -432,7 +435,7 @@ pub(super) fn compress(
         return Ok(None);
     }
     let operator = match settings.transport {
-        Transport::Classic => return Ok(None),
+        Transport::Classic | Transport::Temporal(_) => return Ok(None),
         Transport::Operator(codec) => {
             check_memory(senders.patches.len(), MATRICES, "feedback")?;
             let between = Between::new(senders, factors)?;

@@ -1,0 +1,275 @@
+//! Sampled rows beside dense products, natively and, where there is a device, on Vulkan: the sizes of the thesis's table 1 and
+//! beyond, lists against alias tables, and how long tables take to build. Rows have the shape of those of Sponza: 670 entries
+//! of most different size about the row's own number.
+//!
+//! `PATCHLIGHT_DEVICE` (a name or a number) chooses the device.
+
+#![allow(missing_docs)]
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use benches::{SEED, exitance, factors, stream_gb_s};
+use criterion::{BenchmarkId, Criterion};
+use formfactor::Operator;
+use glam::{UVec2, Vec4};
+use gpu_kernels::table::{
+    TEMPORAL_SAMPLE_LISTS, TEMPORAL_SAMPLE_TABLES, TEMPORAL_SPLIT_PACK, TEMPORAL_SPLIT_SCAN, TEMPORAL_SUM_LISTS,
+};
+use rayon::prelude::*;
+use runtime::executor::{DeviceChoice, Executor, ExecutorError, open};
+use runtime::plan::{BufferId, Plan, Range};
+use scene::sampling::{hash3, unit};
+use temporal::{AliasTables, Distribution, Packing, RayLists, SampleParams, Settings, SplitParams, SumParams};
+
+/// The sizes of the thesis's table 1.
+const SIZES: [usize; 4] = [1736, 5485, 8786, 10_422];
+/// Beyond: no dense matrix.
+const LARGE: [usize; 2] = [30_000, 60_000];
+const SAMPLES: [u32; 3] = [16, 64, 200];
+/// Entries of a row, and of the list that stands for it.
+const ENTRIES: u32 = 670;
+const LIST: usize = 1024;
+/// Turns of which the best counts.
+const TURNS: usize = 15;
+
+struct Sparse {
+    row_start: Vec<u32>,
+    columns: Vec<u32>,
+    values: Vec<f32>,
+}
+
+fn rows(n: usize) -> Sparse {
+    let made: Vec<Vec<(u32, f32)>> = (0..n as u32)
+        .into_par_iter()
+        .map(|i| {
+            let near = |k| {
+                // Half of them in the neighbourhood, half anywhere.
+                let far = if k % 2 == 0 { 0.02 } else { 1.0 };
+                let offset = far * (unit(hash3(i, k, SEED)) - 0.5) * n as f32;
+                ((i as f32 + offset).rem_euclid(n as f32) as u32).min(n as u32 - 1)
+            };
+            let mut columns: Vec<u32> = (0..ENTRIES).map(near).collect();
+            columns.sort_unstable();
+            columns.dedup();
+            let value = |&j: &u32| 1e-4 + unit(hash3(i, j, SEED + 1)).powi(6);
+            let sum: f32 = columns.iter().map(value).sum();
+            columns.iter().map(|j| (*j, 0.95 * value(j) / sum)).collect()
+        })
+        .collect();
+    let mut rows = Sparse { row_start: vec![0], columns: Vec::new(), values: Vec::new() };
+    for row in made {
+        rows.columns.extend(row.iter().map(|entry| entry.0));
+        rows.values.extend(row.iter().map(|entry| entry.1));
+        rows.row_start.push(rows.columns.len() as u32);
+    }
+    rows
+}
+
+fn best_ms(mut work: impl FnMut()) -> f64 {
+    (0..TURNS).fold(f64::INFINITY, |best, _| {
+        let start = Instant::now();
+        work();
+        best.min(1e3 * start.elapsed().as_secs_f64())
+    })
+}
+
+/// Times a frame of these rows; the best, ms.
+fn measure(criterion: &mut Criterion, name: &str, n: usize, mut frame: impl FnMut()) -> f64 {
+    let mut group = criterion.benchmark_group("temporal/native");
+    group.sample_size(10).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(600));
+    group.bench_function(BenchmarkId::new(name, n), |b| b.iter(&mut frame));
+    group.finish();
+    best_ms(frame)
+}
+
+/// A kernel's buffers with what stands in them.
+fn loaded(
+    executor: &mut dyn Executor,
+    kernel: &'static gpu_kernels::table::Kernel,
+    buffers: &[(&str, &[u8])],
+    push: &[u8],
+    elements: u32,
+) -> Result<Vec<BufferId>, ExecutorError> {
+    let mut plan = Plan::new();
+    let ids: Vec<BufferId> = buffers.iter().map(|(name, bytes)| plan.storage(*name, bytes.len() as u64)).collect();
+    let ranges: Vec<Range> = ids.iter().map(|&id| Range::from(id)).collect();
+    plan.pass_with_bytes(kernel.name, kernel, &ranges, push, elements)?;
+    executor.load(plan)?;
+    for (id, (_, bytes)) in ids.iter().zip(buffers) {
+        if !bytes.is_empty() {
+            executor.upload_at(*id, 0, bytes)?;
+        }
+    }
+    Ok(ids)
+}
+
+/// The best of some runs by the device's own clock, ms.
+fn device_ms(executor: &mut dyn Executor) -> Result<f64, ExecutorError> {
+    let mut best = f64::INFINITY;
+    for _ in 0..TURNS {
+        best = best.min(executor.run()?.iter().map(|pass| pass.milliseconds).sum());
+    }
+    Ok(best)
+}
+
+fn measure_device(
+    executor: &mut dyn Executor,
+    n: usize,
+    lists: &RayLists,
+    tables: &AliasTables,
+) -> Result<(), ExecutorError> {
+    use bytemuck::{bytes_of, cast_slice};
+    let (light, out) = (exitance(n, n), vec![Vec4::ZERO; n]);
+    let device = executor.device().name.clone();
+    for samples in SAMPLES {
+        let settings = Settings { samples, ..Settings::default() };
+        let p: SampleParams = settings.params(n as u32, lists.options(), 1);
+        let of_lists: [(&str, &[u8]); 6] = [
+            ("row_start", cast_slice(lists.row_start())),
+            ("columns", cast_slice(lists.words())),
+            ("row_sums", cast_slice(lists.sums())),
+            ("exitance", cast_slice(&light)),
+            ("change", cast_slice(&light)),
+            ("irradiance", cast_slice(&out)),
+        ];
+        loaded(executor, &TEMPORAL_SAMPLE_LISTS, &of_lists, bytes_of(&p), n as u32)?;
+        let by_lists = device_ms(executor)?;
+        let of_tables: [(&str, &[u8]); 8] = [
+            of_lists[0],
+            ("slots", cast_slice(tables.slots())),
+            ("columns", cast_slice(tables.words())),
+            ("colors", cast_slice(tables.colors())),
+            ("row_sums", cast_slice(tables.sums())),
+            of_lists[3],
+            of_lists[4],
+            of_lists[5],
+        ];
+        let of_tables =
+            [("row_start", cast_slice(tables.row_start()))].into_iter().chain(of_tables.into_iter().skip(1));
+        loaded(executor, &TEMPORAL_SAMPLE_TABLES, &of_tables.collect::<Vec<_>>(), bytes_of(&p), n as u32)?;
+        println!("{device}, N {n}, Q {samples}: lists {by_lists:.3} ms, tables {:.3} ms", device_ms(executor)?);
+    }
+    let turn: SumParams = Settings::default().turn(n as u32, lists.options(), 0);
+    let sum: [(&str, &[u8]); 5] = [
+        ("row_start", cast_slice(lists.row_start())),
+        ("columns", cast_slice(lists.words())),
+        ("row_sums", cast_slice(lists.sums())),
+        ("exitance", cast_slice(&light)),
+        ("irradiance", cast_slice(&out)),
+    ];
+    loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&turn), turn.count)?;
+    println!("{device}, N {n}: exact sums of {} rows {:.3} ms", turn.count, device_ms(executor)?);
+    // Tables: the device's two steps, from the weights of the host's.
+    let weights: Vec<u32> = (0..n).flat_map(|i| tables.weights(i)).map(|weight| weight as u32).collect();
+    let mut scan = vec![UVec2::ZERO; weights.len()];
+    let p = SplitParams { count: n as u32, rows: n as u32 };
+    let rows: (&str, &[u8]) = ("row_start", cast_slice(tables.row_start()));
+    let weights_of: (&str, &[u8]) = ("weights", cast_slice(&weights));
+    loaded(executor, &TEMPORAL_SPLIT_SCAN, &[rows, weights_of, ("scan", cast_slice(&scan))], bytes_of(&p), n as u32)?;
+    let scanned = device_ms(executor)?;
+    temporal::scan_all(tables.row_start(), &weights, &mut scan);
+    let slots = vec![0u32; weights.len()];
+    let p = SplitParams { count: weights.len() as u32, rows: n as u32 };
+    let all = [rows, weights_of, ("scan", cast_slice(&scan)), ("slots", cast_slice(&slots))];
+    let ids = loaded(executor, &TEMPORAL_SPLIT_PACK, &all, bytes_of(&p), p.count)?;
+    let packed = device_ms(executor)?;
+    let found: Vec<u32> = executor.download_table(ids[3])?;
+    // Anything else would be the speed of another thing.
+    let mut expected = slots;
+    temporal::pack_all(n as u32, tables.row_start(), &weights, &scan, &mut expected);
+    assert!(found == expected, "the device's tables differ");
+    println!(
+        "{device}, N {n}: tables of {} entries by splitting {:.1} ms (sums {scanned:.1}, slots {packed:.1})",
+        p.count,
+        scanned + packed
+    );
+    Ok(())
+}
+
+fn main() -> Result<(), ExecutorError> {
+    let mut criterion = Criterion::default().configure_from_args();
+    println!("native code reads {:.1} GB/s out of cache", stream_gb_s(1100 << 20, 5));
+    let choice = std::env::var("PATCHLIGHT_DEVICE").unwrap_or_else(|_| "vulkan".into());
+    let mut device = match open(&DeviceChoice::parse(&choice)) {
+        Ok((device, _)) => Some(device),
+        Err(error) => {
+            println!("without Vulkan: {error}");
+            None
+        }
+    };
+    for n in SIZES.into_iter().chain(LARGE) {
+        let Sparse { row_start, columns, values } = rows(n);
+        let light = exitance(n, n);
+        let mut out = vec![Vec4::ZERO; n];
+        let entries = values.len();
+        if n < LARGE[0] {
+            let dense = factors(n, n, n);
+            let bytes = 4.0 * (n * n) as f64;
+            let ms = measure(&mut criterion, "dense", n, || {
+                dense.product(black_box(&light), &mut out).expect("the shapes agree");
+            });
+            println!("N {n}: dense {ms:.3} ms, {:.1} GB/s", bytes * 1e-6 / ms);
+        }
+        let csr = formfactor::Csr {
+            rows: n,
+            columns: n,
+            row_start: row_start.clone(),
+            column_index: columns.clone(),
+            values: values.clone(),
+        };
+        let ms = measure(&mut criterion, "sparse", n, || {
+            csr.product(black_box(&light), &mut out).expect("the shapes agree");
+        });
+        println!("N {n}: sparse rows of {entries} entries {ms:.3} ms, {:.1} MB", 8e-6 * entries as f64);
+
+        let start = Instant::now();
+        let lists = RayLists::from_rows(n, &row_start, &columns, &values, LIST).expect("rows are valid");
+        let lists_ms = 1e3 * start.elapsed().as_secs_f64();
+        let table =
+            |packing| AliasTables::from_rows(n, &row_start, &columns, &values, packing).expect("rows are valid");
+        let start = Instant::now();
+        let tables = table(Packing::Stacks);
+        let stacks_ms = 1e3 * start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let split = table(Packing::Split);
+        println!(
+            "N {n}: built lists {lists_ms:.1} ms, {:.1} MB; tables by stacks {stacks_ms:.1} ms, by splitting {:.1} ms, {:.1} MB, {:.2} bytes an entry",
+            1e-6 * lists.bytes() as f64,
+            1e3 * start.elapsed().as_secs_f64(),
+            1e-6 * split.bytes() as f64,
+            split.bytes() as f64 / entries as f64
+        );
+        let kinds: [(&str, &dyn Distribution); 2] = [("lists", &lists), ("tables", &tables)];
+        for (name, distribution) in kinds {
+            for samples in SAMPLES {
+                for (how, settings) in [
+                    ("", Settings { samples, ..Settings::default() }),
+                    ("-independent", Settings { samples, rotated: false, ..Settings::default() }),
+                ] {
+                    let mut frame = 0;
+                    let ms = measure(&mut criterion, &format!("{name}-{samples}{how}"), n, || {
+                        frame += 1;
+                        let p = settings.params(n as u32, 0, frame);
+                        distribution.sample(&p, black_box(&light), &light, &mut out).expect("the shapes agree");
+                    });
+                    let each = 1e6 * ms / (n as f64 * f64::from(samples));
+                    println!("N {n}, Q {samples}: {name}{how} {ms:.3} ms, {each:.2} ns a sample");
+                }
+            }
+            let settings = Settings::default();
+            let mut frame = 0;
+            let ms = measure(&mut criterion, &format!("{name}-sums"), n, || {
+                frame += 1;
+                let turn = settings.turn(n as u32, 0, frame);
+                distribution.sum(&turn, black_box(&light), &mut out).expect("the shapes agree");
+            });
+            println!("N {n}: {name}, exact sums of a {}th of the rows {ms:.3} ms", settings.refresh);
+        }
+        if let Some(device) = device.as_deref_mut().filter(|_| n < LARGE[0]) {
+            measure_device(device, n, &lists, &tables)?;
+        }
+    }
+    criterion.final_summary();
+    Ok(())
+}

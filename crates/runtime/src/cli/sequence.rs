@@ -1,0 +1,221 @@
+//! Frames one after the other: how lights move, and what each frame measured.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use glam::Vec3;
+use scene::kernel::shade::encode_srgb;
+use scene::math::luminance;
+use scene::{LIGHT_DIRECTIONAL, Light};
+
+use super::args::Animate;
+use super::output;
+use super::render::frame_time;
+use super::report::{Plot, Section, Series, page};
+use crate::error::Error;
+use crate::import::{Animation, LoadedScene, Target, View};
+use crate::progress::Progress;
+use crate::render::classic::Classic;
+
+/// Albedo of the surface whose displayed value tells how much a frame differs from the one before.
+const ALBEDO: f32 = 0.5;
+
+/// Lights and view of each frame.
+pub struct Movement {
+    animate: Animate,
+    path: Animation,
+    rest: (Vec<Light>, View),
+    frames: u32,
+}
+
+impl Movement {
+    pub fn new(loaded: &LoadedScene, animate: Animate, frames: u32, progress: &mut Progress) -> Self {
+        let mut path = Animation::or_default_path(loaded);
+        if animate == Animate::Sun {
+            let mut sun = Animation::default_path(loaded);
+            sun.tracks.retain(|track| matches!(track.target, Target::LightDirection(_)));
+            if loaded.scene.lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
+                path = sun;
+            } else {
+                progress.warn("the scene has no sun: its other lights move");
+            }
+        }
+        Self { animate, path, rest: (loaded.scene.lights.clone(), loaded.view), frames }
+    }
+
+    /// Lights and view of a frame; a single frame is at rest.
+    pub fn at(&self, frame: u32) -> (Vec<Light>, View) {
+        match self.animate {
+            _ if self.frames == 1 => self.rest.clone(),
+            Animate::Still => self.rest.clone(),
+            Animate::Path | Animate::Sun => self.path.at(frame_time(&self.path, frame, self.frames)),
+            Animate::Jump => {
+                // From the start of the path to a third of it, and back.
+                let is_away = (self.frames / 3..2 * self.frames / 3).contains(&frame);
+                let time = if is_away { self.path.duration() / 3.0 } else { 0.0 };
+                (self.path.at(time).0, self.rest.1)
+            }
+        }
+    }
+}
+
+/// What a frame measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Measured {
+    /// Of the light between patches, and of its way to the pixels, ms.
+    method_ms: f64,
+    lookup_ms: f64,
+    /// Relative L2 distance of the irradiance from the exact one.
+    error: Option<f64>,
+    /// The same from the frame before.
+    change: Option<f64>,
+    /// Least change of displayed values that at most one of a thousand exceeds, in 255ths.
+    flicker: Option<f64>,
+}
+
+/// What the frames measured, and the light of the last.
+pub struct Sequence {
+    frames: Vec<Measured>,
+    before: Vec<Vec3>,
+    scale: f32,
+}
+
+impl Sequence {
+    /// `stops` is the exposure of the pictures.
+    pub fn new(stops: f32) -> Self {
+        Self { frames: Vec::new(), before: Vec::new(), scale: reference::stops_to_scale(stops) }
+    }
+
+    /// Takes in a frame: the milliseconds of its passes, and its light and that of exact products with the same lights.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn add(
+        &mut self,
+        classic: &mut Classic,
+        exact: Option<&mut Classic>,
+        lights: &[Light],
+        times: &[(String, f64)],
+    ) -> Result<(), Error> {
+        let light = classic.surface_irradiance()?;
+        let of = |name: &str| times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum();
+        let error = match exact {
+            None => None,
+            Some(exact) => {
+                exact.advance(lights)?;
+                Some(distance(&light, &exact.surface_irradiance()?))
+            }
+        };
+        let has_before = self.before.len() == light.len() && !light.is_empty();
+        self.frames.push(Measured {
+            method_ms: of("method"),
+            lookup_ms: of("lookup"),
+            error,
+            change: has_before.then(|| distance(&light, &self.before)),
+            flicker: has_before.then(|| flicker(&light, &self.before, self.scale)),
+        });
+        self.before = light;
+        Ok(())
+    }
+
+    /// Writes `frames.csv`, `frames-*.svg` and `report.html` into a folder.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write(&self, out: &Path, title: &str) -> Result<(), Error> {
+        let mut csv = String::from("frame,method_ms,lookup_ms,error,change,flicker_255\n");
+        let cell = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.6e}"));
+        for (k, f) in self.frames.iter().enumerate() {
+            // Writing into a string cannot fail.
+            let (error, change, flicker) = (cell(f.error), cell(f.change), cell(f.flicker));
+            let _ = writeln!(csv, "{k},{:.4},{:.4},{error},{change},{flicker}", f.method_ms, f.lookup_ms);
+        }
+        output::write_text(&out.join("frames.csv"), &csv)?;
+        let series = |name: &str, value: &dyn Fn(&Measured) -> Option<f64>| {
+            let points = self.frames.iter().enumerate().filter_map(|(k, f)| Some((k as f64, value(f)?)));
+            Series { name: name.into(), points: points.collect() }
+        };
+        let plot = |title: &str, unit: &str, series: Vec<Series>| Plot {
+            title: title.into(),
+            unit: unit.into(),
+            x: "frame".into(),
+            logarithmic: false,
+            series: series.into_iter().filter(|s| !s.points.is_empty()).collect(),
+        };
+        let plots = vec![
+            plot(
+                "Irradiance against exact products, and against the frame before",
+                "relative L2",
+                vec![series("error", &|f| f.error), series("change", &|f| f.change)],
+            ),
+            plot("Change of displayed values, 99.9th percentile", "1/255", vec![series("change", &|f| f.flicker)]),
+            plot(
+                "Time",
+                "ms",
+                vec![series("method", &|f| Some(f.method_ms)), series("lookup", &|f| Some(f.lookup_ms))],
+            ),
+        ];
+        for (name, plot) in ["light", "flicker", "time"].iter().zip(&plots) {
+            output::write_text(&out.join(format!("frames-{name}.svg")), &plot.svg())?;
+        }
+        let section = Section {
+            title: "Frames".into(),
+            text: vec!["frames.csv has the numbers. Displayed values are those of a surface of albedo ½.".into()],
+            figures: Vec::new(),
+            strip: Vec::new(),
+            tables: Vec::new(),
+            plots,
+        };
+        output::write_text(&out.join("report.html"), &page(title, &[], [&section]))
+    }
+}
+
+/// Least change of the displayed values of a surface of albedo ½ that at most one of a thousand exceeds, in 255ths; `scale`
+/// is the exposure.
+pub fn flicker(light: &[Vec3], before: &[Vec3], scale: f32) -> f64 {
+    let radiance = |h: &Vec3| luminance(*h) * ALBEDO / std::f32::consts::PI;
+    let shown = |h: &Vec3| 255.0 * encode_srgb((radiance(h) * scale).clamp(0.0, 1.0));
+    let mut changes: Vec<f32> = light.iter().zip(before).map(|(a, b)| (shown(a) - shown(b)).abs()).collect();
+    changes.sort_by(f32::total_cmp);
+    changes.get(changes.len() * 999 / 1000).map_or(0.0, |&change| f64::from(change))
+}
+
+/// Relative L2 distance of irradiance.
+pub fn distance(found: &[Vec3], expected: &[Vec3]) -> f64 {
+    let squares = |pairs: &mut dyn Iterator<Item = Vec3>| pairs.map(|d| f64::from(d.length_squared())).sum::<f64>();
+    let difference = squares(&mut found.iter().zip(expected).map(|(a, b)| *a - *b));
+    let whole = squares(&mut expected.iter().copied());
+    if difference == 0.0 { 0.0 } else { (difference / whole.max(f64::MIN_POSITIVE)).sqrt() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural;
+
+    #[test]
+    fn lights_jump_and_come_back() {
+        let loaded = procedural::build("atrium").unwrap();
+        let movement = Movement::new(&loaded, Animate::Jump, 9, &mut Progress::new(true));
+        let lights: Vec<_> = (0..9).map(|frame| movement.at(frame).0).collect();
+        assert!(lights[0] == lights[2] && lights[3] == lights[5] && lights[0] == lights[6]);
+        assert_ne!(lights[2], lights[3]);
+        let still = Movement::new(&loaded, Animate::Still, 9, &mut Progress::new(true));
+        assert!((0..9).all(|frame| still.at(frame).0 == loaded.scene.lights));
+        let sun = Movement::new(&loaded, Animate::Sun, 9, &mut Progress::new(true));
+        let moved = (sun.at(0), sun.at(8));
+        for (a, b) in moved.0.0.iter().zip(&moved.1.0) {
+            assert_eq!(a.direction != b.direction, a.kind == LIGHT_DIRECTIONAL);
+            assert_eq!(a.position, b.position);
+        }
+        assert_eq!(moved.0.1, moved.1.1);
+    }
+
+    #[test]
+    fn distances_are_relative() {
+        let (a, b) = ([Vec3::new(3.0, 0.0, 0.0)], [Vec3::new(0.0, 4.0, 0.0)]);
+        assert_eq!(distance(&a, &b), 1.25);
+        assert_eq!(distance(&a, &a), 0.0);
+        assert_eq!(distance(&[Vec3::ZERO], &[Vec3::ZERO]), 0.0);
+    }
+}

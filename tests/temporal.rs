@@ -1,0 +1,202 @@
+//! Temporal radiosity through the whole pipeline, on the CPU and, where there is a device, on Vulkan.
+
+use glam::Vec3;
+use integration_tests::vulkan;
+use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::import::{Animation, LoadedScene};
+use runtime::procedural;
+use runtime::progress::Progress;
+use runtime::render::Pictures;
+use runtime::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use runtime::render::operator::Transport;
+use runtime::render::temporal::{RowKind, Sampled, Temporal};
+use scene::Light;
+use scene::math::luminance;
+use temporal::{Blend, Settings};
+
+const SIZE: (u32, u32) = (48, 36);
+
+fn settings(patches: PatchKind, receivers: ReceiverKind) -> ClassicSettings {
+    ClassicSettings {
+        patches,
+        patch_count: 250,
+        estimator: Estimator::Hemisphere { rays: 512 },
+        receivers,
+        receiver_rays: 128,
+        most_receivers: Some(3000),
+        sub_frames: 4,
+        seed: 3,
+        size: SIZE,
+        ..ClassicSettings::default()
+    }
+}
+
+fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Bake {
+    Bake::new(loaded, settings(patches, receivers), &mut Progress::new(true)).unwrap()
+}
+
+fn cpu() -> Box<dyn Executor> {
+    open(&DeviceChoice::Cpu).unwrap().0
+}
+
+fn distance(a: &[Vec3], b: &[Vec3]) -> f32 {
+    let squares = |pairs: &mut dyn Iterator<Item = Vec3>| pairs.map(|d| d.length_squared()).sum::<f32>();
+    (squares(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / squares(&mut b.iter().copied())).sqrt()
+}
+
+/// Other lights than the scene's own.
+fn away(loaded: &LoadedScene) -> Vec<Light> {
+    let path = Animation::or_default_path(loaded);
+    path.at(path.duration() / 3.0).0
+}
+
+/// Light of some frames with other lights, then of so many with the scene's own: what surfaces receive in each of them, and the
+/// last picture.
+fn frames(
+    loaded: &LoadedScene,
+    bake: &Bake,
+    transport: Transport,
+    executor: Box<dyn Executor>,
+    count: u32,
+) -> (Vec<Vec<Vec3>>, Pictures) {
+    let mut light = bake.clone().load(transport, executor, &mut Progress::new(true)).unwrap();
+    let away = away(loaded);
+    (0..4).for_each(|_| drop(light.advance(&away).unwrap()));
+    let lights = &loaded.scene.lights;
+    let mut shown = vec![light.surface_irradiance().unwrap()];
+    for _ in 0..count {
+        light.advance(lights).unwrap();
+        shown.push(light.surface_irradiance().unwrap());
+    }
+    let pictures = light.frame(lights, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
+    (shown, pictures)
+}
+
+/// What may be chosen, with the control variate and without.
+fn variants() -> Vec<Temporal> {
+    let settings = Settings::default();
+    let without = Settings { samples: 32, control_variate: false, ..settings };
+    let fixed = Settings { blend: Blend::Fixed(0.6), rotated: false, ..without };
+    vec![
+        Temporal { settings, rows: RowKind::Lists, sampled: Sampled::Patches },
+        Temporal { settings, rows: RowKind::Tables, sampled: Sampled::All },
+        Temporal { settings: without, rows: RowKind::Tables, sampled: Sampled::Patches },
+        Temporal { settings: fixed, rows: RowKind::Lists, sampled: Sampled::All },
+    ]
+}
+
+#[test]
+fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
+    let loaded = procedural::build("cornell").unwrap();
+    for (patches, receivers) in
+        [(PatchKind::Cluster, ReceiverKind::Mesh), (PatchKind::Axis, ReceiverKind::SelfReceivers)]
+    {
+        let bake = bake(&loaded, patches, receivers);
+        let (exact, _) = frames(&loaded, &bake, Transport::Classic, cpu(), 1);
+        let (before, rest) = (&exact[0], &exact[1]);
+        let jump = distance(before, rest);
+        assert!(jump > 0.1, "the lights do not jump: {jump}");
+        for temporal in variants() {
+            let (shown, _) = frames(&loaded, &bake, Transport::Temporal(temporal), cpu(), 100);
+            let left = |k: usize| distance(&shown[k], rest) / jump;
+            let change = distance(&shown[100], &shown[99]);
+            println!(
+                "{patches:?} {temporal:?}: before {:.4}, after 8 {:.4}, 100 {:.5}, change {change:.1e}",
+                distance(&shown[0], before),
+                left(8),
+                left(100)
+            );
+            // Settled before the first frame, with exact sums.
+            assert!(distance(&shown[0], before) < 0.1, "{temporal:?}");
+            // How much of the jump has arrived: noise, which has all directions, hardly counts.
+            let arrived = |k: usize| {
+                let along = |now: &[Vec3]| -> f32 {
+                    now.iter().zip(before).zip(rest).map(|((h, a), b)| (*h - *a).dot(*b - *a)).sum()
+                };
+                along(&shown[k]) / along(rest)
+            };
+            assert!((0.9..1.1).contains(&arrived(8)) && arrived(0) < 0.1, "{temporal:?}: {}", arrived(8));
+            if temporal.settings.control_variate {
+                // Lists share the entries of real rows out to 1,024.
+                assert!(left(8) < 0.1 && left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {change}");
+            } else {
+                // Independent samples of which 2.5 frames count leave noise of 7 %.
+                assert!(left(100) < 0.1 && change > 0.0, "{temporal:?}: {}", left(100));
+            }
+            // The light of before is told apart.
+            assert!(left(0) > 0.5);
+        }
+    }
+}
+
+#[test]
+fn both_executors_and_two_runs_give_the_same_bits() {
+    let loaded = procedural::build("atrium:3000").unwrap();
+    let bake = bake(&loaded, PatchKind::Cluster, ReceiverKind::Mesh);
+    for temporal in variants() {
+        let transport = Transport::Temporal(temporal);
+        let (ours, pictures) = frames(&loaded, &bake, transport, cpu(), 20);
+        assert_eq!(frames(&loaded, &bake, transport, cpu(), 20), (ours.clone(), pictures), "{temporal:?}");
+        let other = Temporal { settings: Settings { seed: 1, ..temporal.settings }, ..temporal };
+        assert_ne!(frames(&loaded, &bake, Transport::Temporal(other), cpu(), 20).0[20], ours[20]);
+        let Some(vulkan) = vulkan() else { continue };
+        let is_emulated = vulkan.device().kind == runtime::executor::DeviceKind::EmulatedOnCpu;
+        let (theirs, _) = frames(&loaded, &bake, transport, Box::new(vulkan), 20);
+        let apart = distance(&theirs[20], &ours[20]);
+        // Other devices may round divisions otherwise, and then other samples of the light are no other.
+        assert!(if is_emulated { theirs == ours } else { apart < 1e-3 }, "{temporal:?}: {apart}");
+    }
+}
+
+/// Relative error of the mean radiance of a closed box of uniform emission and albedo, L = Le / (1 − ρ).
+fn furnace_error(loaded: &LoadedScene, pictures: &Pictures) -> f32 {
+    let material = loaded.scene.materials[loaded.scene.triangles[0].material as usize];
+    let mean = pictures.full.pixels.iter().sum::<Vec3>() / pictures.full.pixels.len() as f32;
+    let expected = material.radiance / (Vec3::ONE - material.albedo);
+    (mean / expected - Vec3::ONE).abs().max_element()
+}
+
+#[test]
+fn white_furnace() {
+    let loaded = procedural::build("furnace").unwrap();
+    let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
+    for temporal in variants() {
+        let mut light = bake.clone().load(Transport::Temporal(temporal), cpu(), &mut Progress::new(true)).unwrap();
+        let lights = &loaded.scene.lights;
+        (0..10).for_each(|_| drop(light.advance(lights).unwrap()));
+        let pictures = light.frame(lights, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
+        let error = furnace_error(&loaded, &pictures);
+        println!("{temporal:?}: {error}");
+        assert!(error < 0.01, "{temporal:?}: {error}");
+        let mut darker = pictures;
+        darker.full.pixels.iter_mut().for_each(|p| *p *= 0.98);
+        assert!(furnace_error(&loaded, &darker) > 0.01);
+    }
+}
+
+#[test]
+fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
+    let loaded = procedural::build("sealed-box").unwrap();
+    let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
+    let outside = loaded.scene.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
+    for temporal in variants() {
+        let (_, pictures) = frames(&loaded, &bake, Transport::Temporal(temporal), cpu(), 10);
+        let pixels = &pictures.full.pixels;
+        let inside = pixels.iter().map(|p| luminance(*p)).sum::<f32>() / pixels.len() as f32;
+        assert!(outside > 0.0 && inside < 1e-4 * outside, "{temporal:?}: inside {inside}, outside {outside}");
+    }
+}
+
+#[test]
+fn settings_out_of_their_range_are_refused() {
+    let loaded = procedural::build("cornell").unwrap();
+    let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
+    for settings in
+        [Settings { samples: 0, ..Settings::default() }, Settings { blend: Blend::Fixed(1.0), ..Settings::default() }]
+    {
+        let transport = Transport::Temporal(Temporal { settings, ..Temporal::default() });
+        let refused = bake.clone().load(transport, cpu(), &mut Progress::new(true));
+        let message = refused.err().expect("a refusal").to_string();
+        assert!(message.contains("temporal radiosity") && message.contains("must be"), "{message}");
+    }
+}
