@@ -188,8 +188,9 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "blocks" if kernel == "multibounce_blocks_gather_bc1" => layout::<UVec2>(),
         "blocks" => layout::<UVec4>(),
         "factors" | "values" | "sky_map" | "irradiance" | "direct" | "indirect" | "sum" | "source" | "albedo"
-        | "tile_scales" | "scale" | "input" | "output" | "emission" | "exitance" | "means" | "cubes" | "harmonics"
-        | "change" => layout::<Vec4>(),
+        | "tile_scales" | "scale" | "input" | "output" | "emission" | "exitance" | "means" | "cubes" | "harmonics" => {
+            layout::<Vec4>()
+        }
         other => panic!("{kernel}: say the type of the binding {other} here"),
     }
 }
