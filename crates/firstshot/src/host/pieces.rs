@@ -1,6 +1,5 @@
 //! Adaptive direct illumination: each triangle that a light may fall on is split until the light is linear on its pieces.
 
-use std::vec;
 use std::vec::Vec;
 
 use glam::{Vec2, Vec3};
@@ -199,6 +198,44 @@ impl Piece {
     }
 }
 
+/// When pieces of a side are split.
+struct Refining<'s, 'a> {
+    side: &'s Side<'a>,
+    tolerance: f32,
+    /// Least greatest light times area of a piece that matters.
+    least: f32,
+    /// Longest edge, m.
+    longest: f32,
+}
+
+impl Refining<'_, '_> {
+    /// Adds the leaves of a piece that may be split `levels` times more; whether that is the piece as a whole. A long piece
+    /// is split to look for shadows, or for light, but stays whole where there are none.
+    fn refine(&self, piece: Piece, levels: u32, leaves: &mut Vec<Piece>) -> bool {
+        let (side, top) = (self.side, piece.top());
+        let is_long = || side.edges_squared(&piece.corners).iter().any(|&l| l > self.longest * self.longest);
+        let is_even = piece.is_linear(self.tolerance);
+        let is_split = levels > 0 && (!is_even && top * piece.area > self.least || is_long());
+        let before = leaves.len();
+        let mut is_whole = true;
+        if is_split {
+            let mut children = Vec::with_capacity(4);
+            side.split(&piece, self.tolerance, &mut children);
+            for child in children {
+                is_whole &= self.refine(child, levels - 1, leaves);
+            }
+            is_whole &= is_even;
+            if is_whole {
+                leaves.truncate(before);
+            }
+        }
+        if is_whole && top.max(piece.around) > 0.0 {
+            leaves.push(piece);
+        }
+        is_whole && is_even
+    }
+}
+
 /// Luminance of the light that a piece reflects for each unit of light over colour and m².
 fn reflectance(scene: &Scene, piece: &Piece) -> f32 {
     luminance(mean_albedo(scene, piece) * scene.lights[piece.light as usize].color)
@@ -257,23 +294,9 @@ pub fn lit_pieces(
             let mut leaves = Vec::new();
             // Its reflectance is that of the triangle all the way down: it only decides where to stop.
             let reflectance = reflectance(scene, &piece);
-            let Some(side) = Side::new(scene, piece.triangle, piece.light).filter(|_| reflectance > 0.0) else {
-                return leaves;
-            };
-            let mut waiting = vec![(piece, 0u32)];
-            let mut children = Vec::new();
-            while let Some((piece, level)) = waiting.pop() {
-                let top = piece.top();
-                let is_long = || side.edges_squared(&piece.corners).iter().any(|&l| l > longest * longest);
-                let matters = top * piece.area * reflectance > least;
-                let is_even = piece.is_linear(tolerance);
-                if level < depth && (!is_even && matters || is_long()) {
-                    side.split(&piece, tolerance, &mut children);
-                    // Backwards, so that the first child is next.
-                    waiting.extend(children.drain(..).rev().map(|child| (child, level + 1)));
-                } else if top.max(piece.around) > 0.0 {
-                    leaves.push(piece);
-                }
+            if let Some(side) = Side::new(scene, piece.triangle, piece.light).filter(|_| reflectance > 0.0) {
+                let least = least / reflectance;
+                Refining { side: &side, tolerance, least, longest }.refine(piece, depth, &mut leaves);
             }
             leaves
         };

@@ -100,8 +100,8 @@ impl Sequence {
         let scrambled = |x: u32, dimension: u32| owen_scramble(x, hash(self.key ^ hash(dimension)));
         StartWords {
             element: scrambled(a, 0),
-            place: (scrambled(b, 1), scrambled(sobol_more(self.index, 0), 2)),
-            way: (scrambled(sobol_more(self.index, 1), 3), scrambled(sobol_more(self.index, 2), 4)),
+            way: (scrambled(b, 1), scrambled(sobol_more(self.index, 0), 2)),
+            place: (scrambled(sobol_more(self.index, 1), 3), scrambled(sobol_more(self.index, 2), 4)),
             rejection,
         }
     }
