@@ -5,9 +5,11 @@ mod support;
 use std::f32::consts::PI;
 
 use firstshot::{Emission, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Texels, lit_pieces};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use scene::math::luminance;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Material, Scene};
+use scene::{
+    LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, TriangleUv,
+};
 use support::*;
 
 const COLOR: Vec3 = Vec3::new(3.0, 2.0, 1.0);
@@ -32,9 +34,9 @@ fn a_point_light_over_a_plate_gives_its_solid_angle() {
         let scene = plate(0.5, vec![bulb(Vec3::Y * height)]);
         let expected = 0.5 * f64::from(luminance(COLOR)) * solid_angle(1.0, f64::from(height));
         for exact in [false, true] {
-            let emission =
-                Emission::first_shot(&scene, &PieceSettings::default(), Texels::Mean, exact, &go_on).unwrap();
-            // Light bends upwards between corners that are 5 % linear.
+            // Pieces are linear within a percent, so is their sum.
+            let settings = PieceSettings { tolerance: 0.01, ..PieceSettings::default() };
+            let emission = Emission::first_shot(&scene, &settings, Texels::Mean, exact, &go_on).unwrap();
             assert!((emission.power / expected - 1.0).abs() < 0.01, "{height}: {} for {expected}", emission.power);
             let maps = IlluminationMaps::new(&scene, 10.0).unwrap();
             let found = trace(&scene, &emission, &maps, photons(1 << 18));
@@ -134,6 +136,32 @@ fn the_white_furnace_is_even() {
             );
             assert!((indirect.irradiance[k] - (expected - COLOR)).abs().max_element() < 0.01 * expected.max_element());
         }
+    }
+}
+
+#[test]
+fn holes_take_no_part_in_the_area_of_a_cell() {
+    // Half of the texels are holes, in stripes.
+    let texels = (0..64u32).flat_map(|k| [0x8000_8000, 0x8000 | if k % 4 < 2 { 0xffff_0000 } else { 0 }]).collect();
+    let triangles = quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, 0).to_vec();
+    let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y };
+    let leaves = Material { mask_texture: 0, ..grey(0.5) };
+    let mut scene = Scene::new(SceneParts {
+        uvs: vec![uv; 2],
+        triangles,
+        materials: vec![leaves],
+        textures: vec![Texture { offset: 0, width: 16, height: 4, levels: 1 }],
+        texels,
+        ..SceneParts::default()
+    })
+    .unwrap();
+    scene.sky.radiance = COLOR;
+    let maps = IlluminationMaps::new(&scene, 10.0).unwrap();
+    assert!(maps.areas().iter().all(|&area| (0.8..1.2).contains(&area)), "{:?}", maps.areas());
+    let settings = PhotonSettings { with_direct: true, ..photons(1 << 18) };
+    let found = trace(&scene, &first_shot(&scene), &maps, settings);
+    for light in &found.irradiance {
+        assert!((*light / (COLOR * PI) - 1.0).abs().max_element() < 0.03, "{light}");
     }
 }
 

@@ -38,9 +38,9 @@ fn room_with_a_window(lights: Vec<Light>) -> Scene {
     ];
     // Bright and dark squares, half of the texels holes.
     let texel = |k: u32| {
-        let bright = (k + k / 8) % 2 == 0;
+        let bright = (k + k / 8).is_multiple_of(2);
         let value = if bright { 55_000u32 } else { 9000 };
-        [value | value << 16, value / 2 | if bright { 0xffff_0000 } else { 0 }]
+        [value | (value << 16), (value / 2) | if bright { 0xffff_0000 } else { 0 }]
     };
     let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y };
     Scene::new(SceneParts {

@@ -4,7 +4,8 @@ use std::vec::Vec;
 
 use glam::{Vec2, Vec3};
 use hashbrown::HashMap;
-use scene::Scene;
+use scene::sampling::{hammersley, uniform_triangle};
+use scene::{NONE, Scene};
 
 use super::tracer::Registry;
 use crate::error::{Error, check_length, check_setting};
@@ -15,6 +16,8 @@ use crate::types::MapGrid;
 const MOST_DIVISIONS: f32 = 1024.0;
 /// Most cells.
 const MOST_CELLS: u64 = 1 << 26;
+/// Places of a cell at which holes are looked for.
+const HOLE_PLACES: u32 = 64;
 /// Normals of sides that share the light of a vertex differ by less than this, squared.
 const LIKE_NORMALS: f32 = 0.05;
 
@@ -34,18 +37,53 @@ impl IlluminationMaps {
     pub fn new(scene: &Scene, edge: f32) -> Result<Self, Error> {
         check_setting("edge", f64::from(edge), "positive", edge > 0.0)?;
         let divisions = |t: u32| (scene.longest_edge(t) / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32;
-        let divisions: Vec<u32> = (0..scene.triangles.len() as u32).map(divisions).collect();
+        Self::with_divisions(scene, &(0..scene.triangles.len() as u32).map(divisions).collect::<Vec<u32>>())
+    }
+
+    /// Grids with so many pieces along the edges of each triangle. The area of a cell is without its holes.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there is a number for each triangle, [`Error::TooMany`] beyond 2²⁶ cells.
+    pub fn with_divisions(scene: &Scene, divisions: &[u32]) -> Result<Self, Error> {
+        check_length("divisions", scene.triangles.len(), divisions.len())?;
         let total: u64 = divisions.iter().map(|&n| 2 * u64::from(n) * u64::from(n)).sum();
         if total > MOST_CELLS {
             return Err(Error::TooMany { name: "cells of illumination maps", found: total, limit: MOST_CELLS });
         }
         let (mut grids, mut areas) = (Vec::with_capacity(divisions.len()), Vec::with_capacity(total as usize));
-        for (t, &n) in scene.triangles.iter().zip(&divisions) {
+        for (t, &n) in scene.triangles.iter().zip(divisions) {
+            let n = n.max(1);
             grids.push(MapGrid { first: areas.len() as u32, divisions: n });
             let area = 0.5 * t.edge_a.cross(t.edge_b).length() / (n * n) as f32;
             areas.resize(areas.len() + 2 * (n * n) as usize, area);
         }
-        Ok(Self { grids, areas })
+        let mut maps = Self { grids, areas };
+        maps.leave_holes_out(scene);
+        Ok(maps)
+    }
+
+    fn leave_holes_out(&mut self, scene: &Scene) {
+        let geometry = scene.geometry();
+        for (t, triangle) in (0u32..).zip(&scene.triangles) {
+            if scene.materials[triangle.material as usize].mask_texture == NONE {
+                continue;
+            }
+            let shares: Vec<f32> = self
+                .cells(t, false)
+                .map(|(_, [a, b, c])| {
+                    let is_solid = |k: &u32| {
+                        let (u, v) = uniform_triangle(hammersley(*k, HOLE_PLACES, (0, 0)));
+                        let at = a + (b - a) * u + (c - a) * v;
+                        !geometry.is_hole(t, at.x, at.y)
+                    };
+                    (0..HOLE_PLACES).filter(is_solid).count() as f32 / HOLE_PLACES as f32
+                })
+                .collect();
+            let first = self.grids[t as usize].first as usize;
+            for (area, share) in self.areas[first..].iter_mut().zip(shares.iter().chain(&shares)) {
+                *area *= share;
+            }
+        }
     }
 
     /// Cells of all triangles.

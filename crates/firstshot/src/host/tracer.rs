@@ -20,7 +20,8 @@ pub trait Registry: Sync {
     fn areas(&self) -> &[f32];
     /// The cell that owns the place (u, v) on a side of a triangle, or [`NONE`].
     fn cell(&self, triangle: u32, u: f32, v: f32, is_back: bool) -> u32;
-    /// Cells whose error counts together, `groups[i]..groups[i + 1]`; empty where each counts by itself.
+    /// The group of each cell, or [`NONE`] for cells whose error does not count: errors are those of groups as a whole. Empty
+    /// where each cell is a group.
     fn groups(&self) -> &[u32] {
         &[]
     }
@@ -132,7 +133,7 @@ impl<'a> Tracer<'a> {
     /// Nothing registered yet.
     ///
     /// # Errors
-    /// [`Error::Setting`], and [`Error::Length`] for groups that do not end with the cells.
+    /// [`Error::Setting`], and [`Error::Length`] unless there is a group for each cell or none at all.
     pub fn new(
         scene: &'a Scene,
         emission: &'a Emission,
@@ -144,8 +145,8 @@ impl<'a> Tracer<'a> {
         check_setting("error", error, "0 or positive", error >= 0.0)?;
         check_setting("batches", f64::from(batches), "2 to 64", (2..=64).contains(&batches))?;
         check_setting("most_photons", most_photons as f64, "at least 1", most_photons > 0)?;
-        if let Some(&end) = registry.groups().last() {
-            check_length("cells of the groups", cells, end as usize)?;
+        if !registry.groups().is_empty() {
+            check_length("groups", cells, registry.groups().len())?;
         }
         let batch = Batch { cells: vec![[0.0; 3]; cells], ..Batch::default() };
         let batches = vec![batch; batches as usize];
@@ -264,35 +265,32 @@ impl<'a> Tracer<'a> {
 
     /// `√(Σ A σ² / Σ A H²)` of the luminance over the cells or their groups.
     fn relative_error(&self) -> f64 {
-        let groups = self.registry.groups();
-        let areas = self.registry.areas();
-        let count = if groups.is_empty() { areas.len() } else { groups.len() - 1 };
-        let part = |k: usize| {
-            let cells = if groups.is_empty() { k..k + 1 } else { groups[k] as usize..groups[k + 1] as usize };
-            let area: f64 = areas[cells.clone()].iter().map(|&a| f64::from(a)).sum();
-            if area <= 0.0 {
-                return (0.0, 0.0);
-            }
-            let flux =
-                |b: &Batch| cells.clone().map(|c| f64::from(luminance(Vec3::from(b.cells[c])))).sum::<f64>() / area;
-            let (mean, variance) = self.mean_and_variance(flux);
-            (area * variance, area * (mean * mean - variance))
+        let (groups, areas) = (self.registry.groups(), self.registry.areas());
+        let count = if groups.is_empty() { areas.len() } else { self.group_count() };
+        let group = |cell: usize| if groups.is_empty() { cell } else { groups[cell] as usize };
+        let sums = |value: &dyn Fn(usize) -> f64| {
+            let mut sums = vec![0.0f64; count];
+            (0..areas.len()).for_each(|c| {
+                if let Some(sum) = sums.get_mut(group(c)) {
+                    *sum += value(c);
+                }
+            });
+            sums
         };
-        // In blocks of fixed size, so that sums do not depend on the number of threads.
-        let block = |first: usize| {
-            (first..(first + 1024).min(count)).map(part).fold((0.0, 0.0), |a: (f64, f64), b| (a.0 + b.0, a.1 + b.1))
-        };
-        let blocks: Vec<(f64, f64)> = (0..count).step_by(1024).collect::<Vec<_>>().into_par_iter().map(block).collect();
-        let (noise, signal) = blocks.into_iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        let area = sums(&|c| f64::from(areas[c]));
+        let flux = |b: &Batch| sums(&|c| f64::from(luminance(Vec3::from(b.cells[c]))));
+        let flux: Vec<Vec<f64>> = self.batches.par_iter().map(flux).collect();
+        let (mut noise, mut signal) = (0.0, 0.0);
+        for k in (0..count).filter(|&k| area[k] > 0.0) {
+            let (mean, variance) = mean_and_variance(flux.iter().map(|f| f[k] / area[k]));
+            noise += area[k] * variance;
+            signal += area[k] * (mean * mean - variance);
+        }
         if signal > 0.0 { (noise / signal).sqrt() } else { f64::INFINITY }
     }
 
-    /// Mean of the batches, and the variance of that mean.
-    fn mean_and_variance(&self, value: impl Fn(&Batch) -> f64) -> (f64, f64) {
-        let n = self.batches.len() as f64;
-        let mean = self.batches.iter().map(&value).sum::<f64>() / n;
-        let squares = self.batches.iter().map(|b| (value(b) - mean).powi(2)).sum::<f64>();
-        (mean, squares / (n * (n - 1.0)))
+    fn group_count(&self) -> usize {
+        self.registry.groups().iter().filter(|&&g| g != NONE).max().map_or(0, |&g| g as usize + 1)
     }
 
     /// Irradiance and its error from all photons so far.
@@ -302,7 +300,8 @@ impl<'a> Tracer<'a> {
         let cell = |(k, &area): (usize, &f32)| {
             let scale = if area > 0.0 { unit / f64::from(area) } else { 0.0 };
             let sum = self.batches.iter().map(|b| Vec3::from(b.cells[k]).as_dvec3()).sum::<DVec3>();
-            let (_, variance) = self.mean_and_variance(|b| f64::from(luminance(Vec3::from(b.cells[k]))));
+            let (_, variance) =
+                mean_and_variance(self.batches.iter().map(|b| f64::from(luminance(Vec3::from(b.cells[k])))));
             ((sum * (scale / n)).as_vec3(), (scale * variance.sqrt()) as f32)
         };
         let (irradiance, error) = self.registry.areas().par_iter().enumerate().map(cell).unzip();
@@ -321,6 +320,14 @@ impl<'a> Tracer<'a> {
     pub fn bytes(&self) -> u64 {
         self.batches.iter().map(|b| size_of_val(&b.cells[..]) as u64).sum()
     }
+}
+
+/// Mean of the batches, and the variance of that mean.
+fn mean_and_variance(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.clone().sum::<f64>() / n;
+    let squares = values.map(|v| (v - mean).powi(2)).sum::<f64>();
+    (mean, squares / (n * (n - 1.0)))
 }
 
 impl Batch {
