@@ -157,7 +157,8 @@ fn holes_take_no_part_in_the_area_of_a_cell() {
     .unwrap();
     scene.sky.radiance = COLOR;
     let maps = IlluminationMaps::new(&scene, 10.0).unwrap();
-    assert!(maps.areas().iter().all(|&area| (0.8..1.2).contains(&area)), "{:?}", maps.areas());
+    // Of stripes of an eighth, 9/16 of each triangle.
+    assert!(maps.areas().iter().all(|&area| (area / 1.125 - 1.0).abs() < 0.05), "{:?}", maps.areas());
     let settings = PhotonSettings { with_direct: true, ..photons(1 << 18) };
     let found = trace(&scene, &first_shot(&scene), &maps, settings);
     for light in &found.irradiance {

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use glam::{Vec2, Vec3};
 use hashbrown::HashMap;
-use scene::sampling::{hammersley, uniform_triangle};
+use scene::sampling::{hammersley, hash3, uniform_triangle};
 use scene::{NONE, Scene};
 
 use super::tracer::Registry;
@@ -17,7 +17,7 @@ const MOST_DIVISIONS: f32 = 1024.0;
 /// Most cells.
 const MOST_CELLS: u64 = 1 << 26;
 /// Places of a cell at which holes are looked for.
-const HOLE_PLACES: u32 = 64;
+const HOLE_PLACES: u32 = 256;
 /// Normals of sides that share the light of a vertex differ by less than this, squared.
 const LIKE_NORMALS: f32 = 0.05;
 
@@ -70,9 +70,11 @@ impl IlluminationMaps {
             }
             let shares: Vec<f32> = self
                 .cells(t, false)
-                .map(|(_, [a, b, c])| {
+                .map(|(cell, [a, b, c])| {
+                    // Shifted in each cell: holes are often as regular as the places.
+                    let shift = (hash3(cell, 0, 0), hash3(cell, 1, 0));
                     let is_solid = |k: &u32| {
-                        let (u, v) = uniform_triangle(hammersley(*k, HOLE_PLACES, (0, 0)));
+                        let (u, v) = uniform_triangle(hammersley(*k, HOLE_PLACES, shift));
                         let at = a + (b - a) * u + (c - a) * v;
                         !geometry.is_hole(t, at.x, at.y)
                     };
