@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use glam::{Vec2, Vec3};
 use hashbrown::HashMap;
-use scene::sampling::{hammersley, hash3, uniform_triangle};
+use scene::sampling::{hash3, unit};
 use scene::{NONE, Scene};
 
 use super::tracer::Registry;
@@ -16,8 +16,8 @@ use crate::types::MapGrid;
 const MOST_DIVISIONS: f32 = 1024.0;
 /// Most cells.
 const MOST_CELLS: u64 = 1 << 26;
-/// Places of a cell at which holes are looked for.
-const HOLE_PLACES: u32 = 256;
+/// Parts along the edges of a cell in each of which a hole is looked for.
+const HOLE_PARTS: u32 = 20;
 /// Normals of sides that share the light of a vertex differ by less than this, squared.
 const LIKE_NORMALS: f32 = 0.05;
 
@@ -71,14 +71,17 @@ impl IlluminationMaps {
             let shares: Vec<f32> = self
                 .cells(t, false)
                 .map(|(cell, [a, b, c])| {
-                    // Shifted in each cell: holes are often as regular as the places.
-                    let shift = (hash3(cell, 0, 0), hash3(cell, 1, 0));
                     let is_solid = |k: &u32| {
-                        let (u, v) = uniform_triangle(hammersley(*k, HOLE_PLACES, shift));
+                        // One place in each of like parts, anywhere in it: holes are often as regular as parts are.
+                        let (column, row) = (k % HOLE_PARTS, k / HOLE_PARTS);
+                        let (x, y) = (unit(hash3(cell, 2 * k, 0)), unit(hash3(cell, 2 * k + 1, 0)));
+                        let (x, y) = ((column as f32 + x) / HOLE_PARTS as f32, (row as f32 + y) / HOLE_PARTS as f32);
+                        let (u, v) = if x + y > 1.0 { (1.0 - x, 1.0 - y) } else { (x, y) };
                         let at = a + (b - a) * u + (c - a) * v;
                         !geometry.is_hole(t, at.x, at.y)
                     };
-                    (0..HOLE_PLACES).filter(is_solid).count() as f32 / HOLE_PLACES as f32
+                    let places = HOLE_PARTS * HOLE_PARTS;
+                    (0..places).filter(is_solid).count() as f32 / places as f32
                 })
                 .collect();
             let first = self.grids[t as usize].first as usize;
