@@ -9,7 +9,7 @@ use scene::kernel::bvh::FAR;
 
 use super::emission::Emission;
 use crate::kernel::segment::{land, reflect};
-use crate::kernel::start::start_photon;
+use crate::kernel::start::{Sources, start_photon};
 use crate::types::{Landing, PhotonParams};
 
 /// Photons that one task follows.
@@ -21,12 +21,13 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
     if emission.is_dark() {
         return Vec::new();
     }
-    let (geometry, lights) = (scene.geometry(), scene.all_lights());
+    let geometry = scene.geometry();
+    let sources = Sources { lights: &scene.lights, sky: scene.sky, sky_map: &scene.sky_map };
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let chunk = |chunk: u32| {
         let mut landings = Vec::with_capacity(3 * CHUNK as usize);
         for k in chunk * CHUNK..((chunk + 1) * CHUNK).min(p.count) {
-            let mut photon = start_photon(&geometry, &lights, p, &emission.alias, &emission.elements, k, occluded);
+            let mut photon = start_photon(&geometry, &sources, p, &emission.alias, &emission.elements, k, occluded);
             while photon.flux != Vec3::ZERO {
                 let hit = scene.closest_before(photon.origin, photon.direction, FAR);
                 landings.push(land(&geometry, k, &photon, hit));

@@ -2,15 +2,26 @@
 
 use core::f32::consts::TAU;
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use scene::kernel::light::{sky_radiance, spot_falloff, unoccluded};
 use scene::math::{abs, luminance, sin_cos_turn, sqrt};
 use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit};
-use scene::{Geometry, LIGHT_SPOT, Light, Lights};
+use scene::{Geometry, LIGHT_SPOT, Light, Sky};
 
 use super::linear::{interpolate, linear_point};
 use super::sequence::{Sequence, StartWords};
 use crate::types::*;
+
+/// Lights and sky, the tables that starts need.
+#[derive(Clone, Copy, Debug)]
+pub struct Sources<'a> {
+    /// Lights that are not geometry.
+    pub lights: &'a [Light],
+    /// The sky.
+    pub sky: Sky,
+    /// Its map.
+    pub sky_map: &'a [Vec4],
+}
 
 /// High word of `a · b`, by halves.
 #[inline]
@@ -73,7 +84,7 @@ fn on_sphere(axis: Vec3, z: f32, turn: f32) -> Vec3 {
 #[inline]
 fn start_on_piece(
     g: &Geometry,
-    lights: &Lights,
+    sources: &Sources,
     p: &PhotonParams,
     e: &Element,
     w: &StartWords,
@@ -84,7 +95,7 @@ fn start_on_piece(
     let front = g.normal(e.triangle);
     let normal = if e.is_back == 1 { -front } else { front };
     let origin = g.position(e.triangle, place.x, place.y) + normal * p.ray_offset;
-    let light = lights.lights[e.light as usize];
+    let light = sources.lights[e.light as usize];
     let mut flux = g.albedo(e.triangle, place.x, place.y) * light.color * e.scale;
     if g.is_hole(e.triangle, place.x, place.y) {
         flux = Vec3::ZERO;
@@ -114,11 +125,11 @@ fn start_on_piece(
 
 /// A photon of a shining surface: `flux = L · scale`, uniform over the area, cosine-weighted.
 #[inline]
-fn start_on_emitter(g: &Geometry, lights: &Lights, p: &PhotonParams, e: &Element, w: &StartWords) -> Photon {
+fn start_on_emitter(g: &Geometry, sources: &Sources, p: &PhotonParams, e: &Element, w: &StartWords) -> Photon {
     let (x, y) = (unit(w.place.0), unit(w.place.1));
     let (origin, normal, radiance);
     if e.kind == ELEMENT_RECT {
-        let light = lights.lights[e.light as usize];
+        let light = sources.lights[e.light as usize];
         normal = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
         origin = light.position + light.edge_a * x + light.edge_b * y;
         radiance = light.color;
@@ -147,7 +158,7 @@ fn leave_bulb(light: &Light, e: &Element, w: &StartWords) -> (Vec3, Vec3) {
 #[inline]
 pub fn start_photon(
     g: &Geometry,
-    lights: &Lights,
+    sources: &Sources,
     p: &PhotonParams,
     alias: &[AliasEntry],
     elements: &[Element],
@@ -157,14 +168,14 @@ pub fn start_photon(
     let w = Sequence::of(p, k).start();
     let e = elements[pick(alias, p.element_count, w.element) as usize];
     if e.kind == ELEMENT_LIT {
-        return start_on_piece(g, lights, p, &e, &w, occluded);
+        return start_on_piece(g, sources, p, &e, &w, occluded);
     }
     if e.kind == ELEMENT_EMITTER || e.kind == ELEMENT_RECT {
-        return start_on_emitter(g, lights, p, &e, &w);
+        return start_on_emitter(g, sources, p, &e, &w);
     }
     let (origin, direction, flux);
     if e.kind == ELEMENT_BULB {
-        let light = lights.lights[e.light as usize];
+        let light = sources.lights[e.light as usize];
         (direction, flux) = leave_bulb(&light, &e, &w);
         origin = light.position;
     } else {
@@ -177,9 +188,9 @@ pub fn start_photon(
             let r = sqrt(if inside > 0.0 { inside } else { 0.0 });
             let towards = Vec3::new(r * s, z, -r * c);
             direction = -towards;
-            light = sky_radiance(&lights.sky, lights.sky_map, towards);
+            light = sky_radiance(&sources.sky, sources.sky_map, towards);
         } else {
-            let beam = lights.lights[e.light as usize];
+            let beam = sources.lights[e.light as usize];
             direction = beam.direction;
             light = beam.color;
         }

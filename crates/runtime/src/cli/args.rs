@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use multibounce::BlockCodec;
 
 use crate::render::classic::{ClassicSettings, PatchKind};
+use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::Codec;
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
@@ -65,7 +66,8 @@ pub enum Command {
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
         patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
-        patchlight render cornell.toml --method classic --reference reference/cornell")]
+        patchlight render cornell.toml --method classic --reference reference/cornell\n  \
+        patchlight render office --method firstshot --error 0.02")]
     Render(Render),
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
     #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
@@ -115,6 +117,8 @@ pub enum Method {
     Tiles,
     /// One product a frame with compressed form factors, from the light of the frame before.
     Feedback,
+    /// Photons that start where lights fall first, until the error is what --error says.
+    Firstshot,
     /// Path tracing on the CPU, the reference.
     Path,
 }
@@ -127,6 +131,7 @@ impl Method {
             Self::Multibounce => "multibounce",
             Self::Tiles => "tiles",
             Self::Feedback => "feedback",
+            Self::Firstshot => "firstshot",
             Self::Path => "path",
         }
     }
@@ -291,6 +296,12 @@ pub struct Render {
     /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
     pub epsilon: f64,
+    /// Relative error of the patches' irradiance at which photons are enough (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    pub error: f64,
+    /// Most photons (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    pub photons: u64,
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
     pub receivers: ReceiverPlaces,
@@ -415,6 +426,13 @@ fn parse_epsilon(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(epsilon) if (1e-6..1.0).contains(&epsilon) => Ok(epsilon),
         _ => Err(format!("`{text}` is no number of at least 0.000001 and below 1")),
+    }
+}
+
+fn parse_error(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(error) if (1e-4..=1.0).contains(&error) => Ok(error),
+        _ => Err(format!("`{text}` is no number from 0.0001 to 1")),
     }
 }
 

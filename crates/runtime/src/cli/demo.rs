@@ -19,9 +19,10 @@ use crate::import::{Animation, LoadedScene, View};
 use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
+use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::{Codec, Transport};
 use crate::render::{Pictures, path};
-use crate::summary::{PassTimes, Summary, peak_memory_bytes};
+use crate::summary::{PassTimes, PhotonCounts, Summary, peak_memory_bytes};
 
 /// How much the demo does.
 struct Effort {
@@ -40,6 +41,9 @@ const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8,
 /// Relative error of the compressed operators.
 const EPSILON: f64 = 0.02;
 
+/// Relative error of the patches' irradiance by photons.
+const PHOTON_ERROR: f64 = 0.05;
+
 /// A method that the demo shows.
 struct Method {
     name: &'static str,
@@ -47,7 +51,7 @@ struct Method {
     transport: Transport,
 }
 
-const METHODS: [Method; 3] = [
+const METHODS: [Method; 4] = [
     Method { name: "classic", title: "Classic radiosity", transport: Transport::Classic },
     Method {
         name: "tiles",
@@ -55,6 +59,11 @@ const METHODS: [Method; 3] = [
         transport: Transport::Operator(Codec::Tiles { epsilon: EPSILON }),
     },
     Method { name: "feedback", title: "Feedback", transport: Transport::Feedback { epsilon: EPSILON } },
+    Method {
+        name: "firstshot",
+        title: "First shot",
+        transport: Transport::FirstShot(FirstShotSettings { error: PHOTON_ERROR, most_photons: 1 << 24 }),
+    },
 ];
 
 /// What one scene gave.
@@ -110,8 +119,10 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
         format!(
             "Classic radiosity multiplies by the form factors for each bounce. The operator of all bounces does it in one \
              product; it is stored in tiles with an error of {:.0} %. Feedback takes one product a frame with form factors \
-             stored alike, from the light of the frame before. All three share senders, form factors and receivers.",
-            100.0 * EPSILON
+             stored alike, from the light of the frame before. First shot traces photons from where lights fall first until \
+             the irradiance of the patches has an error of {:.0} %. All share senders, form factors and receivers.",
+            100.0 * EPSILON,
+            100.0 * PHOTON_ERROR
         ),
         "Errors are those of 8 × 8 block means of luminance against the path tracer, whose own noise they include; \
          pictures of indirect light are exposed by 0.18 over the log-average of the reference."
@@ -284,6 +295,7 @@ fn one_method(
         device,
         patches: Some(loaded_bake.patch_count()),
         receivers: Some(loaded_bake.receiver_count()),
+        photons: loaded_bake.first_shot().map(|shot| PhotonCounts::of(&shot.round())),
         frames: effort.frames,
         seed: common.seed,
         passes: times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect(),
@@ -373,9 +385,12 @@ fn bytes_table(runs: &[Run]) -> Table {
 fn bake_table(shared: &[(String, f64)], runs: &[Run]) -> Table {
     let parts: Vec<Vec<(String, f64)>> =
         runs.iter().map(|run| shared.iter().chain(&run.phases).cloned().collect()).collect();
-    table("Once, before the first frame, seconds; shared but for operator and compress".into(), "phase", &parts, |s| {
-        significant(*s)
-    })
+    table(
+        "Once, before the first frame, seconds; shared but for operator, compress, maps and photons".into(),
+        "phase",
+        &parts,
+        |s| significant(*s),
+    )
 }
 
 fn error_table(caption: &str, runs: &[Run], part: impl Fn(&Errors) -> PictureErrors) -> Table {

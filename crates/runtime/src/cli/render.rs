@@ -17,9 +17,10 @@ use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
 use crate::render::classic::{Classic, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
+use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::{Codec, Transport};
 use crate::render::{Pictures, path};
-use crate::summary::{PassTimes, Summary, peak_memory_bytes};
+use crate::summary::{PassTimes, PhotonCounts, Summary, peak_memory_bytes};
 
 /// Paths a point when a reference asks for irradiance at points.
 const POINT_PATHS: u32 = 4096;
@@ -55,7 +56,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     };
     let (pictures, points) = match args.method {
         Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
-        Method::Classic | Method::Multibounce | Method::Tiles | Method::Feedback => {
+        Method::Classic | Method::Multibounce | Method::Tiles | Method::Feedback | Method::Firstshot => {
             classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
         }
     };
@@ -159,6 +160,9 @@ fn classic_frames(
             Method::Multibounce => Transport::Operator(args.codec.unwrap_or_default().codec(args.epsilon)),
             Method::Tiles => Transport::Operator(Codec::Tiles { epsilon: args.epsilon }),
             Method::Feedback => Transport::Feedback { epsilon: args.epsilon },
+            Method::Firstshot => {
+                Transport::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
+            }
             Method::Classic | Method::Path => Transport::Classic,
         },
         bounces: match args.bounces {
@@ -182,7 +186,7 @@ fn classic_frames(
     summary.patches = Some(classic.patch_count());
     summary.receivers = Some(classic.receiver_count());
     summary.bytes = classic.bytes();
-    for phase in ["import", "sample", "form_factors", "receivers", "operator", "compress"] {
+    for phase in ["import", "sample", "form_factors", "receivers", "operator", "compress", "maps", "photons"] {
         if !progress.phases.iter().any(|(name, _)| name == phase) {
             continue;
         }
@@ -211,6 +215,12 @@ fn classic_frames(
             write_debug(&out.join("debug"), &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
         }
         last = Some(done.pictures);
+    }
+    if let Some(shot) = classic.first_shot() {
+        summary.photons = Some(PhotonCounts::of(&shot.round()));
+        if args.frames == 1 {
+            classic.write_photons(out)?;
+        }
     }
     summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
     let points = match data.filter(|d| !d.points.is_empty()) {
@@ -292,6 +302,15 @@ fn print(s: &Summary) {
     println!("{:14} {} by {} on {}", "scene", s.scene, s.method, s.device);
     if let Some(n) = s.patches {
         println!("{:14} {n}, receivers {}", "patches", s.receivers.unwrap_or(0));
+    }
+    if let Some(p) = &s.photons {
+        println!(
+            "{:14} {}, {} registered, relative error {:.2} %",
+            "photons",
+            p.photons,
+            p.registered,
+            100.0 * p.relative_error
+        );
     }
     for (name, seconds) in &s.bake {
         println!("{:14} {seconds:.2} s", format!("bake {name}"));

@@ -12,6 +12,7 @@ use multibounce::{
 };
 use rayon::prelude::*;
 
+use super::firstshot::FirstShotSettings;
 use super::senders::Senders;
 use super::{go_on, proceed};
 use crate::error::Error;
@@ -25,6 +26,8 @@ pub enum Transport {
     Classic,
     /// One product with the operator of all bounces.
     Operator(Codec),
+    /// No product: photons that start where lights fall first.
+    FirstShot(FirstShotSettings),
     /// One product a frame with the compressed form factors, from the light of the frame before.
     Feedback {
         /// Relative Frobenius error of the form factors.
@@ -418,7 +421,7 @@ pub(super) fn compress(
         return Ok(None);
     }
     let operator = match settings.transport {
-        Transport::Classic => return Ok(None),
+        Transport::Classic | Transport::FirstShot(_) => return Ok(None),
         Transport::Operator(codec) => {
             check_memory(senders.patches.len(), MATRICES, "feedback")?;
             let between = Between::new(senders, factors)?;
