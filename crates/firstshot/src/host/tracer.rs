@@ -153,6 +153,16 @@ impl<'a> Tracer<'a> {
         Ok(Self { registry, scene, emission, settings, batches, per_batch: 0 })
     }
 
+    /// Another error to go on to.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn set_error(&mut self, error: f64) -> Result<(), Error> {
+        check_setting("error", error, "0 or positive", error >= 0.0)?;
+        self.settings.error = error;
+        Ok(())
+    }
+
     /// Traces on all cores until the error is reached, the photons are spent, or `progress(round)` says stop. Returns whether
     /// it was not stopped.
     ///

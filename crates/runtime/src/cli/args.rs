@@ -80,7 +80,8 @@ pub enum Command {
         Experiments:\n  \
         patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
         proxy; where the error is; lights that the bake has not seen\n  \
-        operator   bytes, errors and time of compressed operators over the error that is asked for")]
+        operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
+        firstshot  photons and time to an error, first shot against photons from the lights")]
     Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
@@ -358,6 +359,8 @@ pub enum Experiment {
     Patches,
     /// The operator of all bounces: bytes and time over the error of its compression.
     Operator,
+    /// Photons to an error: from where lights fall first, and from the lights.
+    Firstshot,
 }
 
 /// `patchlight bench`.
@@ -368,12 +371,18 @@ pub struct Bench {
     pub name: Experiment,
     /// Scene files or built-in scenes [default: cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, operator 10000].
+    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, operator 10000, firstshot 4000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
     pub epsilons: Vec<f64>,
+    /// Relative error of the patches' irradiance (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    pub error: f64,
+    /// Most photons (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    pub photons: u64,
     /// Receivers for each that there is by default.
     #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_parser = parse_density)]
     pub densities: Vec<f32>,

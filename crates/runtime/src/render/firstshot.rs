@@ -84,6 +84,19 @@ impl PatchMaps {
         Ok(Self { maps, facets, patches })
     }
 
+    /// Irradiance and area of each patch that owns a cell.
+    pub fn patch_irradiance(&self, irradiance: &[Vec3]) -> Vec<(Vec3, f32)> {
+        let count = self.patches.iter().filter(|&&p| p != NONE).max().map_or(0, |&p| p as usize + 1);
+        let mut areas = vec![0.0; count];
+        for (&patch, area) in self.patches.iter().zip(self.areas()) {
+            if let Some(sum) = areas.get_mut(patch as usize) {
+                *sum += area;
+            }
+        }
+        let means = self.means(&self.patches, count, irradiance);
+        means.into_iter().map(Vec4::truncate).zip(areas).collect()
+    }
+
     /// Mean of the cells of each of `count` owners, W/m²; 0 where none is owned.
     fn means(&self, owner: &[u32], count: usize, irradiance: &[Vec3]) -> Vec<Vec4> {
         let mut sums = vec![Vec4::ZERO; count];
