@@ -23,7 +23,7 @@ use super::{go_on, proceed};
 use crate::error::Error;
 use crate::executor::Executor;
 pub use files::write_files;
-use photons::PhotonPasses;
+pub use photons::PhotonPasses;
 
 /// Rays of a point whose light is gathered exactly.
 const POINT_RAYS: u32 = 4096;

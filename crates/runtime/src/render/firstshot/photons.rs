@@ -14,7 +14,7 @@ const MOST_PHOTONS: u32 = 1 << 18;
 /// Segments after which a photon is given up; at the greatest reflectance one in 10¹¹ has more.
 const MOST_SEGMENTS: usize = 512;
 
-/// The passes, and where their tables are.
+/// The passes and their tables on a device.
 pub struct PhotonPasses {
     executor: Box<dyn Executor>,
     loaded: Option<Loaded>,
@@ -33,6 +33,9 @@ impl PhotonPasses {
     }
 
     /// Makes the plan and uploads the scene and what photons start from.
+    ///
+    /// # Errors
+    /// What the device says: a scene too large for it, say.
     pub fn load(&mut self, scene: &Scene, emission: &Emission) -> Result<(), Error> {
         if emission.is_dark() {
             return Ok(());
@@ -76,7 +79,10 @@ impl PhotonPasses {
         Ok(())
     }
 
-    /// The landings of a dispatch, segment by segment.
+    /// The landings of a dispatch of at most 2¹⁸ photons, segment by segment.
+    ///
+    /// # Errors
+    /// What the device says.
     pub fn trace(&mut self, p: &PhotonParams) -> Result<Vec<Landing>, Error> {
         let Some(Loaded { start, segment, landings }) = self.loaded else { return Ok(Vec::new()) };
         for pass in [start, segment] {
