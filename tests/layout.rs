@@ -1,6 +1,7 @@
 //! Shared structures lie in the compiled modules where the host has them, scalar by scalar.
 
 use bytemuck::{Pod, Zeroable};
+use firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use glam::{UVec2, UVec4, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
@@ -123,6 +124,35 @@ structure!(BlockParams {
     alpha: u32,
     first_outlier: u32,
 });
+structure!(AliasEntry { threshold: u32, other: u32 });
+structure!(Element {
+    values: Vec3,
+    scale: f32,
+    corner: Vec2,
+    edge_a: Vec2,
+    edge_b: Vec2,
+    kind: u32,
+    triangle: u32,
+    light: u32,
+    is_back: u32,
+    reserved: [u32; 2],
+});
+structure!(Photon { origin: Vec3, reflections: u32, direction: Vec3, segments: u32, flux: Vec3, reserved: u32 });
+structure!(Landing { flux: Vec3, triangle: u32, u: f32, v: f32, photon: u32, info: u32 });
+structure!(PhotonParams {
+    low: Vec3,
+    count: u32,
+    high: Vec3,
+    per_batch: u32,
+    first: u32,
+    first_batch: u32,
+    element_count: u32,
+    sequence: u32,
+    seed: u32,
+    flags: u32,
+    ray_offset: f32,
+    reserved: u32,
+});
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
 structure!(FeedbackParams { count: u32, step: f32, momentum: f32 });
@@ -168,6 +198,10 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "receiver_cells" => layout::<ReceiverCell>(),
         "grids" => layout::<TriangleGrid>(),
         "members" => layout::<Member>(),
+        "alias" => layout::<AliasEntry>(),
+        "elements" => layout::<Element>(),
+        "photons" => layout::<Photon>(),
+        "landings" => layout::<Landing>(),
         "entries" if kernel == "patches_lookup" => layout::<LookupPatch>(),
         "components" => layout::<TileComponent>(),
         "order" | "place" | "words" | "use_start" | "uses" | "entries" => layout::<u32>(),
@@ -206,6 +240,7 @@ fn push(kernel: &str) -> Layout {
             layout::<GatherParams>()
         }
         "formfactor_gather_hits" => layout::<HitsParams>(),
+        k if k.starts_with("firstshot_") => layout::<PhotonParams>(),
         "multibounce_tiles_enter" => layout::<EnterParams>(),
         "multibounce_feedback" => layout::<FeedbackParams>(),
         k if k.starts_with("multibounce_blocks_gather") => layout::<BlockParams>(),

@@ -5,10 +5,13 @@
 use std::collections::BTreeMap;
 
 use bytemuck::Pod;
+use firstshot::{Landing, Photon, PhotonParams};
 use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::{UVec2, UVec3, Vec4};
 use gpu_kernels::table::{ImageFormat, MAX_GROUPS_X};
-use gpu_kernels::{formfactor as ff, multibounce as mb, patches as pa, scene as sc, temporal as te, tiles as ti};
+use gpu_kernels::{
+    firstshot as fs, formfactor as ff, multibounce as mb, patches as pa, scene as sc, temporal as te, tiles as ti,
+};
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
 use multibounce::FeedbackParams;
 use patches::{LookupParams, VolumeParams};
@@ -92,6 +95,21 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "patches_lookup" => entry!(pa::lookup, LookupParams, Vec4, [0, 1, 2, 3, 4]),
         "patches_volume_lookup" => entry!(pa::volume_lookup, VolumeParams, Vec4, [0, 1, 2, 3]),
         "patches_volume_lookup_sh" => entry!(pa::volume_lookup_sh, VolumeParams, Vec4, [0, 1, 2, 3]),
+        "firstshot_start" => entry!(fs::start, PhotonParams, Photon, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]),
+        "firstshot_segment" => {
+            // Two outputs: one call for each, with photons of its own.
+            let p: PhotonParams = i.push();
+            let (mut photons, mut landings) = (i.table::<Photon>(6).to_vec(), i.table::<Landing>(7).to_vec());
+            let call = |id, groups, photons: &mut [Photon], landings: &mut [Landing]| {
+                let t = (i.table(0), i.table(1), i.table(2), i.table(3), i.table(4), i.table(5));
+                fs::segment(id, groups, &p, t.0, t.1, t.2, t.3, t.4, t.5, photons, landings);
+            };
+            let photon_bytes =
+                dispatch::<Photon>(i, order, width, 6, |id, g, result| call(id, g, result, &mut landings));
+            let landing_bytes =
+                dispatch::<Landing>(i, order, width, 7, |id, g, result| call(id, g, &mut photons, result));
+            [(6, photon_bytes), (7, landing_bytes)].into()
+        }
         "multibounce_tiles_enter" => entry!(ti::tiles_enter, EnterParams, Vec4, [0, 1, 2]),
         "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2]),
         "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8]),
@@ -134,7 +152,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 30 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 32 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

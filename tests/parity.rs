@@ -41,7 +41,10 @@ fn tolerance(kernel: &str, kind: DeviceKind) -> Tolerance {
     match kernel {
         "scene_tone_map" => Tolerance::Bytes,
         // A ray that grazes an edge may fall on its other side.
-        name if name.starts_with("scene_") || name == "formfactor_hemisphere_hits" => {
+        name if name.starts_with("scene_")
+            || name.starts_with("firstshot_")
+            || name == "formfactor_hemisphere_hits" =>
+        {
             Tolerance::Floats { relative: 1e-4, outliers: 0.01 }
         }
         // A point on the very plane of a wall may fall on its other side.

@@ -1,6 +1,7 @@
 //! The host form of the kernels: the same bodies, run over all elements on all cores. Every element is computed by itself,
 //! so the result does not depend on the number of threads.
 
+pub(crate) mod firstshot;
 pub(crate) mod formfactor;
 pub(crate) mod multibounce;
 pub(crate) mod patches;

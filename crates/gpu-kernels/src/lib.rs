@@ -1,7 +1,7 @@
 //! SPIR-V entry points of all methods, their compiled modules, and the table that describes them to executors.
 //!
-//! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel`, `multibounce::kernel` and
-//! `temporal::kernel`. Here each gets an entry point (bindings,
+//! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel`, `multibounce::kernel`,
+//! `temporal::kernel` and `firstshot::kernel`. Here each gets an entry point (bindings,
 //! range check, one call), a module `spv/<crate>_<kernel>.spv`, and a row of [`table::KERNELS`] with its host form
 //! ([`host`]), which runs the same body over all elements on all cores. Results agree in all bits on the devices that we
 //! know, because the modules forbid contraction and take their maths from polynomials of our own.
@@ -63,6 +63,7 @@
 #[cfg(feature = "std")]
 extern crate std;
 
+pub mod firstshot;
 pub mod formfactor;
 mod half;
 mod invocation;

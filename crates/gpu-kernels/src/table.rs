@@ -4,6 +4,7 @@ mod row;
 
 pub use row::{Access, Binding, BindingKind, ImageFormat, Kernel, MAX_GROUPS_X};
 
+use ::firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use ::multibounce::{BlockParams, FeedbackParams, TileComponent};
@@ -86,6 +87,8 @@ pub static KERNELS: &[&Kernel] = &[
     &TEMPORAL_SUM_TABLES,
     &TEMPORAL_SPLIT_SCAN,
     &TEMPORAL_SPLIT_PACK,
+    &FIRSTSHOT_START,
+    &FIRSTSHOT_SEGMENT,
 ];
 
 /// Nearest hit of every ray. An element is a ray.
@@ -739,4 +742,48 @@ pub static TEMPORAL_SPLIT_PACK: Kernel = Kernel {
     push_bytes: size_of::<SplitParams>() as u32,
     bindings: &[read::<u32>("row_start"), read::<u32>("weights"), read::<UVec2>("scan"), write::<u32>("slots")],
     host: host::temporal::split_pack,
+};
+
+/// Every photon as it leaves what it starts from. An element is a photon.
+pub static FIRSTSHOT_START: Kernel = Kernel {
+    name: "firstshot_start",
+    spv: spv!("firstshot_start"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<PhotonParams>() as u32,
+    bindings: &[
+        read::<AliasEntry>("alias"),
+        read::<Element>("elements"),
+        read::<BvhNode>("nodes"),
+        read::<Triangle>("triangles"),
+        read::<TriangleUv>("uvs"),
+        read::<Material>("materials"),
+        read::<Texture>("textures"),
+        read::<u32>("texels"),
+        read::<Light>("lights"),
+        read::<Sky>("sky"),
+        read::<Rgb>("sky_map"),
+        write::<Photon>("photons"),
+    ],
+    host: host::firstshot::start,
+};
+
+/// The next segment of every photon: its landing, and the photon as it goes on. An element is a photon.
+pub static FIRSTSHOT_SEGMENT: Kernel = Kernel {
+    name: "firstshot_segment",
+    spv: spv!("firstshot_segment"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<PhotonParams>() as u32,
+    bindings: &[
+        read::<BvhNode>("nodes"),
+        read::<Triangle>("triangles"),
+        read::<TriangleUv>("uvs"),
+        read::<Material>("materials"),
+        read::<Texture>("textures"),
+        read::<u32>("texels"),
+        buffer::<Photon>("photons", Access::ReadWrite),
+        write::<Landing>("landings"),
+    ],
+    host: host::firstshot::segment,
 };

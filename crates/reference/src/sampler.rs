@@ -1,7 +1,7 @@
 //! The random numbers of a path: for every pair of dimensions its own Owen-scrambled, shuffled Sobol sequence
 //! (Burley 2020, "Practical Hash-based Owen Scrambling"), all from one hash of (stream, sample, dimension, seed).
 
-use scene::sampling::{hash, hash3, unit};
+use scene::sampling::{hash, hash3, owen_scramble, sobol2_fast, unit};
 
 /// Points of one sample of one stream (a pixel, a surface point), dimension after dimension.
 pub(crate) struct Sampler {
@@ -23,50 +23,17 @@ impl Sampler {
     pub(crate) fn next(&mut self) -> (f32, f32) {
         let key = hash(self.key ^ hash(self.dimension));
         self.dimension += 1;
-        let k = scramble(self.index, key) & 0xffff;
-        let (x, y) = sobol2(k);
-        let a = scramble(x, key ^ 0x9e37_79b9);
-        let b = scramble(y, key ^ 0x85eb_ca6b);
+        let k = owen_scramble(self.index, key) & 0xffff;
+        let (x, y) = sobol2_fast(k);
+        let a = owen_scramble(x, key ^ 0x9e37_79b9);
+        let b = owen_scramble(y, key ^ 0x85eb_ca6b);
         (unit(a), unit(b))
     }
-}
-
-/// Nested uniform scrambling: every bit is flipped by a hash of the bits above it (Laine and Karras 2011, constants of
-/// Vegdahl 2021).
-#[inline]
-fn scramble(x: u32, seed: u32) -> u32 {
-    let mut x = x.reverse_bits();
-    x ^= x.wrapping_mul(0x3d20_adea);
-    x = x.wrapping_add(seed);
-    x = x.wrapping_mul((seed >> 16) | 1);
-    x ^= x.wrapping_mul(0x0552_6c56);
-    x ^= x.wrapping_mul(0x53a2_2864);
-    x.reverse_bits()
-}
-
-/// The first two dimensions of Sobol's sequence. The second is Pascal's triangle modulo 2, a sum over the supersets of
-/// each bit position: five steps.
-#[inline]
-fn sobol2(k: u32) -> (u32, u32) {
-    let mut y = k;
-    y ^= (y & 0xaaaa_aaaa) >> 1;
-    y ^= (y & 0xcccc_cccc) >> 2;
-    y ^= (y & 0xf0f0_f0f0) >> 4;
-    y ^= (y & 0xff00_ff00) >> 8;
-    y ^= y >> 16;
-    (k.reverse_bits(), y.reverse_bits())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_fast_sobol_points_are_sobol_points() {
-        for k in (0..100_000).chain([u32::MAX, 0x8000_0001, 0x1234_5678]) {
-            assert_eq!(sobol2(k), scene::sampling::sobol2(k), "{k}");
-        }
-    }
 
     #[test]
     fn every_power_of_two_of_samples_is_stratified() {

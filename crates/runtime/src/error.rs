@@ -20,6 +20,12 @@ pub enum Error {
     /// Virtual patches.
     #[error("patches: {0}")]
     Patches(#[from] patches::Error),
+    /// Photons.
+    #[error("photons: {0}")]
+    Photons(#[from] firstshot::Error),
+    /// Receivers that photons do not serve.
+    #[error("--method firstshot gathers at the mesh or at the pixels; choose --receivers mesh or pixels")]
+    FirstShotReceivers,
     /// The operator of the light between patches.
     #[error("operator: {0}")]
     Operator(#[from] multibounce::Error),

@@ -23,6 +23,28 @@ impl PassTimes {
     }
 }
 
+/// Photons of the last frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PhotonCounts {
+    /// Photons that were started.
+    pub photons: u64,
+    /// Landings of indirect light.
+    pub registered: u64,
+    /// Segments traced.
+    pub segments: u64,
+    /// Relative error of the patches' irradiance, by the photons' own account.
+    pub relative_error: f64,
+}
+
+impl PhotonCounts {
+    /// Of the last round.
+    pub fn of(round: &firstshot::Round) -> Self {
+        let firstshot::Round { photons, registered, segments, error } = *round;
+        // An error that is not known is 1: nothing but noise. Infinity is no number of JSON.
+        Self { photons, registered, segments, relative_error: if error.is_finite() { error } else { 1.0 } }
+    }
+}
+
 /// What a command measured.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
@@ -41,6 +63,9 @@ pub struct Summary {
     /// Points that receive it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub receivers: Option<usize>,
+    /// Photons traced, where photons carry the light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub photons: Option<PhotonCounts>,
     /// Frames rendered.
     pub frames: u32,
     /// Seed of the random numbers.

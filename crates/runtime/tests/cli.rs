@@ -96,7 +96,7 @@ fn classic_and_path_write_their_pictures_and_summary() {
 #[test]
 fn the_same_seed_gives_the_same_bytes_for_any_thread_count() {
     let folder = tempfile::tempdir().unwrap();
-    for (method, scene) in [("classic", "cornell"), ("path", "atrium:3000")] {
+    for (method, scene) in [("classic", "cornell"), ("firstshot", "atrium:3000"), ("path", "atrium:3000")] {
         let render = |threads: &str, seed: &str| {
             let out = folder.path().join(format!("{method}-{threads}-{seed}"));
             let mut arguments = vec!["render", scene, "--method", method, "--threads", threads, "--seed", seed];
@@ -417,15 +417,15 @@ fn the_demo_writes_a_report_that_needs_no_other_file() {
     for word in ["cornell", "atrium", "data:image/png;base64,", "median ms", "against the path tracer", "CPU"] {
         assert!(report.contains(word), "{word}");
     }
-    // Three methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
-    assert_eq!(report.matches("<th>classic</th><th>tiles</th><th>feedback</th>").count(), 6);
+    // Four methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
+    assert_eq!(report.matches("<th>classic</th><th>tiles</th><th>feedback</th><th>firstshot</th>").count(), 6);
     assert_eq!(report.matches("<td>frame 2, tiles</td>").count(), 4);
     let summary: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("summary.json")).unwrap()).unwrap();
     let methods: Vec<&str> = summary.as_array().unwrap().iter().filter_map(|s| s["method"].as_str()).collect();
-    assert_eq!(methods, ["classic", "tiles", "feedback"].repeat(2));
+    assert_eq!(methods, ["classic", "tiles", "feedback", "firstshot"].repeat(2));
     let ssim = |k: usize| summary[k]["indirect"]["ssim"].as_f64().unwrap();
-    assert!((0..6).all(|k| (ssim(k) - ssim(k / 3 * 3)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
+    assert!((0..8).all(|k| (ssim(k) - ssim(k / 4 * 4)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
     assert!(!report.contains("src=\"http") && !report.contains("<script"));
     for name in
         ["cornell/frame-0000.png", "atrium/classic/full.exr", "cornell/feedback/full.exr", "atrium/path/full.exr"]
@@ -547,6 +547,74 @@ fn the_bench_of_patches_writes_its_tables_plots_and_report() {
         assert!(std::fs::read_to_string(folder.path().join(name)).unwrap().starts_with("<svg xmlns="), "{name}");
     }
     assert!(leftovers(folder.path()).is_empty() && leftovers(&folder.path().join("cornell")).is_empty());
+}
+
+#[test]
+fn first_shot_writes_pictures_tables_and_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let mean = |method: &str| {
+        let out = out.join(method);
+        let mut arguments = vec!["render", "cornell", "--method", method, "--out", out.to_str().unwrap()];
+        arguments.extend(SMALL);
+        succeeds(&arguments);
+        let picture = reference::Picture::read(&out.join("indirect.exr")).unwrap();
+        picture.pixels.iter().map(|p| p.element_sum()).sum::<f32>()
+    };
+    let ratio = mean("firstshot") / mean("classic");
+    assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
+    let out = out.join("firstshot");
+    let text = std::fs::read_to_string(out.join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let photons = &summary["photons"];
+    assert!(photons["relative_error"].as_f64().unwrap() <= 0.05 && photons["photons"].as_u64().unwrap() > 1000);
+    assert!(summary["bytes"]["maps"].is_number() && summary["bytes"].get("form_factors").is_none());
+    let patches = std::fs::read_to_string(out.join("patches.csv")).unwrap();
+    assert_eq!(patches.lines().count() as u64, 1 + summary["patches"].as_u64().unwrap());
+    // Absorbed light of the table is that of the maps.
+    let column = |line: &str, k: usize| line.split(',').nth(k).unwrap().parse::<f64>().unwrap();
+    let by_patches: f64 = patches.lines().skip(1).map(|l| column(l, 6) * column(l, 8)).sum();
+    assert!(by_patches > 0.0);
+    let ply = std::fs::read(out.join("vertices.ply")).unwrap();
+    let triangles = std::fs::read_to_string(out.join("maps.csv")).unwrap().lines().count() - 1;
+    let header = ply.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    assert_eq!(ply.len(), header + triangles * (3 * 9 * 4 + 1 + 3 * 4));
+    let maps = reference::Picture::read(&out.join("maps.exr")).unwrap();
+    assert!(maps.width == 1024 && maps.pixels.iter().any(|p| p.y > 0.0));
+    assert!(leftovers(&out).is_empty());
+    for wrong in [["--error", "0"], ["--error", "2"], ["--error", "few"], ["--photons", "0"], ["--photons", "-1"]] {
+        let message = fails(2, &["render", "cornell", "--method", "firstshot", wrong[0], wrong[1]]);
+        assert!(message.contains(wrong[0]), "{message}");
+    }
+    let own = ["--patches", "voxel", "--receivers", "self", "--size", "32x24", "--patch-count", "60", "--quiet"];
+    let message = fails(1, &[&["render", "cornell", "--method", "firstshot"][..], &own].concat());
+    assert!(message.contains("--receivers mesh"), "{message}");
+}
+
+#[test]
+fn bench_firstshot_compares_both_ways_to_shoot() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    succeeds(&["bench", "firstshot", "atrium:3000", "--counts", "100", "--error", "0.2", "--quiet", "--out", out]);
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let rows = summary["rows"].as_array().unwrap();
+    assert_eq!((rows.len(), summary["rates"].as_array().unwrap().len()), (5, 1));
+    for row in rows {
+        let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
+        assert!(number("error") <= 0.2 && number("photons") > 0.0 && number("registered") > 0.0);
+        assert!(row["curve"].as_array().unwrap().len() > 1);
+        if row["method"] == "first shot" {
+            // Both find the same light.
+            assert!(number("difference") < 2.0 * number("expected_difference"), "{row}");
+        }
+    }
+    let photons = |k: usize| rows[k]["photons"].as_f64().unwrap();
+    assert!(photons(1) > photons(3), "first shot takes fewer photons: {summary}");
+    for name in ["report.md", "report.html", "error-photons.svg", "error-seconds.svg"] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+    assert!(leftovers(folder.path()).is_empty());
 }
 
 #[test]

@@ -52,6 +52,32 @@ pub fn sobol2(k: u32) -> (u32, u32) {
     (k.reverse_bits(), y)
 }
 
+/// The same as [`sobol2`] in five steps: the matrix of the second dimension is Pascal's triangle modulo 2, a sum over the
+/// supersets of each bit position.
+#[inline]
+pub fn sobol2_fast(k: u32) -> (u32, u32) {
+    let mut y = k;
+    y ^= (y & 0xaaaa_aaaa) >> 1;
+    y ^= (y & 0xcccc_cccc) >> 2;
+    y ^= (y & 0xf0f0_f0f0) >> 4;
+    y ^= (y & 0xff00_ff00) >> 8;
+    y ^= y >> 16;
+    (k.reverse_bits(), y.reverse_bits())
+}
+
+/// Nested uniform scrambling of a fixed-point number (Owen 1995): every bit is flipped by a hash of the bits above it (Laine
+/// and Karras 2011, constants of Vegdahl 2021). Of an index it is a shuffle that keeps blocks of every power of two together.
+#[inline]
+pub fn owen_scramble(x: u32, seed: u32) -> u32 {
+    let mut x = x.reverse_bits();
+    x ^= x.wrapping_mul(0x3d20_adea);
+    x = x.wrapping_add(seed);
+    x = x.wrapping_mul((seed >> 16) | 1);
+    x ^= x.wrapping_mul(0x0552_6c56);
+    x ^= x.wrapping_mul(0x53a2_2864);
+    x.reverse_bits()
+}
+
 /// Two unit vectors that make a right-handed frame with the unit vector `n` (Duff et al. 2017, "Building an Orthonormal
 /// Basis, Revisited").
 #[inline]
@@ -125,6 +151,13 @@ mod tests {
             let cell = ((x >> 28) * 16 + (y >> 28)) as usize;
             assert!(!seen[cell]);
             seen[cell] = true;
+        }
+    }
+
+    #[test]
+    fn the_fast_sobol_points_are_sobol_points() {
+        for k in (0..100_000).chain([u32::MAX, 0x8000_0001, 0x1234_5678]) {
+            assert_eq!(sobol2_fast(k), sobol2(k), "{k}");
         }
     }
 

@@ -7,6 +7,7 @@ use multibounce::BlockCodec;
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use crate::render::classic::{ClassicSettings, PatchKind};
+use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::Codec;
 use crate::render::temporal::{RowKind, Sampled, Temporal};
 
@@ -68,7 +69,8 @@ pub enum Command {
         patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
-        patchlight render cornell.toml --method classic --reference reference/cornell")]
+        patchlight render cornell.toml --method classic --reference reference/cornell\n  \
+        patchlight render office --method firstshot --error 0.02")]
     Render(Render),
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
     #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
@@ -82,7 +84,8 @@ pub enum Command {
         patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
         proxy; where the error is; lights that the bake has not seen\n  \
         operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
-        temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures")]
+        temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures\n  \
+        firstshot  photons and time to an error, first shot against photons from the lights")]
     Bench(Bench),
     /// List the devices that can run the kernels.
     Devices,
@@ -121,6 +124,8 @@ pub enum Method {
     Feedback,
     /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
     Temporal,
+    /// Photons that start where lights fall first, until the error is what --error says.
+    Firstshot,
     /// Path tracing on the CPU, the reference.
     Path,
 }
@@ -134,6 +139,7 @@ impl Method {
             Self::Tiles => "tiles",
             Self::Feedback => "feedback",
             Self::Temporal => "temporal",
+            Self::Firstshot => "firstshot",
             Self::Path => "path",
         }
     }
@@ -403,6 +409,12 @@ pub struct Render {
     /// Bounces do not use where the light was going (feedback): it settles in about twice as many.
     #[arg(long)]
     pub plain: bool,
+    /// Relative error of the patches' irradiance at which photons are enough (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    pub error: f64,
+    /// Most photons (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    pub photons: u64,
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
     pub receivers: ReceiverPlaces,
@@ -461,6 +473,8 @@ pub enum Experiment {
     Operator,
     /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
     Temporal,
+    /// Photons to an error: from where lights fall first, and from the lights.
+    Firstshot,
 }
 
 /// `patchlight bench`.
@@ -471,12 +485,18 @@ pub struct Bench {
     pub name: Experiment,
     /// Scene files or built-in scenes [default: cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, others 10000].
+    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, firstshot 4000, others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
     pub epsilons: Vec<f64>,
+    /// Relative error of the patches' irradiance (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    pub error: f64,
+    /// Most photons (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    pub photons: u64,
     /// Receivers for each that there is by default.
     #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_parser = parse_density)]
     pub densities: Vec<f32>,
@@ -537,6 +557,13 @@ fn parse_epsilon(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(epsilon) if (1e-6..1.0).contains(&epsilon) => Ok(epsilon),
         _ => Err(format!("`{text}` is no number of at least 0.000001 and below 1")),
+    }
+}
+
+fn parse_error(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(error) if (1e-4..=1.0).contains(&error) => Ok(error),
+        _ => Err(format!("`{text}` is no number from 0.0001 to 1")),
     }
 }
 

@@ -1,5 +1,6 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
+mod firstshot;
 mod lights;
 mod operator;
 mod patches;
@@ -54,6 +55,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     }
     if args.name == Experiment::Temporal {
         return temporal::run(common, args);
+    }
+    if args.name == Experiment::Firstshot {
+        return firstshot::run(common, args);
     }
     let mut args = args.clone();
     if args.counts.is_empty() {

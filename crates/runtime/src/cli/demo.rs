@@ -20,10 +20,11 @@ use crate::import::{Animation, LoadedScene, View};
 use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
+use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::{Codec, Feedback, Transport};
 use crate::render::temporal::{RowKind, Sampled, Temporal};
 use crate::render::{Pictures, path};
-use crate::summary::{PassTimes, Summary, peak_memory_bytes};
+use crate::summary::{PassTimes, PhotonCounts, Summary, peak_memory_bytes};
 
 /// How much the demo does.
 struct Effort {
@@ -43,6 +44,8 @@ const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8,
 const EPSILON: f64 = 0.02;
 
 const FEEDBACK: Feedback = Feedback { epsilon: EPSILON, products: 1, accelerated: true };
+/// Relative error of the patches' irradiance by photons.
+const PHOTON_ERROR: f64 = 0.05;
 
 /// A method that the demo shows.
 struct Method {
@@ -51,7 +54,7 @@ struct Method {
     transport: Transport,
 }
 
-const METHODS: [Method; 4] = [
+const METHODS: [Method; 5] = [
     Method { name: "classic", title: "Classic radiosity", transport: Transport::Classic },
     Method {
         name: "tiles",
@@ -60,6 +63,11 @@ const METHODS: [Method; 4] = [
     },
     Method { name: "feedback", title: "Feedback", transport: Transport::Feedback(FEEDBACK) },
     Method { name: "temporal", title: "Temporal", transport: Transport::Temporal(TEMPORAL) },
+    Method {
+        name: "firstshot",
+        title: "First shot",
+        transport: Transport::FirstShot(FirstShotSettings { error: PHOTON_ERROR, most_photons: 1 << 24 }),
+    },
 ];
 
 const TEMPORAL: Temporal = Temporal { settings: Settings::DEFAULT, rows: RowKind::Lists, sampled: Sampled::Patches };
@@ -118,9 +126,11 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
             "Classic radiosity multiplies by the form factors for each bounce. The operator of all bounces does it in one \
              product; it is stored in tiles with an error of {:.0} %. Feedback takes one product a frame with form factors \
              stored alike, from the light of the frame before; temporal radiosity does it with {} samples a row of what has \
-             changed. All four share senders, form factors and receivers.",
+             changed. First shot traces photons from where lights fall first until the irradiance of the patches has an error \
+             of {:.0} %. All share senders, form factors and receivers.",
             100.0 * EPSILON,
-            TEMPORAL.settings.samples
+            TEMPORAL.settings.samples,
+            100.0 * PHOTON_ERROR
         ),
         "Errors are those of 8 × 8 block means of luminance against the path tracer, whose own noise they include; \
          pictures of indirect light are exposed by 0.18 over the log-average of the reference."
@@ -293,6 +303,7 @@ fn one_method(
         device,
         patches: Some(loaded_bake.patch_count()),
         receivers: Some(loaded_bake.receiver_count()),
+        photons: loaded_bake.first_shot().map(|shot| PhotonCounts::of(&shot.round())),
         frames: effort.frames,
         seed: common.seed,
         passes: times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect(),
@@ -383,7 +394,7 @@ fn bake_table(shared: &[(String, f64)], runs: &[Run]) -> Table {
     let parts: Vec<Vec<(String, f64)>> =
         runs.iter().map(|run| shared.iter().chain(&run.phases).cloned().collect()).collect();
     table(
-        "Once, before the first frame, seconds; shared but for operator, compress and tables".into(),
+        "Once, before the first frame, seconds; shared but for operator, compress, tables, maps and photons".into(),
         "phase",
         &parts,
         |s| significant(*s),

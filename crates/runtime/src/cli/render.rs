@@ -18,9 +18,10 @@ use crate::import::{Animation, LoadedScene, load_or_build};
 use crate::progress::Progress;
 use crate::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
+use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::{Codec, Feedback, Transport};
 use crate::render::{Pictures, path};
-use crate::summary::{PassTimes, Summary, peak_memory_bytes};
+use crate::summary::{PassTimes, PhotonCounts, Summary, peak_memory_bytes};
 
 /// Paths a point when a reference asks for irradiance at points.
 const POINT_PATHS: u32 = 4096;
@@ -56,7 +57,12 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     };
     let (pictures, points) = match args.method {
         Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
-        Method::Classic | Method::Multibounce | Method::Tiles | Method::Feedback | Method::Temporal => {
+        Method::Classic
+        | Method::Multibounce
+        | Method::Tiles
+        | Method::Feedback
+        | Method::Temporal
+        | Method::Firstshot => {
             classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
         }
     };
@@ -163,6 +169,9 @@ fn classic_frames(
                 accelerated: !args.plain,
             }),
             Method::Temporal => Transport::Temporal(args.temporal.settings(common.seed)),
+            Method::Firstshot => {
+                Transport::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
+            }
             Method::Classic | Method::Path => Transport::Classic,
         },
         bounces: match args.bounces {
@@ -191,7 +200,8 @@ fn classic_frames(
     summary.patches = Some(classic.patch_count());
     summary.receivers = Some(classic.receiver_count());
     summary.bytes = classic.bytes();
-    for phase in ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables"] {
+    let phases = ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables", "maps", "photons"];
+    for phase in phases {
         if !progress.phases.iter().any(|(name, _)| name == phase) {
             continue;
         }
@@ -224,6 +234,12 @@ fn classic_frames(
     }
     if args.frames > 1 || args.errors {
         sequence.write(out, &format!("Patchlight: {}, {}", loaded.name, args.method.name()))?;
+    }
+    if let Some(shot) = classic.first_shot() {
+        summary.photons = Some(PhotonCounts::of(&shot.round()));
+        if args.frames == 1 {
+            classic.write_photons(out)?;
+        }
     }
     summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
     let points = match data.filter(|d| !d.points.is_empty()) {
@@ -305,6 +321,15 @@ fn print(s: &Summary) {
     println!("{:14} {} by {} on {}", "scene", s.scene, s.method, s.device);
     if let Some(n) = s.patches {
         println!("{:14} {n}, receivers {}", "patches", s.receivers.unwrap_or(0));
+    }
+    if let Some(p) = &s.photons {
+        println!(
+            "{:14} {}, {} registered, relative error {:.2} %",
+            "photons",
+            p.photons,
+            p.registered,
+            100.0 * p.relative_error
+        );
     }
     for (name, seconds) in &s.bake {
         println!("{:14} {seconds:.2} s", format!("bake {name}"));

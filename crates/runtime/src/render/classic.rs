@@ -1,6 +1,8 @@
 //! Classic radiosity: patches of any kind, one product a bounce; receivers on the mesh, or the patches themselves.
 
 use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
 
 use formfactor::{
     AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, SparseRows, Stop, add_hit_rows, balance,
@@ -14,6 +16,7 @@ use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
+use super::firstshot::{FirstShot, quietly, write_files};
 use super::frame::{Frame, FrameParts};
 use super::operator::{self, Compressing, Feedback, LAST_BOUNCES, PatchOperator, Transport, accelerations};
 use super::pixels::PixelGather;
@@ -24,7 +27,7 @@ use super::temporal::{Rows, Sampled, SampledRows};
 use super::test_lights::test_lights;
 use super::{Pictures, go_on, proceed};
 use crate::error::Error;
-use crate::executor::Executor;
+use crate::executor::{DeviceChoice, Executor, open};
 use crate::import::LoadedScene;
 use crate::progress::Progress;
 
@@ -158,6 +161,7 @@ pub struct Classic {
     /// Without their rows: the device has them.
     receivers: MeshReceivers,
     frame: Frame,
+    first_shot: Option<FirstShot>,
     settings: ClassicSettings,
     bytes: BTreeMap<String, u64>,
 }
@@ -321,6 +325,9 @@ impl Bake {
         executor: Box<dyn Executor>,
         progress: &mut Progress,
     ) -> Result<Classic, Error> {
+        if matches!(transport, Transport::FirstShot(_)) && self.settings.receivers == ReceiverKind::SelfReceivers {
+            return Err(Error::FirstShotReceivers);
+        }
         let operator = self.operator(transport, progress)?;
         let feedback = match (transport, &operator) {
             (Transport::Feedback(feedback), Some(operator)) => Some(self.feedback(feedback, operator, progress)?),
@@ -331,12 +338,29 @@ impl Bake {
         let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings } = self;
         let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
+        let mut first_shot = match transport {
+            Transport::FirstShot(shot) => {
+                let device = device_again(executor.as_ref())?;
+                Some(progress.phase("maps", |_| FirstShot::new(&scene, &senders, shot, settings.seed, device))?)
+            }
+            _ => None,
+        };
+        if let Some(shot) = &mut first_shot {
+            progress.phase("photons", |report| shot.solve(&scene, report))?;
+            let round = shot.round();
+            progress.note(&format!(
+                "{} photons, {} registered, relative error {:.2} %",
+                round.photons,
+                round.registered,
+                100.0 * round.error
+            ));
+        }
         let between = match (&operator, patch_bytes) {
             (Some(operator), _) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
             (None, Some(bytes)) => ("tables".to_owned(), bytes),
             (None, None) => ("form_factors".to_owned(), csr_bytes(&factors)),
         };
-        let bytes = BTreeMap::from([
+        let mut bytes = BTreeMap::from([
             between,
             ("facets".to_owned(), facet_bytes.unwrap_or_else(|| csr_bytes(&facet_rows.factors))),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
@@ -345,6 +369,10 @@ impl Bake {
             ("nodes".to_owned(), csr_bytes(&receivers.weights)),
             ("lookup".to_owned(), senders.lookup.as_ref().map_or(0, Lookup::bytes) as u64),
         ]);
+        if let Some(shot) = &first_shot {
+            bytes.remove("form_factors");
+            bytes.extend(shot.bytes().map(|(name, count)| (name.to_owned(), count)));
+        }
         let frame = Frame::load(
             executor,
             &FrameParts {
@@ -357,7 +385,8 @@ impl Bake {
                 sampled: sampled.as_ref(),
                 facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
-                bounces,
+                // The light between facets comes from photons.
+                bounces: if first_shot.is_some() { 1 } else { bounces },
                 direct,
                 size: settings.size,
                 sub_frames: settings.sub_frames,
@@ -365,7 +394,7 @@ impl Bake {
             },
         )?;
         let receivers = receivers.without_rows()?;
-        Ok(Classic { scene, senders, receivers, frame, settings, bytes })
+        Ok(Classic { scene, senders, receivers, frame, first_shot, settings, bytes })
     }
 }
 
@@ -404,7 +433,9 @@ impl Classic {
     /// What the device says.
     pub fn frame(&mut self, lights: &[Light], camera: &Camera, number: u32) -> Result<FrameResult, Error> {
         self.scene.lights = lights.to_vec();
-        let (full, direct, times) = self.frame.render(lights, camera, number)?;
+        let photons = self.shoot()?;
+        let (full, direct, mut times) = self.frame.render(lights, camera, number)?;
+        times.extend(photons);
         let (width, height) = self.settings.size;
         let full = Picture::from_pixels(width, height, full)?;
         let direct = Picture::from_pixels(width, height, direct)?;
@@ -422,7 +453,34 @@ impl Classic {
     /// # Errors
     /// What the device says.
     pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
-        self.frame.advance(lights)
+        self.scene.lights = lights.to_vec();
+        let photons = self.shoot()?;
+        let mut times = self.frame.advance(lights)?;
+        times.extend(photons);
+        Ok(times)
+    }
+
+    /// Photons for the lights there are, where photons carry the light; the milliseconds.
+    fn shoot(&mut self) -> Result<Option<(String, f64)>, Error> {
+        let Some(shot) = &mut self.first_shot else { return Ok(None) };
+        let start = Instant::now();
+        shot.solve(&self.scene, &quietly)?;
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        self.frame.set_facet_irradiance(&shot.facet_irradiance(&self.senders))?;
+        Ok(Some(("method".to_owned(), milliseconds)))
+    }
+
+    /// The photons, where they carry the light.
+    pub fn first_shot(&self) -> Option<&FirstShot> {
+        self.first_shot.as_ref()
+    }
+
+    /// Writes what photons have registered into a folder: [`write_files`]. Nothing with other transports.
+    ///
+    /// # Errors
+    /// Names the file that cannot be written.
+    pub fn write_photons(&self, folder: &Path) -> Result<(), Error> {
+        self.first_shot.as_ref().map_or(Ok(()), |shot| write_files(shot, &self.scene, &self.senders, folder))
     }
 
     /// Indirect irradiance of the last frame where pixels take it from, W/m²: at the nodes of the receivers' mesh, or of the
@@ -483,6 +541,10 @@ impl Classic {
     /// # Errors
     /// What the device says; cancellation.
     pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
+        let seed = self.settings.seed ^ 0x706f_696e;
+        if let Some(shot) = &self.first_shot {
+            return Ok(shot.irradiance_at(&self.scene, points, seed));
+        }
         let by_patches = self.settings.receivers == ReceiverKind::SelfReceivers;
         if let Some(lookup) = self.senders.lookup.as_ref().filter(|_| by_patches) {
             let light = lookup.at_points(&self.frame.irradiance()?, points)?;
@@ -490,10 +552,17 @@ impl Classic {
         }
         let exitance = self.frame.exitance()?;
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
-        let seed = self.settings.seed ^ 0x706f_696e;
         let surfaces = self.senders.lighting(&self.scene, Columns::Facets, points, &offsets, seed);
         let light = gather_by_rays(&surfaces, POINT_RAYS, &exitance, &go_on)?;
         Ok(light.iter().map(|h| h.truncate()).collect())
+    }
+}
+
+/// The same device once more, for tables of its own; nothing for native code.
+fn device_again(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Error> {
+    match executor.device().index {
+        Some(index) => Ok(Some(open(&DeviceChoice::Index(index))?.0)),
+        None => Ok(None),
     }
 }
 

@@ -545,6 +545,11 @@ impl Frame {
         Ok(light_count)
     }
 
+    /// Sets the irradiance of the facets, W/m², where no pass of the plan finds it: with one bounce only.
+    pub fn set_facet_irradiance(&mut self, irradiance: &[Vec4]) -> Result<(), Error> {
+        Ok(self.executor.upload(self.facet_irradiance, irradiance)?)
+    }
+
     /// First exitance of the patches in the last frame, W/m².
     pub fn source(&mut self) -> Result<Vec<Vec4>, Error> {
         Ok(self.executor.download_table(self.source)?)

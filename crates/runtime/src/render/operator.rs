@@ -12,6 +12,7 @@ use multibounce::{
 };
 use rayon::prelude::*;
 
+use super::firstshot::FirstShotSettings;
 use super::senders::Senders;
 use super::temporal::Temporal;
 use super::{go_on, proceed};
@@ -26,6 +27,8 @@ pub enum Transport {
     Classic,
     /// One product with the operator of all bounces.
     Operator(Codec),
+    /// No product: photons that start where lights fall first.
+    FirstShot(FirstShotSettings),
     /// Products with the compressed form factors, from the light of the frame before.
     Feedback(Feedback),
     /// A few samples a row and frame, from the light of the frame before.
@@ -435,7 +438,7 @@ pub(super) fn compress(
         return Ok(None);
     }
     let operator = match settings.transport {
-        Transport::Classic | Transport::Temporal(_) => return Ok(None),
+        Transport::Classic | Transport::Temporal(_) | Transport::FirstShot(_) => return Ok(None),
         Transport::Operator(codec) => {
             check_memory(senders.patches.len(), MATRICES, "feedback")?;
             let between = Between::new(senders, factors)?;

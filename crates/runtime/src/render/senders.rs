@@ -347,15 +347,28 @@ impl Senders {
         if hit.is_miss() {
             return NONE;
         }
-        let front = scene.geometry().normal(hit.triangle).dot(direction) < 0.0;
+        self.facet_on_side(hit, scene.geometry().normal(hit.triangle).dot(direction) < 0.0)
+    }
+
+    /// The facet that owns a place on a side of a triangle, or [`NONE`].
+    pub fn facet_on_side(&self, hit: &Hit, front: bool) -> u32 {
         let cell = owner(self.grids[hit.triangle as usize], *hit, front);
         if self.cells.is_empty() || cell == NONE { cell } else { self.cells[cell as usize] }
     }
 
+    /// Pieces along the edges of each triangle in which facets are looked up.
+    pub fn divisions(&self) -> Vec<u32> {
+        self.grids.iter().map(|grid| grid.divisions).collect()
+    }
+
+    /// The patch of a facet; [`NONE`] of none.
+    pub fn patch_of(&self, facet: u32) -> u32 {
+        if facet == NONE { NONE } else { self.patch_facets.partition_point(|&first| first <= facet) as u32 - 1 }
+    }
+
     /// The patch that owns a hit, or [`NONE`].
     pub fn patch(&self, scene: &Scene, hit: &Hit, direction: Vec3) -> u32 {
-        let facet = self.facet(scene, hit, direction);
-        if facet == NONE { NONE } else { self.patch_facets.partition_point(|&first| first <= facet) as u32 - 1 }
+        self.patch_of(self.facet(scene, hit, direction))
     }
 
     /// Share of its patch's area that each facet has.

@@ -73,6 +73,37 @@ fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
 }
 
+/// Light of a parallel, point or spot light at a point, were nothing in the way: the irradiance is `color · share`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival {
+    /// Irradiance over the light's `color`: cosθ, cosθ/r² or that times the spot's falloff; 0 behind the surface.
+    pub share: f32,
+    /// Way to the light, and how far along it something would be in the way.
+    pub to_light: Vec3,
+    /// Greatest t of the shadow ray.
+    pub t_max: f32,
+}
+
+/// What a light that is not an area sends to a point with this unit normal, without shadows.
+#[inline]
+pub fn unoccluded(light: &Light, origin: Vec3, normal: Vec3) -> Arrival {
+    if light.kind == LIGHT_DIRECTIONAL {
+        return Arrival { share: -normal.dot(light.direction), to_light: -light.direction, t_max: FAR };
+    }
+    let to = light.position - origin;
+    let squared = to.length_squared();
+    let cosine = to.dot(normal);
+    if cosine <= 0.0 || squared <= 0.0 {
+        return Arrival { share: 0.0, to_light: to, t_max: 1.0 };
+    }
+    let inverse = 1.0 / to.length();
+    let mut share = cosine * inverse * inverse * inverse;
+    if light.kind == LIGHT_SPOT {
+        share *= spot_falloff(light, -to.dot(light.direction) * inverse);
+    }
+    Arrival { share, to_light: to, t_max: 1.0 }
+}
+
 /// Irradiance from one light, without shadow rays for parts behind the surface. `index` numbers the point, `slot` the light.
 #[inline]
 fn light_irradiance(
@@ -84,13 +115,6 @@ fn light_irradiance(
     normal: Vec3,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> Vec3 {
-    if light.kind == LIGHT_DIRECTIONAL {
-        let cosine = -normal.dot(light.direction);
-        if cosine > 0.0 && !occluded(origin, -light.direction, FAR) {
-            return light.color * cosine;
-        }
-        return Vec3::ZERO;
-    }
     if light.kind == LIGHT_RECT {
         let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
         let shift = (hash3(index, 2 * slot, p.seed), hash3(index, 2 * slot + 1, p.seed));
@@ -105,18 +129,12 @@ fn light_irradiance(
         }
         return light.color * (sum * light.area / p.area_rays as f32);
     }
-    let to = light.position - origin;
-    let squared = to.length_squared();
-    let cosine = to.dot(normal);
-    if cosine <= 0.0 || squared <= 0.0 {
-        return Vec3::ZERO;
+    let arrival = unoccluded(light, origin, normal);
+    if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) {
+        light.color * arrival.share
+    } else {
+        Vec3::ZERO
     }
-    let inverse = 1.0 / to.length();
-    let mut share = cosine * inverse * inverse * inverse;
-    if light.kind == LIGHT_SPOT {
-        share *= spot_falloff(light, -to.dot(light.direction) * inverse);
-    }
-    if share > 0.0 && !occluded(origin, to, 1.0) { light.color * share } else { Vec3::ZERO }
 }
 
 /// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light, `area_rays` to each

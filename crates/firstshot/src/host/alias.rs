@@ -1,0 +1,82 @@
+//! Alias tables.
+
+use std::vec::Vec;
+
+use crate::types::AliasEntry;
+
+/// The alias table of entries with these weights ≥ 0 (Vose 1991), in O(n): a slot each, filled by its own entry up to the
+/// threshold and by another above. Probabilities are exact to 2⁻³² of a slot. Empty where all weights are zero.
+pub fn alias_table(weights: &[f64]) -> Vec<AliasEntry> {
+    let total: f64 = weights.iter().sum();
+    if total.is_nan() || total <= 0.0 {
+        return Vec::new();
+    }
+    let scale = weights.len() as f64 / total;
+    let mut share: Vec<f64> = weights.iter().map(|w| w * scale).collect();
+    let mut table: Vec<AliasEntry> =
+        (0..weights.len() as u32).map(|k| AliasEntry { threshold: u32::MAX, other: k }).collect();
+    let (mut small, mut large): (Vec<u32>, Vec<u32>) =
+        (0..weights.len() as u32).partition(|&k| share[k as usize] < 1.0);
+    while let (Some(&s), Some(&l)) = (small.last(), large.last()) {
+        small.pop();
+        let kept = share[s as usize];
+        table[s as usize] = AliasEntry { threshold: (kept * 2f64.powi(32)) as u32, other: l };
+        let rest = &mut share[l as usize];
+        *rest -= 1.0 - kept;
+        if *rest < 1.0 {
+            large.pop();
+            small.push(l);
+        }
+    }
+    // What rounding has left over is one whole slot; only an entry that has any weight may keep it.
+    if let Some(heaviest) = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b])) {
+        for k in small.into_iter().filter(|&k| weights[k as usize] <= 0.0) {
+            table[k as usize] = AliasEntry { threshold: 0, other: heaviest as u32 };
+        }
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::start::{multiply_high, pick};
+
+    #[test]
+    fn high_words_are_those_of_64_bits() {
+        for k in 0..100_000u32 {
+            let (a, b) = (scene::sampling::hash(k), scene::sampling::hash(!k));
+            assert_eq!(multiply_high(a, b), ((u64::from(a) * u64::from(b)) >> 32) as u32);
+        }
+        assert_eq!(multiply_high(u32::MAX, u32::MAX), u32::MAX - 1);
+    }
+
+    #[test]
+    fn every_entry_has_its_probability() {
+        let weights: Vec<f64> = (0..97).map(|k| if k % 7 == 3 { 0.0 } else { f64::from(k * k % 31) }).collect();
+        let table = alias_table(&weights);
+        let (n, total) = (weights.len() as u32, weights.iter().sum::<f64>());
+        // From the table itself, and by picks.
+        let mut found = std::vec![0.0f64; weights.len()];
+        for (k, entry) in table.iter().enumerate() {
+            let own = f64::from(entry.threshold) / 2f64.powi(32);
+            found[k] += own;
+            found[entry.other as usize] += 1.0 - own;
+        }
+        let mut picked = std::vec![0u32; weights.len()];
+        let picks = 1u32 << 20;
+        (0..picks).for_each(|k| picked[pick(&table, n, k << 12) as usize] += 1);
+        for k in 0..weights.len() {
+            let expected = weights[k] / total;
+            assert!((found[k] / f64::from(n) - expected).abs() < 1e-9, "{k}");
+            assert!((f64::from(picked[k]) / f64::from(picks) - expected).abs() < 2e-4, "{k}");
+            assert!(expected > 0.0 || picked[k] == 0, "{k} has no weight");
+        }
+    }
+
+    #[test]
+    fn no_weight_gives_no_table() {
+        assert!(alias_table(&[]).is_empty() && alias_table(&[0.0, 0.0]).is_empty());
+        assert_eq!(alias_table(&[3.0]), [AliasEntry { threshold: u32::MAX, other: 0 }]);
+    }
+}

@@ -1,0 +1,370 @@
+//! Rounds of photons, registered and judged by independent batches, until the error is what was asked for.
+
+use std::vec;
+use std::vec::Vec;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use scene::math::luminance;
+use scene::{NONE, Scene};
+
+use super::Proceed;
+use super::emission::Emission;
+use super::trace::trace_photons;
+use crate::error::{Error, check_length, check_setting};
+use crate::types::*;
+
+/// Where photons are registered: cells of illumination maps, patches, or what else owns places of surfaces.
+pub trait Registry: Sync {
+    /// Areas of the cells, m².
+    fn areas(&self) -> &[f32];
+    /// The cell that owns the place (u, v) on a side of a triangle, or [`NONE`].
+    fn cell(&self, triangle: u32, u: f32, v: f32, is_back: bool) -> u32;
+    /// The group of each cell, or [`NONE`] for cells whose error does not count: errors are those of groups as a whole. Empty
+    /// where each cell is a group.
+    fn groups(&self) -> &[u32] {
+        &[]
+    }
+}
+
+/// Numbers that photons are made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sequences {
+    /// Independent random numbers.
+    Random,
+    /// Sobol's points with Owen's scrambling, a scrambling of its own for each batch.
+    #[default]
+    Sobol,
+}
+
+/// How many photons, of what numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotonSettings {
+    /// Relative error at which it is enough: `√(Σ A σ² / Σ A H²)` over the cells or groups, σ the standard error of
+    /// the luminance of H from the batches. Zero goes on to the most photons.
+    pub error: f64,
+    /// Most photons, of all batches together.
+    pub most_photons: u64,
+    /// Independent batches, at least two; each is a sequence of its own.
+    pub batches: u32,
+    /// Numbers that photons are made of.
+    pub sequences: Sequences,
+    /// Also registers light that comes straight from area lights and the sky; else indirect light only.
+    pub with_direct: bool,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+impl Default for PhotonSettings {
+    /// 5 %, at most 2²⁶ photons in 8 batches of Sobol's points, indirect light, seed 0.
+    fn default() -> Self {
+        Self {
+            error: 0.05,
+            most_photons: 1 << 26,
+            batches: 8,
+            sequences: Sequences::default(),
+            with_direct: false,
+            seed: 0,
+        }
+    }
+}
+
+/// Photons of each batch in the first round.
+const FIRST_ROUND: u32 = 1 << 9;
+/// Photons of all batches in a round at most: their landings are in memory together.
+const MOST_ROUND: u32 = 1 << 18;
+/// Photons of a batch that its numbers tell apart.
+const MOST_BATCH: u64 = 1 << 31;
+
+/// What one round asks for, and what is known after it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Round {
+    /// Photons so far.
+    pub photons: u64,
+    /// Landings on cells so far.
+    pub registered: u64,
+    /// Segments so far, those that leave the scene included.
+    pub segments: u64,
+    /// Relative error so far; infinite before anything was registered.
+    pub error: f64,
+}
+
+/// Indirect irradiance of the cells.
+#[derive(Clone, Debug, Default)]
+pub struct Estimate {
+    /// Indirect irradiance H = Φ m / S of each cell, W/m².
+    pub irradiance: Vec<Vec3>,
+    /// Standard error of its luminance, W/m².
+    pub error: Vec<f32>,
+    /// The last round.
+    pub round: Round,
+    /// Power that photons left their elements with, W: reflected light of point-like lights, emitted light of areas.
+    pub emitted: DVec3,
+    /// Power that left the scene, W.
+    pub escaped: DVec3,
+    /// Power that landed on what no cell owns, W.
+    pub unowned: DVec3,
+}
+
+/// What one batch has registered.
+#[derive(Clone, Default)]
+struct Batch {
+    /// Flux of each cell over the mean flux of a photon.
+    cells: Vec<[f32; 3]>,
+    registered: u64,
+    segments: u64,
+    emitted: DVec3,
+    escaped: DVec3,
+    unowned: DVec3,
+}
+
+/// A run of photons that can be continued.
+pub struct Tracer<'a> {
+    registry: &'a dyn Registry,
+    scene: &'a Scene,
+    emission: &'a Emission,
+    settings: PhotonSettings,
+    batches: Vec<Batch>,
+    /// Photons of each batch so far.
+    per_batch: u64,
+}
+
+impl<'a> Tracer<'a> {
+    /// Nothing registered yet.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], and [`Error::Length`] unless there is a group for each cell or none at all.
+    pub fn new(
+        scene: &'a Scene,
+        emission: &'a Emission,
+        registry: &'a dyn Registry,
+        settings: PhotonSettings,
+    ) -> Result<Self, Error> {
+        let cells = registry.areas().len();
+        let PhotonSettings { error, batches, most_photons, .. } = settings;
+        check_setting("error", error, "0 or positive", error >= 0.0)?;
+        check_setting("batches", f64::from(batches), "2 to 64", (2..=64).contains(&batches))?;
+        check_setting("most_photons", most_photons as f64, "at least 1", most_photons > 0)?;
+        if !registry.groups().is_empty() {
+            check_length("groups", cells, registry.groups().len())?;
+        }
+        let batch = Batch { cells: vec![[0.0; 3]; cells], ..Batch::default() };
+        let batches = vec![batch; batches as usize];
+        Ok(Self { registry, scene, emission, settings, batches, per_batch: 0 })
+    }
+
+    /// Another error to go on to.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn set_error(&mut self, error: f64) -> Result<(), Error> {
+        check_setting("error", error, "0 or positive", error >= 0.0)?;
+        self.settings.error = error;
+        Ok(())
+    }
+
+    /// Traces on all cores until the error is reached, the photons are spent, or `progress(round)` says stop. Returns whether
+    /// it was not stopped.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] for batches that no sequence can tell apart.
+    pub fn run(&mut self, progress: &dyn Fn(&Round) -> Proceed) -> Result<bool, Error> {
+        let (scene, emission) = (self.scene, self.emission);
+        self.run_with(progress, |p| Ok::<_, Error>(trace_photons(scene, emission, p)))
+    }
+
+    /// [`Tracer::run`] with photons that are traced by somebody else, on a GPU perhaps: `trace` gives the landings of a
+    /// dispatch, in any order that does not depend on chance.
+    ///
+    /// # Errors
+    /// As [`Tracer::run`], and what `trace` gives.
+    pub fn run_with<E: From<Error>>(
+        &mut self,
+        progress: &dyn Fn(&Round) -> Proceed,
+        mut trace: impl FnMut(&PhotonParams) -> Result<Vec<Landing>, E>,
+    ) -> Result<bool, E> {
+        if self.emission.is_dark() {
+            return Ok(true);
+        }
+        let batches = self.batches.len() as u64;
+        let most = (self.settings.most_photons / batches).max(1);
+        if most > MOST_BATCH {
+            return Err(Error::TooMany { name: "photons of a batch", found: most, limit: MOST_BATCH }.into());
+        }
+        let mut round = self.round();
+        while self.per_batch < most && round.error > self.settings.error {
+            let count = self.next_round(&round).min(most - self.per_batch) as u32;
+            let p = self.params(count);
+            let landings = trace(&p)?;
+            self.register(&p, &landings);
+            round = self.round();
+            if progress(&round).is_break() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Photons of each batch in the next round: as many as before, or what is likely to be missing.
+    fn next_round(&self, round: &Round) -> u64 {
+        let before = self.per_batch.max(u64::from(FIRST_ROUND));
+        let room = u64::from(MOST_ROUND) / self.batches.len() as u64;
+        let missing = if round.error.is_finite() && self.settings.error > 0.0 && self.per_batch > 0 {
+            let more = (round.error / self.settings.error).powi(2) - 1.0;
+            // Multiples of a chunk, and a little more: the prediction falls short every other time.
+            ((self.per_batch as f64 * more * 1.05) as u64 + 1).next_multiple_of(64)
+        } else {
+            before
+        };
+        missing.min(before).min(room).max(1)
+    }
+
+    /// The dispatch of the next `count` photons of each batch.
+    pub fn params(&self, count: u32) -> PhotonParams {
+        PhotonParams {
+            low: self.emission.bounds.0,
+            count: count * self.batches.len() as u32,
+            high: self.emission.bounds.1,
+            per_batch: count,
+            first: self.per_batch as u32,
+            first_batch: 0,
+            element_count: self.emission.elements.len() as u32,
+            sequence: match self.settings.sequences {
+                Sequences::Random => SEQUENCE_RANDOM,
+                Sequences::Sobol => SEQUENCE_SOBOL,
+            },
+            seed: self.settings.seed,
+            flags: self.emission.flags,
+            ray_offset: self.scene.ray_offset,
+            reserved: 0,
+        }
+    }
+
+    /// Adds the landings of a dispatch: each batch its own, in their order, so no sum depends on the number of threads.
+    pub fn register(&mut self, p: &PhotonParams, landings: &[Landing]) {
+        let (registry, with_direct) = (self.registry, self.settings.with_direct);
+        let mut of_batch: Vec<Vec<u32>> = vec![Vec::new(); self.batches.len()];
+        for (k, landing) in landings.iter().enumerate() {
+            if let Some(own) = of_batch.get_mut((landing.photon / p.per_batch) as usize) {
+                own.push(k as u32);
+            }
+        }
+        self.batches.par_iter_mut().zip(&of_batch).for_each(|(batch, own)| {
+            for &k in own {
+                batch.add(registry, &landings[k as usize], with_direct);
+            }
+        });
+        self.per_batch += u64::from(p.per_batch);
+    }
+
+    /// Counts and the error so far.
+    pub fn round(&self) -> Round {
+        let sum = |of: fn(&Batch) -> u64| self.batches.iter().map(of).sum::<u64>();
+        Round {
+            photons: self.per_batch * self.batches.len() as u64,
+            registered: sum(|b| b.registered),
+            segments: sum(|b| b.segments),
+            error: self.relative_error(),
+        }
+    }
+
+    /// Power of a unit of a batch's flux, W.
+    fn unit_power(&self) -> f64 {
+        self.emission.power / self.per_batch.max(1) as f64
+    }
+
+    /// `√(Σ A σ² / Σ A H²)` of the luminance over the cells or their groups.
+    fn relative_error(&self) -> f64 {
+        let (groups, areas) = (self.registry.groups(), self.registry.areas());
+        let count = if groups.is_empty() { areas.len() } else { self.group_count() };
+        let group = |cell: usize| if groups.is_empty() { cell } else { groups[cell] as usize };
+        let sums = |value: &dyn Fn(usize) -> f64| {
+            let mut sums = vec![0.0f64; count];
+            (0..areas.len()).for_each(|c| {
+                if let Some(sum) = sums.get_mut(group(c)) {
+                    *sum += value(c);
+                }
+            });
+            sums
+        };
+        let area = sums(&|c| f64::from(areas[c]));
+        let flux = |b: &Batch| sums(&|c| f64::from(luminance(Vec3::from(b.cells[c]))));
+        let flux: Vec<Vec<f64>> = self.batches.par_iter().map(flux).collect();
+        let (mut noise, mut signal) = (0.0, 0.0);
+        for k in (0..count).filter(|&k| area[k] > 0.0) {
+            let (mean, variance) = mean_and_variance(flux.iter().map(|f| f[k] / area[k]));
+            noise += area[k] * variance;
+            signal += area[k] * (mean * mean - variance);
+        }
+        if signal > 0.0 { (noise / signal).sqrt() } else { f64::INFINITY }
+    }
+
+    fn group_count(&self) -> usize {
+        self.registry.groups().iter().filter(|&&g| g != NONE).max().map_or(0, |&g| g as usize + 1)
+    }
+
+    /// Irradiance and its error from all photons so far.
+    pub fn estimate(&self) -> Estimate {
+        let n = self.batches.len() as f64;
+        let unit = self.unit_power();
+        let cell = |(k, &area): (usize, &f32)| {
+            let scale = if area > 0.0 { unit / f64::from(area) } else { 0.0 };
+            let sum = self.batches.iter().map(|b| Vec3::from(b.cells[k]).as_dvec3()).sum::<DVec3>();
+            let (_, variance) =
+                mean_and_variance(self.batches.iter().map(|b| f64::from(luminance(Vec3::from(b.cells[k])))));
+            ((sum * (scale / n)).as_vec3(), (scale * variance.sqrt()) as f32)
+        };
+        let (irradiance, error) = self.registry.areas().par_iter().enumerate().map(cell).unzip();
+        let power = |of: fn(&Batch) -> DVec3| self.batches.iter().map(of).sum::<DVec3>() * (unit / n);
+        Estimate {
+            irradiance,
+            error,
+            round: self.round(),
+            emitted: power(|b| b.emitted),
+            escaped: power(|b| b.escaped),
+            unowned: power(|b| b.unowned),
+        }
+    }
+
+    /// Bytes of the batches' sums.
+    pub fn bytes(&self) -> u64 {
+        self.batches.iter().map(|b| size_of_val(&b.cells[..]) as u64).sum()
+    }
+}
+
+/// Mean of the batches, and the variance of that mean.
+fn mean_and_variance(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.clone().sum::<f64>() / n;
+    let squares = values.map(|v| (v - mean).powi(2)).sum::<f64>();
+    (mean, squares / (n * (n - 1.0)))
+}
+
+impl Batch {
+    fn add(&mut self, registry: &dyn Registry, landing: &Landing, with_direct: bool) {
+        if landing.flux == Vec3::ZERO {
+            return;
+        }
+        let flux = landing.flux.as_dvec3();
+        self.segments += 1;
+        if landing.info & LANDING_FIRST != 0 {
+            self.emitted += flux;
+        }
+        if landing.triangle == NONE {
+            self.escaped += flux;
+            return;
+        }
+        if landing.info & LANDING_INDIRECT == 0 && !with_direct {
+            return;
+        }
+        let cell = registry.cell(landing.triangle, landing.u, landing.v, landing.info & LANDING_BACK != 0);
+        match self.cells.get_mut(cell as usize) {
+            Some(sum) => {
+                let more = landing.flux.to_array();
+                sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+                self.registered += 1;
+            }
+            None => self.unowned += flux,
+        }
+    }
+}

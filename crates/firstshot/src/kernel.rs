@@ -1,0 +1,7 @@
+//! Bodies of the GPU kernels: plain functions over slices, one invocation each, the only arithmetic there is.
+
+pub mod linear;
+pub mod map;
+pub mod segment;
+pub mod sequence;
+pub mod start;

@@ -1,0 +1,51 @@
+//! A segment of a photon: where it lands, and how it goes on.
+
+use glam::Vec3;
+use scene::math::luminance;
+use scene::sampling::{cosine_hemisphere, unit};
+use scene::{Geometry, Hit, NONE};
+
+use super::sequence::Sequence;
+use crate::types::*;
+
+/// A landing of no photon.
+pub const NO_LANDING: Landing =
+    Landing { flux: Vec3::ZERO, triangle: NONE, u: 0.0, v: 0.0, photon: 0, info: LANDING_INDIRECT };
+
+/// The landing of photon `k` of a dispatch at what its segment met.
+#[inline]
+pub fn land(g: &Geometry, k: u32, photon: &Photon, hit: Hit) -> Landing {
+    let mut info = if photon.reflections > 0 { LANDING_INDIRECT } else { 0 };
+    if photon.segments == 0 {
+        info |= LANDING_FIRST;
+    }
+    if hit.triangle != NONE && g.normal(hit.triangle).dot(photon.direction) > 0.0 {
+        info |= LANDING_BACK;
+    }
+    Landing { flux: photon.flux, triangle: hit.triangle, u: hit.u, v: hit.v, photon: k, info }
+}
+
+/// The photon after what it met: it survives with the chance `lum(ρ∘Φ)/lum(Φ)`, so its luminance stays, and leaves the side
+/// that it met with a cosine-weighted direction. Its flux is zero where it does not survive.
+#[inline]
+pub fn reflect(g: &Geometry, p: &PhotonParams, k: u32, photon: &Photon, hit: Hit) -> Photon {
+    let mut next = *photon;
+    next.flux = Vec3::ZERO;
+    if hit.triangle == NONE {
+        return next;
+    }
+    let flux = photon.flux * g.albedo(hit.triangle, hit.u, hit.v);
+    let (left, before) = (luminance(flux), luminance(photon.flux));
+    let (survival, way) = Sequence::of(p, k).reflection(photon.segments);
+    if left <= 0.0 || unit(survival) * before >= left {
+        return next;
+    }
+    let front = g.normal(hit.triangle);
+    let normal = if front.dot(photon.direction) > 0.0 { -front } else { front };
+    next.origin = g.position(hit.triangle, hit.u, hit.v) + normal * p.ray_offset;
+    next.direction = cosine_hemisphere(normal, (unit(way.0), unit(way.1)));
+    next.flux = flux * (before / left);
+    next.reflections = photon.reflections + 1;
+    next.segments = photon.segments + 1;
+    next
+}

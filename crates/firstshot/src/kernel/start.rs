@@ -1,0 +1,201 @@
+//! How a photon starts: which element, where, which way, with what flux.
+
+use core::f32::consts::TAU;
+
+use glam::{Vec3, Vec4};
+use scene::kernel::light::{sky_radiance, spot_falloff, unoccluded};
+use scene::math::{abs, luminance, sin_cos_turn, sqrt};
+use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit};
+use scene::{Geometry, LIGHT_SPOT, Light, Sky};
+
+use super::linear::{interpolate, linear_point};
+use super::sequence::{Sequence, StartWords};
+use crate::types::*;
+
+/// Lights and sky, the tables that starts need.
+#[derive(Clone, Copy, Debug)]
+pub struct Sources<'a> {
+    /// Lights that are not geometry.
+    pub lights: &'a [Light],
+    /// The sky.
+    pub sky: Sky,
+    /// Its map.
+    pub sky_map: &'a [Vec4],
+}
+
+/// High word of `a · b`, by halves.
+#[inline]
+pub fn multiply_high(a: u32, b: u32) -> u32 {
+    let (a0, a1, b0, b1) = (a & 0xffff, a >> 16, b & 0xffff, b >> 16);
+    let middle = a1 * b0 + ((a0 * b0) >> 16);
+    let (m0, m1) = (middle & 0xffff, middle >> 16);
+    a1 * b1 + m1 + ((a0 * b1 + m0) >> 16)
+}
+
+/// The entry that a random word picks from an alias table of `count` entries: its slot is the high word of
+/// `word · count`, the low word decides within the slot.
+#[inline]
+pub fn pick(alias: &[AliasEntry], count: u32, word: u32) -> u32 {
+    let slot = multiply_high(word, count);
+    let entry = alias[slot as usize];
+    if word.wrapping_mul(count) < entry.threshold { slot } else { entry.other }
+}
+
+/// Area of the box of the scene across a direction, m²: the faces' areas times their cosines.
+#[inline]
+pub fn area_across(low: Vec3, high: Vec3, direction: Vec3) -> f32 {
+    let s = high - low;
+    abs(direction.x) * s.y * s.z + abs(direction.y) * s.x * s.z + abs(direction.z) * s.x * s.y
+}
+
+/// Where parallel light that travels along `direction` enters the box of the scene, uniform across the direction.
+#[inline]
+fn enter_box(p: &PhotonParams, direction: Vec3, x: f32, y: f32) -> Vec3 {
+    let s = p.high - p.low;
+    let by_x = abs(direction.x) * s.y * s.z;
+    let by_y = abs(direction.y) * s.x * s.z;
+    let by_z = abs(direction.z) * s.x * s.y;
+    let chosen = x * (by_x + by_y + by_z);
+    let near = |d: f32, low: f32, high: f32| if d > 0.0 { low } else { high };
+    if chosen < by_x {
+        let rest = chosen / by_x;
+        Vec3::new(near(direction.x, p.low.x, p.high.x), p.low.y + rest * s.y, p.low.z + y * s.z)
+    } else if chosen < by_x + by_y {
+        let rest = (chosen - by_x) / by_y;
+        Vec3::new(p.low.x + rest * s.x, near(direction.y, p.low.y, p.high.y), p.low.z + y * s.z)
+    } else {
+        let rest = if by_z > 0.0 { (chosen - by_x - by_y) / by_z } else { 0.0 };
+        Vec3::new(p.low.x + rest * s.x, p.low.y + y * s.y, near(direction.z, p.low.z, p.high.z))
+    }
+}
+
+/// Unit direction at the height `z` along `axis` and a turn round it.
+#[inline]
+fn on_sphere(axis: Vec3, z: f32, turn: f32) -> Vec3 {
+    let (s, c) = sin_cos_turn(turn);
+    let inside = 1.0 - z * z;
+    let r = sqrt(if inside > 0.0 { inside } else { 0.0 });
+    let (a, b) = frame(axis);
+    a * (r * c) + b * (r * s) + axis * z
+}
+
+/// A photon of light that falls on a piece of a triangle, reflected there:
+/// `flux = ρ(x)∘color · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour.
+#[inline]
+fn start_on_piece(
+    g: &Geometry,
+    sources: &Sources,
+    p: &PhotonParams,
+    e: &Element,
+    w: &StartWords,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> Photon {
+    let at = linear_point(e.values, unit(w.place.0), unit(w.place.1));
+    let place = e.corner + e.edge_a * at.x + e.edge_b * at.y;
+    let front = g.normal(e.triangle);
+    let normal = if e.is_back == 1 { -front } else { front };
+    let origin = g.position(e.triangle, place.x, place.y) + normal * p.ray_offset;
+    let light = sources.lights[e.light as usize];
+    let mut flux = g.albedo(e.triangle, place.x, place.y) * light.color * e.scale;
+    if g.is_hole(e.triangle, place.x, place.y) {
+        flux = Vec3::ZERO;
+    }
+    if p.flags & FLAG_BOUND != 0 {
+        // What remains has luminance 1; texels brighter than the bound, which filtering cannot make, would keep theirs.
+        let chance = luminance(flux);
+        if unit(w.rejection) >= chance {
+            flux = Vec3::ZERO;
+        } else if chance < 1.0 {
+            flux *= 1.0 / chance;
+        }
+    }
+    if p.flags & FLAG_EXACT != 0 {
+        let arrival = unoccluded(&light, origin, normal);
+        let density = interpolate(e.values, at);
+        let lit = arrival.share > 0.0 && density > 0.0 && flux != Vec3::ZERO;
+        if lit && !occluded(origin, arrival.to_light, arrival.t_max) {
+            flux *= arrival.share / density;
+        } else {
+            flux = Vec3::ZERO;
+        }
+    }
+    let direction = cosine_hemisphere(normal, (unit(w.way.0), unit(w.way.1)));
+    Photon { origin, reflections: 1, direction, segments: 0, flux, reserved: 0 }
+}
+
+/// A photon of a shining surface: `flux = L · scale`, uniform over the area, cosine-weighted.
+#[inline]
+fn start_on_emitter(g: &Geometry, sources: &Sources, p: &PhotonParams, e: &Element, w: &StartWords) -> Photon {
+    let (x, y) = (unit(w.place.0), unit(w.place.1));
+    let (origin, normal, radiance);
+    if e.kind == ELEMENT_RECT {
+        let light = sources.lights[e.light as usize];
+        normal = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
+        origin = light.position + light.edge_a * x + light.edge_b * y;
+        radiance = light.color;
+    } else {
+        let (u, v) = uniform_triangle((x, y));
+        normal = g.normal(e.triangle);
+        origin = g.position(e.triangle, u, v) + normal * p.ray_offset;
+        radiance = if g.is_hole(e.triangle, u, v) { Vec3::ZERO } else { g.radiance(e.triangle, u, v) };
+    }
+    let direction = cosine_hemisphere(normal, (unit(w.way.0), unit(w.way.1)));
+    Photon { origin, reflections: 0, direction, segments: 0, flux: radiance * e.scale, reserved: 0 }
+}
+
+/// Direction of travel and flux of a photon of a point or spot light.
+#[inline]
+fn leave_bulb(light: &Light, e: &Element, w: &StartWords) -> (Vec3, Vec3) {
+    let is_spot = light.kind == LIGHT_SPOT;
+    let axis = if is_spot { light.direction } else { Vec3::Y };
+    let least = if is_spot { light.cos_outer } else { -1.0 };
+    let z = 1.0 - (1.0 - least) * unit(w.way.0);
+    let falloff = if is_spot { spot_falloff(light, z) } else { 1.0 };
+    (on_sphere(axis, z, unit(w.way.1)), light.color * (falloff * (1.0 - least) * TAU * e.scale))
+}
+
+/// Photon `k` of a dispatch as it leaves its element. Its flux is zero where it turns out that no light leaves there.
+#[inline]
+pub fn start_photon(
+    g: &Geometry,
+    sources: &Sources,
+    p: &PhotonParams,
+    alias: &[AliasEntry],
+    elements: &[Element],
+    k: u32,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> Photon {
+    let w = Sequence::of(p, k).start();
+    let e = elements[pick(alias, p.element_count, w.element) as usize];
+    if e.kind == ELEMENT_LIT {
+        return start_on_piece(g, sources, p, &e, &w, occluded);
+    }
+    if e.kind == ELEMENT_EMITTER || e.kind == ELEMENT_RECT {
+        return start_on_emitter(g, sources, p, &e, &w);
+    }
+    let (origin, direction, flux);
+    if e.kind == ELEMENT_BULB {
+        let light = sources.lights[e.light as usize];
+        (direction, flux) = leave_bulb(&light, &e, &w);
+        origin = light.position;
+    } else {
+        let light;
+        if e.kind == ELEMENT_SKY {
+            // Heights and turns have equal solid angles in equal areas.
+            let (z, turn) = (e.corner.x + e.edge_a.x * unit(w.way.0), e.corner.y + e.edge_a.y * unit(w.way.1));
+            let (s, c) = sin_cos_turn(turn);
+            let inside = 1.0 - z * z;
+            let r = sqrt(if inside > 0.0 { inside } else { 0.0 });
+            let towards = Vec3::new(r * s, z, -r * c);
+            direction = -towards;
+            light = sky_radiance(&sources.sky, sources.sky_map, towards);
+        } else {
+            let beam = sources.lights[e.light as usize];
+            direction = beam.direction;
+            light = beam.color;
+        }
+        flux = light * (area_across(p.low, p.high, direction) * e.scale);
+        origin = enter_box(p, direction, unit(w.place.0), unit(w.place.1));
+    }
+    Photon { origin, reflections: 0, direction, segments: 0, flux, reserved: 0 }
+}

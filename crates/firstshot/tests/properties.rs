@@ -1,0 +1,314 @@
+//! What must hold for any scene: agreement of both ways to shoot, sealed rooms, the same bytes, odd triangles, no light.
+
+mod support;
+
+use std::ops::ControlFlow;
+
+use firstshot::{
+    Emission, Error, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Sequences, Texels, Tracer, lit_pieces,
+    trace_photons,
+};
+use glam::{Vec2, Vec3};
+use scene::{
+    LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, Triangle, TriangleUv,
+};
+use support::*;
+
+fn lights() -> Vec<Light> {
+    let base = Light { position: Vec3::new(0.4, 0.8, 0.6), color: Vec3::new(1.0, 0.8, 0.5), ..Light::default() };
+    let down = Vec3::new(0.3, -0.9, 0.1).normalize();
+    vec![
+        Light { kind: LIGHT_POINT, ..base },
+        Light { kind: LIGHT_SPOT, direction: down, cos_inner: 0.9, cos_outer: 0.7, ..base },
+        Light { kind: LIGHT_DIRECTIONAL, direction: down, ..base },
+    ]
+}
+
+/// A room with a window and a board in it, a texture on the floor, holes in the board.
+fn room_with_a_window(lights: Vec<Light>) -> Scene {
+    let mut triangles = room(Vec3::ZERO, Vec3::ONE, [0, 1, 2, 0, 0, 0]);
+    triangles.remove(6);
+    triangles.extend(quad(Vec3::new(0.2, 0.35, 0.3), Vec3::new(0.4, 0.1, 0.0), Vec3::Z * 0.4, 3));
+    let color = |r, g, b| Material { albedo: Vec3::new(r, g, b), ..Material::default() };
+    let materials = vec![
+        color(0.7, 0.7, 0.7),
+        color(0.8, 0.2, 0.1),
+        Material { albedo_texture: 0, ..Material::default() },
+        Material { albedo_texture: 0, mask_texture: 0, ..Material::default() },
+    ];
+    // Bright and dark squares, half of the texels holes.
+    let texel = |k: u32| {
+        let bright = (k + k / 8).is_multiple_of(2);
+        let value = if bright { 55_000u32 } else { 9000 };
+        [value | (value << 16), (value / 2) | if bright { 0xffff_0000 } else { 0 }]
+    };
+    let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y };
+    Scene::new(SceneParts {
+        uvs: vec![uv; triangles.len()],
+        triangles,
+        materials,
+        textures: vec![Texture { offset: 0, width: 8, height: 8, levels: 1 }],
+        texels: (0..64).flat_map(texel).collect(),
+        lights,
+        ..SceneParts::default()
+    })
+    .unwrap()
+}
+
+/// Greatest deviation of two estimates in standard errors, and the relative difference of the light of all cells.
+fn deviation(maps: &IlluminationMaps, a: &firstshot::Estimate, b: &firstshot::Estimate) -> (f64, f64) {
+    let (mut squares, mut cells, mut light) = (0.0, 0, [0.0f64; 2]);
+    for k in 0..maps.len() {
+        let own = [a, b].map(|e| f64::from(scene::math::luminance(e.irradiance[k])));
+        let variance = f64::from(a.error[k]).powi(2) + f64::from(b.error[k]).powi(2);
+        if variance > 0.0 {
+            squares += (own[0] - own[1]).powi(2) / variance;
+            cells += 1;
+        }
+        (0..2).for_each(|n| light[n] += own[n] * f64::from(maps.areas()[k]));
+    }
+    ((squares / f64::from(cells)).sqrt(), light[0] / light[1] - 1.0)
+}
+
+#[test]
+fn first_shot_and_classical_photons_agree_for_every_light() {
+    let settings = PhotonSettings { batches: 16, ..photons(1 << 20) };
+    for light in lights() {
+        let scene = room_with_a_window(vec![light]);
+        let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
+        let classical = trace(&scene, &Emission::classical(&scene).unwrap(), &maps, settings);
+        for texels in [Texels::Mean, Texels::Bound] {
+            let emission = Emission::first_shot(&scene, &PieceSettings::default(), texels, true, &go_on).unwrap();
+            let found = trace(&scene, &emission, &maps, settings);
+            let (sigma, all) = deviation(&maps, &found, &classical);
+            // Errors from 16 batches make the deviation a little more than 1: t with 30 degrees of freedom.
+            assert!(sigma < 1.25 && all.abs() < 6e-3, "{:?} {texels:?}: {sigma} {all}", light.kind);
+            // Photons count for more.
+            let gain = classical.error.iter().sum::<f32>() / found.error.iter().sum::<f32>();
+            assert!(gain > 1.2, "{gain}");
+        }
+        // Light of another colour is noticed.
+        let mut other = room_with_a_window(vec![Light { color: light.color * 1.03, ..light }]);
+        other.ray_offset = scene.ray_offset;
+        let found = trace(&other, &first_shot(&other), &maps, settings);
+        assert!(deviation(&maps, &found, &classical).1 > 0.015);
+    }
+}
+
+#[test]
+fn the_table_alone_is_wrong_where_shadow_rays_are_right() {
+    let settings = PhotonSettings { batches: 16, ..photons(1 << 19) };
+    let scene = room_with_a_window(vec![lights()[0]]);
+    let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
+    let coarse = PieceSettings { depth: 1, longest: 10.0, ..PieceSettings::default() };
+    let run = |exact| {
+        let emission = Emission::first_shot(&scene, &coarse, Texels::Mean, exact, &go_on).unwrap();
+        trace(&scene, &emission, &maps, settings)
+    };
+    let truth = trace(&scene, &first_shot(&scene), &maps, settings);
+    assert!(deviation(&maps, &run(true), &truth).1.abs() < 0.01);
+    assert!(deviation(&maps, &run(false), &truth).1.abs() > 0.03);
+}
+
+#[test]
+fn nothing_comes_out_of_a_sealed_box() {
+    // A box of sheets in the sun, inside of which nothing may arrive.
+    let mut triangles = room(Vec3::ZERO, Vec3::ONE, [0; 6]);
+    triangles.extend(quad(Vec3::new(-5.0, -0.5, -5.0), Vec3::Z * 11.0, Vec3::X * 11.0, 0));
+    let scene = scene(triangles, vec![grey(0.8)], vec![lights()[2]]);
+    let maps = IlluminationMaps::new(&scene, 0.5).unwrap();
+    let found = trace(&scene, &first_shot(&scene), &maps, photons(1 << 18));
+    let (mut inside, mut outside) = (0.0f32, 0.0f32);
+    for t in 0..scene.triangles.len() as u32 {
+        let is_box = scene.geometry().position(t, 0.3, 0.3).y > -0.4;
+        for (cell, _) in maps.cells(t, false).filter(|_| is_box) {
+            inside = inside.max(found.irradiance[cell as usize].max_element());
+        }
+        for (cell, _) in maps.cells(t, true).filter(|_| is_box) {
+            outside = outside.max(found.irradiance[cell as usize].max_element());
+        }
+    }
+    assert!(inside < 1e-4 * outside && outside > 0.1, "{inside} {outside}");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_for_any_number_of_threads() {
+    let scene = room_with_a_window(lights());
+    let maps = IlluminationMaps::new(&scene, 0.1).unwrap();
+    let run = |threads, seed| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let emission = first_shot(&scene);
+            let found = trace(&scene, &emission, &maps, PhotonSettings { seed, ..photons(1 << 14) });
+            let bytes = |v: Vec<Vec3>| v.iter().flat_map(|v| v.to_array().map(f32::to_bits)).collect::<Vec<_>>();
+            (emission.elements, bytes(found.irradiance), found.round.error.to_bits())
+        })
+    };
+    let one = run(1, 5);
+    assert!(one == run(3, 5) && one == run(2, 5));
+    assert!(one.1 != run(2, 6).1);
+}
+
+#[test]
+fn a_run_in_parts_is_the_run_in_one() {
+    let scene = room_with_a_window(lights());
+    let maps = IlluminationMaps::new(&scene, 0.1).unwrap();
+    let emission = first_shot(&scene);
+    let settings = PhotonSettings { error: 0.0, ..photons(1 << 14) };
+    let mut whole = Tracer::new(&scene, &emission, &maps, settings).unwrap();
+    assert!(whole.run(&|_| ControlFlow::Continue(())).unwrap());
+    let mut parts = Tracer::new(&scene, &emission, &maps, settings).unwrap();
+    assert!(!parts.run(&|_| ControlFlow::Break(())).unwrap());
+    assert!(parts.round().photons < 1 << 14);
+    while !parts.run(&|_| ControlFlow::Break(())).unwrap() {}
+    assert_eq!(whole.estimate().irradiance, parts.estimate().irradiance);
+    assert_eq!(whole.round(), parts.round());
+}
+
+#[test]
+fn it_stops_at_the_error_and_the_error_is_true() {
+    let scene = room_with_a_window(lights());
+    let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
+    let emission = first_shot(&scene);
+    let truth = trace(&scene, &emission, &maps, PhotonSettings { seed: 1, ..photons(1 << 21) });
+    for sequences in [Sequences::Random, Sequences::Sobol] {
+        let settings = PhotonSettings { error: 0.05, sequences, ..PhotonSettings::default() };
+        let mut tracer = Tracer::new(&scene, &emission, &maps, settings).unwrap();
+        assert!(tracer.run(&|_| ControlFlow::Continue(())).unwrap());
+        let found = tracer.estimate();
+        assert!(found.round.error <= 0.05 && found.round.error > 0.035, "{:?}", found.round);
+        let (mut wrong, mut light) = (0.0, 0.0);
+        for (k, area) in maps.areas().iter().enumerate() {
+            let of = |e: &firstshot::Estimate| scene::math::luminance(e.irradiance[k]);
+            wrong += area * (of(&found) - of(&truth)).powi(2);
+            light += area * of(&truth).powi(2);
+        }
+        let error = f64::from(wrong / light).sqrt();
+        assert!((error / found.round.error - 1.0).abs() < 0.35, "{error} {}", found.round.error);
+    }
+}
+
+#[test]
+fn sobol_points_need_fewer_photons() {
+    let error = |scene: &Scene, emission: &Emission, sequences| {
+        let maps = IlluminationMaps::new(scene, 1.0).unwrap();
+        let settings = PhotonSettings { sequences, batches: 16, with_direct: true, ..photons(1 << 17) };
+        trace(scene, emission, &maps, settings).round.error
+    };
+    // Light straight from a lamp has two dimensions, that of many pieces over several reflections has many.
+    let black = scene(room(Vec3::ZERO, Vec3::ONE, [0; 6]), vec![grey(0.0)], vec![lights()[0]]);
+    let lamp = Emission::classical(&black).unwrap();
+    let both = [Sequences::Sobol, Sequences::Random].map(|s| error(&black, &lamp, s));
+    assert!(both[0] < 0.4 * both[1], "{both:?}");
+    let room = room_with_a_window(vec![lights()[0]]);
+    let shot = first_shot(&room);
+    let both = [Sequences::Sobol, Sequences::Random].map(|s| error(&room, &shot, s));
+    assert!(both[0] < both[1], "{both:?}");
+}
+
+#[test]
+fn odd_triangles_are_no_trouble() {
+    let mut triangles = room(Vec3::ZERO, Vec3::ONE, [0; 6]);
+    let middle = Vec3::splat(0.4);
+    let odd = |edge_a: Vec3, edge_b: Vec3| Triangle { corner: middle, edge_a, edge_b, ..Triangle::default() };
+    triangles.extend([
+        odd(Vec3::ZERO, Vec3::ZERO),
+        odd(Vec3::X * 0.1, Vec3::X * 0.2),
+        odd(Vec3::X * 1e-12, Vec3::Y * 1e-12),
+        odd(Vec3::X * 1e-24, Vec3::Y * 1e-24),
+        odd(Vec3::X * 0.5, Vec3::new(0.25, 0.0, 1e-7)),
+    ]);
+    let scene = scene(triangles, vec![grey(0.5)], lights());
+    let maps = IlluminationMaps::new(&scene, 0.2).unwrap();
+    for emission in [first_shot(&scene), Emission::classical(&scene).unwrap()] {
+        assert!(emission.power.is_finite() && emission.elements.iter().all(|e| e.scale.is_finite()));
+        let found = trace(&scene, &emission, &maps, photons(1 << 15));
+        assert!(found.irradiance.iter().all(|h| h.is_finite()) && found.round.registered > 1000);
+        assert!(found.emitted.is_finite() && found.emitted.min_element() > 0.0);
+        let corners = maps.corner_irradiance(&scene, &found.irradiance).unwrap();
+        assert!(corners.iter().flatten().flatten().all(|h| h.is_finite()));
+    }
+}
+
+#[test]
+fn without_light_or_reflectance_all_is_dark() {
+    let dark = scene(room(Vec3::ZERO, Vec3::ONE, [0; 6]), vec![grey(0.5)], Vec::new());
+    let black = scene(room(Vec3::ZERO, Vec3::ONE, [0; 6]), vec![grey(0.0)], lights());
+    for scene in [&dark, &black] {
+        let maps = IlluminationMaps::new(scene, 0.5).unwrap();
+        let emission = first_shot(scene);
+        assert!(emission.is_dark() && emission.power == 0.0);
+        let found = trace(scene, &emission, &maps, photons(1 << 12));
+        assert!(found.irradiance.iter().all(|h| *h == Vec3::ZERO) && found.round.photons == 0);
+    }
+    let found = {
+        let maps = IlluminationMaps::new(&black, 0.5).unwrap();
+        trace(&black, &Emission::classical(&black).unwrap(), &maps, photons(1 << 12))
+    };
+    assert!(found.irradiance.iter().all(|h| *h == Vec3::ZERO) && found.emitted.x > 0.0);
+}
+
+#[test]
+fn holes_let_photons_through_and_send_none() {
+    let scene = room_with_a_window(lights());
+    let emission = first_shot(&scene);
+    let maps = IlluminationMaps::new(&scene, 1.0).unwrap();
+    let tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings::default()).unwrap();
+    let p = tracer.params(1 << 10);
+    let landings = trace_photons(&scene, &emission, &p);
+    let geometry = scene.geometry();
+    assert!(landings.iter().filter(|l| l.triangle != scene::NONE).all(|l| !geometry.is_hole(l.triangle, l.u, l.v)));
+    let on_board = |l: &&firstshot::Landing| {
+        l.triangle != scene::NONE && geometry.position(l.triangle, l.u, l.v).cmpgt(Vec3::splat(0.15)).all()
+    };
+    assert!(landings.iter().filter(on_board).count() > 10);
+    // Exactly one first landing for each photon that there is, at the same place again.
+    let firsts = landings.iter().filter(|l| l.info & firstshot::LANDING_FIRST != 0).count();
+    assert!(firsts <= p.count as usize && firsts > p.count as usize / 2);
+    assert_eq!(landings, trace_photons(&scene, &emission, &p));
+}
+
+#[test]
+fn a_constant_stays_at_the_corners_and_cells_are_where_they_say() {
+    let scene = room_with_a_window(Vec::new());
+    let maps = IlluminationMaps::new(&scene, 0.15).unwrap();
+    let corners = maps.corner_irradiance(&scene, &vec![Vec3::splat(0.7); maps.len()]).unwrap();
+    assert!(corners.iter().flatten().flatten().all(|h| (*h - 0.7).abs().max_element() < 1e-5));
+    let mut next = 0;
+    for t in 0..scene.triangles.len() as u32 {
+        for is_back in [false, true] {
+            for (cell, [a, b, c]) in maps.cells(t, is_back) {
+                assert_eq!(cell, next);
+                next += 1;
+                let middle = (a + b + c) / 3.0;
+                assert_eq!(maps.cell(t, middle.x, middle.y, is_back), cell);
+                assert_eq!(maps.cell(t, middle.x * 0.99 + a.x * 0.01, middle.y * 0.99 + a.y * 0.01, is_back), cell);
+            }
+        }
+    }
+    assert_eq!(next as usize, maps.len());
+    for (u, v) in [(1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (1.1, -0.1), (f32::NAN, 0.3)] {
+        assert!((maps.cell(0, u, v, true) as usize) < maps.len());
+    }
+}
+
+#[test]
+fn bad_settings_are_refused() {
+    let scene = room_with_a_window(lights());
+    let maps = IlluminationMaps::new(&scene, 1.0).unwrap();
+    let setting = |name: &'static str| move |e: &Error| matches!(e, Error::Setting { name: n, .. } if *n == name);
+    let refused = |settings: PieceSettings| lit_pieces(&scene, &settings, &go_on).unwrap_err();
+    assert!(setting("tolerance")(&refused(PieceSettings { tolerance: 0.0, ..PieceSettings::default() })));
+    assert!(setting("longest")(&refused(PieceSettings { longest: f32::NAN, ..PieceSettings::default() })));
+    assert!(setting("pieces")(&refused(PieceSettings { pieces: 0, ..PieceSettings::default() })));
+    assert!(setting("edge")(&IlluminationMaps::new(&scene, -1.0).unwrap_err()));
+    assert!(matches!(IlluminationMaps::new(&scene, 1e-9), Ok(_) | Err(Error::TooMany { .. })));
+    let emission = first_shot(&scene);
+    let refused = |s: PhotonSettings| Tracer::new(&scene, &emission, &maps, s).err().unwrap();
+    assert!(setting("batches")(&refused(PhotonSettings { batches: 1, ..PhotonSettings::default() })));
+    assert!(setting("error")(&refused(PhotonSettings { error: f64::NAN, ..PhotonSettings::default() })));
+    assert!(setting("most_photons")(&refused(photons(0))));
+    let stopped = lit_pieces(&scene, &PieceSettings::default(), &|_, _| ControlFlow::Break(()));
+    assert!(matches!(stopped, Err(Error::Cancelled { done: 0, .. })));
+    assert!(matches!(maps.corner_irradiance(&scene, &[]), Err(Error::Length { .. })));
+}
