@@ -115,7 +115,9 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
                 };
                 along(&shown[k]) / along(rest)
             };
-            assert!((0.9..1.1).contains(&arrived(8)) && arrived(0) < 0.1, "{temporal:?}: {}", arrived(8));
+            // Averages hold back the later bounces, which are one a frame anyway.
+            let least = if temporal.settings.control_variate { 0.9 } else { 0.85 };
+            assert!((least..1.1).contains(&arrived(8)) && arrived(0) < 0.1, "{temporal:?}: {}", arrived(8));
             if temporal.settings.control_variate {
                 // Lists share the entries of real rows out to 1,024.
                 assert!(left(8) < 0.1 && left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {change}");
