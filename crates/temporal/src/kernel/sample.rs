@@ -31,8 +31,8 @@ pub const GROWTH: f32 = 0.25;
 pub const GROWTH_RISE: f32 = 1.0 / 16.0;
 /// Variances of the change of light that are taken for noise.
 pub const CERTAIN: f32 = 4.0;
-/// Halvings that take any number of frames below 1.
-const HALVINGS: u32 = 12;
+/// Halvings that take 2²⁰ frames below 1.
+const HALVINGS: u32 = 24;
 
 /// Whether an option is set.
 #[inline]
@@ -78,7 +78,7 @@ pub fn column_at(entry: u32, columns: &[u32], options: u32) -> u32 {
 }
 
 /// New irradiance of a row from Q samples, W/m²: `H + Ĥ` of the change, or `w H + (1 − w) Ĥ`, `Ĥ = S/Q Σ_k c_k B_j(k)`.
-/// `pick` takes a word to a column and its colour c, `row` is its number among all rows, `sum` the row's S. Never below 0.
+/// `pick` takes a word to a column and its colour c, `row` is its number among all rows, `sum` the row's S. What the change leaves is not below 0.
 ///
 /// With [`AUTO`], a row that averages n frames has the variance `σ²/(2n)` and lags behind by n times the change d of a frame
 /// (both relative): n grows, see [`GROWTH`], while `4 d² n³ ≤ σ²`, where the sum of variance and squared lag is least, up to
