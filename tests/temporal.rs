@@ -115,13 +115,19 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
                 };
                 along(&shown[k]) / along(rest)
             };
-            assert!((0.9..1.1).contains(&arrived(8)) && arrived(0) < 0.1, "{temporal:?}: {}", arrived(8));
+            // Averages hold back the later bounces, which are one a frame anyway.
+            let least = if temporal.settings.control_variate { 0.9 } else { 0.85 };
+            assert!((least..1.1).contains(&arrived(8)) && arrived(0) < 0.1, "{temporal:?}: {}", arrived(8));
             if temporal.settings.control_variate {
                 // Lists share the entries of real rows out to 1,024.
                 assert!(left(8) < 0.1 && left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {change}");
             } else {
-                // Independent samples of which 2.5 frames count leave noise of 7 %.
-                assert!(left(100) < 0.1 && change > 0.0, "{temporal:?}: {}", left(100));
+                // Noise stays, of a fifth of the jump at most, but about the right light: sixty frames that go on by 0.6 count as
+                // fifteen, and bring it to a twentieth.
+                let mean = |k: usize| shown[41..].iter().map(|light| light[k]).sum::<Vec3>() / 60.0;
+                let mean: Vec<Vec3> = (0..rest.len()).map(mean).collect();
+                let error = distance(&mean, rest) / jump;
+                assert!(error < 0.1 && change > 0.0, "{temporal:?}: {error}");
             }
             // The light of before is told apart.
             assert!(left(0) > 0.5);

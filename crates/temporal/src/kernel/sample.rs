@@ -24,13 +24,15 @@ const GOLDEN: u32 = 0x9e37_79b9;
 /// A row whose exact sum differs by no more than this share keeps its value, so that rounding cannot go round in circles:
 /// each change that is taken brings light closer to its rest by a certain amount.
 pub const STILL: f32 = 1.0 / 131_072.0;
-/// Frames by which an average grows in a frame: by less than one, so that the first frames after a jump, which lack the later
-/// bounces, count as the inverse square of their age.
-pub const GROWTH: f32 = 0.5;
+/// Frames by which an average of no frames grows in a frame, and by how much more for each that it has, up to one: the first
+/// frames after a jump, which lack the later bounces, soon count little.
+pub const GROWTH: f32 = 0.25;
+/// See [`GROWTH`].
+pub const GROWTH_RISE: f32 = 1.0 / 16.0;
 /// Variances of the change of light that are taken for noise.
 pub const CERTAIN: f32 = 4.0;
-/// Halvings that take any number of frames below 1.
-const HALVINGS: u32 = 12;
+/// Halvings that take 2²⁰ frames below 1.
+const HALVINGS: u32 = 24;
 
 /// Whether an option is set.
 #[inline]
@@ -76,10 +78,10 @@ pub fn column_at(entry: u32, columns: &[u32], options: u32) -> u32 {
 }
 
 /// New irradiance of a row from Q samples, W/m²: `H + Ĥ` of the change, or `w H + (1 − w) Ĥ`, `Ĥ = S/Q Σ_k c_k B_j(k)`.
-/// `pick` takes a word to a column and its colour c, `row` is its number among all rows, `sum` the row's S. Never below 0.
+/// `pick` takes a word to a column and its colour c, `row` is its number among all rows, `sum` the row's S. What the change leaves is not below 0.
 ///
 /// With [`AUTO`], a row that averages n frames has the variance `σ²/(2n)` and lags behind by n times the change d of a frame
-/// (both relative): n grows by [`GROWTH`] a frame while `4 d² n³ ≤ σ²`, where the sum of variance and squared lag is least, up to
+/// (both relative): n grows, see [`GROWTH`], while `4 d² n³ ≤ σ²`, where the sum of variance and squared lag is least, up to
 /// `w / (1 − w)` for the greatest w; else it is halved until that holds. Light that jumps has d ≈ 1: it starts again. What noise
 /// may be of the change, [`CERTAIN`] times its variance over the samples, does not count: else light that is fed back would
 /// never come to rest.
@@ -124,7 +126,8 @@ pub fn sample_row(
     let certain = moved * moved - CERTAIN * (spread - moved * moved / q);
     let age = frames(previous.w, variance, mean, abs(moved), certain, p.blend / (1.0 - p.blend));
     let w = age / (age + 1.0);
-    (previous.truncate() * w + light * (scale * (1.0 - w))).extend(age + GROWTH)
+    let growth = GROWTH + age * GROWTH_RISE;
+    (previous.truncate() * w + light * (scale * (1.0 - w))).extend(age + growth.min(1.0))
 }
 
 /// Frames that go on counting, of those that H averages: see [`sample_row`]. `variance`, `certain` and the squares of `mean` and
