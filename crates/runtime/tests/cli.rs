@@ -599,7 +599,7 @@ fn bench_firstshot_compares_both_ways_to_shoot() {
     let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
     let rows = summary["rows"].as_array().unwrap();
-    assert_eq!((rows.len(), summary["rates"].as_array().unwrap().len()), (5, 1));
+    assert_eq!((rows.len(), summary["rates"].as_array().unwrap().len()), (5, 2));
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
         assert!(number("error") <= 0.05 && number("photons") > 0.0 && number("registered") > 0.0);

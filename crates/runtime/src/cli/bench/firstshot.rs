@@ -94,8 +94,9 @@ struct Row {
 #[derive(Clone, Serialize)]
 struct Rate {
     scene: String,
+    method: &'static str,
     segments: usize,
-    /// Million photon segments a second: starts with their shadow rays, rays, reflections.
+    /// Million photon segments a second: starts, with their shadow rays unless it is the table alone, rays, reflections.
     photon_segments_m_s: f64,
     /// Million closest hits a second of obvhs for the rays of the segments.
     obvhs_closest_m_s: f64,
@@ -192,7 +193,9 @@ fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates
             reference = Some(run);
         }
     }
-    rates.push(progress.phase("rays", |_| rate(common, scene, &maps))?);
+    for way in [Way::Exact, Way::Table] {
+        rates.push(progress.phase("rays", |_| rate(common, scene, &maps, way))?);
+    }
     Ok(())
 }
 
@@ -366,8 +369,8 @@ fn difference(maps: &VoxelMaps, ours: &Estimate, theirs: &Estimate) -> (f64, f64
 }
 
 /// Segments of photons against closest hits of obvhs for the same rays, on all cores.
-fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps) -> Result<Rate, Error> {
-    let emission = emission(scene, Way::Exact)?;
+fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Rate, Error> {
+    let emission = emission(scene, way)?;
     let settings = PhotonSettings { seed: common.seed, ..PhotonSettings::default() };
     let batches = settings.batches;
     let p = Tracer::new(scene, &emission, maps, settings)?.params(RATE_PHOTONS / batches);
@@ -403,7 +406,14 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps) -> Result<Rate, Error>
     }
     let (ours, theirs) = (segments as f64 / ours * 1e-6, rays.len() as f64 / theirs * 1e-6);
     let scene = format!("{} triangles", scene.triangles.len());
-    Ok(Rate { scene, segments, photon_segments_m_s: ours, obvhs_closest_m_s: theirs, ratio: ours / theirs })
+    Ok(Rate {
+        scene,
+        method: way.name(),
+        segments,
+        photon_segments_m_s: ours,
+        obvhs_closest_m_s: theirs,
+        ratio: ours / theirs,
+    })
 }
 
 /// The rays of all segments, photon by photon.
@@ -507,10 +517,11 @@ fn table(rows: &[Row]) -> Table {
 }
 
 fn rate_table(rates: &[Rate]) -> Table {
-    let head = ["scene", "segments", "photon segments, M/s", "obvhs closest hits, M/s", "ratio"];
+    let head = ["scene", "photons start", "segments", "photon segments, M/s", "obvhs closest hits, M/s", "ratio"];
     let line = |r: &Rate| {
         vec![
             r.scene.clone(),
+            r.method.to_owned(),
             r.segments.to_string(),
             format!("{:.2}", r.photon_segments_m_s),
             format!("{:.2}", r.obvhs_closest_m_s),
