@@ -6,6 +6,7 @@
 
 use std::mem::offset_of;
 
+use firstshot::PhotonParams;
 use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::Vec3;
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
@@ -122,6 +123,7 @@ fn count_offset(kernel: &Kernel) -> usize {
         "formfactor_gather_csr" => offset_of!(CountParams, count),
         "formfactor_gather_hits" => offset_of!(HitsParams, rows),
         name if name.starts_with("formfactor_gather") => offset_of!(GatherParams, rows),
+        name if name.starts_with("firstshot_") => offset_of!(PhotonParams, count),
         name if name.starts_with("multibounce_blocks") => offset_of!(BlockParams, block_rows),
         name if name.starts_with("temporal_sample") => offset_of!(SampleParams, rows),
         name if name.starts_with("temporal_sum") => offset_of!(SumParams, count),

@@ -3,7 +3,8 @@
 //!
 //! Photons that are traced from lights spend their first segment, and most of their number where surfaces are dark, on light
 //! that shadow rays find better. Here they start *already reflected*, from the surfaces that lights fall on (E. A. Kopylov,
-//! "An efficient method of illumination computation using a probability distribution function for ray generation", [K]):
+//! "An efficient method of illumination computation using a probability distribution function for ray generation", Keldysh
+//! Institute):
 //!
 //! 1. **Pieces** ([`lit_pieces`]): each triangle that a point, spot or parallel light may fall on is split into two, three or
 //!    four until the light in the middle of a piece is the mean of that at its corners; obtuse pieces are cut across their
@@ -19,7 +20,8 @@
 //!
 //! With shadow rays from the start points (`is_exact`) a photon's flux is that of the light there, `h(x)/h_linear(x)`, and H has
 //! no bias from the table, but for spots of light that all four points of a piece and of the one around it miss; without
-//! them the table is the light, as in [K]. [`Emission::classical`] sends all photons from the lights, in the same code.
+//! them the table is the light, as in Kopylov's method. [`Emission::classical`] sends all photons from the lights, in the same
+//! code.
 //!
 //! The error is known from independent batches, `√(Σ A σ² / Σ A H²)`; [`Tracer::run`] goes on until it is what was asked for.
 //! Numbers come from Sobol's sequence with Owen's scrambling or from a hash; the same seed gives the same bytes for any

@@ -61,9 +61,9 @@ pub const SEQUENCE_RANDOM: u32 = 0;
 /// [`PhotonParams::sequence`]: Sobol's points with Owen's scrambling.
 pub const SEQUENCE_SOBOL: u32 = 1;
 
-/// [`PhotonParams::flags`]: a shadow ray from the start point tells its light; without, the table's is taken [K].
+/// [`PhotonParams::flags`]: a shadow ray from the start point tells its light; without, the table's is taken (Kopylov).
 pub const FLAG_EXACT: u32 = 1;
-/// [`PhotonParams::flags`]: densities are those of the brightest texel; what a darker one would not send is rejected [K].
+/// [`PhotonParams::flags`]: densities are those of the brightest texel; what a darker one would not send is rejected (Kopylov).
 pub const FLAG_BOUND: u32 = 2;
 
 /// Settings of a dispatch of photons: of every batch the same numbers of its sequence.

@@ -38,7 +38,7 @@ pub enum Texels {
     /// The mean texel; photons carry the ratio of their own.
     #[default]
     Mean,
-    /// The brightest texel; photons of darker ones are rejected in proportion, so that all carry the same [K].
+    /// The brightest texel; photons of darker ones are rejected in proportion, so that all carry the same (Kopylov).
     Bound,
 }
 
@@ -91,7 +91,7 @@ impl Emission {
     /// the lights fall on ([`lit_pieces`]); those of emitters, rectangle lights and the sky from these.
     ///
     /// With `is_exact`, a shadow ray from each start point finds its light, and the estimate has no bias from the table;
-    /// without, the table's light is taken as it is [K].
+    /// without, the table's light is taken as it is (Kopylov).
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooMany`], [`Error::Cancelled`].

@@ -94,7 +94,7 @@ pub struct Round {
 pub struct Estimate {
     /// Indirect irradiance H = Φ m / S of each cell, W/m².
     pub irradiance: Vec<Vec3>,
-    /// Standard error of its luminance, W/m².
+    /// Standard error of the luminance of each group, W/m²; of each cell where there are no groups.
     pub error: Vec<f32>,
     /// The last round.
     pub round: Round,
@@ -106,9 +106,9 @@ pub struct Estimate {
     pub unowned: DVec3,
 }
 
-/// What one batch has registered.
+/// What all batches have registered.
 #[derive(Clone, Default)]
-struct Batch {
+struct Totals {
     /// Flux of each cell over the mean flux of a photon.
     cells: Vec<[f32; 3]>,
     registered: u64,
@@ -124,7 +124,11 @@ pub struct Tracer<'a> {
     scene: &'a Scene,
     emission: &'a Emission,
     settings: PhotonSettings,
-    batches: Vec<Batch>,
+    totals: Totals,
+    /// Luminance of the flux of each group, batch by batch.
+    batches: Vec<Vec<f32>>,
+    /// Areas of the groups, m².
+    group_areas: Vec<f64>,
     /// Photons of each batch so far.
     per_batch: u64,
 }
@@ -148,9 +152,20 @@ impl<'a> Tracer<'a> {
         if !registry.groups().is_empty() {
             check_length("groups", cells, registry.groups().len())?;
         }
-        let batch = Batch { cells: vec![[0.0; 3]; cells], ..Batch::default() };
-        let batches = vec![batch; batches as usize];
-        Ok(Self { registry, scene, emission, settings, batches, per_batch: 0 })
+        let totals = Totals { cells: vec![[0.0; 3]; cells], ..Totals::default() };
+        let (groups, areas) = (registry.groups(), registry.areas());
+        let group_areas = if groups.is_empty() {
+            areas.iter().map(|&area| f64::from(area)).collect()
+        } else {
+            let count = groups.iter().filter(|&&g| g != NONE).max().map_or(0, |&g| g as usize + 1);
+            let mut sums = vec![0.0; count];
+            for (&group, &area) in groups.iter().zip(areas).filter(|(g, _)| **g != NONE) {
+                sums[group as usize] += f64::from(area);
+            }
+            sums
+        };
+        let batches = vec![vec![0.0; group_areas.len()]; batches as usize];
+        Ok(Self { registry, scene, emission, settings, totals, batches, group_areas, per_batch: 0 })
     }
 
     /// Another error to go on to.
@@ -240,95 +255,86 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Adds the landings of a dispatch: each batch its own, in their order, so no sum depends on the number of threads.
+    /// Adds the landings of a dispatch in their order, so no sum depends on the number of threads.
     pub fn register(&mut self, p: &PhotonParams, landings: &[Landing]) {
         let (registry, with_direct) = (self.registry, self.settings.with_direct);
-        let mut of_batch: Vec<Vec<u32>> = vec![Vec::new(); self.batches.len()];
-        for (k, landing) in landings.iter().enumerate() {
-            if let Some(own) = of_batch.get_mut((landing.photon / p.per_batch) as usize) {
-                own.push(k as u32);
+        let cell = |landing: &Landing| {
+            let is_counted = with_direct || landing.info & LANDING_INDIRECT != 0;
+            if is_counted && landing.triangle != NONE && landing.flux != Vec3::ZERO {
+                registry.cell(landing.triangle, landing.u, landing.v, landing.info & LANDING_BACK != 0)
+            } else {
+                NONE
+            }
+        };
+        let cells: Vec<u32> = landings.par_iter().with_min_len(256).map(cell).collect();
+        let groups = registry.groups();
+        for (landing, cell) in landings.iter().zip(cells) {
+            if !self.totals.add(landing, cell, with_direct) {
+                continue;
+            }
+            let group = if groups.is_empty() { cell } else { groups[cell as usize] };
+            let batch = self.batches.get_mut((landing.photon / p.per_batch) as usize);
+            if let Some(sum) = batch.and_then(|batch| batch.get_mut(group as usize)) {
+                *sum += luminance(landing.flux);
             }
         }
-        self.batches.par_iter_mut().zip(&of_batch).for_each(|(batch, own)| {
-            for &k in own {
-                batch.add(registry, &landings[k as usize], with_direct);
-            }
-        });
         self.per_batch += u64::from(p.per_batch);
     }
 
     /// Counts and the error so far.
     pub fn round(&self) -> Round {
-        let sum = |of: fn(&Batch) -> u64| self.batches.iter().map(of).sum::<u64>();
         Round {
             photons: self.per_batch * self.batches.len() as u64,
-            registered: sum(|b| b.registered),
-            segments: sum(|b| b.segments),
+            registered: self.totals.registered,
+            segments: self.totals.segments,
             error: self.relative_error(),
         }
     }
 
-    /// Power of a unit of a batch's flux, W.
-    fn unit_power(&self) -> f64 {
-        self.emission.power / self.per_batch.max(1) as f64
-    }
-
-    /// `√(Σ A σ² / Σ A H²)` of the luminance over the cells or their groups.
+    /// `√(Σ A σ² / Σ A H²)` of the luminance over the groups.
     fn relative_error(&self) -> f64 {
-        let (groups, areas) = (self.registry.groups(), self.registry.areas());
-        let count = if groups.is_empty() { areas.len() } else { self.group_count() };
-        let group = |cell: usize| if groups.is_empty() { cell } else { groups[cell] as usize };
-        let sums = |value: &dyn Fn(usize) -> f64| {
-            let mut sums = vec![0.0f64; count];
-            (0..areas.len()).for_each(|c| {
-                if let Some(sum) = sums.get_mut(group(c)) {
-                    *sum += value(c);
-                }
-            });
-            sums
-        };
-        let area = sums(&|c| f64::from(areas[c]));
-        let flux = |b: &Batch| sums(&|c| f64::from(luminance(Vec3::from(b.cells[c]))));
-        let flux: Vec<Vec<f64>> = self.batches.par_iter().map(flux).collect();
         let (mut noise, mut signal) = (0.0, 0.0);
-        for k in (0..count).filter(|&k| area[k] > 0.0) {
-            let (mean, variance) = mean_and_variance(flux.iter().map(|f| f[k] / area[k]));
-            noise += area[k] * variance;
-            signal += area[k] * (mean * mean - variance);
+        for (k, &area) in self.group_areas.iter().enumerate().filter(|(_, area)| **area > 0.0) {
+            let (mean, variance) = self.mean_and_variance(k);
+            noise += variance / area;
+            signal += (mean * mean - variance) / area;
         }
         if signal > 0.0 { (noise / signal).sqrt() } else { f64::INFINITY }
     }
 
-    fn group_count(&self) -> usize {
-        self.registry.groups().iter().filter(|&&g| g != NONE).max().map_or(0, |&g| g as usize + 1)
+    /// Mean over the batches of a group's flux, and the variance of that mean.
+    fn mean_and_variance(&self, group: usize) -> (f64, f64) {
+        mean_and_variance(self.batches.iter().map(|batch| f64::from(batch[group])))
     }
 
     /// Irradiance and its error from all photons so far.
     pub fn estimate(&self) -> Estimate {
-        let n = self.batches.len() as f64;
-        let unit = self.unit_power();
-        let cell = |(k, &area): (usize, &f32)| {
-            let scale = if area > 0.0 { unit / f64::from(area) } else { 0.0 };
-            let sum = self.batches.iter().map(|b| Vec3::from(b.cells[k]).as_dvec3()).sum::<DVec3>();
-            let (_, variance) =
-                mean_and_variance(self.batches.iter().map(|b| f64::from(luminance(Vec3::from(b.cells[k])))));
-            ((sum * (scale / n)).as_vec3(), (scale * variance.sqrt()) as f32)
+        let photons = (self.per_batch * self.batches.len() as u64).max(1);
+        // Of a unit of flux in the totals, and in a batch.
+        let (unit, unit_of_batch) =
+            (self.emission.power / photons as f64, self.emission.power / self.per_batch.max(1) as f64);
+        let cell = |(sum, &area): (&[f32; 3], &f32)| {
+            let scale = if area > 0.0 { (unit / f64::from(area)) as f32 } else { 0.0 };
+            Vec3::from(*sum) * scale
         };
-        let (irradiance, error) = self.registry.areas().par_iter().enumerate().map(cell).unzip();
-        let power = |of: fn(&Batch) -> DVec3| self.batches.iter().map(of).sum::<DVec3>() * (unit / n);
+        let error = |k: usize| {
+            let area = self.group_areas[k];
+            if area > 0.0 { (unit_of_batch / area * self.mean_and_variance(k).1.sqrt()) as f32 } else { 0.0 }
+        };
         Estimate {
-            irradiance,
-            error,
+            irradiance: self.totals.cells.par_iter().zip(self.registry.areas()).map(cell).collect(),
+            error: (0..self.group_areas.len()).into_par_iter().map(error).collect(),
             round: self.round(),
-            emitted: power(|b| b.emitted),
-            escaped: power(|b| b.escaped),
-            unowned: power(|b| b.unowned),
+            emitted: self.totals.emitted * unit,
+            escaped: self.totals.escaped * unit,
+            unowned: self.totals.unowned * unit,
         }
     }
 
-    /// Bytes of the batches' sums.
+    /// Bytes of the sums.
     pub fn bytes(&self) -> u64 {
-        self.batches.iter().map(|b| size_of_val(&b.cells[..]) as u64).sum()
+        let batches = self.batches.iter().map(|b| size_of_val(&b[..])).sum::<usize>();
+        (size_of_val(&self.totals.cells[..]) + batches) as u64
     }
 }
 
@@ -340,10 +346,11 @@ fn mean_and_variance(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64
     (mean, squares / (n * (n - 1.0)))
 }
 
-impl Batch {
-    fn add(&mut self, registry: &dyn Registry, landing: &Landing, with_direct: bool) {
+impl Totals {
+    /// Adds a landing; whether a cell took it.
+    fn add(&mut self, landing: &Landing, cell: u32, with_direct: bool) -> bool {
         if landing.flux == Vec3::ZERO {
-            return;
+            return false;
         }
         let flux = landing.flux.as_dvec3();
         self.segments += 1;
@@ -352,19 +359,18 @@ impl Batch {
         }
         if landing.triangle == NONE {
             self.escaped += flux;
-            return;
+            return false;
         }
         if landing.info & LANDING_INDIRECT == 0 && !with_direct {
-            return;
+            return false;
         }
-        let cell = registry.cell(landing.triangle, landing.u, landing.v, landing.info & LANDING_BACK != 0);
-        match self.cells.get_mut(cell as usize) {
-            Some(sum) => {
-                let more = landing.flux.to_array();
-                sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
-                self.registered += 1;
-            }
-            None => self.unowned += flux,
-        }
+        let Some(sum) = self.cells.get_mut(cell as usize) else {
+            self.unowned += flux;
+            return false;
+        };
+        let more = landing.flux.to_array();
+        sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+        self.registered += 1;
+        true
     }
 }

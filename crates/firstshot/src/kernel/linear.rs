@@ -9,7 +9,7 @@ const STEPS: u32 = 32;
 
 /// Share 1 − u of the first coordinate below which `beta` of the density lies, for the share b = B/S of the second corner.
 ///
-/// With `S = A + B + C` the first coordinate u has `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS` [K]. In t = 1 − u and β = 1 − α
+/// With `S = A + B + C` the first coordinate u has `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS` (Kopylov). In t = 1 − u and β = 1 − α
 /// that is `t²(3b + (1 − 3b)t) = β`: nothing is divided by S − 3B, and the root keeps its relative precision where the density
 /// ends in a corner. Newton's method from √β, kept in its bracket by bisection.
 #[inline]

@@ -42,6 +42,9 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if codec.is_some() && args.method != Method::Multibounce {
         progress.warn(&format!("--codec is for --method multibounce; --method {} ignores it", args.method.name()));
     }
+    if args.method == Method::Firstshot && args.bounces != Bounces::All {
+        progress.warn("photons take all bounces; --method firstshot ignores --bounces");
+    }
     let codec = codec.filter(|_| args.method == Method::Multibounce);
     let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
     let out = output::folder_or(&common.out, &name.join("-"));

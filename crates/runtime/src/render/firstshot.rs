@@ -84,19 +84,6 @@ impl PatchMaps {
         Ok(Self { maps, facets, patches })
     }
 
-    /// Irradiance and area of each patch that owns a cell.
-    pub fn patch_irradiance(&self, irradiance: &[Vec3]) -> Vec<(Vec3, f32)> {
-        let count = self.patches.iter().filter(|&&p| p != NONE).max().map_or(0, |&p| p as usize + 1);
-        let mut areas = vec![0.0; count];
-        for (&patch, area) in self.patches.iter().zip(self.areas()) {
-            if let Some(sum) = areas.get_mut(patch as usize) {
-                *sum += area;
-            }
-        }
-        let means = self.means(&self.patches, count, irradiance);
-        means.into_iter().map(Vec4::truncate).zip(areas).collect()
-    }
-
     /// Mean of the cells of each of `count` owners, W/m²; 0 where none is owned.
     fn means(&self, owner: &[u32], count: usize, irradiance: &[Vec3]) -> Vec<Vec4> {
         let mut sums = vec![Vec4::ZERO; count];
@@ -116,6 +103,8 @@ pub struct PatchLight {
     pub patch: Patch,
     /// Indirect irradiance, W/m².
     pub irradiance: Vec3,
+    /// Standard error of its luminance, W/m².
+    pub error: f32,
 }
 
 /// Photons of a scene and what they have registered.
@@ -203,8 +192,11 @@ impl FirstShot {
     /// Indirect irradiance of the patches, W/m².
     pub fn patch_light(&self, senders: &Senders) -> Vec<PatchLight> {
         let means = self.maps.means(&self.maps.patches, senders.patches.len(), &self.estimate.irradiance);
-        let light = |(patch, mean): (&Patch, Vec4)| PatchLight { patch: *patch, irradiance: mean.truncate() };
-        senders.patches.iter().zip(means).map(light).collect()
+        let light = |(k, (patch, mean)): (usize, (&Patch, Vec4))| {
+            let error = self.estimate.error.get(k).copied().unwrap_or(0.0);
+            PatchLight { patch: *patch, irradiance: mean.truncate(), error }
+        };
+        senders.patches.iter().zip(means).enumerate().map(light).collect()
     }
 
     /// What was traced, and its error.
@@ -217,10 +209,10 @@ impl FirstShot {
         (&self.maps.maps, &self.estimate)
     }
 
-    /// Bytes of the maps with their batches and of the elements.
+    /// Bytes of the maps and of the elements.
     pub fn bytes(&self) -> [(&'static str, u64); 2] {
-        let batches = u64::from(PhotonSettings::default().batches) * size_of::<[f32; 3]>() as u64;
-        let cell = batches + (size_of::<f32>() + 2 * size_of::<u32>()) as u64;
+        // Flux, area, facet, patch.
+        let cell = (size_of::<[f32; 3]>() + size_of::<f32>() + 2 * size_of::<u32>()) as u64;
         [("maps", self.maps.maps.len() as u64 * cell), ("elements", self.element_bytes)]
     }
 

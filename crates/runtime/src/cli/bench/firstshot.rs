@@ -2,13 +2,15 @@
 //! random numbers; photon segments against the hierarchy's own rays.
 
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use firstshot::kernel::segment::reflect;
 use firstshot::kernel::start::{Sources, start_photon};
 use firstshot::{
-    Emission, Estimate, PhotonParams, PhotonSettings, PieceSettings, Round, Sequences, Texels, Tracer, trace_photons,
+    Emission, Estimate, IlluminationMaps, PhotonParams, PhotonSettings, PieceSettings, Registry, Round, Sequences,
+    Texels, Tracer, trace_photons,
 };
 use glam::Vec3;
 use obvhs::BvhBuildParams;
@@ -30,14 +32,13 @@ use crate::cli::report::{Plot, Section, Series, Table, page, significant};
 use crate::error::Error;
 use crate::import::{LoadedScene, load_or_build};
 use crate::progress::{Progress, is_cancelled};
-use crate::render::classic::PatchKind;
-use crate::render::firstshot::PatchMaps;
-use crate::render::senders::{SenderSettings, Senders, lit_sampler};
 
 /// Scenes that need no file: about as many triangles as Kopylov's.
 const SCENES: [&str; 2] = ["atrium:65000", "atrium:225000"];
 /// Patches whose irradiance has the error.
 const COUNT: u32 = 4000;
+/// Cells of the maps along the edge of a patch.
+const CELLS: f32 = 2.0;
 /// Lights, as many as Kopylov's scenes have: a third of them spots.
 const LIGHTS: u32 = 9;
 /// Curves go on to this share of the error that is asked for.
@@ -93,8 +94,9 @@ struct Row {
 #[derive(Clone, Serialize)]
 struct Rate {
     scene: String,
+    method: &'static str,
     segments: usize,
-    /// Million photon segments a second: starts with their shadow rays, rays, reflections.
+    /// Million photon segments a second: starts, with their shadow rays unless it is the table alone, rays, reflections.
     photon_segments_m_s: f64,
     /// Million closest hits a second of obvhs for the rays of the segments.
     obvhs_closest_m_s: f64,
@@ -153,7 +155,7 @@ fn introduction(machine: &Machine) -> Vec<String> {
         format!("Measured on {}, {} threads.", machine.cpu, machine.threads),
         format!(
             "{LIGHTS} point and spot lights of equal power in the free air of each scene, textures on. The error is that of \
-             the indirect irradiance of about {COUNT} patches, √(Σ A σ² / Σ A H²) by independent batches."
+             the indirect irradiance of some thousand patches (cells of a voxel that face one way), √(Σ A σ² / Σ A H²) by independent batches."
         ),
         "First shot starts reflected photons from the pieces of triangles that lights fall on, with a shadow ray each; by the \
          table alone without. Seconds are those of the table of pieces, and of tracing with registration."
@@ -170,12 +172,7 @@ fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates
     loaded.scene.emitters.clear();
     let scene = &loaded.scene;
     let count = args.counts.first().copied().unwrap_or(COUNT) as usize;
-    let maps = progress.phase("maps", |_| -> Result<_, Error> {
-        let sampler = lit_sampler(scene, count, common.seed)?;
-        let kind = PatchKind::default();
-        let made = SenderSettings { kind, count, voxel_size: None, samples: 64, seed: common.seed };
-        PatchMaps::new(scene, &Senders::new(scene, sampler.as_ref(), &made)?)
-    })?;
+    let maps = progress.phase("maps", |_| VoxelMaps::new(scene, count))?;
 
     let mut reference: Option<Run> = None;
     let ways = [
@@ -196,8 +193,69 @@ fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates
             reference = Some(run);
         }
     }
-    rates.push(progress.phase("rays", |_| rate(common, scene, &maps))?);
+    for way in [Way::Exact, Way::Table] {
+        rates.push(progress.phase("rays", |_| rate(common, scene, &maps, way))?);
+    }
     Ok(())
+}
+
+/// Illumination maps whose cells make patches: those of a voxel whose normals are nearest to the same direction of an axis.
+struct VoxelMaps {
+    maps: IlluminationMaps,
+    patches: Vec<u32>,
+    areas: Vec<f32>,
+}
+
+impl VoxelMaps {
+    /// Voxels with faces of the area that each of `count` patches would have.
+    fn new(scene: &Scene, count: usize) -> Result<Self, Error> {
+        let area: f32 = scene.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
+        // Both sides are patches.
+        let edge = scene::math::sqrt(2.0 * area / count as f32);
+        let maps = IlluminationMaps::new(scene, edge / CELLS)?;
+        let geometry = scene.geometry();
+        let mut numbers: BTreeMap<([i32; 3], usize), u32> = BTreeMap::new();
+        let mut patches = Vec::with_capacity(maps.len());
+        for t in 0..scene.triangles.len() as u32 {
+            for is_back in [false, true] {
+                let normal = geometry.normal(t) * if is_back { -1.0 } else { 1.0 };
+                let sides = [normal.x, -normal.x, normal.y, -normal.y, normal.z, -normal.z];
+                let side = (0..6).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
+                for (_, [a, b, c]) in maps.cells(t, is_back) {
+                    let middle = (a + b + c) / 3.0;
+                    let place = (geometry.position(t, middle.x, middle.y) - scene.bounds.0) / edge;
+                    let next = numbers.len() as u32;
+                    patches.push(*numbers.entry((place.floor().as_ivec3().to_array(), side)).or_insert(next));
+                }
+            }
+        }
+        let mut areas = vec![0.0; numbers.len()];
+        patches.iter().zip(maps.areas()).for_each(|(&patch, area)| areas[patch as usize] += area);
+        Ok(Self { maps, patches, areas })
+    }
+
+    /// Irradiance of the patches, W/m².
+    fn means(&self, irradiance: &[Vec3]) -> Vec<Vec3> {
+        let mut sums = vec![Vec3::ZERO; self.areas.len()];
+        for ((&patch, light), area) in self.patches.iter().zip(irradiance).zip(self.maps.areas()) {
+            sums[patch as usize] += *light * *area;
+        }
+        sums.iter().zip(&self.areas).map(|(sum, area)| *sum / area.max(f32::MIN_POSITIVE)).collect()
+    }
+}
+
+impl Registry for VoxelMaps {
+    fn areas(&self) -> &[f32] {
+        self.maps.areas()
+    }
+
+    fn cell(&self, triangle: u32, u: f32, v: f32, is_back: bool) -> u32 {
+        self.maps.cell(triangle, u, v, is_back)
+    }
+
+    fn groups(&self) -> &[u32] {
+        &self.patches
+    }
 }
 
 /// Lamps in the free air round the eye: on the way from it to what rays in all directions meet.
@@ -233,7 +291,7 @@ fn one_run(
     common: &Common,
     args: &Bench,
     loaded: &LoadedScene,
-    maps: &PatchMaps,
+    maps: &VoxelMaps,
     way: Way,
     sequences: Sequences,
     progress: &mut Progress,
@@ -299,12 +357,11 @@ fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
 }
 
 /// Relative difference of the patches' irradiance (L2 by area), and what the errors of both let expect.
-fn difference(maps: &PatchMaps, ours: &Estimate, theirs: &Estimate) -> (f64, f64) {
-    let light = |e: &Estimate| maps.patch_irradiance(&e.irradiance);
+fn difference(maps: &VoxelMaps, ours: &Estimate, theirs: &Estimate) -> (f64, f64) {
     let (mut wrong, mut all) = (0.0, 0.0);
-    for (a, b) in light(ours).iter().zip(light(theirs)) {
-        let area = f64::from(a.1);
-        let (a, b) = (f64::from(luminance(a.0)), f64::from(luminance(b.0)));
+    for ((a, b), area) in maps.means(&ours.irradiance).iter().zip(maps.means(&theirs.irradiance)).zip(&maps.areas) {
+        let area = f64::from(*area);
+        let (a, b) = (f64::from(luminance(*a)), f64::from(luminance(b)));
         wrong += area * (a - b).powi(2);
         all += area * b * b;
     }
@@ -312,8 +369,8 @@ fn difference(maps: &PatchMaps, ours: &Estimate, theirs: &Estimate) -> (f64, f64
 }
 
 /// Segments of photons against closest hits of obvhs for the same rays, on all cores.
-fn rate(common: &Common, scene: &Scene, maps: &PatchMaps) -> Result<Rate, Error> {
-    let emission = emission(scene, Way::Exact)?;
+fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Rate, Error> {
+    let emission = emission(scene, way)?;
     let settings = PhotonSettings { seed: common.seed, ..PhotonSettings::default() };
     let batches = settings.batches;
     let p = Tracer::new(scene, &emission, maps, settings)?.params(RATE_PHOTONS / batches);
@@ -349,7 +406,14 @@ fn rate(common: &Common, scene: &Scene, maps: &PatchMaps) -> Result<Rate, Error>
     }
     let (ours, theirs) = (segments as f64 / ours * 1e-6, rays.len() as f64 / theirs * 1e-6);
     let scene = format!("{} triangles", scene.triangles.len());
-    Ok(Rate { scene, segments, photon_segments_m_s: ours, obvhs_closest_m_s: theirs, ratio: ours / theirs })
+    Ok(Rate {
+        scene,
+        method: way.name(),
+        segments,
+        photon_segments_m_s: ours,
+        obvhs_closest_m_s: theirs,
+        ratio: ours / theirs,
+    })
 }
 
 /// The rays of all segments, photon by photon.
@@ -453,10 +517,11 @@ fn table(rows: &[Row]) -> Table {
 }
 
 fn rate_table(rates: &[Rate]) -> Table {
-    let head = ["scene", "segments", "photon segments, M/s", "obvhs closest hits, M/s", "ratio"];
+    let head = ["scene", "photons start", "segments", "photon segments, M/s", "obvhs closest hits, M/s", "ratio"];
     let line = |r: &Rate| {
         vec![
             r.scene.clone(),
+            r.method.to_owned(),
             r.segments.to_string(),
             format!("{:.2}", r.photon_segments_m_s),
             format!("{:.2}", r.obvhs_closest_m_s),

@@ -17,7 +17,8 @@ use crate::render::senders::Senders;
 /// Texels of a row of the maps' picture.
 const MAP_WIDTH: usize = 1024;
 
-/// Writes into a folder that exists: `patches.csv` (centroid, normal, area, indirect irradiance), `vertices.ply` (each triangle
+/// Writes into a folder that exists: `patches.csv` (centroid, normal, area, indirect irradiance and the standard
+/// error of its luminance), `vertices.ply` (each triangle
 /// with its own corners, metres, and their indirect irradiance on the front and on the back), `maps.exr` (indirect irradiance
 /// of the cells of the illumination maps, cell k in column k mod 1024 of row k / 1024) and `maps.csv` (object and number in its
 /// file of each triangle, its divisions n and first cell: n² on the front, in rows of equal v, then n² on the back).
@@ -31,14 +32,14 @@ pub fn write_files(shot: &FirstShot, scene: &Scene, senders: &Senders, folder: &
             file.write_all(bytes).map_err(|source| reference::Error::Write { path: path.clone(), source })
         })
     };
-    let mut text = String::from("x,y,z,nx,ny,nz,area,indirect_r,indirect_g,indirect_b\n");
+    let mut text = String::from("x,y,z,nx,ny,nz,area,indirect_r,indirect_g,indirect_b,standard_error\n");
     for light in shot.patch_light(senders) {
         let (c, n, h) = (light.patch.centroid, light.patch.normal, light.irradiance);
         // Writing into a string cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{}",
-            c.x, c.y, c.z, n.x, n.y, n.z, light.patch.area, h.x, h.y, h.z
+            "{},{},{},{},{},{},{},{},{},{},{}",
+            c.x, c.y, c.z, n.x, n.y, n.z, light.patch.area, h.x, h.y, h.z, light.error
         );
     }
     write("patches.csv", text.as_bytes())?;
