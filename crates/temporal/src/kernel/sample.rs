@@ -29,8 +29,9 @@ pub const STILL: f32 = 1.0 / 131_072.0;
 pub const GROWTH: f32 = 0.25;
 /// See [`GROWTH`].
 pub const GROWTH_RISE: f32 = 1.0 / 16.0;
-/// Variances of the change of light that are taken for noise.
-pub const CERTAIN: f32 = 4.0;
+/// Variances of the change of light that are taken for noise: with one what is left of its square is unbiased, and a change
+/// counts that more than one sample sees.
+pub const CERTAIN: f32 = 1.0;
 /// Halvings that take 2²⁰ frames below 1.
 const HALVINGS: u32 = 24;
 
