@@ -40,16 +40,7 @@ pub fn alias_table(weights: &[f64]) -> Vec<AliasEntry> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::start::{multiply_high, pick};
-
-    #[test]
-    fn high_words_are_those_of_64_bits() {
-        for k in 0..100_000u32 {
-            let (a, b) = (scene::sampling::hash(k), scene::sampling::hash(!k));
-            assert_eq!(multiply_high(a, b), ((u64::from(a) * u64::from(b)) >> 32) as u32);
-        }
-        assert_eq!(multiply_high(u32::MAX, u32::MAX), u32::MAX - 1);
-    }
+    use crate::kernel::start::pick;
 
     #[test]
     fn every_entry_has_its_probability() {

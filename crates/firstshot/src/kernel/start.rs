@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 use glam::{Vec3, Vec4};
 use scene::kernel::light::{sky_radiance, spot_falloff, unoccluded};
 use scene::math::{abs, luminance, sin_cos_turn, sqrt};
-use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit};
+use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit, wide_product};
 use scene::{Geometry, LIGHT_SPOT, Light, Sky};
 
 use super::linear::{interpolate, linear_point};
@@ -23,22 +23,13 @@ pub struct Sources<'a> {
     pub sky_map: &'a [Vec4],
 }
 
-/// High word of `a · b`, by halves.
-#[inline]
-pub fn multiply_high(a: u32, b: u32) -> u32 {
-    let (a0, a1, b0, b1) = (a & 0xffff, a >> 16, b & 0xffff, b >> 16);
-    let middle = a1 * b0 + ((a0 * b0) >> 16);
-    let (m0, m1) = (middle & 0xffff, middle >> 16);
-    a1 * b1 + m1 + ((a0 * b1 + m0) >> 16)
-}
-
 /// The entry that a random word picks from an alias table of `count` entries: its slot is the high word of
 /// `word · count`, the low word decides within the slot.
 #[inline]
 pub fn pick(alias: &[AliasEntry], count: u32, word: u32) -> u32 {
-    let slot = multiply_high(word, count);
+    let (slot, rest) = wide_product(word, count);
     let entry = alias[slot as usize];
-    if word.wrapping_mul(count) < entry.threshold { slot } else { entry.other }
+    if rest < entry.threshold { slot } else { entry.other }
 }
 
 /// Area of the box of the scene across a direction, m²: the faces' areas times their cosines.

@@ -3,9 +3,8 @@
 
 use glam::{Vec3, Vec4};
 use scene::math::{abs, luminance};
-use scene::sampling::{hash, hash3};
+use scene::sampling::{hash, hash3, wide_product};
 
-use super::wide_product;
 use crate::types::{SampleParams, SumParams};
 
 /// Columns are 16-bit numbers, two a word, the first in the lower half.

@@ -5,9 +5,9 @@
 //! `columns` as in lists. Colours: 16 bits an entry, two a word, see [`color_at`].
 
 use glam::{Vec3, Vec4};
+use scene::sampling::wide_product;
 
 use super::sample::{COLORED, at, column_at, has, sample_row};
-use super::wide_product;
 use crate::types::{SampleParams, SumParams};
 
 /// Parts of a slot, whose number t counts.
