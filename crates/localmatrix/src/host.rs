@@ -2,6 +2,8 @@
 
 mod choice;
 mod matrix;
+mod world;
 
 pub use choice::{Choice, choose, distance_to_path};
 pub use matrix::{Entering, Form, LocalMatrix, MOST_SLOTS};
+pub use world::{NO_NODE, Node, World};
