@@ -12,16 +12,14 @@ use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Scene};
 
 use super::Proceed;
 use super::alias::alias_table;
-use super::pieces::{Piece, PieceSettings, lit_pieces, mean_albedo};
+use super::pieces::{Piece, PieceSettings, lit_pieces};
 use crate::error::Error;
 use crate::kernel::start::area_across;
 use crate::types::*;
 
-/// Least density on a piece, over the greatest light known on it or, where all is dark, on that which it was split from: with
-/// a shadow ray from each start point, what the corners do not know is found nevertheless.
+/// Least density on a piece, over the greatest light known on it or around it: with a shadow ray from each start point, what
+/// is not known is found nevertheless.
 const LEAST_DENSITY: f32 = 0.1;
-/// What the light around a dark piece counts for that.
-const AROUND: f32 = 0.25;
 /// Parts of the sky by height and turn, and places of each along both at which its power is measured.
 const SKY_PARTS: (u32, u32) = (32, 64);
 const SKY_PLACES: u32 = 4;
@@ -167,13 +165,15 @@ impl Emission {
 /// Emission coefficient of a piece: `S · mean(h) · lum(ρ̄∘color)`, S its area, h the light over the light's colour.
 fn lit_element(scene: &Scene, piece: &Piece, brightest: &Brightest, is_exact: bool) -> (Element, f64) {
     let color = scene.lights[piece.light as usize].color;
-    let albedo = brightest.of(scene, piece).unwrap_or_else(|| mean_albedo(scene, piece));
+    let albedo = brightest.of(scene, piece).unwrap_or(piece.albedo);
     let textured = scene.materials[scene.triangles[piece.triangle as usize].material as usize].albedo_texture != NONE;
     let least = if textured { LEAST_ALBEDO * luminance(color) } else { 0.0 };
     let reflected = luminance(albedo * color).max(least);
     let mut values = Vec3::from(piece.values);
     if is_exact {
-        values = values.max(Vec3::splat(LEAST_DENSITY * piece.top().max(AROUND * piece.around)));
+        // Of starts that may be hidden, each with a chance, the square root of the chance makes the variance least.
+        let least = LEAST_DENSITY * piece.top().max(piece.around);
+        values = values.max(Vec3::splat(least)) / piece.seen.sqrt();
     }
     let element = Element {
         values,

@@ -1,10 +1,12 @@
 //! Adaptive direct illumination: each triangle that a light may fall on is split until the light is linear on its pieces.
 
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::vec::Vec;
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use scene::kernel::light::unoccluded;
+use scene::kernel::light::{Arrival, unoccluded};
 use scene::math::luminance;
 use scene::{LIGHT_RECT, Scene};
 
@@ -14,7 +16,11 @@ use crate::error::{Error, check_setting};
 /// Corners are moved to the middle of their triangle by this share: on the very edge a neighbour would shade them.
 const INWARDS: f32 = 1e-3;
 /// Triangles of one step of progress.
-const BLOCK: usize = 4096;
+const BLOCK: usize = 256;
+/// What the light of a piece counts for on its dark parts.
+const AROUND: f32 = 0.25;
+/// Shadow rays that neighbours share.
+const LOOKS: usize = 4;
 
 /// How finely light on triangles is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,16 +29,27 @@ pub struct PieceSettings {
     pub tolerance: f32,
     /// Most splits of a triangle in a row.
     pub depth: u32,
-    /// No piece with less than one over this of the power of all lights is split: at most a few times as many pieces.
+    /// Nothing with less than one over this of the power that all lights would have, were nothing in the way, is looked at more
+    /// closely: at most a few times as many shadow rays.
     pub pieces: u32,
     /// Longest edge that is not split, dark or not: what is smaller may be missed. A share of the scene's diagonal.
     pub longest: f32,
+    /// Most triangles with less than that power that share four shadow rays with their neighbours in the hierarchy; with 1 each has
+    /// four of its own.
+    pub neighbours: u32,
 }
 
 impl Default for PieceSettings {
-    /// 5 %, 10 splits, 2¹⁷ pieces, 1/128 of the diagonal.
+    /// 5 %, 10 splits, 2¹⁸ pieces, 1/32 of the diagonal, 16 neighbours: for start points that look for their light themselves.
     fn default() -> Self {
-        Self { tolerance: 0.05, depth: 10, pieces: 1 << 17, longest: 1.0 / 128.0 }
+        Self { tolerance: 0.05, depth: 10, pieces: 1 << 18, longest: 1.0 / 32.0, neighbours: 16 }
+    }
+}
+
+impl PieceSettings {
+    /// For photons that take the table's light as it is (Kopylov): 2¹⁷ pieces, nothing shared.
+    pub fn table_alone() -> Self {
+        Self { pieces: 1 << 17, longest: 1.0 / 128.0, neighbours: 1, ..Self::default() }
     }
 }
 
@@ -51,10 +68,25 @@ pub struct Piece {
     pub values: [f32; 3],
     /// The same in the middle.
     pub middle: f32,
-    /// The greatest of corners and middle of the piece that this one was split from, 0 for a whole triangle.
+    /// A quarter of the greatest light of the piece that this one was split from, or what neighbours of its group let expect; 0 for
+    /// other triangles.
     pub around: f32,
     /// Area, m².
     pub area: f32,
+    /// Mean reflectance.
+    pub albedo: Vec3,
+    /// Share of the shadow rays of its group that reach the light, which the values hold already; 1 for pieces that have their own,
+    /// and where none does.
+    pub seen: f32,
+}
+
+/// Corners of a whole triangle.
+const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
+
+/// A place a little nearer to the middle of the triangle.
+#[inline]
+fn inwards(at: Vec2) -> Vec2 {
+    at + (Vec2::splat(1.0 / 3.0) - at) * INWARDS
 }
 
 /// Light of one lamp at places of one side of a triangle.
@@ -87,14 +119,25 @@ impl<'a> Side<'a> {
         })
     }
 
+    /// 1 on the front, −1 on the back.
+    fn sign(&self) -> f32 {
+        if self.is_back() { -1.0 } else { 1.0 }
+    }
+
     fn is_back(&self) -> bool {
         self.scene.geometry().normal(self.triangle).dot(self.normal) < 0.0
     }
 
+    /// Where a ray from shares (u, v) starts, and what light there would be, were nothing in the way.
+    #[inline]
+    fn arrival(&self, at: Vec2) -> (Vec3, Arrival) {
+        let origin = self.scene.geometry().position(self.triangle, at.x, at.y) + self.normal * self.scene.ray_offset;
+        (origin, unoccluded(&self.scene.lights[self.light as usize], origin, self.normal))
+    }
+
     /// Irradiance over the light's colour at shares (u, v).
     fn light_at(&self, at: Vec2) -> f32 {
-        let origin = self.scene.geometry().position(self.triangle, at.x, at.y) + self.normal * self.scene.ray_offset;
-        let arrival = unoccluded(&self.scene.lights[self.light as usize], origin, self.normal);
+        let (origin, arrival) = self.arrival(at);
         if arrival.share > 0.0 && !self.scene.occluded(origin, arrival.to_light, arrival.t_max) {
             arrival.share
         } else {
@@ -104,26 +147,38 @@ impl<'a> Side<'a> {
 
     /// The same at a corner of a piece, which may lie on the edge of the triangle.
     fn light_at_corner(&self, at: Vec2) -> f32 {
-        self.light_at(at + (Vec2::splat(1.0 / 3.0) - at) * INWARDS)
+        self.light_at(inwards(at))
     }
 
-    fn piece(&self, corners: [Vec2; 3], values: [f32; 3], around: f32) -> Piece {
+    fn piece(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, albedo: Vec3) -> Piece {
         let middle = self.light_at((corners[0] + corners[1] + corners[2]) / 3.0);
         let share = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
         let area = share * self.area;
-        let is_back = self.is_back();
-        Piece { triangle: self.triangle, light: self.light, is_back, corners, values, middle, around, area }
+        let (triangle, light, is_back) = (self.triangle, self.light, self.is_back());
+        Piece { triangle, light, is_back, corners, values, middle, around, area, albedo, seen: 1.0 }
     }
 
-    fn whole(&self) -> Piece {
-        let corners = [Vec2::ZERO, Vec2::X, Vec2::Y];
-        self.piece(corners, corners.map(|at| self.light_at_corner(at)), 0.0)
+    /// The triangle as a piece, with this light in its corners.
+    fn whole(&self, albedo: Vec3) -> Piece {
+        self.piece(WHOLE, WHOLE.map(|at| self.light_at_corner(at)), 0.0, albedo)
+    }
+
+    /// Power that a piece would reflect for each unit of the light's colour, were it white and nothing in the way.
+    fn potential(&self, piece: &Piece) -> f32 {
+        let [a, b, c] = piece.corners;
+        let share = |at: Vec2| self.arrival(at).1.share;
+        let corners = share(inwards(a)) + share(inwards(b)) + share(inwards(c));
+        piece.area * 0.25 * (corners + share((a + b + c) / 3.0))
     }
 
     /// Squared lengths of the edges opposite to the corners, m².
     fn edges_squared(&self, c: &[Vec2; 3]) -> [f32; 3] {
         let edge = |a: Vec2, b: Vec2| ((b.x - a.x) * self.edges.0 + (b.y - a.y) * self.edges.1).length_squared();
         [edge(c[1], c[2]), edge(c[2], c[0]), edge(c[0], c[1])]
+    }
+
+    fn is_longer(&self, corners: &[Vec2; 3], longest: f32) -> bool {
+        self.edges_squared(corners).iter().any(|&squared| squared > longest * longest)
     }
 
     /// Two, three or four children: an obtuse piece is cut across its longest edge, another across those of its edges on
@@ -134,7 +189,7 @@ impl<'a> Side<'a> {
         let longest = (0..3).max_by(|&a, &b| squared[a].total_cmp(&squared[b])).unwrap_or(0);
         let top = piece.top();
         let half = |k: usize| (c[(k + 1) % 3] + c[(k + 2) % 3]) * 0.5;
-        let mut add = |corners, values| children.push(self.piece(corners, values, top));
+        let mut add = |corners, values| children.push(self.piece(corners, values, AROUND * top, piece.albedo));
         // The two children of a cut across the edge opposite to corner k.
         let mut in_two = |k: usize, at: Vec2, value: f32| {
             let (a, b) = ((k + 1) % 3, (k + 2) % 3);
@@ -202,23 +257,21 @@ impl Piece {
 struct Refining<'s, 'a> {
     side: &'s Side<'a>,
     tolerance: f32,
-    /// Least greatest light times area of a piece that matters.
+    /// Least potential of a piece that matters.
     least: f32,
     /// Longest edge, m.
     longest: f32,
 }
 
 impl Refining<'_, '_> {
-    /// Adds the leaves of a piece that may be split `levels` times more; whether that is the piece as a whole. A long piece
-    /// is split to look for shadows, or for light, but stays whole where there are none.
+    /// Adds the leaves of a piece that may be split `levels` times more; whether that is the piece as a whole. A piece that
+    /// matters is split to look for shadows, or for light, but stays whole where there are none.
     fn refine(&self, piece: Piece, levels: u32, leaves: &mut Vec<Piece>) -> bool {
         let (side, top) = (self.side, piece.top());
-        let is_long = || side.edges_squared(&piece.corners).iter().any(|&l| l > self.longest * self.longest);
         let is_even = piece.is_linear(self.tolerance);
-        let is_split = levels > 0 && (!is_even && top * piece.area > self.least || is_long());
         let before = leaves.len();
         let mut is_whole = true;
-        if is_split {
+        if levels > 0 && (side.is_longer(&piece.corners, self.longest) || side.potential(&piece) > self.least) {
             let mut children = Vec::with_capacity(4);
             side.split(&piece, self.tolerance, &mut children);
             for child in children {
@@ -236,22 +289,145 @@ impl Refining<'_, '_> {
     }
 }
 
-/// Luminance of the light that a piece reflects for each unit of light over colour and m².
-fn reflectance(scene: &Scene, piece: &Piece) -> f32 {
-    luminance(mean_albedo(scene, piece) * scene.lights[piece.light as usize].color)
+/// What is needed of a triangle for each light.
+#[derive(Clone, Copy)]
+struct Whole {
+    area: f32,
+    longest_squared: f32,
+    /// Mean reflectance.
+    albedo: Vec3,
+}
+
+impl Whole {
+    fn new(scene: &Scene, triangle: usize) -> Self {
+        let t = &scene.triangles[triangle];
+        let area = 0.5 * t.edge_a.cross(t.edge_b).length();
+        let third = (t.edge_b - t.edge_a).length_squared();
+        let longest_squared = t.edge_a.length_squared().max(t.edge_b.length_squared()).max(third);
+        let middle = t.corner + (t.edge_a + t.edge_b) / 3.0;
+        let albedo = if area > 0.0 { scene.filtered_albedo(triangle as u32, middle, area) } else { Vec3::ZERO };
+        Self { area, longest_squared, albedo }
+    }
+}
+
+/// Small triangles that follow each other in the hierarchy, of one side to one light.
+#[derive(Default)]
+struct Group {
+    /// Triangles, and the light on them, were nothing in the way.
+    members: Vec<(u32, f32)>,
+    /// Sums of power up to each member.
+    power: Vec<f32>,
+    /// Share of the shadow rays that reach the light.
+    seen: f32,
+}
+
+impl Group {
+    fn add(&mut self, member: (u32, f32), power: f32) {
+        self.power.push(power + self.power.last().copied().unwrap_or(0.0));
+        self.members.push(member);
+    }
+
+    fn is_full(&self, least: f32, neighbours: u32) -> bool {
+        self.members.len() >= neighbours as usize || self.power.last().is_some_and(|&power| power >= least)
+    }
+
+    /// Asks the members in the middles of equal shares of the power.
+    fn look(&mut self, scene: &Scene, light: u32) {
+        let all = self.power.last().copied().unwrap_or(0.0);
+        let is_seen = |member: usize| {
+            let side = Side::new(scene, self.members[member].0, light);
+            side.is_some_and(|side| side.light_at(Vec2::splat(1.0 / 3.0)) > 0.0)
+        };
+        let asked = |k: usize| {
+            let at = (k as f32 + 0.5) / LOOKS as f32 * all;
+            self.power.partition_point(|&power| power < at).min(self.members.len() - 1)
+        };
+        self.seen = (0..LOOKS).filter(|&k| is_seen(asked(k))).count() as f32 / LOOKS as f32;
+    }
+}
+
+/// Finds the pieces of one light on a block of triangles.
+struct Search<'a> {
+    scene: &'a Scene,
+    settings: PieceSettings,
+    wholes: &'a [Whole],
+    /// Light in the middle of each triangle, were nothing in the way, light by light; negative where it falls on the back.
+    open: &'a [f32],
+    lights: &'a [u32],
+    /// Least power that matters, W.
+    least: f32,
+}
+
+impl Search<'_> {
+    /// Pieces of light `n` on a block.
+    fn pieces(&self, n: usize, block: Range<usize>) -> Vec<Piece> {
+        let Self { scene, settings, wholes, least, .. } = *self;
+        let (light, longest) = (self.lights[n], settings.longest * scene.diagonal());
+        let color = scene.lights[light as usize].color;
+        let mut large = Vec::new();
+        let mut groups = [const { Vec::<Group>::new() }; 2];
+        for t in block {
+            let whole = &wholes[t];
+            let (reflected, open) = (luminance(whole.albedo * color), self.open[t * self.lights.len() + n]);
+            let power = reflected * whole.area * open.abs();
+            if reflected <= 0.0 || whole.area <= 0.0 {
+                continue;
+            }
+            if settings.neighbours < 2 || power > least || whole.longest_squared > longest * longest {
+                large.extend(Side::new(scene, t as u32, light).map(|side| (side, whole.albedo, least / reflected)));
+            } else if power > 0.0 {
+                let groups = &mut groups[usize::from(open < 0.0)];
+                if groups.last().is_none_or(|group| group.is_full(least, settings.neighbours)) {
+                    groups.push(Group::default());
+                }
+                groups.last_mut().into_iter().for_each(|group| group.add((t as u32, open.abs()), power));
+            }
+        }
+        let refined = |(side, albedo, least): (Side, Vec3, f32)| {
+            let mut leaves = Vec::new();
+            let refining = Refining { side: &side, tolerance: settings.tolerance, least, longest };
+            refining.refine(side.whole(albedo), settings.depth, &mut leaves);
+            let of_texture = |leaf: &mut Piece| leaf.albedo = mean_albedo(scene, leaf);
+            leaves.iter_mut().filter(|leaf| leaf.corners != WHOLE).for_each(of_texture);
+            leaves
+        };
+        let mut found = large.into_par_iter().map(refined).collect::<Vec<_>>().concat();
+        for (is_back, mut groups) in [false, true].into_iter().zip(groups) {
+            groups.iter_mut().for_each(|group| group.look(scene, light));
+            let seen: Vec<f32> = groups.iter().map(|group| group.seen).collect();
+            let at = |k: usize| seen.get(k).copied().unwrap_or(0.0);
+            for (k, group) in groups.into_iter().enumerate() {
+                let around = at(k.wrapping_sub(1)).max(at(k + 1));
+                if group.seen.max(around) <= 0.0 {
+                    continue;
+                }
+                for &(triangle, open) in &group.members {
+                    let Whole { area, albedo, .. } = wholes[triangle as usize];
+                    let Some(side) = Side::new(scene, triangle, light) else { continue };
+                    let values = WHOLE.map(|at| side.arrival(inwards(at)).1.share * group.seen);
+                    let (middle, around) = (open * group.seen, open * around);
+                    let seen = if group.seen > 0.0 { group.seen } else { 1.0 };
+                    let corners = WHOLE;
+                    found.push(Piece { triangle, light, is_back, corners, values, middle, around, area, albedo, seen });
+                }
+            }
+        }
+        found.sort_by_key(|piece| piece.triangle);
+        found
+    }
 }
 
 /// Mean reflectance of a piece.
-pub(super) fn mean_albedo(scene: &Scene, piece: &Piece) -> Vec3 {
+fn mean_albedo(scene: &Scene, piece: &Piece) -> Vec3 {
     let at = (piece.corners[0] + piece.corners[1] + piece.corners[2]) / 3.0;
     scene.filtered_albedo(piece.triangle, scene.geometry().position(piece.triangle, at.x, at.y), piece.area)
 }
 
 /// The pieces that each point-like light falls on, light by light, in the order of the triangles. Pieces on which all is
-/// dark are there only where light fell on the piece that they were split from.
+/// dark are there only where light fell on the piece that they were split from, or on neighbours.
 ///
 /// Kopylov's algorithm 1: a piece is split until the light in its middle is the mean of that at its corners; edges of
-/// shadows are split down to the limits.
+/// shadows are split down to the limits. Triangles that are small already share shadow rays with their neighbours.
 ///
 /// # Errors
 /// [`Error::Setting`], [`Error::Cancelled`].
@@ -260,52 +436,48 @@ pub fn lit_pieces(
     settings: &PieceSettings,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<Piece>, Error> {
-    let PieceSettings { tolerance, depth, pieces, longest } = *settings;
+    let PieceSettings { tolerance, depth: _, pieces, longest, neighbours } = *settings;
     check_setting("tolerance", f64::from(tolerance), "positive", tolerance > 0.0)?;
     check_setting("pieces", f64::from(pieces), "at least 1", pieces > 0)?;
     check_setting("longest", f64::from(longest), "positive", longest > 0.0)?;
-    let shines = |&k: &usize| scene.lights[k].kind != LIGHT_RECT && luminance(scene.lights[k].color) > 0.0;
-    let lights: Vec<usize> = (0..scene.lights.len()).filter(shines).collect();
-    let blocks = scene.triangles.len().div_ceil(BLOCK);
-    let steps = 2 * blocks * lights.len();
-    let in_block = |block: usize| block * BLOCK..((block + 1) * BLOCK).min(scene.triangles.len());
+    check_setting("neighbours", f64::from(neighbours), "at least 1", neighbours > 0)?;
+    let shines = |&k: &u32| {
+        let light = &scene.lights[k as usize];
+        light.kind != LIGHT_RECT && luminance(light.color) > 0.0
+    };
+    let lights: Vec<u32> = (0..scene.lights.len() as u32).filter(shines).collect();
+    let triangles = scene.triangles.len();
+    let wholes: Vec<Whole> = (0..triangles).into_par_iter().map(|t| Whole::new(scene, t)).collect();
 
-    // Whole triangles first: they say how much power there is.
-    let mut whole = Vec::new();
-    for (n, &light) in lights.iter().enumerate() {
-        for block in 0..blocks {
-            let piece = |t: usize| Side::new(scene, t as u32, light as u32).map(|side| side.whole());
-            whole.push(in_block(block).into_par_iter().filter_map(piece).collect::<Vec<Piece>>());
-            let done = n * blocks + block;
-            if progress(done, steps).is_break() {
-                return Err(Error::Cancelled { done, total: steps });
-            }
-        }
-    }
-    let power = |p: &Piece| f64::from(reflectance(scene, p) * p.area) * f64::from(0.75 * p.mean() + 0.25 * p.middle);
-    let total: f64 =
-        whole.iter().map(|block| block.par_iter().map(power).collect::<Vec<f64>>().iter().sum::<f64>()).sum();
-    let least = (total / f64::from(pieces)) as f32;
-    let longest = longest * scene.diagonal();
-
-    let mut found = Vec::new();
-    for (n, block) in whole.into_iter().enumerate() {
-        let refined = |piece: Piece| {
-            let mut leaves = Vec::new();
-            // Its reflectance is that of the triangle all the way down: it only decides where to stop.
-            let reflectance = reflectance(scene, &piece);
-            if let Some(side) = Side::new(scene, piece.triangle, piece.light).filter(|_| reflectance > 0.0) {
-                let least = least / reflectance;
-                Refining { side: &side, tolerance, least, longest }.refine(piece, depth, &mut leaves);
-            }
-            leaves
+    // The power that there would be without shadows says what matters.
+    let open = |t: usize| {
+        let of = move |&light: &u32| {
+            let share = |side: Side| side.arrival(Vec2::splat(1.0 / 3.0)).1.share * side.sign();
+            Side::new(scene, t as u32, light).map_or(0.0, share)
         };
-        let leaves: Vec<Vec<Piece>> = block.into_par_iter().map(refined).collect();
-        found.extend(leaves.into_iter().flatten());
-        let done = steps / 2 + n;
-        if progress(done, steps).is_break() {
-            return Err(Error::Cancelled { done, total: steps });
-        }
-    }
-    Ok(found)
+        lights.iter().map(of)
+    };
+    let open: Vec<f32> = (0..triangles).into_par_iter().flat_map_iter(open).collect();
+    let power = |t: usize| -> f64 {
+        let of = |(&light, open): (&u32, &f32)| {
+            let reflected = luminance(wholes[t].albedo * scene.lights[light as usize].color);
+            f64::from(reflected * wholes[t].area * open.abs())
+        };
+        lights.iter().zip(&open[t * lights.len()..]).map(of).sum()
+    };
+    let powers: Vec<f64> = (0..triangles).into_par_iter().map(power).collect();
+    let least = (powers.iter().sum::<f64>() / f64::from(pieces)) as f32;
+
+    let search = Search { scene, settings: *settings, wholes: &wholes, open: &open, lights: &lights, least };
+    let blocks = triangles.div_ceil(BLOCK);
+    let total = blocks * lights.len();
+    let done = AtomicUsize::new(0);
+    let task = |k: usize| {
+        let first = k % blocks * BLOCK;
+        let found = search.pieces(k / blocks, first..(first + BLOCK).min(triangles));
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        if progress(done, total).is_break() { Err(Error::Cancelled { done, total }) } else { Ok(found) }
+    };
+    let found: Vec<Vec<Piece>> = (0..total).into_par_iter().map(task).collect::<Result<_, Error>>()?;
+    Ok(found.concat())
 }

@@ -9,11 +9,12 @@ use scene::kernel::bvh::FAR;
 
 use super::emission::Emission;
 use crate::kernel::segment::{land, reflect};
+use crate::kernel::sequence::Sequence;
 use crate::kernel::start::{Sources, start_photon};
 use crate::types::{Landing, PhotonParams};
 
 /// Photons that one task follows.
-const CHUNK: u32 = 512;
+const CHUNK: usize = 512;
 
 /// Where the photons of a dispatch land, photon by photon, segment by segment: what the kernels `firstshot_start` and
 /// `firstshot_segment` give, in another order.
@@ -23,10 +24,13 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
     }
     let geometry = scene.geometry();
     let sources = Sources { lights: &scene.lights, sky: scene.sky, sky_map: &scene.sky_map };
+    // Photons of one element one after the other: what they read first is near, and the hierarchy about it.
+    let mut order: Vec<(u32, u32)> = (0..p.count).into_par_iter().map(|k| (Sequence::of(p, k).element(), k)).collect();
+    order.par_sort_unstable();
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
-    let chunk = |chunk: u32| {
-        let mut landings = Vec::with_capacity(3 * CHUNK as usize);
-        for k in chunk * CHUNK..((chunk + 1) * CHUNK).min(p.count) {
+    let chunk = |chunk: &[(u32, u32)]| {
+        let mut landings = Vec::with_capacity(3 * CHUNK);
+        for &(_, k) in chunk {
             let mut photon = start_photon(&geometry, &sources, p, &emission.alias, &emission.elements, k, occluded);
             while photon.flux != Vec3::ZERO {
                 let hit = scene.closest_before(photon.origin, photon.direction, FAR);
@@ -36,6 +40,6 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
         }
         landings
     };
-    let parts: Vec<Vec<Landing>> = (0..p.count.div_ceil(CHUNK)).into_par_iter().map(chunk).collect();
+    let parts: Vec<Vec<Landing>> = order.par_chunks(CHUNK).map(chunk).collect();
     parts.concat()
 }

@@ -88,20 +88,30 @@ impl Sequence {
         hash3(self.index, dimension, self.key)
     }
 
+    /// The number that picks the element.
+    #[inline]
+    pub fn element(&self) -> u32 {
+        if self.kind == SEQUENCE_SOBOL {
+            owen_scramble(sobol2_fast(self.index).0, hash(self.key ^ hash(0)))
+        } else {
+            self.random(0)
+        }
+    }
+
     /// The numbers of the start.
     #[inline]
     pub fn start(&self) -> StartWords {
-        let rejection = self.random(0x7265_6a65);
+        let (element, rejection) = (self.element(), self.random(0x7265_6a65));
         if self.kind != SEQUENCE_SOBOL {
             let place = (self.random(1), self.random(2));
-            return StartWords { element: self.random(0), place, way: (self.random(3), self.random(4)), rejection };
+            return StartWords { element, place, way: (self.random(3), self.random(4)), rejection };
         }
-        let (a, b) = sobol2_fast(self.index);
         let scrambled = |x: u32, dimension: u32| owen_scramble(x, hash(self.key ^ hash(dimension)));
+        let more = |which: u32| sobol_more(self.index, which);
         StartWords {
-            element: scrambled(a, 0),
-            way: (scrambled(b, 1), scrambled(sobol_more(self.index, 0), 2)),
-            place: (scrambled(sobol_more(self.index, 1), 3), scrambled(sobol_more(self.index, 2), 4)),
+            element,
+            way: (scrambled(sobol2_fast(self.index).1, 1), scrambled(more(0), 2)),
+            place: (scrambled(more(1), 3), scrambled(more(2), 4)),
             rejection,
         }
     }
