@@ -55,4 +55,4 @@ pub mod types;
 pub use error::Error;
 #[cfg(feature = "std")]
 pub use host::*;
-pub use types::{FadeParams, ProductParams};
+pub use types::{FadeParams, SlotParams, UpdateParams};
