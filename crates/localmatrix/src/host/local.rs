@@ -214,8 +214,8 @@ impl Local {
     /// Bytes of rows, of the matrix, and of the rest.
     pub fn bytes(&self) -> [(&'static str, u64); 3] {
         let rows: usize = self.rows.values().map(|row| size_of_val(&row[..])).sum();
-        let forest = 8 * self.leaf_area.len() + 16 * self.leaf_area.len() + 4 * self.leaf_area.len();
-        [("rows", rows as u64), ("matrix", self.matrix.bytes()), ("leaves", forest as u64)]
+        let leaves = size_of_val(&self.leaf_area[..]) + size_of_val(&self.offset[..]) + self.forest.bytes();
+        [("rows", rows as u64), ("matrix", self.matrix.bytes()), ("leaves", leaves as u64)]
     }
 
     /// Chooses what a step is to change, and asks the world for the rows that it and the next ones need. Never waits.

@@ -120,15 +120,15 @@ impl Animation {
 }
 
 impl Animation {
-    /// The camera along the longer way of the scene, a tenth of it away from both ends, at the height and on the line of its view, looking where it
+    /// The camera along the longer way of the scene, a fifth of it away from both ends, at the height and on the line of its view, looking where it
     /// goes; lights rest.
     pub fn fly(scene: &LoadedScene) -> Self {
-        Self::along(scene, &[0.1, 0.9])
+        Self::along(scene, &[0.2, 0.8])
     }
 
-    /// The same to and fro, over the middle half, twice.
+    /// The same to and fro over the middle, twice.
     pub fn shuttle(scene: &LoadedScene) -> Self {
-        Self::along(scene, &[0.25, 0.75, 0.25, 0.75, 0.25])
+        Self::along(scene, &[0.3, 0.7, 0.3, 0.7, 0.3])
     }
 
     /// The camera once round the middle of the scene, looking outwards; lights rest.
