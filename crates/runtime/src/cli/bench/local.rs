@@ -14,7 +14,7 @@ use crate::cli::report::{Section, Table, page, significant};
 use crate::cli::sequence::{distance, flicker};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
-use crate::import::{Animation, LoadedScene, load_or_build};
+use crate::import::{LoadedScene, load_or_build};
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, Classic, ClassicSettings, Estimator, PatchKind};
 use crate::render::local::LocalOptions;
@@ -158,7 +158,8 @@ impl Measuring<'_> {
         if let Some(shown) = self.view("classic".into(), &mut classic)? {
             keep(None, Some(shown))?;
         }
-        for slots in SLOTS.into_iter().filter(|slots| *slots < classic.patch_count()) {
+        let patches = classic.patch_count();
+        for slots in SLOTS.into_iter().filter(|slots| *slots < patches) {
             let transport = Transport::Local(LocalOptions { slots, ..LocalOptions::DEFAULT });
             for (path, name) in
                 [(CameraPath::Fly, "fly"), (CameraPath::Shuttle, "shuttle"), (CameraPath::Circle, "circle")]
