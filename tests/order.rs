@@ -176,6 +176,11 @@ fn an_invocation_that_is_left_out_is_noticed() {
     }
 }
 
+/// Whether a kernel is a dense product.
+fn is_dense(input: &Input) -> bool {
+    input.kernel.name.starts_with("formfactor_gather") && input.push.len() == size_of::<GatherParams>()
+}
+
 /// The rows of a dense product that start at `first`, as a block of their own.
 fn row_block(input: &Input, first: u32, rows: u32) -> Input {
     let mut block = input.clone();
@@ -199,7 +204,7 @@ fn row_block(input: &Input, first: u32, rows: u32) -> Input {
 #[test]
 fn dense_products_in_blocks_of_rows_give_the_same_in_any_order() {
     let mut checked = 0;
-    for input in inputs().into_iter().filter(|i| i.push.len() == size_of::<GatherParams>()) {
+    for input in inputs().into_iter().filter(is_dense) {
         let whole = input.run_on_host().unwrap();
         let rows = input.push::<GatherParams>().rows;
         for (name, order) in orders(rows.div_ceil(8)) {
@@ -221,7 +226,7 @@ fn dense_products_in_blocks_of_rows_give_the_same_in_any_order() {
 
 #[test]
 fn dense_products_agree_with_each_other_and_with_plain_sums() {
-    for input in inputs().into_iter().filter(|i| i.push.len() == size_of::<GatherParams>()) {
+    for input in inputs().into_iter().filter(is_dense) {
         let (p, name) = (input.push::<GatherParams>(), input.kernel.name);
         let result = input.run_on_host().unwrap().remove(&2).unwrap();
         let n = 4 * p.vectors as usize;

@@ -40,6 +40,8 @@ struct Copied {
     vectors: BufferId,
     columns: BufferId,
     place: BufferId,
+    /// Where blocks of lit slots begin in their list; at the end their number.
+    lit_starts: BufferId,
     /// First exitance in the order of the leaves; from there to the leaves' irradiance; the same before the matrix changes.
     order: PassId,
     product: Vec<PassId>,
@@ -213,6 +215,7 @@ impl Copied {
             vectors,
             columns,
             place,
+            lit_starts: lists[0].0,
             order,
             product,
             before,
@@ -263,8 +266,8 @@ impl Copied {
         executor.push(self.fade, &light.local().fade_params(has_jump))?;
         let passes: Vec<PassId> = self.product.iter().copied().chain([self.now, self.fade, self.show]).collect();
         times.extend(executor.run_passes(&passes)?);
-        let patches = light.last().patches;
-        light.multiplied(patches);
+        let lit = executor.download_table::<u32>(self.lit_starts)?.last().copied().unwrap_or(0);
+        light.multiplied(lit as usize);
         Ok(times)
     }
 
