@@ -10,9 +10,11 @@ use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::{UVec2, UVec3, Vec4};
 use gpu_kernels::table::{ImageFormat, MAX_GROUPS_X};
 use gpu_kernels::{
-    firstshot as fs, formfactor as ff, multibounce as mb, patches as pa, scene as sc, temporal as te, tiles as ti,
+    firstshot as fs, formfactor as ff, localmatrix as lm, multibounce as mb, patches as pa, scene as sc,
+    temporal as te, tiles as ti,
 };
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
+use localmatrix::{FadeParams, SlotParams, UpdateParams};
 use multibounce::FeedbackParams;
 use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
@@ -132,6 +134,15 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "temporal_sum_tables" => entry!(te::sum_tables, SumParams, Vec4, [0, 1, 2, 3, 4, 5]),
         "temporal_split_scan" => entry!(te::split_scan, SplitParams, UVec2, [0, 1]),
         "temporal_split_pack" => entry!(te::split_pack, SplitParams, u32, [0, 1, 2]),
+        "localmatrix_mean" => entry!(lm::mean, CountParams, Vec4, [0, 1, 2]),
+        "localmatrix_count" => entry!(lm::count, SlotParams, u32, [0]),
+        "localmatrix_start" => entry!(lm::start, CountParams, u32, [0]),
+        "localmatrix_compact" => entry!(lm::compact, CountParams, u32, [0, 1]),
+        "localmatrix_product" => entry!(lm::product, SlotParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8]),
+        "localmatrix_spread" => entry!(lm::spread, CountParams, Vec4, [0, 1]),
+        "localmatrix_fade" => entry!(lm::fade, FadeParams, Vec4, [0, 1]),
+        "localmatrix_show" => entry!(lm::show, CountParams, Vec4, [0, 1, 2]),
+        "localmatrix_update" => entry!(lm::update, UpdateParams, f32, [0, 1, 2]),
         _ => return None,
     })
 }
@@ -152,7 +163,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 32 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 41 * 9, "an entry point of the table is not called here");
 }
 
 #[test]
@@ -163,6 +174,11 @@ fn an_invocation_that_is_left_out_is_noticed() {
         let Some(found) = run_entry(&input, &order, x * y) else { continue };
         assert!(found != input.run_on_host().unwrap(), "{}", input.kernel.name);
     }
+}
+
+/// Whether a kernel is a dense product.
+fn is_dense(input: &Input) -> bool {
+    input.kernel.name.starts_with("formfactor_gather") && input.push.len() == size_of::<GatherParams>()
 }
 
 /// The rows of a dense product that start at `first`, as a block of their own.
@@ -188,7 +204,7 @@ fn row_block(input: &Input, first: u32, rows: u32) -> Input {
 #[test]
 fn dense_products_in_blocks_of_rows_give_the_same_in_any_order() {
     let mut checked = 0;
-    for input in inputs().into_iter().filter(|i| i.push.len() == size_of::<GatherParams>()) {
+    for input in inputs().into_iter().filter(is_dense) {
         let whole = input.run_on_host().unwrap();
         let rows = input.push::<GatherParams>().rows;
         for (name, order) in orders(rows.div_ceil(8)) {
@@ -210,7 +226,7 @@ fn dense_products_in_blocks_of_rows_give_the_same_in_any_order() {
 
 #[test]
 fn dense_products_agree_with_each_other_and_with_plain_sums() {
-    for input in inputs().into_iter().filter(|i| i.push.len() == size_of::<GatherParams>()) {
+    for input in inputs().into_iter().filter(is_dense) {
         let (p, name) = (input.push::<GatherParams>(), input.kernel.name);
         let result = input.run_on_host().unwrap().remove(&2).unwrap();
         let n = 4 * p.vectors as usize;

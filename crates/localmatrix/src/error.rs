@@ -71,4 +71,15 @@ pub enum Error {
         /// The patch.
         patch: u32,
     },
+    /// A world whose nodes are no forest, or with a value that is none.
+    #[error("node {node} cannot be: {reason}")]
+    Node {
+        /// The node.
+        node: u32,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// Stopped by the caller.
+    #[error("stopped")]
+    Cancelled,
 }

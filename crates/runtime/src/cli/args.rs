@@ -1,5 +1,7 @@
 //! The command line.
 
+mod local;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -10,6 +12,8 @@ use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::Codec;
 use crate::render::temporal::{RowKind, Sampled, Temporal};
+
+pub use local::{CameraPath, LocalArgs};
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
 #[derive(Parser, Debug)]
@@ -68,6 +72,7 @@ pub enum Command {
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
         patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
+        patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
@@ -85,6 +90,7 @@ pub enum Command {
         proxy; where the error is; lights that the bake has not seen\n  \
         operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
         temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures\n  \
+        local      work, time and memory of the matrix round a camera on three paths, its pictures beside full radiosity\n  \
         firstshot  photons and time to an error, first shot against photons from the lights")]
     Bench(Bench),
     /// List the devices that can run the kernels.
@@ -124,6 +130,8 @@ pub enum Method {
     Feedback,
     /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
     Temporal,
+    /// All bounces in one product, with the matrix of the patches round the camera: --slots, --budget, --look-ahead, --fade.
+    Local,
     /// Photons that start where lights fall first, until the error is what --error says.
     Firstshot,
     /// Path tracing on the CPU, the reference.
@@ -139,6 +147,7 @@ impl Method {
             Self::Tiles => "tiles",
             Self::Feedback => "feedback",
             Self::Temporal => "temporal",
+            Self::Local => "local",
             Self::Firstshot => "firstshot",
             Self::Path => "path",
         }
@@ -386,6 +395,11 @@ pub struct Render {
     pub errors: bool,
     #[command(flatten)]
     pub temporal: TemporalOptions,
+    #[command(flatten)]
+    pub local: LocalArgs,
+    /// How the camera moves from frame to frame; then lights move as --animate says, but for a camera of their path.
+    #[arg(long, value_enum)]
+    pub path: Option<CameraPath>,
     /// Picture size [default: that of the reference, else 960x540].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
@@ -473,6 +487,8 @@ pub enum Experiment {
     Operator,
     /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
     Temporal,
+    /// The matrix round a camera that moves, beside full radiosity: work, time, memory, pictures.
+    Local,
     /// Photons to an error: from where lights fall first, and from the lights.
     Firstshot,
 }
@@ -617,6 +633,11 @@ mod tests {
             ("--rows", "tables", ["table", "csr", ""]),
             ("--sampled", "all", ["none", "some", ""]),
             ("--animate", "sun", ["moon", "1", ""]),
+            ("--path", "fly", ["walk", "1", ""]),
+            ("--slots", "64", ["3", "32769", "many"]),
+            ("--budget", "1", ["0", "-1", "all"]),
+            ("--look-ahead", "0", ["-1", "1001", "far"]),
+            ("--fade", "1", ["0", "1001", "slow"]),
         ] {
             assert!(parse(option, good).is_ok(), "{option} {good}");
             for value in bad {
