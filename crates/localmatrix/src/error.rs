@@ -71,4 +71,7 @@ pub enum Error {
         /// The patch.
         patch: u32,
     },
+    /// A bake, or a block of it.
+    #[error(transparent)]
+    Bake(#[from] crate::host::BakeError),
 }
