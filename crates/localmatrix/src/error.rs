@@ -74,4 +74,15 @@ pub enum Error {
     /// A bake, or a block of it.
     #[error(transparent)]
     Bake(#[from] crate::host::BakeError),
+    /// A world whose nodes are no forest, or with a value that is none.
+    #[error("node {node} cannot be: {reason}")]
+    Node {
+        /// The node.
+        node: u32,
+        /// What is wrong.
+        reason: &'static str,
+    },
+    /// Stopped by the caller.
+    #[error("stopped")]
+    Cancelled,
 }

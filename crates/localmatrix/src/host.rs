@@ -1,14 +1,23 @@
-//! The host side: slots, borders and the choice of patches.
+//! The host side: slots, borders, the choice of patches, and the camera's way through a world.
 
+mod assembly;
 mod choice;
+mod cut;
+mod forest;
+mod local;
 mod matrix;
 mod store;
+mod table;
 mod world;
 
 pub use choice::{Choice, choose, distance_to_path};
-pub use matrix::{Entering, Form, LocalMatrix, MOST_SLOTS};
+pub use cut::View;
+pub use forest::Forest;
+pub use local::{Changes, Local, LocalSettings, Step};
+pub use matrix::{Entering, Form, LocalMatrix, MOST_SLOTS, Update};
 pub use store::{
     BakeError, BakeFile, BakeWriter, LitPoint, Mapped, Part, Record, Source, Store, StoreState, WorldHead, block_range, join,
     parent_record,
 };
+pub use table::{Surface, Table};
 pub use world::{NO_NODE, Node, World};

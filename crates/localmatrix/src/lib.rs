@@ -49,8 +49,10 @@ pub mod error;
 #[cfg(feature = "std")]
 pub mod host;
 pub mod kernel;
+pub mod types;
 
 #[cfg(feature = "std")]
 pub use error::Error;
 #[cfg(feature = "std")]
 pub use host::*;
+pub use types::{FadeParams, ProductParams};

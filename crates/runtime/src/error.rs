@@ -97,6 +97,25 @@ pub enum Error {
     /// A bake of a world.
     #[error(transparent)]
     Bake(#[from] localmatrix::BakeError),
+    /// The matrix of the patches round the camera.
+    #[error("local matrix: {0}")]
+    Local(#[from] localmatrix::Error),
+    /// A bake of another scene than the one it names now.
+    #[error(
+        "{} is a bake of {scene} as it was then, and {scene} has changed; bake it again", path.display()
+    )]
+    OtherScene {
+        /// The bake.
+        path: PathBuf,
+        /// The scene that it names.
+        scene: String,
+    },
+    /// A bake goes with one method.
+    #[error("{} is a bake; render it with --method local, or render its scene", path.display())]
+    BakeMethod {
+        /// The bake.
+        path: PathBuf,
+    },
     /// More memory than allowed.
     #[error(
         "{phase} take {} MB of memory, and --memory-limit allows {} MB; allow more, or choose a larger --voxel-size or a smaller scene",

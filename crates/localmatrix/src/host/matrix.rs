@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::kernel::gather;
+use crate::types::ProductParams;
 
 /// Most slots: three times their square is counted in 32 bits.
 pub const MOST_SLOTS: usize = 32_768;
@@ -49,6 +50,21 @@ enum Slot {
     Ghost(u32, u64),
 }
 
+/// A change of the matrix, for a copy of it elsewhere: `T̂ ← T̂ + sign · Σ_k r_k r_kᵀ`, then some slots get new rows and columns.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Update {
+    /// 1 or −1.
+    pub sign: f32,
+    /// Number of vectors r.
+    pub rank: u32,
+    /// The vectors of red, of green and of blue, `[3 · rank · M]`.
+    pub vectors: Vec<f32>,
+    /// Slots whose rows and columns are new.
+    pub slots: Vec<u32>,
+    /// Their columns, `[3 · slots · M]`.
+    pub columns: Vec<f32>,
+}
+
 /// The operator of all bounces between some patches, see the [crate's documentation](crate).
 #[derive(Clone, Debug)]
 pub struct LocalMatrix {
@@ -69,6 +85,7 @@ pub struct LocalMatrix {
     /// The next column to be refreshed.
     next: usize,
     work: u64,
+    record: Option<Vec<Update>>,
 }
 
 impl LocalMatrix {
@@ -92,6 +109,7 @@ impl LocalMatrix {
             leavings: 0,
             next: 0,
             work: 0,
+            record: None,
         })
     }
 
@@ -137,6 +155,38 @@ impl LocalMatrix {
     /// `√a` of each slot, m; 1 where it is free.
     pub fn root(&self) -> &[f32] {
         &self.root
+    }
+
+    /// Bytes of the matrix and of F̂.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(&self.state[..]) + size_of_val(&self.factors[..])) as u64
+    }
+
+    /// From now on changes are kept, for [`Self::take_updates`].
+    pub fn record(&mut self) {
+        self.record.get_or_insert_with(Vec::new);
+    }
+
+    /// What has changed since the last time; nothing unless it is recorded.
+    pub fn take_updates(&mut self) -> Vec<Update> {
+        self.record.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// Keeps a change: vectors by channel and place, and slots whose columns are as the matrix has them now.
+    fn keep(&mut self, sign: f32, rank: usize, vectors: &[Mat<f32>], slots: &[usize]) {
+        let (m, state) = (self.slots(), &self.state);
+        let Some(record) = &mut self.record else { return };
+        let mut update = Update { sign, rank: rank as u32, ..Update::default() };
+        update.vectors = vec![0.0; 3 * rank * m];
+        for (channel, rows) in update.vectors.chunks_mut((rank * m).max(1)).zip(vectors) {
+            for (k, row) in channel.chunks_mut(m).enumerate() {
+                row.iter_mut().take(rows.ncols()).enumerate().for_each(|(i, x)| *x = rows[(k, i)]);
+            }
+        }
+        update.slots = slots.iter().map(|&slot| slot as u32).collect();
+        let column = |c: usize, slot: usize| &state[(c * m + slot) * m..(c * m + slot + 1) * m];
+        update.columns = (0..3).flat_map(|c| slots.iter().flat_map(move |&slot| column(c, slot))).copied().collect();
+        record.push(update);
     }
 
     /// Lets patches enter, as one border. Those that are ghosts with the same area and reflectance come back without any work;
@@ -230,7 +280,13 @@ impl LocalMatrix {
         if let Some(&slot) = visible.iter().chain(lit).find(|&&slot| slot as usize >= slots) {
             return Err(Error::NoSlot { slot, slots });
         }
-        let one = |&slot: &u32| gather(slot, slots as u32, lit.len() as u32, lit, &self.state, &self.root, exitance);
+        let plane = |c: usize| &self.state[c * slots * slots..(c + 1) * slots * slots];
+        let [red, green, blue] = [0, 1, 2].map(plane);
+        let count = lit.len() as u32;
+        let one = |&slot: &u32| {
+            let p = ProductParams { rows: slots as u32, slots: slots as u32, first_row: 0, reserved: 0 };
+            gather(slot, count, &p, lit, red, green, blue, &self.root, exitance)
+        };
         let gathered: Vec<Vec4> = visible.par_iter().with_min_len(16).map(one).collect();
         visible.iter().zip(gathered).for_each(|(&slot, value)| irradiance[slot as usize] = value);
         Ok(())
@@ -266,6 +322,7 @@ impl LocalMatrix {
                 }
             }
         }
+        self.keep(1.0, 0, &[], &which);
         self.work += 6 * (n * n * count) as u64;
         worst
     }
@@ -352,6 +409,7 @@ impl LocalMatrix {
             }
             made.push((rows, right, wide, corner));
         }
+        let mut vectors = Vec::new();
         for (c, (rows, right, mut wide, mut corner)) in made.into_iter().enumerate() {
             let plane = &mut self.state[c * slots * slots..(c + 1) * slots * slots];
             let mut state = MatMut::from_column_major_slice_mut(plane, slots, slots).submatrix_mut(0, 0, n, n);
@@ -370,7 +428,11 @@ impl LocalMatrix {
                     state[(row, column)] = corner[(a, b)];
                 }
             }
+            if self.record.is_some() {
+                vectors.push(rows);
+            }
         }
+        self.keep(1.0, k, &vectors, &free);
         let mut factors = MatMut::from_column_major_slice_mut(&mut self.factors, slots, slots);
         for (j, &slot) in free.iter().enumerate() {
             for i in 0..n {
@@ -400,6 +462,7 @@ impl LocalMatrix {
             return Ok(());
         }
         let parallel = get_global_parallelism();
+        let mut vectors = Vec::new();
         for c in 0..3 {
             let rho: Vec<f32> = which.iter().map(|&slot| scene::math::sqrt(self.albedo[c][slot])).collect();
             let plane = &mut self.state[c * slots * slots..(c + 1) * slots * slots];
@@ -411,6 +474,9 @@ impl LocalMatrix {
                 let mut rows = Mat::from_fn(k, n, |j, i| rho[j] * state[(i, which[j])]);
                 solve_lower_triangular_in_place(factor.L(), rows.as_mut(), parallel);
                 matmul(state.as_mut(), Accum::Add, rows.transpose(), rows.as_ref(), -1.0, parallel);
+                if self.record.is_some() {
+                    vectors.push(rows);
+                }
             }
             for &slot in which {
                 for i in 0..n {
@@ -418,6 +484,7 @@ impl LocalMatrix {
                 }
             }
         }
+        self.keep(-1.0, if self.form == Form::Exact { k } else { 0 }, &vectors, which);
         let mut factors = MatMut::from_column_major_slice_mut(&mut self.factors, slots, slots);
         for &slot in which {
             for i in 0..n {

@@ -38,6 +38,9 @@ const TOP: f32 = 24.0 - ROAD;
 /// Corners of the four houses of a lot, m.
 const HOUSES: [(f32, f32); 4] = [(1.0, 1.0), (25.0, 1.0), (1.0, 27.0), (25.0, 27.0)];
 
+/// Their storeys, in turns: lots have about as many triangles each.
+const STOREYS: [u32; 4] = [3, 4, 5, 5];
+
 /// Random numbers of one thing, always the same.
 pub(super) struct Dice {
     seed: u32,
@@ -188,7 +191,7 @@ impl Plan {
     }
 }
 
-/// Builds it with `triangles` triangles: the largest plan that leaves an eighth for leaves, and as many leaves as it takes.
+/// Builds it with `triangles` triangles: the largest plan that leaves some for leaves, and as many leaves as it takes.
 pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
     // What a lot takes is about the same everywhere: one is built to know.
     let mut chosen = None;
@@ -201,7 +204,7 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
             b.mesh.triangles.len()
         });
         let wanted = each * (plan.lots.0 * plan.lots.1) as usize;
-        if chosen.is_none() || wanted + wanted / 8 <= triangles {
+        if chosen.is_none() || wanted + wanted / 32 <= triangles {
             chosen = Some(plan);
         }
     }
@@ -228,10 +231,11 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
 /// A lot with its four houses; returns its trees.
 fn build_lot(b: &mut Builder, m: &Materials, number: u32, at: Vec2, detail: Detail) -> Vec<street::Tree> {
     let mut dice = Dice::new(number, 1);
+    let turn = dice.pick(STOREYS.len());
     for (k, (x, z)) in HOUSES.into_iter().enumerate() {
         let house = House {
             corner: Vec3::new(at.x + x, 0.0, at.y + z),
-            storeys: 3 + dice.pick(4) as u32,
+            storeys: STOREYS[(k + turn) % STOREYS.len()],
             facade: m.facade[dice.pick(m.facade.len())],
             number: 4 * number + k as u32,
             detail,

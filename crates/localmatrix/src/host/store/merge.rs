@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::error::BakeError;
 use super::file::BakeFile;
-use super::format::{LitPoint, Part, Record, WorldHead};
+use super::format::{LitPoint, Part, Record, WorldHead, block_range};
 use super::write::BakeWriter;
 use crate::host::world::{NO_NODE, Node};
 
@@ -114,21 +114,21 @@ impl BakeWriter {
         // Children of successive parents follow each other: one block of them is read at a time.
         let mut held: Option<(u32, Vec<Record>)> = None;
         while let Some(block) = self.next_block() {
-            let mut made = Vec::new();
-            for parent in super::format::block_range(&head, block) {
+            let mut made: Vec<Record> = Vec::new();
+            for parent in block_range(&head, block) {
                 let node = self.nodes()[parent as usize];
                 let mut children = Vec::with_capacity(node.children as usize);
                 for child in node.first_child..node.first_child + node.children {
                     let from = head.block_of(child);
                     if from == block {
-                        children.push(made[(child - super::format::block_range(&head, block).start) as usize].clone());
+                        children.push(made[(child - block_range(&head, block).start) as usize].clone());
                         continue;
                     }
                     let records = match held.take() {
                         Some((number, records)) if number == from => records,
                         _ => self.records(from)?,
                     };
-                    children.push(records[(child - super::format::block_range(&head, from).start) as usize].clone());
+                    children.push(records[(child - block_range(&head, from).start) as usize].clone());
                     held = Some((from, records));
                 }
                 made.push(parent_record(self.nodes(), parent, &children, most_points));

@@ -92,7 +92,7 @@ impl BakeWriter {
             Err(e) => return Err(io(e)),
         };
         let mut header = Vec::new();
-        file.by_ref().take(HEADER as u64).read_to_end(&mut header).map_err(io)?;
+        Read::by_ref(&mut file).take(HEADER as u64).read_to_end(&mut header).map_err(io)?;
         let Ok((head, (length, sum))) = decode_header(&name, &header) else { return Ok(None) };
         let other = |reason: &str| BakeError::OtherBeginning { path: name.clone(), reason: reason.to_string() };
         if head.scene != scene {

@@ -51,7 +51,17 @@ pub fn turned(b: &mut Builder, material: u32, foot: Vec3, outline: &[(f32, f32)]
             let (radius, y) = (pair[0].0 + (pair[1].0 - pair[0].0) * t, pair[0].1 + (pair[1].1 - pair[0].1) * t);
             foot + Vec3::new(radius * cos, y, radius * sin)
         };
-        b.sheet(material, (sides, 1), at, |s, t| Vec2::new(s, t));
+        // Where the outline meets the axis, quadrilaterals would be triangles and a point.
+        let (from, to) = (pair[0].0 == 0.0, pair[1].0 == 0.0);
+        if !from && !to {
+            b.sheet(material, (sides, 1), at, |s, t| Vec2::new(s, t));
+            continue;
+        }
+        for k in 0..sides {
+            let (s, t) = (k as f32 / sides as f32, (k + 1) as f32 / sides as f32);
+            let corners = if from { [at(s, 0.0), at(t, 1.0), at(s, 1.0)] } else { [at(s, 0.0), at(t, 0.0), at(s, 1.0)] };
+            b.triangle(material, corners, [Vec2::ZERO, Vec2::X, Vec2::Y]);
+        }
     }
 }
 

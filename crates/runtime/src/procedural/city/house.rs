@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::furniture::{Room, corridor, furnish};
-use super::{Detail, Dice, Materials};
+use super::{Detail, Dice, Materials, ROAD};
 use crate::procedural::builder::{ALL_SIDES, Blocks, Builder, UPRIGHT};
 
 /// Walls between rooms, along x; the corridor lies between two walls along z.
@@ -171,7 +171,7 @@ impl House {
         for storey in 0..self.storeys {
             let y = storey as f32 * STOREY;
             parts.extend([
-                (if storey == 0 { 0.0 } else { y - HALF }, Stretch::Slab),
+                (if storey == 0 { ROAD } else { y - HALF }, Stretch::Slab),
                 (y + HALF, Stretch::Low),
                 (y + SILL, Stretch::Middle),
                 (y + LINTEL, Stretch::High),

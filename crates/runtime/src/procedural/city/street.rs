@@ -2,7 +2,6 @@
 
 use glam::{Vec2, Vec3};
 
-use super::furniture::turned;
 use super::{Detail, Dice, LANES, LOT, Materials, PAVEMENT, ROAD, STREET};
 use crate::procedural::builder::{ALL_SIDES, Builder, STANDING, UPRIGHT, steps, turn};
 

@@ -1,0 +1,132 @@
+//! Which nodes of a world are to stand for it: fine ones near the camera, coarse ones far off.
+
+use std::collections::BinaryHeap;
+use std::vec::Vec;
+
+use glam::Vec3;
+
+use super::choice::distance_to_path;
+use super::forest::Forest;
+use super::world::Node;
+
+/// Where the camera is, and where it will be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// The camera, m.
+    pub eye: Vec3,
+    /// Where it goes to next: patches by the way there are near already, m.
+    pub ahead: Vec3,
+}
+
+/// Nodes that take the place of others which cover the same leaves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Exchange {
+    pub enter: Vec<u32>,
+    pub leave: Vec<u32>,
+}
+
+/// A node by its rank, a greater one first, of equal ones that of the lower number.
+#[derive(PartialEq)]
+struct Ranked(f32, u32);
+
+impl Eq for Ranked {}
+
+impl PartialOrd for Ranked {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Ranked {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0).then(other.1.cmp(&self.1))
+    }
+}
+
+/// What says how large nodes look.
+pub(super) struct Chooser<'a> {
+    pub nodes: &'a [Node],
+    pub forest: &'a Forest,
+    pub view: View,
+    /// Below this distance all is equally near, m.
+    pub near: f32,
+    /// What is fine already looks larger by this share.
+    pub hysteresis: f32,
+    /// The nodes that stand for the world now, in order.
+    pub cut: &'a [u32],
+}
+
+impl Chooser<'_> {
+    /// Edge of a node over its distance from the way of the camera.
+    pub fn size(&self, node: u32) -> f32 {
+        let Node { centre, radius, area, .. } = self.nodes[node as usize];
+        let distance = (distance_to_path(centre, self.view.eye, self.view.ahead) - radius).max(0.0);
+        scene::math::sqrt(area) / (distance + self.near)
+    }
+
+    /// The same, with hysteresis: for nodes that are in, or whose descendants are.
+    fn rank(&self, node: u32) -> f32 {
+        let at = self.forest.first_from(self.cut, node);
+        let is_in = self.cut.get(at).is_some_and(|&one| self.forest.covers(node, one));
+        let is_finer = is_in && self.cut[at] != node;
+        // Roots are never finer than they are: what counts for them is to be in at all.
+        let is_root = self.nodes[node as usize].parent == super::world::NO_NODE;
+        self.size(node) * if is_finer || (is_root && is_in) { 1.0 + self.hysteresis } else { 1.0 }
+    }
+
+    /// At most `room` nodes that cover the world, or the part of it that looks largest where its roots are too many already; in order.
+    /// The one that looks largest is divided first. Nodes that `is_barred` are not divided into.
+    pub fn choose(&self, room: usize, is_barred: impl Fn(u32) -> bool) -> Vec<u32> {
+        let roots = self.forest.roots().iter().filter(|&&root| !is_barred(root));
+        let mut ranked: Vec<Ranked> = roots.map(|&root| Ranked(self.rank(root), root)).collect();
+        ranked.sort_unstable_by(|a, b| b.cmp(a));
+        ranked.truncate(room);
+        let mut count = ranked.len();
+        let (mut heap, mut chosen) = (BinaryHeap::from(ranked), Vec::new());
+        while let Some(Ranked(_, node)) = heap.pop() {
+            let Node { first_child, children, .. } = self.nodes[node as usize];
+            let mut family = first_child..first_child + children;
+            if children == 0 || count - 1 + children as usize > room || family.clone().any(&is_barred) {
+                chosen.push(node);
+                continue;
+            }
+            count += children as usize - 1;
+            heap.extend(&mut family.by_ref().map(|child| Ranked(self.rank(child), child)));
+        }
+        chosen.sort_unstable_by_key(|&node| self.forest.run(node));
+        chosen
+    }
+
+    /// What leads from the cut there is to another one, `(finer, coarser, out)`: exchanges of one node for several, of several for one,
+    /// nodes that go without others in their place; what comes without is in `finer`.
+    pub fn exchanges(&self, target: &[u32]) -> (Vec<Exchange>, Vec<Exchange>, Vec<u32>) {
+        let (mut finer, mut coarser, mut out) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut i, mut j) = (0, 0);
+        while i < self.cut.len() || j < target.len() {
+            let (now, then) = (self.cut.get(i).copied(), target.get(j).copied());
+            match (now, then) {
+                (Some(now), Some(then)) if now == then => (i, j) = (i + 1, j + 1),
+                (Some(now), Some(then)) if self.forest.covers(now, then) => {
+                    let end = j + target[j..].partition_point(|&one| self.forest.covers(now, one));
+                    finer.push(Exchange { enter: target[j..end].to_vec(), leave: vec![now] });
+                    (i, j) = (i + 1, end);
+                }
+                (Some(now), Some(then)) if self.forest.covers(then, now) => {
+                    let end = i + self.cut[i..].partition_point(|&one| self.forest.covers(then, one));
+                    coarser.push(Exchange { enter: vec![then], leave: self.cut[i..end].to_vec() });
+                    (i, j) = (end, j + 1);
+                }
+                (Some(now), then) if then.is_none_or(|then| self.forest.run(now)[0] < self.forest.run(then)[0]) => {
+                    out.push(now);
+                    i += 1;
+                }
+                (_, Some(then)) => {
+                    finer.push(Exchange { enter: vec![then], leave: Vec::new() });
+                    j += 1;
+                }
+                (_, None) => break,
+            }
+        }
+        (finer, coarser, out)
+    }
+}

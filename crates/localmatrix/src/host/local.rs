@@ -1,0 +1,526 @@
+//! The matrix that goes with a camera through a world.
+
+use std::collections::{HashMap, HashSet};
+use std::time::Duration;
+use std::vec::Vec;
+
+use glam::Vec4;
+use rayon::prelude::*;
+
+use super::assembly::{Row, assemble};
+use super::cut::{Chooser, Exchange, View};
+use super::forest::Forest;
+use super::matrix::{Entering, Form, LocalMatrix};
+use super::world::{NO_NODE, Node, World};
+use crate::error::Error;
+use crate::kernel::{fade, mean};
+use crate::types::FadeParams;
+
+/// Nodes that enter as one border: more take more memory, fewer more time.
+const TOGETHER: usize = 128;
+/// Distances below so many edges of a patch are all alike.
+const NEAR: f32 = 2.0;
+/// How long [`Local::settle`] sleeps while rows are under way.
+const PAUSE: Duration = Duration::from_millis(1);
+
+/// Settings of [`Local`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocalSettings {
+    /// Nodes that the matrix has room for, M.
+    pub slots: usize,
+    /// Nodes that enter or leave in a step at most; a family that has more changes alone.
+    pub changes: usize,
+    /// What is fine looks larger by this share, so that a camera that trembles moves nothing.
+    pub hysteresis: f32,
+    /// Frames over which light goes over to that of other nodes; its jump shrinks by `1 / fade` a frame. 1 for at once.
+    pub fade: u32,
+    /// Relative residual above which all columns are refreshed.
+    pub tolerance: f32,
+    /// Rows that are asked for ahead, at most.
+    pub wanted: usize,
+    /// How nodes enter and leave.
+    pub form: Form,
+}
+
+impl Default for LocalSettings {
+    /// 4,096 slots, 64 changes a step, a fifth of hysteresis, 16 frames, 10⁻⁵, 1,024 rows.
+    fn default() -> Self {
+        Self { slots: 4096, changes: 64, hysteresis: 0.2, fade: 16, tolerance: 1e-5, wanted: 1024, form: Form::Exact }
+    }
+}
+
+impl LocalSettings {
+    /// # Errors
+    /// [`Error::Setting`] for values out of their range.
+    pub fn check(&self) -> Result<(), Error> {
+        let refuse = |name, value, rule| Err(Error::Setting { name, value, rule });
+        if self.changes == 0 {
+            return refuse("changes", 0.0, "at least 1");
+        }
+        if !(self.hysteresis >= 0.0 && self.hysteresis.is_finite()) {
+            return refuse("hysteresis", f64::from(self.hysteresis), "at least 0");
+        }
+        if self.fade == 0 {
+            return refuse("fade", 0.0, "at least 1");
+        }
+        if self.tolerance.is_nan() || self.tolerance <= 0.0 {
+            return refuse("tolerance", f64::from(self.tolerance), "positive");
+        }
+        Ok(())
+    }
+}
+
+/// What a step is about to change, see [`Local::choose`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Changes {
+    /// Nodes that enter, with their rows.
+    enter: Vec<u32>,
+    /// Nodes in whose place they do.
+    leave: Vec<u32>,
+    /// Nodes that leave with nothing in their place, and become ghosts.
+    out: Vec<u32>,
+    waiting: usize,
+    later: usize,
+    lost: Vec<Error>,
+}
+
+impl Changes {
+    /// Whether nothing changes.
+    pub fn is_empty(&self) -> bool {
+        self.enter.is_empty() && self.leave.is_empty() && self.out.is_empty()
+    }
+}
+
+/// What a step did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Step {
+    /// Nodes that entered.
+    pub entered: usize,
+    /// Nodes that left, or became ghosts.
+    pub left: usize,
+    /// Nodes that would enter, but whose rows are not there yet: coarser ones stay in their place.
+    pub waiting: usize,
+    /// Nodes that would enter, but for which there was no room in the budget.
+    pub later: usize,
+    /// Multiplications, all channels, that the matrix took.
+    pub work: u64,
+    /// Residual of the columns that were looked at, relative; none where nothing changed.
+    pub residual: Option<f32>,
+    /// Rows that are lost, and nodes that the matrix refused: they stay coarser, and are not tried again.
+    pub lost: Vec<Error>,
+}
+
+/// All bounces of light in a world of any size, between the nodes that stand for it about a camera.
+///
+/// The nodes in the matrix are a *cut* of the world's forest, at most M nodes, fine where they look large from the way of the
+/// camera and coarse elsewhere. A node gives way to its descendants, and they to it, exactly and as a whole, so that each part of the world is
+/// in the matrix once; where not even the roots have room, those that look smallest leave as ghosts. Light shines from the mean
+/// exitance of a node and arrives at all of its patches alike.
+///
+/// Each frame either [`Self::frame`], or its parts: [`Self::choose`], [`Self::apply`], [`Self::product`].
+#[derive(Clone, Debug)]
+pub struct Local {
+    settings: LocalSettings,
+    forest: Forest,
+    leaf_area: Vec<f32>,
+    near: f32,
+    matrix: LocalMatrix,
+    /// Nodes that stand for the world, in order.
+    cut: Vec<u32>,
+    ghosts: Vec<u32>,
+    /// Rows of the cut, of ghosts and of nodes that are to enter.
+    rows: HashMap<u32, Row>,
+    /// Nodes that cannot enter.
+    barred: HashSet<u32>,
+    /// Columns that are yet to be refreshed.
+    repair: usize,
+    /// What is left of jumps of the light, for each leaf.
+    offset: Vec<Vec4>,
+}
+
+impl Local {
+    /// An empty matrix for a world.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], [`Error::Node`] where the nodes are no forest.
+    pub fn new(nodes: &[Node], settings: LocalSettings) -> Result<Self, Error> {
+        settings.check()?;
+        let forest = Forest::new(nodes)?;
+        let leaf_area: Vec<f32> = forest.leaves().iter().map(|&leaf| nodes[leaf as usize].area).collect();
+        let area = leaf_area.iter().map(|&a| f64::from(a)).sum::<f64>() / leaf_area.len().max(1) as f64;
+        let offset = vec![Vec4::ZERO; leaf_area.len()];
+        Ok(Self {
+            settings,
+            matrix: LocalMatrix::new(settings.slots, settings.form)?,
+            near: NEAR * scene::math::sqrt(area as f32).max(f32::MIN_POSITIVE),
+            forest,
+            leaf_area,
+            cut: Vec::new(),
+            ghosts: Vec::new(),
+            rows: HashMap::new(),
+            barred: HashSet::new(),
+            repair: 0,
+            offset,
+        })
+    }
+
+    /// What it was made with.
+    pub fn settings(&self) -> &LocalSettings {
+        &self.settings
+    }
+
+    /// The matrix: its patches are nodes.
+    pub fn matrix(&self) -> &LocalMatrix {
+        &self.matrix
+    }
+
+    /// The matrix, for its record of updates.
+    pub fn matrix_mut(&mut self) -> &mut LocalMatrix {
+        &mut self.matrix
+    }
+
+    /// The leaves' order, in which light is given and taken, and what each node covers of it.
+    pub fn forest(&self) -> &Forest {
+        &self.forest
+    }
+
+    /// Area of each leaf, m².
+    pub fn leaf_area(&self) -> &[f32] {
+        &self.leaf_area
+    }
+
+    /// The nodes that stand for the world, in the order of their leaves.
+    pub fn cut(&self) -> &[u32] {
+        &self.cut
+    }
+
+    /// The node that stands for a node: itself or an ancestor. None where there is none, or where several finer ones do.
+    pub fn stand_in(&self, node: u32) -> Option<u32> {
+        let one = *self.cut.get(self.forest.first_from(&self.cut, node))?;
+        self.forest.covers(one, node).then_some(one)
+    }
+
+    /// Slot of each leaf's node, or [`NO_NODE`], and of each slot the run of leaves, empty where it holds none.
+    pub fn places(&self) -> (Vec<u32>, Vec<[u32; 2]>) {
+        let (mut slot_of, mut runs) = (vec![NO_NODE; self.leaf_area.len()], vec![[0; 2]; self.settings.slots]);
+        for (slot, node) in self.matrix.patches() {
+            let run = self.forest.run(node);
+            slot_of[run[0] as usize..run[1] as usize].fill(slot);
+            runs[slot as usize] = run;
+        }
+        (slot_of, runs)
+    }
+
+    /// Bytes of rows, of the matrix, and of the rest.
+    pub fn bytes(&self) -> [(&'static str, u64); 3] {
+        let rows: usize = self.rows.values().map(|row| size_of_val(&row[..])).sum();
+        let forest = 8 * self.leaf_area.len() + 16 * self.leaf_area.len() + 4 * self.leaf_area.len();
+        [("rows", rows as u64), ("matrix", self.matrix.bytes()), ("leaves", forest as u64)]
+    }
+
+    /// Chooses what a step is to change, and asks the world for the rows that it and the next ones need. Never waits.
+    pub fn choose(&mut self, world: &mut dyn World, view: View) -> Changes {
+        self.choose_some(world, view, self.settings.changes)
+    }
+
+    fn choose_some(&mut self, world: &mut dyn World, view: View, most: usize) -> Changes {
+        let slots = self.settings.slots;
+        let (mut finer, mut coarser, out) = {
+            let nodes = world.nodes();
+            let chooser = Chooser {
+                nodes,
+                forest: &self.forest,
+                view,
+                near: self.near,
+                hysteresis: self.settings.hysteresis,
+                cut: &self.cut,
+            };
+            let target = chooser.choose(slots, |node| self.barred.contains(&node));
+            let (finer, coarser, out) = chooser.exchanges(&target);
+            let mut finer: Vec<Exchange> = finer.into_iter().map(|one| self.at_most(one, nodes, most)).collect();
+            // Roots come before what is in them, which would be named for each.
+            finer.dedup();
+            let coarser: Vec<Exchange> = coarser.into_iter().map(|one| self.at_most(one, nodes, most)).collect();
+            let by_size = |list: Vec<Exchange>, of: fn(&Exchange) -> u32| {
+                let mut ranked: Vec<(f32, Exchange)> =
+                    list.into_iter().map(|one| (chooser.size(of(&one)), one)).collect();
+                ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+                ranked
+            };
+            // What looks largest first, and what looks smallest.
+            let mut finer = by_size(finer, |one| one.leave.first().copied().unwrap_or(one.enter[0]));
+            finer.reverse();
+            let coarser = by_size(coarser, |one| one.enter[0]);
+            let plain = |list: Vec<(f32, Exchange)>| list.into_iter().map(|(_, one)| one).peekable();
+            (plain(finer), plain(coarser), out)
+        };
+        let mut changes = Changes { out, ..Changes::default() };
+        let (mut count, mut total) = (self.cut.len() - changes.out.len(), 0);
+        let mut wanted = Vec::new();
+        loop {
+            while let Some(one) = finer.next_if(|one| !self.fetch(world, one, &mut changes, &mut wanted)) {
+                changes.waiting += one.enter.len();
+            }
+            let fits = |one: &Exchange| count + one.enter.len() <= slots + one.leave.len();
+            let next = match finer.next_if(fits) {
+                Some(one) => one,
+                None => {
+                    while let Some(one) = coarser.next_if(|one| !self.fetch(world, one, &mut changes, &mut wanted)) {
+                        changes.waiting += one.enter.len();
+                    }
+                    match (coarser.next(), finer.next()) {
+                        (Some(one), _) => one,
+                        (None, Some(one)) => {
+                            changes.later += one.enter.len();
+                            continue;
+                        }
+                        (None, None) => break,
+                    }
+                }
+            };
+            let size = next.enter.len() + next.leave.len();
+            if total > 0 && total + size > most {
+                changes.later += next.enter.len();
+                break;
+            }
+            total += size;
+            count = count + next.enter.len() - next.leave.len();
+            changes.enter.extend(&next.enter);
+            changes.leave.extend(&next.leave);
+        }
+        // Those that were not looked at: their rows are under way when it is their turn.
+        for one in finer.chain(coarser) {
+            changes.later += one.enter.len();
+            wanted.extend(one.enter.iter().filter(|node| !self.rows.contains_key(node)));
+        }
+        wanted.truncate(self.settings.wanted);
+        world.want(&wanted);
+        changes
+    }
+
+    /// Whether the rows of what enters are there; those that are not are wanted.
+    fn fetch(&mut self, world: &mut dyn World, one: &Exchange, changes: &mut Changes, wanted: &mut Vec<u32>) -> bool {
+        let mut is_there = true;
+        for &node in &one.enter {
+            if self.rows.contains_key(&node) {
+                continue;
+            }
+            match world.row(node) {
+                Ok(Some(row)) => {
+                    self.rows.insert(node, row);
+                }
+                Ok(None) => {
+                    wanted.push(node);
+                    is_there = false;
+                }
+                Err(error) => {
+                    self.barred.insert(node);
+                    changes.lost.push(error);
+                    is_there = false;
+                }
+            }
+        }
+        is_there
+    }
+
+    /// The exchange, or a part of it that has about as many changes as there may be: a family.
+    fn at_most(&self, one: Exchange, nodes: &[Node], most: usize) -> Exchange {
+        let parent = |node: u32| nodes[node as usize].parent;
+        let Some(&first) = one.leave.first() else {
+            // What is not there yet begins with its root.
+            let mut root = one.enter[0];
+            while parent(root) != NO_NODE {
+                root = parent(root);
+            }
+            return Exchange { enter: vec![root], leave: Vec::new() };
+        };
+        if one.enter.len() + one.leave.len() <= most {
+            return one;
+        }
+        if let [node] = one.leave[..] {
+            let Node { first_child, children, .. } = nodes[node as usize];
+            return Exchange { enter: (first_child..first_child + children).collect(), leave: vec![node] };
+        }
+        // The deepest has all of its siblings beside it.
+        let depth =
+            |&node: &u32| std::iter::successors(Some(node), |&n| Some(parent(n)).filter(|&p| p != NO_NODE)).count();
+        let deepest = one.leave.iter().copied().max_by_key(|node| (depth(node), u32::MAX - node)).unwrap_or(first);
+        let whole = parent(deepest);
+        let family = one.leave.iter().copied().filter(|&node| self.forest.covers(whole, node)).collect();
+        Exchange { enter: vec![whole], leave: family }
+    }
+
+    /// Makes the changes in the matrix, and refreshes what rounding has left in it.
+    ///
+    /// # Errors
+    /// What the matrix refuses, other than nodes with which light would grow: those stay out, and what left comes back.
+    pub fn apply(&mut self, world: &dyn World, changes: Changes) -> Result<Step, Error> {
+        let before = self.matrix.work();
+        let mut step = Step { waiting: changes.waiting, later: changes.later, lost: changes.lost, ..Step::default() };
+        let (enter, leave, out) = (&changes.enter, &changes.leave, &changes.out);
+        let has_changes = !enter.is_empty() || !leave.is_empty();
+        self.matrix.leave(out)?;
+        self.ghosts.extend(out);
+        self.cut.retain(|node| !out.contains(node));
+        self.matrix.remove(leave)?;
+        let gone: HashSet<u32> = leave.iter().copied().collect();
+        self.cut.retain(|node| !gone.contains(node));
+        match self.add(world.nodes(), enter) {
+            Ok(()) => (step.entered, step.left) = (enter.len(), leave.len() + out.len()),
+            Err(error @ Error::Singular { patch }) => {
+                let back: Vec<u32> = enter.iter().copied().filter(|&one| self.matrix.slot(one).is_some()).collect();
+                self.matrix.remove(&back)?;
+                self.cut.retain(|node| !back.contains(node));
+                self.add(world.nodes(), leave)?;
+                self.barred.insert(patch);
+                step.lost.push(error);
+                step.left = out.len();
+            }
+            Err(error) => return Err(error),
+        }
+        let matrix = &self.matrix;
+        self.ghosts.retain(|&ghost| matrix.has_ghost(ghost));
+        let kept: HashSet<u32> = self.cut.iter().chain(&self.ghosts).copied().collect();
+        // Rows that are there for the next steps stay, as long as they are few.
+        let spare = self.rows.len() > kept.len() + self.settings.wanted;
+        self.rows.retain(|node, _| kept.contains(node) || !(spare || gone.contains(node)));
+        if has_changes || self.repair > 0 {
+            let columns = self.repair.clamp(1, self.settings.changes);
+            let residual = self.matrix.refresh(columns);
+            self.repair = self.repair.saturating_sub(columns);
+            if residual > self.settings.tolerance && self.repair == 0 {
+                self.repair = self.settings.slots;
+            }
+            step.residual = Some(residual);
+        }
+        step.work = self.matrix.work() - before;
+        Ok(step)
+    }
+
+    /// Borders the matrix with nodes whose rows are there.
+    fn add(&mut self, nodes: &[Node], enter: &[u32]) -> Result<(), Error> {
+        for some in enter.chunks(TOGETHER) {
+            let mut all: Vec<u32> = self.cut.iter().chain(&self.ghosts).chain(some).copied().collect();
+            all.sort_unstable_by_key(|&node| self.forest.run(node));
+            // A ghost that comes back is there twice.
+            all.dedup();
+            let no_row = Row::new();
+            let row = |node: u32| &self.rows.get(&node).unwrap_or(&no_row)[..];
+            let rows = assemble(some, &all, nodes, &self.forest, row);
+            let mut entering: Vec<Entering> = Vec::with_capacity(some.len());
+            for (&patch, factors) in some.iter().zip(&rows) {
+                let Node { area, albedo, .. } = nodes[patch as usize];
+                entering.push(Entering { patch, area, albedo, factors });
+            }
+            self.matrix.add(&entering)?;
+            self.ghosts.retain(|ghost| !some.contains(ghost));
+            self.cut.extend(some);
+            let forest = &self.forest;
+            self.cut.sort_unstable_by_key(|&node| forest.run(node));
+        }
+        Ok(())
+    }
+
+    /// [`Self::choose`] and [`Self::apply`].
+    ///
+    /// # Errors
+    /// As [`Self::apply`].
+    pub fn step(&mut self, world: &mut dyn World, view: View) -> Result<Step, Error> {
+        let changes = self.choose(world, view);
+        self.apply(world, changes)
+    }
+
+    /// Steps without a budget until the nodes are those that suit the camera, and waits for rows: before the first frame. `go_on(done)`
+    /// is told how many nodes are there and says whether to go on. Returns the work.
+    ///
+    /// # Errors
+    /// As [`Self::apply`]; [`Error::Cancelled`].
+    pub fn settle(&mut self, world: &mut dyn World, view: View, go_on: &dyn Fn(usize) -> bool) -> Result<Step, Error> {
+        let mut whole = Step::default();
+        loop {
+            if !go_on(self.cut.len()) {
+                return Err(Error::Cancelled);
+            }
+            // In parts, so that one can see it go on.
+            let changes = self.choose_some(world, view, self.settings.slots);
+            let (is_done, is_idle) = (changes.is_empty() && changes.waiting == 0, changes.is_empty());
+            let step = self.apply(world, changes)?;
+            whole.entered += step.entered;
+            whole.left += step.left;
+            whole.work += step.work;
+            whole.residual = step.residual.or(whole.residual);
+            let has_lost = !step.lost.is_empty();
+            whole.lost.extend(step.lost);
+            if is_done && !has_lost {
+                return Ok(whole);
+            }
+            if is_idle && !has_lost {
+                std::thread::sleep(PAUSE);
+            }
+        }
+    }
+
+    /// Irradiance of the leaves from their exitance, W/m², both in the leaves' order; `is_seen` of the nodes says which are of any
+    /// use, the others get nothing. No light comes to leaves that nothing stands for.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless both have one element a leaf.
+    pub fn product(
+        &self,
+        exitance: &[Vec4],
+        irradiance: &mut [Vec4],
+        is_seen: impl Fn(u32) -> bool,
+    ) -> Result<(), Error> {
+        for (name, found) in [("exitance", exitance.len()), ("irradiance", irradiance.len())] {
+            if found != self.leaf_area.len() {
+                return Err(Error::Length { name, expected: self.leaf_area.len(), found });
+            }
+        }
+        let (slot_of, runs) = self.places();
+        let light: Vec<Vec4> = runs.par_iter().map(|run| mean(run[0], run[1], &self.leaf_area, exitance)).collect();
+        let visible: Vec<u32> =
+            self.matrix.patches().filter(|&(_, node)| is_seen(node)).map(|(slot, _)| slot).collect();
+        let is_lit = |&slot: &u32| light[slot as usize].truncate() != glam::Vec3::ZERO;
+        let lit: Vec<u32> = (0..light.len() as u32).filter(is_lit).collect();
+        let mut at_slots = vec![Vec4::ZERO; light.len()];
+        self.matrix.product(&visible, &lit, &light, &mut at_slots)?;
+        let at = |&slot: &u32| at_slots.get(slot as usize).copied().unwrap_or(Vec4::ZERO);
+        irradiance.par_iter_mut().zip(&slot_of).for_each(|(h, slot)| *h = at(slot));
+        Ok(())
+    }
+
+    /// A frame: a step, and the irradiance of the leaves from their exitance, W/m², both in the leaves' order. What the step changes of the
+    /// light is not there at once: it comes over the next frames, whatever the lights do in the meantime.
+    ///
+    /// # Errors
+    /// As [`Self::apply`] and [`Self::product`].
+    pub fn frame(
+        &mut self,
+        world: &mut dyn World,
+        view: View,
+        exitance: &[Vec4],
+        irradiance: &mut [Vec4],
+        is_seen: impl Fn(u32) -> bool + Copy,
+    ) -> Result<Step, Error> {
+        let changes = self.choose(world, view);
+        let mut before = Vec::new();
+        if !changes.is_empty() && !self.cut.is_empty() {
+            before = vec![Vec4::ZERO; irradiance.len()];
+            self.product(exitance, &mut before, is_seen)?;
+        }
+        let step = self.apply(world, changes)?;
+        self.product(exitance, irradiance, is_seen)?;
+        let params = self.fade_params(!before.is_empty());
+        self.offset.par_iter_mut().zip(irradiance.par_iter_mut()).enumerate().for_each(|(i, (offset, h))| {
+            *offset = fade(*offset, before.get(i).copied().unwrap_or(*h), *h, &params);
+            *h += *offset;
+        });
+        Ok(step)
+    }
+
+    /// How jumps of the light shrink in a frame; `has_jump` where the matrix has changed.
+    pub fn fade_params(&self, has_jump: bool) -> FadeParams {
+        let keep = 1.0 - 1.0 / self.settings.fade as f32;
+        FadeParams { count: self.leaf_area.len() as u32, keep, has_jump: u32::from(has_jump), reserved: 0 }
+    }
+}
