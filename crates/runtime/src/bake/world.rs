@@ -446,7 +446,7 @@ impl Extra {
             return None;
         }
         let voxels: Vec<u32> = (0..counts[0]).map(|_| word()).collect::<Option<_>>()?;
-        let mut vector = |word: &mut dyn FnMut() -> Option<u32>| {
+        let vector = |word: &mut dyn FnMut() -> Option<u32>| {
             Some(Vec3::new(f32::from_bits(word()?), f32::from_bits(word()?), f32::from_bits(word()?)))
         };
         let emission: Vec<(u32, Vec3)> =
