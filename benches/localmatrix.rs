@@ -1,6 +1,6 @@
 //! The matrix round a camera: what a patch costs that enters, alone and among others, what refreshing a column costs, and the
 //! product over shares of lit and of visible slots. Bytes a second stand beside: an entering patch reads the matrix and reads
-//! and writes it once more.
+//! and writes it once more. Then a step along a world of more patches than slots, with and without changes.
 
 #![allow(missing_docs)]
 
@@ -9,7 +9,7 @@ use std::hint::black_box;
 use benches::{SEED, exitance, stream_gb_s};
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput};
 use glam::{Vec3, Vec4};
-use localmatrix::{Entering, Error, Form, LocalMatrix};
+use localmatrix::{Entering, Error, Form, Local, LocalMatrix, LocalSettings, Surface, Table, View};
 use scene::sampling::{hash3, unit};
 
 /// Bytes of a read that no cache holds.
@@ -43,6 +43,59 @@ fn filled(slots: usize, free: usize) -> Result<(LocalMatrix, Vec<Row>), Error> {
 
 fn entering(patch: u32, rows: &[Row]) -> Entering<'_> {
     Entering { patch, area: 1.0, albedo: Vec3::new(0.6, 0.5, 0.4), factors: &rows[patch as usize] }
+}
+
+/// Patches of a world, and slots for it.
+const WORLD: usize = 8192;
+const WORLD_SLOTS: usize = 1024;
+/// Patches that a row of the world knows to both sides.
+const REACH: usize = 40;
+
+/// A long street: each patch exchanges light with its neighbours.
+fn street() -> Result<Table, Error> {
+    let surface = |i: usize| Surface {
+        centre: Vec3::new(i as f32 * 0.1, unit(hash3(i as u32, 1, SEED)), 0.0),
+        normal: Vec3::Z,
+        area: 1.0,
+        albedo: Vec3::new(0.6, 0.5, 0.4),
+    };
+    let surfaces: Vec<Surface> = (0..WORLD).map(surface).collect();
+    let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    for i in 0..WORLD {
+        for j in (i.saturating_sub(REACH)..(i + REACH + 1).min(WORLD)).filter(|&j| j != i) {
+            columns.push(j as u32);
+            values.push(0.3 / (1.0 + (i.abs_diff(j) as f32).powi(2)));
+        }
+        starts.push(columns.len() as u32);
+    }
+    Table::new(&surfaces, starts, columns, values)
+}
+
+/// Steps of a camera that goes to and fro, and that stands.
+fn steps(criterion: &mut Criterion) -> Result<(), Error> {
+    let mut world = street()?;
+    let mut group = criterion.benchmark_group(format!("localmatrix/{WORLD_SLOTS} of {WORLD}"));
+    for changes in [16, 64] {
+        let settings = LocalSettings { slots: WORLD_SLOTS, changes, ..LocalSettings::default() };
+        let mut local = Local::new(localmatrix::World::nodes(&world), settings)?;
+        let view = |x: f32| View { eye: Vec3::X * x, ahead: Vec3::X * x };
+        local.settle(&mut world, view(100.0), &|_| true)?;
+        let mut step = 0;
+        group.bench_function(BenchmarkId::new("step", changes), |bench| {
+            bench.iter(|| {
+                // A metre a frame over three hundred and back.
+                step = (step + 1) % 600;
+                let x = 400.0 - i32::abs(step - 300) as f32;
+                local.step(&mut world, view(x)).map(|step| black_box(step.work))
+            });
+        });
+        local.settle(&mut world, view(100.0), &|_| true)?;
+        group.bench_function(BenchmarkId::new("step at rest", changes), |bench| {
+            bench.iter(|| local.step(&mut world, view(100.0)).map(|step| black_box(step.work)));
+        });
+    }
+    group.finish();
+    Ok(())
 }
 
 fn main() -> Result<(), Error> {
@@ -81,6 +134,7 @@ fn main() -> Result<(), Error> {
         }
         group.finish();
     }
+    steps(&mut criterion)?;
     criterion.final_summary();
     Ok(())
 }

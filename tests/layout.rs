@@ -7,6 +7,7 @@ use glam::{UVec2, UVec4, Vec2, Vec3, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
+use localmatrix::{FadeParams, SlotParams, UpdateParams};
 use multibounce::{BlockParams, FeedbackParams, TileComponent};
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
@@ -171,6 +172,17 @@ structure!(SampleParams {
 });
 structure!(SumParams { count: u32, rows: u32, first: u32, first_entry: u32, options: u32 });
 structure!(SplitParams { count: u32, rows: u32 });
+structure!(FadeParams { count: u32, keep: f32, has_jump: u32, reserved: u32 });
+structure!(SlotParams { count: u32, slots: u32 });
+structure!(UpdateParams {
+    count: u32,
+    slots: u32,
+    rank: u32,
+    sign: f32,
+    first_vector: u32,
+    first_column: u32,
+    reserved: [u32; 2],
+});
 structure!(Member { sample: u32, weight: f32 });
 structure!(LookupPatch { position: Vec3, patch: u32, direction: Vec3, reserved: u32 });
 structure!(GridShape { origin: Vec3, count_x: u32, edges: Vec3, count_y: u32, count_z: u32, reserved: [u32; 3] });
@@ -203,6 +215,14 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "photons" => layout::<Photon>(),
         "landings" => layout::<Landing>(),
         "entries" if kernel == "patches_lookup" => layout::<LookupPatch>(),
+        "columns" | "vectors" | "plane" | "area" | "red" | "green" | "blue" if kernel.starts_with("localmatrix_") => {
+            layout::<f32>()
+        }
+        "light" | "before" | "now" | "offset" | "leaves" => layout::<Vec4>(),
+        "runs" => layout::<UVec2>(),
+        "starts" | "list" | "lit_starts" | "lit" | "visible_starts" | "visible" | "slot_of" | "leaf_of" => {
+            layout::<u32>()
+        }
         "components" => layout::<TileComponent>(),
         "order" | "place" | "words" | "use_start" | "uses" | "entries" => layout::<u32>(),
         "root" | "steps" => layout::<f32>(),
@@ -247,6 +267,9 @@ fn push(kernel: &str) -> Layout {
         k if k.starts_with("temporal_sample") => layout::<SampleParams>(),
         k if k.starts_with("temporal_sum") => layout::<SumParams>(),
         k if k.starts_with("temporal_split") => layout::<SplitParams>(),
+        "localmatrix_count" | "localmatrix_product" => layout::<SlotParams>(),
+        "localmatrix_fade" => layout::<FadeParams>(),
+        "localmatrix_update" => layout::<UpdateParams>(),
         "patches_lookup" => layout::<LookupParams>(),
         "patches_volume_lookup" | "patches_volume_lookup_sh" => layout::<VolumeParams>(),
         _ => layout::<CountParams>(),

@@ -10,9 +10,11 @@ use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::{UVec2, UVec3, Vec4};
 use gpu_kernels::table::{ImageFormat, MAX_GROUPS_X};
 use gpu_kernels::{
-    firstshot as fs, formfactor as ff, multibounce as mb, patches as pa, scene as sc, temporal as te, tiles as ti,
+    firstshot as fs, formfactor as ff, localmatrix as lm, multibounce as mb, patches as pa, scene as sc,
+    temporal as te, tiles as ti,
 };
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
+use localmatrix::{FadeParams, SlotParams, UpdateParams};
 use multibounce::FeedbackParams;
 use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
@@ -132,6 +134,15 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "temporal_sum_tables" => entry!(te::sum_tables, SumParams, Vec4, [0, 1, 2, 3, 4, 5]),
         "temporal_split_scan" => entry!(te::split_scan, SplitParams, UVec2, [0, 1]),
         "temporal_split_pack" => entry!(te::split_pack, SplitParams, u32, [0, 1, 2]),
+        "localmatrix_mean" => entry!(lm::mean, CountParams, Vec4, [0, 1, 2]),
+        "localmatrix_count" => entry!(lm::count, SlotParams, u32, [0]),
+        "localmatrix_start" => entry!(lm::start, CountParams, u32, [0]),
+        "localmatrix_compact" => entry!(lm::compact, CountParams, u32, [0, 1]),
+        "localmatrix_product" => entry!(lm::product, SlotParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8]),
+        "localmatrix_spread" => entry!(lm::spread, CountParams, Vec4, [0, 1]),
+        "localmatrix_fade" => entry!(lm::fade, FadeParams, Vec4, [0, 1]),
+        "localmatrix_show" => entry!(lm::show, CountParams, Vec4, [0, 1, 2]),
+        "localmatrix_update" => entry!(lm::update, UpdateParams, f32, [0, 1, 2]),
         _ => return None,
     })
 }
@@ -152,7 +163,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 32 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 41 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

@@ -13,6 +13,7 @@ use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
 use integration_tests::kernels::{Bytes, Data, Input, block_input, inputs};
 use integration_tests::vulkan;
+use localmatrix::{FadeParams, SlotParams, UpdateParams};
 use multibounce::{BlockCodec, BlockParams};
 use patches::{LookupParams, VolumeParams};
 use runtime::cpu::Cpu;
@@ -127,6 +128,9 @@ fn count_offset(kernel: &Kernel) -> usize {
         name if name.starts_with("multibounce_blocks") => offset_of!(BlockParams, block_rows),
         name if name.starts_with("temporal_sample") => offset_of!(SampleParams, rows),
         name if name.starts_with("temporal_sum") => offset_of!(SumParams, count),
+        "localmatrix_count" | "localmatrix_product" => offset_of!(SlotParams, count),
+        "localmatrix_fade" => offset_of!(FadeParams, count),
+        "localmatrix_update" => offset_of!(UpdateParams, count),
         _ => offset_of!(CountParams, count),
     }
 }

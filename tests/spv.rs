@@ -191,7 +191,10 @@ fn no_float_operation_may_be_contracted() {
         let operations = module.instructions.iter().filter(|i| is_float_arithmetic(i.operation)).count();
         module.decorations.clear();
         assert_eq!(contractible(&module), operations);
-        let has_none = name == "formfactor_hemisphere_row" || name.starts_with("temporal_split");
+        let has_none = name == "formfactor_hemisphere_row"
+            || name.starts_with("temporal_split")
+            || ["localmatrix_count", "localmatrix_start", "localmatrix_compact", "localmatrix_spread"]
+                .contains(&&name[..]);
         assert!(operations > 0 || has_none, "{name} computes nothing");
     }
 }

@@ -2,6 +2,7 @@
 //! that the kernels need beside it.
 
 mod firstshot;
+mod localmatrix;
 mod multibounce;
 mod temporal;
 
@@ -564,6 +565,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             call(rows, p, [tables, vec![room::<Vec4>("irradiance", rows as usize + 3)]].concat())
         }
         name if name.starts_with("firstshot_") => firstshot::own_tables(r, name, scene),
+        name if name.starts_with("localmatrix_") => localmatrix::own_tables(r, name),
         name if name.starts_with("multibounce_") => multibounce::own_tables(r, name),
         name if name.starts_with("temporal_") => temporal::own_tables(r, name),
         "patches_gather_mean" => {

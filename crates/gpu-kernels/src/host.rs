@@ -3,6 +3,7 @@
 
 pub(crate) mod firstshot;
 pub(crate) mod formfactor;
+pub(crate) mod localmatrix;
 pub(crate) mod multibounce;
 pub(crate) mod patches;
 pub(crate) mod scene;

@@ -1,7 +1,7 @@
 //! SPIR-V entry points of all methods, their compiled modules, and the table that describes them to executors.
 //!
 //! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel`, `multibounce::kernel`,
-//! `temporal::kernel` and `firstshot::kernel`. Here each gets an entry point (bindings,
+//! `localmatrix::kernel`, `temporal::kernel` and `firstshot::kernel`. Here each gets an entry point (bindings,
 //! range check, one call), a module `spv/<crate>_<kernel>.spv`, and a row of [`table::KERNELS`] with its host form
 //! ([`host`]), which runs the same body over all elements on all cores. Results agree in all bits on the devices that we
 //! know, because the modules forbid contraction and take their maths from polynomials of our own.
@@ -20,6 +20,8 @@
 //!   which is faster on software Vulkan.
 //! - Kernels that sample rows take a frame's number, so that each frame draws others; what they write they also read, the
 //!   irradiance of the frame before.
+//! - Lists of slots are made in three passes, `localmatrix_count`, `_start` and `_compact`, the last of which finds the slot at its own
+//!   place; they end with the slots that are not in them, so that each is named once.
 //! - Products with a matrix in texture blocks take one row of blocks a workgroup, by the same tree of lanes.
 //!   `multibounce_reorder` brings vectors into the order of the blocks and back.
 //!
@@ -67,6 +69,7 @@ pub mod firstshot;
 pub mod formfactor;
 mod half;
 mod invocation;
+pub mod localmatrix;
 pub mod multibounce;
 pub mod params;
 pub mod patches;

@@ -30,8 +30,10 @@ macro_rules! spv {
     }};
 }
 
+mod localmatrix;
 mod temporal;
 
+pub use localmatrix::*;
 pub use temporal::*;
 
 const fn buffer<T>(name: &'static str, access: Access) -> Binding {
@@ -91,6 +93,15 @@ pub static KERNELS: &[&Kernel] = &[
     &TEMPORAL_SUM_TABLES,
     &TEMPORAL_SPLIT_SCAN,
     &TEMPORAL_SPLIT_PACK,
+    &LOCALMATRIX_MEAN,
+    &LOCALMATRIX_COUNT,
+    &LOCALMATRIX_START,
+    &LOCALMATRIX_COMPACT,
+    &LOCALMATRIX_PRODUCT,
+    &LOCALMATRIX_SPREAD,
+    &LOCALMATRIX_FADE,
+    &LOCALMATRIX_SHOW,
+    &LOCALMATRIX_UPDATE,
     &FIRSTSHOT_START,
     &FIRSTSHOT_SEGMENT,
 ];

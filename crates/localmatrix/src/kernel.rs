@@ -2,18 +2,23 @@
 
 use glam::{Vec3, Vec4};
 
-use crate::types::{FadeParams, ProductParams};
+use crate::types::{FadeParams, UpdateParams};
+
+/// Slots that are counted together where lists of them are made.
+pub const BLOCK: u32 = 64;
+/// No column among those that are new.
+pub const KEPT: u32 = u32::MAX;
 
 /// Irradiance at a slot from some lit slots, `H_i = Σ_j T̂_ij √a_j E_j / √a_i`, W/m²; the fourth component is 0.
 ///
-/// Shapes: `lit[lit_count]` names slots; `red`, `green` and `blue` hold the rows `first_row..first_row + rows` of the planes of T̂,
-/// `[rows · slots]`; `root[slots]` holds √a, m; `exitance[slots]`, W/m². Needs a slot of these rows.
+/// Shapes: `lit[lit_count]` names slots; `red`, `green` and `blue` hold the planes of T̂, `[slots · slots]`; `root[slots]` holds √a, m;
+/// `exitance[slots]`, W/m². Needs `slot < slots`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn gather(
     slot: u32,
+    slots: u32,
     lit_count: u32,
-    p: &ProductParams,
     lit: &[u32],
     red: &[f32],
     green: &[f32],
@@ -21,7 +26,7 @@ pub fn gather(
     root: &[f32],
     exitance: &[Vec4],
 ) -> Vec4 {
-    let row = (slot - p.first_row) * p.slots;
+    let row = slot * slots;
     let mut sum = Vec3::ZERO;
     for k in 0..lit_count {
         let j = lit[k as usize];
@@ -29,6 +34,112 @@ pub fn gather(
         sum += Vec3::new(red[at], green[at], blue[at]) * (exitance[j as usize].truncate() * root[j as usize]);
     }
     (sum / root[slot as usize]).extend(0.0)
+}
+
+/// Whether a slot goes into the list: its light is not 0.
+#[inline]
+pub fn is_some(value: Vec4) -> bool {
+    value.x != 0.0 || value.y != 0.0 || value.z != 0.0
+}
+
+/// Slots of a block of [`BLOCK`] that go into the list. Shapes: `values[slots]`.
+#[inline]
+pub fn count(block: u32, slots: u32, values: &[Vec4]) -> u32 {
+    let mut sum = 0;
+    for k in 0..BLOCK {
+        let slot = block * BLOCK + k;
+        if slot < slots && is_some(values[slot as usize]) {
+            sum += 1;
+        }
+    }
+    sum
+}
+
+/// Where the slots of a block begin in the list; of the block after the last, the length of the list. Shapes: `counts[blocks]`. Needs
+/// `block ≤ blocks`.
+#[inline]
+pub fn start(block: u32, counts: &[u32]) -> u32 {
+    let mut sum = 0;
+    for k in 0..block {
+        sum += counts[k as usize];
+    }
+    sum
+}
+
+/// The slot at a place of a list: those that go into it in their order, then the others in theirs, so that each slot is there once.
+///
+/// Shapes: `starts[blocks + 1]`, `values[slots]`. Needs `place < slots`.
+#[inline]
+pub fn compact(place: u32, slots: u32, starts: &[u32], values: &[Vec4]) -> u32 {
+    let blocks = slots.div_ceil(BLOCK);
+    let length = starts[blocks as usize];
+    let is_in = place < length;
+    let rank = if is_in { place } else { place - length };
+    // The last block that begins at this rank or before; slots that are left out begin where the others leave room.
+    let (mut low, mut high) = (0, blocks);
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        let begins = if is_in { starts[middle as usize] } else { middle * BLOCK - starts[middle as usize] };
+        if begins <= rank {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let begins = if is_in { starts[low as usize] } else { low * BLOCK - starts[low as usize] };
+    let (mut left, mut slot) = (rank - begins, low * BLOCK);
+    let end = slots.min(slot + BLOCK);
+    while slot < end {
+        if is_some(values[slot as usize]) == is_in {
+            if left == 0 {
+                break;
+            }
+            left -= 1;
+        }
+        slot += 1;
+    }
+    slot
+}
+
+/// Four entries of a plane of T̂ after an update: `T̂_ij + sign · Σ_k r_ki r_kj`, or what a slot whose column is new has there.
+///
+/// Shapes: an element is four columns of a row, `[slots · slots / 4]`; `vectors[rank · slots]` and `columns[new · slots]` from where the
+/// parameters say; `place[slots]` names the column of each slot that is new, or [`KEPT`]; `old` are the entries so far. Needs whole fours.
+#[inline]
+pub fn update(element: u32, p: &UpdateParams, vectors: &[f32], columns: &[f32], place: &[u32], old: Vec4) -> Vec4 {
+    let (row, column) = (element / (p.slots / 4), 4 * (element % (p.slots / 4)));
+    let own = place[row as usize];
+    if own != KEPT {
+        let at = (p.first_column + own * p.slots + column) as usize;
+        return Vec4::new(columns[at], columns[at + 1], columns[at + 2], columns[at + 3]);
+    }
+    let mut sum = Vec4::ZERO;
+    for k in 0..p.rank {
+        let first = p.first_vector + k * p.slots;
+        let (r, c) = (vectors[(first + row) as usize], (first + column) as usize);
+        sum += Vec4::new(vectors[c], vectors[c + 1], vectors[c + 2], vectors[c + 3]) * r;
+    }
+    let new = old + sum * p.sign;
+    let across = p.first_column + row;
+    let c = column as usize;
+    Vec4::new(
+        replaced(place[c], new.x, across, p.slots, columns),
+        replaced(place[c + 1], new.y, across, p.slots, columns),
+        replaced(place[c + 2], new.z, across, p.slots, columns),
+        replaced(place[c + 3], new.w, across, p.slots, columns),
+    )
+}
+
+/// An entry, or that of a column that is new.
+#[inline]
+fn replaced(place: u32, entry: f32, across: u32, slots: u32, columns: &[f32]) -> f32 {
+    if place == KEPT { entry } else { columns[(across + place * slots) as usize] }
+}
+
+/// Irradiance of a leaf, W/m²: that of the slot that stands for it, or 0. Shapes: `irradiance[slots]`.
+#[inline]
+pub fn spread(slot: u32, irradiance: &[Vec4]) -> Vec4 {
+    if slot == KEPT { Vec4::ZERO } else { irradiance[slot as usize] }
 }
 
 /// Mean exitance of the leaves `first..end` by their areas, W/m²; 0 where there are none.
@@ -50,4 +161,10 @@ pub fn mean(first: u32, end: u32, area: &[f32], exitance: &[Vec4]) -> Vec4 {
 pub fn fade(offset: Vec4, before: Vec4, now: Vec4, p: &FadeParams) -> Vec4 {
     let jump = if p.has_jump != 0 { before - now } else { Vec4::ZERO };
     offset * p.keep + jump
+}
+
+/// Irradiance of a patch, W/m²: that of its leaf, and what is left of jumps there. Shapes: `now[leaves]`, `offset[leaves]`.
+#[inline]
+pub fn show(leaf: u32, now: &[Vec4], offset: &[Vec4]) -> Vec4 {
+    now[leaf as usize] + offset[leaf as usize]
 }

@@ -16,7 +16,12 @@
 //! taken away, `T̂ ← T̂ − ρ_n T̂_n T̂_nᵀ / (1 + ρ_n T̂_nn)`, which is exact as well: no light is counted twice. What rounding
 //! leaves is taken out column by column ([`LocalMatrix::refresh`]).
 //!
-//! [`choose`] says which patches are to enter and to leave, from how far they are off.
+//! [`Local`] goes with a camera through a [`World`] of any size: its nodes are patches, and patches merged to trees. In the matrix is a cut
+//! through them, fine where it looks large from the camera's way and coarse far off, so that no light is lost; within a budget of changes a
+//! step, one node gives way to its descendants or they to it. Rows that are not in memory yet are asked for ahead, and until
+//! they come the coarser node stays. F between nodes of any level is that of both rows ([`World`]), and what the light would jump by
+//! when the nodes change comes over some frames. [`Table`] is a world in memory. [`choose`] alone says which patches of a flat world
+//! are to enter and to leave, from how far they are off.
 //!
 //! ```
 //! use glam::{Vec3, Vec4};
@@ -55,4 +60,4 @@ pub mod types;
 pub use error::Error;
 #[cfg(feature = "std")]
 pub use host::*;
-pub use types::{FadeParams, ProductParams};
+pub use types::{FadeParams, SlotParams, UpdateParams};

@@ -18,18 +18,36 @@ pub struct FadeParams {
 
 const _: () = assert!(size_of::<FadeParams>() == 16);
 
-/// Shape of a product.
+/// An update of a plane of the matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct ProductParams {
-    /// Rows of the planes that are bound.
-    pub rows: u32,
-    /// Slots.
+pub struct UpdateParams {
+    /// Elements: four columns of a row each.
+    pub count: u32,
+    /// Slots, whole fours.
     pub slots: u32,
-    /// The first of the rows.
-    pub first_row: u32,
+    /// Number of vectors.
+    pub rank: u32,
+    /// 1 or −1.
+    pub sign: f32,
+    /// Where the vectors of this plane begin.
+    pub first_vector: u32,
+    /// Where its new columns begin.
+    pub first_column: u32,
     /// 0.
-    pub reserved: u32,
+    pub reserved: [u32; 2],
 }
 
-const _: () = assert!(size_of::<ProductParams>() == 16);
+const _: () = assert!(size_of::<UpdateParams>() == 32);
+
+/// A list of slots, or a product with one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SlotParams {
+    /// Elements.
+    pub count: u32,
+    /// Slots.
+    pub slots: u32,
+}
+
+const _: () = assert!(size_of::<SlotParams>() == 8);

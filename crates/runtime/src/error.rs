@@ -32,6 +32,9 @@ pub enum Error {
     /// Rows that frames sample.
     #[error("temporal radiosity: {0}")]
     Temporal(#[from] temporal::Error),
+    /// The matrix round the camera.
+    #[error("local matrix: {0}")]
+    Local(#[from] localmatrix::Error),
     /// Matrices that would not fit into memory.
     #[error(
         "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; choose a \

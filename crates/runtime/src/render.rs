@@ -4,6 +4,7 @@ pub mod classic;
 pub mod debug;
 pub mod firstshot;
 pub(crate) mod frame;
+pub mod local;
 pub mod operator;
 pub mod path;
 mod pixels;

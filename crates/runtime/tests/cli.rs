@@ -417,16 +417,16 @@ fn the_demo_writes_a_report_that_needs_no_other_file() {
     for word in ["cornell", "atrium", "data:image/png;base64,", "median ms", "against the path tracer", "CPU"] {
         assert!(report.contains(word), "{word}");
     }
-    // Five methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
-    let head = "<th>classic</th><th>tiles</th><th>feedback</th><th>temporal</th><th>firstshot</th>";
+    // Six methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
+    let head = "<th>classic</th><th>tiles</th><th>feedback</th><th>temporal</th><th>local</th><th>firstshot</th>";
     assert_eq!(report.matches(head).count(), 6);
     assert_eq!(report.matches("<td>frame 2, tiles</td>").count(), 4);
     let summary: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("summary.json")).unwrap()).unwrap();
     let methods: Vec<&str> = summary.as_array().unwrap().iter().filter_map(|s| s["method"].as_str()).collect();
-    assert_eq!(methods, ["classic", "tiles", "feedback", "temporal", "firstshot"].repeat(2));
+    assert_eq!(methods, ["classic", "tiles", "feedback", "temporal", "local", "firstshot"].repeat(2));
     let ssim = |k: usize| summary[k]["indirect"]["ssim"].as_f64().unwrap();
-    assert!((0..10).all(|k| (ssim(k) - ssim(k / 5 * 5)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
+    assert!((0..12).all(|k| (ssim(k) - ssim(k / 6 * 6)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
     assert!(!report.contains("src=\"http") && !report.contains("<script"));
     for name in
         ["cornell/frame-0000.png", "atrium/classic/full.exr", "cornell/feedback/full.exr", "atrium/path/full.exr"]

@@ -13,7 +13,7 @@ use super::forest::Forest;
 use super::matrix::{Entering, Form, LocalMatrix};
 use super::world::{NO_NODE, Node, World};
 use crate::error::Error;
-use crate::kernel::{fade, mean};
+use crate::kernel::{fade, is_some, mean, spread};
 use crate::types::FadeParams;
 
 /// Nodes that enter as one border: more take more memory, fewer more time.
@@ -461,7 +461,7 @@ impl Local {
     }
 
     /// Irradiance of the leaves from their exitance, W/m², both in the leaves' order; `is_seen` of the nodes says which are of any
-    /// use, the others get nothing. No light comes to leaves that nothing stands for.
+    /// use, the others get nothing. No light comes to leaves that nothing stands for. Returns how many nodes are lit.
     ///
     /// # Errors
     /// [`Error::Length`] unless both have one element a leaf.
@@ -470,7 +470,7 @@ impl Local {
         exitance: &[Vec4],
         irradiance: &mut [Vec4],
         is_seen: impl Fn(u32) -> bool,
-    ) -> Result<(), Error> {
+    ) -> Result<usize, Error> {
         for (name, found) in [("exitance", exitance.len()), ("irradiance", irradiance.len())] {
             if found != self.leaf_area.len() {
                 return Err(Error::Length { name, expected: self.leaf_area.len(), found });
@@ -480,13 +480,12 @@ impl Local {
         let light: Vec<Vec4> = runs.par_iter().map(|run| mean(run[0], run[1], &self.leaf_area, exitance)).collect();
         let visible: Vec<u32> =
             self.matrix.patches().filter(|&(_, node)| is_seen(node)).map(|(slot, _)| slot).collect();
-        let is_lit = |&slot: &u32| light[slot as usize].truncate() != glam::Vec3::ZERO;
+        let is_lit = |&slot: &u32| is_some(light[slot as usize]);
         let lit: Vec<u32> = (0..light.len() as u32).filter(is_lit).collect();
         let mut at_slots = vec![Vec4::ZERO; light.len()];
         self.matrix.product(&visible, &lit, &light, &mut at_slots)?;
-        let at = |&slot: &u32| at_slots.get(slot as usize).copied().unwrap_or(Vec4::ZERO);
-        irradiance.par_iter_mut().zip(&slot_of).for_each(|(h, slot)| *h = at(slot));
-        Ok(())
+        irradiance.par_iter_mut().zip(&slot_of).for_each(|(h, &slot)| *h = spread(slot, &at_slots));
+        Ok(lit.len())
     }
 
     /// A frame: a step, and the irradiance of the leaves from their exitance, W/m², both in the leaves' order. What the step changes of the
@@ -510,12 +509,18 @@ impl Local {
         }
         let step = self.apply(world, changes)?;
         self.product(exitance, irradiance, is_seen)?;
+        self.fade(&before, irradiance);
+        Ok(step)
+    }
+
+    /// Adds to the irradiance of the leaves what is left of the jumps that changes of the matrix made: `before` is the irradiance of the
+    /// same exitance before the changes of this frame, or empty where there were none.
+    pub fn fade(&mut self, before: &[Vec4], irradiance: &mut [Vec4]) {
         let params = self.fade_params(!before.is_empty());
         self.offset.par_iter_mut().zip(irradiance.par_iter_mut()).enumerate().for_each(|(i, (offset, h))| {
             *offset = fade(*offset, before.get(i).copied().unwrap_or(*h), *h, &params);
             *h += *offset;
         });
-        Ok(step)
     }
 
     /// How jumps of the light shrink in a frame; `has_jump` where the matrix has changed.

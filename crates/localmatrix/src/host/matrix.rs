@@ -11,7 +11,6 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::kernel::gather;
-use crate::types::ProductParams;
 
 /// Most slots: three times their square is counted in 32 bits.
 pub const MOST_SLOTS: usize = 32_768;
@@ -283,10 +282,7 @@ impl LocalMatrix {
         let plane = |c: usize| &self.state[c * slots * slots..(c + 1) * slots * slots];
         let [red, green, blue] = [0, 1, 2].map(plane);
         let count = lit.len() as u32;
-        let one = |&slot: &u32| {
-            let p = ProductParams { rows: slots as u32, slots: slots as u32, first_row: 0, reserved: 0 };
-            gather(slot, count, &p, lit, red, green, blue, &self.root, exitance)
-        };
+        let one = |&slot: &u32| gather(slot, slots as u32, count, lit, red, green, blue, &self.root, exitance);
         let gathered: Vec<Vec4> = visible.par_iter().with_min_len(16).map(one).collect();
         visible.iter().zip(gathered).for_each(|(&slot, value)| irradiance[slot as usize] = value);
         Ok(())

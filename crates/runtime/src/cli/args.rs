@@ -9,6 +9,7 @@ use temporal::{Blend, MOST_SAMPLES, Settings};
 use super::bake::{Bake, Merge};
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
+use crate::render::local::LocalOptions;
 use crate::render::operator::Codec;
 use crate::render::temporal::{RowKind, Sampled, Temporal};
 
@@ -69,6 +70,7 @@ pub enum Command {
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
         patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
+        patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
@@ -135,6 +137,8 @@ pub enum Method {
     Feedback,
     /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
     Temporal,
+    /// All bounces in one product, with the matrix of the patches round the camera: --slots, --budget, --look-ahead, --fade.
+    Local,
     /// Photons that start where lights fall first, until the error is what --error says.
     Firstshot,
     /// Path tracing on the CPU, the reference.
@@ -150,9 +154,46 @@ impl Method {
             Self::Tiles => "tiles",
             Self::Feedback => "feedback",
             Self::Temporal => "temporal",
+            Self::Local => "local",
             Self::Firstshot => "firstshot",
             Self::Path => "path",
         }
+    }
+}
+
+/// How the camera moves.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CameraPath {
+    /// Along the scene, from one end to the other.
+    Fly,
+    /// To and fro along the scene's middle, twice.
+    Shuttle,
+    /// Round the scene's middle.
+    Circle,
+}
+
+/// Options of the local matrix.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct LocalArgs {
+    /// Patches and merged patches in the matrix; 16 bytes for each pair (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64))]
+    pub slots: u32,
+    /// How many of them enter or leave in a frame at most (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub budget: u32,
+    /// Frames that the camera's way is looked ahead (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.look_ahead, value_parser = parse_frames)]
+    pub look_ahead: f32,
+    /// Frames over which changes of the matrix come into the light; 1 for at once (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub fade: u32,
+}
+
+impl LocalArgs {
+    /// The settings.
+    pub fn options(&self) -> LocalOptions {
+        let Self { slots, budget, look_ahead, fade } = *self;
+        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade }
     }
 }
 
@@ -397,6 +438,11 @@ pub struct Render {
     pub errors: bool,
     #[command(flatten)]
     pub temporal: TemporalOptions,
+    #[command(flatten)]
+    pub local: LocalArgs,
+    /// How the camera moves from frame to frame; then lights move as --animate says, but for a camera of their path.
+    #[arg(long, value_enum)]
+    pub path: Option<CameraPath>,
     /// Picture size [default: that of the reference, else 960x540].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
@@ -556,6 +602,13 @@ fn parse_bounces(text: &str) -> Result<Bounces, String> {
     }
 }
 
+fn parse_frames(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(frames) if (0.0..=1000.0).contains(&frames) => Ok(frames),
+        _ => Err(format!("`{text}` is no number from 0 to 1000")),
+    }
+}
+
 fn parse_blend(text: &str) -> Result<Blend, String> {
     match text.parse() {
         _ if text == "auto" => Ok(Settings::default().blend),
@@ -628,6 +681,11 @@ mod tests {
             ("--rows", "tables", ["table", "csr", ""]),
             ("--sampled", "all", ["none", "some", ""]),
             ("--animate", "sun", ["moon", "1", ""]),
+            ("--path", "fly", ["walk", "1", ""]),
+            ("--slots", "64", ["3", "32769", "many"]),
+            ("--budget", "1", ["0", "-1", "all"]),
+            ("--look-ahead", "0", ["-1", "1001", "far"]),
+            ("--fade", "1", ["0", "1001", "slow"]),
         ] {
             assert!(parse(option, good).is_ok(), "{option} {good}");
             for value in bad {

@@ -21,6 +21,7 @@ use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
+use crate::render::local::LocalOptions;
 use crate::render::operator::{Codec, Feedback, Transport};
 use crate::render::temporal::{RowKind, Sampled, Temporal};
 use crate::render::{Pictures, path};
@@ -54,7 +55,7 @@ struct Method {
     transport: Transport,
 }
 
-const METHODS: [Method; 5] = [
+const METHODS: [Method; 6] = [
     Method { name: "classic", title: "Classic radiosity", transport: Transport::Classic },
     Method {
         name: "tiles",
@@ -63,12 +64,16 @@ const METHODS: [Method; 5] = [
     },
     Method { name: "feedback", title: "Feedback", transport: Transport::Feedback(FEEDBACK) },
     Method { name: "temporal", title: "Temporal", transport: Transport::Temporal(TEMPORAL) },
+    Method { name: "local", title: "Local matrix", transport: Transport::Local(LOCAL) },
     Method {
         name: "firstshot",
         title: "First shot",
         transport: Transport::FirstShot(FirstShotSettings { error: PHOTON_ERROR, most_photons: 1 << 24 }),
     },
 ];
+
+/// Fewer slots than patches, so that far ones are merged.
+const LOCAL: LocalOptions = LocalOptions { slots: 1024, ..LocalOptions::DEFAULT };
 
 const TEMPORAL: Temporal = Temporal { settings: Settings::DEFAULT, rows: RowKind::Lists, sampled: Sampled::Patches };
 
@@ -126,10 +131,12 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
             "Classic radiosity multiplies by the form factors for each bounce. The operator of all bounces does it in one \
              product; it is stored in tiles with an error of {:.0} %. Feedback takes one product a frame with form factors \
              stored alike, from the light of the frame before; temporal radiosity does it with {} samples a row of what has \
-             changed. First shot traces photons from where lights fall first until the irradiance of the patches has an error \
+             changed. The local matrix multiplies once by the operator of {} patches, fine ones near the camera, merged ones far \
+             off. First shot traces photons from where lights fall first until the irradiance of the patches has an error \
              of {:.0} %. All share senders, form factors and receivers.",
             100.0 * EPSILON,
             TEMPORAL.settings.samples,
+            LOCAL.slots,
             100.0 * PHOTON_ERROR
         ),
         "Errors are those of 8 × 8 block means of luminance against the path tracer, whose own noise they include; \
@@ -280,6 +287,7 @@ fn one_method(
             }
             done.times
         } else {
+            loaded_bake.look(view.eye);
             loaded_bake.advance(&lights)?
         };
         if is_cancelled() {

@@ -42,8 +42,8 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if codec.is_some() && args.method != Method::Multibounce {
         progress.warn(&format!("--codec is for --method multibounce; --method {} ignores it", args.method.name()));
     }
-    if args.method == Method::Firstshot && args.bounces != Bounces::All {
-        progress.warn("photons take all bounces; --method firstshot ignores --bounces");
+    if matches!(args.method, Method::Firstshot | Method::Local) && args.bounces != Bounces::All {
+        progress.warn(&format!("--method {} takes all bounces and ignores --bounces", args.method.name()));
     }
     let codec = codec.filter(|_| args.method == Method::Multibounce);
     let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
@@ -65,6 +65,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         | Method::Tiles
         | Method::Feedback
         | Method::Temporal
+        | Method::Local
         | Method::Firstshot => {
             classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
         }
@@ -112,7 +113,7 @@ fn path_frames(
     let settings = PathSettings { seed: common.seed, bounces, ..PathSettings::default() };
     let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
     let mut scene = loaded.scene.clone();
-    let movement = Movement::new(loaded, args.animate, args.frames, progress);
+    let movement = Movement::new(loaded, (args.animate, args.path), args.frames, progress);
     let mut last = None;
     for frame in 0..args.frames {
         let view;
@@ -172,6 +173,7 @@ fn classic_frames(
                 accelerated: !args.plain,
             }),
             Method::Temporal => Transport::Temporal(args.temporal.settings(common.seed)),
+            Method::Local => Transport::Local(args.local.options()),
             Method::Firstshot => {
                 Transport::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
             }
@@ -210,7 +212,7 @@ fn classic_frames(
         }
         summary.bake.insert(phase.into(), progress.seconds(phase));
     }
-    let movement = Movement::new(loaded, args.animate, args.frames, progress);
+    let movement = Movement::new(loaded, (args.animate, args.path), args.frames, progress);
     let mut sequence = Sequence::new(loaded.exposure_stops);
     let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut last = None;
@@ -222,7 +224,7 @@ fn classic_frames(
             return Err(Error::Cancelled);
         }
         if args.frames > 1 || args.errors {
-            sequence.add(&mut classic, exact.as_mut(), &lights, &done.times)?;
+            sequence.add(&mut classic, exact.as_mut(), (&lights, &camera, frame), &done)?;
         }
         for (name, ms) in done.times {
             times.entry(name).or_default().push(ms);
@@ -237,6 +239,9 @@ fn classic_frames(
     }
     if args.frames > 1 || args.errors {
         sequence.write(out, &format!("Patchlight: {}, {}", loaded.name, args.method.name()))?;
+    }
+    if let Some(line) = sequence.work() {
+        progress.note(&line);
     }
     if let Some(shot) = classic.first_shot() {
         summary.photons = Some(PhotonCounts::of(&shot.round()));

@@ -119,6 +119,69 @@ impl Animation {
     }
 }
 
+impl Animation {
+    /// The camera along the longer way of the scene, a tenth of it away from both ends, at the height and on the line of its view, looking where it
+    /// goes; lights rest.
+    pub fn fly(scene: &LoadedScene) -> Self {
+        Self::along(scene, &[0.1, 0.9])
+    }
+
+    /// The same to and fro, over the middle half, twice.
+    pub fn shuttle(scene: &LoadedScene) -> Self {
+        Self::along(scene, &[0.25, 0.75, 0.25, 0.75, 0.25])
+    }
+
+    /// The camera once round the middle of the scene, looking outwards; lights rest.
+    pub fn circle(scene: &LoadedScene) -> Self {
+        let (low, high) = scene.scene.bounds;
+        let (centre, half) = (0.5 * (low + high), 0.25 * (high - low));
+        let at = |k: u32| {
+            // A whole turn in 64 straight pieces.
+            let turn = f64::from(k) / f64::from(CIRCLE) * std::f64::consts::TAU;
+            Vec3::new(half.x * turn.cos() as f32, 0.0, half.z * turn.sin() as f32)
+        };
+        let eye = |k: u32| Vec3::new(centre.x, inside(scene).y, centre.z) + at(k);
+        let target = |k: u32| eye(k) + at(k);
+        let keys = |of: &dyn Fn(u32) -> Vec3| -> Vec<Keyframe> {
+            (0..=CIRCLE).map(|k| Keyframe { time: k as f32 / CIRCLE as f32, value: of(k) }).collect()
+        };
+        Self::of_camera(scene, keys(&eye), keys(&target))
+    }
+
+    /// The camera at shares of the scene's longer way, one after the other.
+    fn along(scene: &LoadedScene, shares: &[f32]) -> Self {
+        let (low, high) = scene.scene.bounds;
+        let axis = if high.x - low.x >= high.z - low.z { Vec3::X } else { Vec3::Z };
+        let length = (high - low).dot(axis);
+        let from = inside(scene);
+        let eye = |share: f32| from + axis * (low.dot(axis) + share * length - from.dot(axis));
+        let time = |k: usize| k as f32 / (shares.len() - 1) as f32;
+        let keys = |ahead: f32| -> Vec<Keyframe> {
+            let key = |(k, &share): (usize, &f32)| Keyframe { time: time(k), value: eye(share) + axis * ahead };
+            shares.iter().enumerate().map(key).collect()
+        };
+        Self::of_camera(scene, keys(0.0), keys(length))
+    }
+
+    fn of_camera(scene: &LoadedScene, eye: Vec<Keyframe>, target: Vec<Keyframe>) -> Self {
+        let tracks = vec![
+            Track { target: Target::CameraEye, keyframes: eye },
+            Track { target: Target::CameraTarget, keyframes: target },
+        ];
+        Self { lights: scene.scene.lights.clone(), view: scene.view, tracks }
+    }
+}
+
+/// The eye of a scene's view, or the nearest place a tenth within the scene.
+fn inside(scene: &LoadedScene) -> Vec3 {
+    let (low, high) = scene.scene.bounds;
+    let margin = 0.1 * (high - low);
+    scene.view.eye.clamp(low + margin, high - margin)
+}
+
+/// Straight pieces of a circle.
+const CIRCLE: u32 = 64;
+
 /// A point light at the upper third of the scene as bright as all its emitters together, at least enough to be seen.
 fn travelling_light(scene: &LoadedScene) -> Light {
     let s = &scene.scene;

@@ -18,6 +18,7 @@ use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 use super::debug::{DebugPicture, DebugView};
 use super::firstshot::{FirstShot, quietly, write_files};
 use super::frame::{Frame, FrameParts};
+use super::local::{LocalFrame, LocalLight};
 use super::operator::{self, Compressing, Feedback, LAST_BOUNCES, PatchOperator, Transport, accelerations};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
@@ -28,7 +29,7 @@ use super::test_lights::test_lights;
 use super::{Pictures, go_on, proceed};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, Executor, open};
-use crate::import::LoadedScene;
+use crate::import::{LoadedScene, View};
 use crate::progress::Progress;
 
 /// Receivers along the edge of a patch.
@@ -151,6 +152,7 @@ pub struct Bake {
     receivers: MeshReceivers,
     direct: DirectParams,
     bounces: u32,
+    view: View,
     settings: ClassicSettings,
 }
 
@@ -252,7 +254,7 @@ impl Bake {
             Some(bounces) => bounces,
             None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
         };
-        Ok(Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings })
+        Ok(Self { scene, senders, factors, facet_rows, receivers, direct, bounces, view: loaded.view, settings })
     }
 
     /// Bounces of a frame, and how they use where the light was going.
@@ -334,8 +336,15 @@ impl Bake {
             _ => None,
         };
         let sampled = self.sampled(transport, progress)?;
+        let local = match transport {
+            Transport::Local(options) => {
+                Some(LocalLight::new(&self.senders, &self.factors, options, self.view.eye, progress)?)
+            }
+            _ => None,
+        };
+        let local_bytes = local.as_ref().map(LocalLight::bytes).unwrap_or_default();
         let [patch_bytes, facet_bytes, receiver_bytes] = sampled.as_ref().map(SampledRows::bytes).unwrap_or_default();
-        let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings } = self;
+        let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings, .. } = self;
         let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
         let mut first_shot = match transport {
@@ -369,13 +378,14 @@ impl Bake {
             ("nodes".to_owned(), csr_bytes(&receivers.weights)),
             ("lookup".to_owned(), senders.lookup.as_ref().map_or(0, Lookup::bytes) as u64),
         ]);
+        bytes.extend(local_bytes);
         if let Some(shot) = &first_shot {
             bytes.remove("form_factors");
             bytes.extend(shot.bytes().map(|(name, count)| (name.to_owned(), count)));
         }
         let frame = Frame::load(
             executor,
-            &FrameParts {
+            FrameParts {
                 scene: &scene,
                 senders: &senders,
                 receivers: &receivers,
@@ -383,6 +393,7 @@ impl Bake {
                 operator: operator.as_ref(),
                 feedback,
                 sampled: sampled.as_ref(),
+                local,
                 facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
                 // The light between facets comes from photons.
@@ -433,6 +444,7 @@ impl Classic {
     /// What the device says.
     pub fn frame(&mut self, lights: &[Light], camera: &Camera, number: u32) -> Result<FrameResult, Error> {
         self.scene.lights = lights.to_vec();
+        self.look(camera.eye);
         let photons = self.shoot()?;
         let (full, direct, mut times) = self.frame.render(lights, camera, number)?;
         times.extend(photons);
@@ -458,6 +470,18 @@ impl Classic {
         let mut times = self.frame.advance(lights)?;
         times.extend(photons);
         Ok(times)
+    }
+
+    /// Where the camera is in the next frame, m: what is near it is what matters to the matrix round it. [`Self::frame`] says so itself.
+    pub fn look(&mut self, eye: Vec3) {
+        if let Some(local) = self.frame.local() {
+            local.look(eye);
+        }
+    }
+
+    /// What the last frame did with the matrix round the camera, where there is one.
+    pub fn local_frame(&mut self) -> Option<LocalFrame> {
+        self.frame.local().map(|local| local.last().clone())
     }
 
     /// Photons for the lights there are, where photons carry the light; the milliseconds.

@@ -1,5 +1,7 @@
 //! A frame as a plan: direct light at the patches, bounces, receivers, and sub-frames of the picture.
 
+mod hits;
+mod local;
 mod operator;
 mod sampled;
 
@@ -7,8 +9,7 @@ use std::borrow::Cow;
 use std::f32::consts::PI;
 
 use bytemuck::{Pod, cast_slice};
-use formfactor::kernel::hits::WORD_COUNTS;
-use formfactor::{Csr, HitRows, HitsParams, Operator as _, SparseRows};
+use formfactor::{Csr, HitRows, HitsParams, SparseRows};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
@@ -17,6 +18,7 @@ use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
+use super::local::LocalLight;
 use super::operator::{LAST_BOUNCES, PatchOperator};
 use super::receivers::MeshReceivers;
 use super::senders::Senders;
@@ -24,6 +26,8 @@ use super::temporal::SampledRows;
 use crate::error::Error;
 use crate::executor::{Executor, ExecutorError, PassTime};
 use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
+use hits::{HitTables, RowBlock};
+use local::LocalStage;
 use operator::OperatorTables;
 pub(crate) use operator::product_on_device;
 use sampled::{Level, LevelPasses};
@@ -45,6 +49,8 @@ pub struct FrameParts<'a> {
     pub feedback: Option<(u32, Acceleration)>,
     /// Rows that are sampled instead of multiplied by.
     pub sampled: Option<&'a SampledRows>,
+    /// The matrix round the camera, instead of products with all patches.
+    pub local: Option<LocalLight>,
     /// From patches to facets.
     pub facet_rows: &'a SparseRows,
     /// Takes the patches' own irradiance to the pixels, instead of the receivers.
@@ -74,6 +80,7 @@ pub struct Frame {
     /// What is to be done before the first frame.
     feedback: Option<Feedback>,
     sampling: Sampling,
+    local: Option<LocalStage>,
     /// All passes but those of the picture.
     light_passes: Vec<PassId>,
     sub_frames: Vec<SubFrame>,
@@ -197,7 +204,9 @@ impl<'a> Uploads<'a> {
 
 impl Frame {
     /// Makes the plan, loads it and uploads everything that stays.
-    pub fn load(mut executor: Box<dyn Executor>, parts: &FrameParts) -> Result<Self, Error> {
+    pub fn load(mut executor: Box<dyn Executor>, mut parts: FrameParts) -> Result<Self, Error> {
+        let local = parts.local.take();
+        let parts = &parts;
         let s = parts.scene;
         let (patches, points) = (parts.senders.patches.len(), parts.senders.points.len());
         let facets = parts.senders.facets.len();
@@ -248,7 +257,7 @@ impl Frame {
         };
         let facet_factors = if facet_samples.is_some() { &no_rows } else { &parts.facet_rows.factors };
         let facet_rows = uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], facet_factors);
-        let is_sparse = parts.operator.is_none() && patch_samples.is_none();
+        let is_sparse = parts.operator.is_none() && patch_samples.is_none() && local.is_none();
         let patch_factors = if is_sparse { parts.factors } else { &no_rows };
         let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], patch_factors);
         let operator = parts.operator.map(|operator| OperatorTables::new(&mut plan, &mut uploads, operator));
@@ -333,7 +342,7 @@ impl Frame {
             if parts.lookup.is_some() { parts.bounces.max(1) } else { parts.bounces.saturating_sub(LAST_BOUNCES) };
         let products = match parts.feedback {
             Some((products, _)) => products,
-            None if patch_samples.is_some() => 0,
+            None if patch_samples.is_some() || local.is_some() => 0,
             None if operator.is_some() => 1,
             None => on_patches,
         };
@@ -344,6 +353,14 @@ impl Frame {
             let (source, reflected) = (Range::from(source), Range::from(irradiance));
             let level = Level { name: "method", rows, settings, source, albedo, reflected, irradiance };
             sampling.add(&mut plan, &mut uploads, &level, range, on_patches)?;
+            pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
+        }
+        // Native code multiplies by the host's own matrix.
+        let on_device = executor.device().index.is_some();
+        let local = local
+            .map(|light| LocalStage::new(&mut plan, &mut uploads, light, (source, irradiance), on_device))
+            .transpose()?;
+        if local.is_some() {
             pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
         }
         for _ in 0..products {
@@ -492,6 +509,7 @@ impl Frame {
             patch_light,
             feedback,
             sampling,
+            local,
             light_passes,
             sub_frames,
             seed,
@@ -514,7 +532,8 @@ impl Frame {
                 self.executor.push(pass, &push)?;
             }
         }
-        let times = by_name(self.executor.run()?);
+        let all = self.executor.plan().all_passes();
+        let times = self.run(&all)?;
         let full = self.picture(self.full, count)?;
         let direct = self.picture(self.direct, count)?;
         Ok((full, direct, times))
@@ -523,7 +542,23 @@ impl Frame {
     /// The light of a frame without its picture; the milliseconds of each pass.
     pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
         self.set_lights(lights)?;
-        Ok(by_name(self.executor.run_passes(&self.light_passes)?))
+        let passes = self.light_passes.clone();
+        self.run(&passes)
+    }
+
+    /// Runs passes, with the matrix round the camera in its place among them; the milliseconds of each.
+    fn run(&mut self, passes: &[PassId]) -> Result<Vec<(String, f64)>, Error> {
+        let Some(local) = &mut self.local else { return Ok(by_name(self.executor.run_passes(passes)?)) };
+        let (before, after) = passes.split_at(local.first_pass());
+        let mut times = self.executor.run_passes(before)?;
+        times.extend(local.light(&mut *self.executor)?);
+        times.extend(self.executor.run_passes(&after[local.passes()..])?);
+        Ok(by_name(times))
+    }
+
+    /// The matrix round the camera.
+    pub fn local(&mut self) -> Option<&mut LocalLight> {
+        self.local.as_mut().map(LocalStage::light_mut)
     }
 
     /// Sets the lights of the frame, and lets their light settle before the first one; their number.
@@ -611,87 +646,4 @@ fn row_blocks(rows: usize, step: usize, fits: impl Fn(usize, usize) -> bool) -> 
         first = end(steps);
     }
     blocks
-}
-
-/// Where the receivers' rows are on the device.
-struct HitTables {
-    row_start: BufferId,
-    quads: BufferId,
-    counts: BufferId,
-    scales: BufferId,
-}
-
-/// Blocks of rows begin at multiples of this, and their quads too: ranges of a buffer begin at multiples of 256 bytes.
-const BLOCK_STEP: usize = 256;
-
-/// Some of the receivers' rows, and what a pass over them binds.
-#[derive(Debug)]
-struct RowBlock {
-    rows: std::ops::Range<usize>,
-    tables: [(&'static str, Range); 4],
-    first_quad: u32,
-}
-
-impl HitTables {
-    /// Blocks of rows whose quads fit into one binding.
-    fn blocks(&self, hits: &HitRows, range: u64) -> Vec<RowBlock> {
-        let (starts, count) = (hits.row_start(), hits.rows());
-        let quad_bytes = size_of_val(hits.quads()) as u64 / hits.quads().len().max(1) as u64;
-        let most = (range / quad_bytes.max(1)).saturating_sub(BLOCK_STEP as u64);
-        let fits = |first: usize, end: usize| u64::from(starts[end] - starts[first]) <= most;
-        let block = |rows: std::ops::Range<usize>| {
-            let quad = starts[rows.start] as usize / BLOCK_STEP * BLOCK_STEP;
-            let quads = starts[rows.end] as usize - quad;
-            let part = |buffer: BufferId, from: usize, to: usize, bytes: u64| {
-                buffer.range(from as u64 * bytes, (to - from) as u64 * bytes)
-            };
-            let words = (quads as u64).div_ceil(u64::from(WORD_COUNTS));
-            let tables = [
-                ("row_start", part(self.row_start, rows.start, rows.end + 1, 4)),
-                ("quads", part(self.quads, quad, quad + quads, quad_bytes)),
-                ("counts", self.counts.range(quad as u64, 4 * words)),
-                ("scales", part(self.scales, rows.start, rows.end, 4)),
-            ];
-            RowBlock { rows, tables, first_quad: quad as u32 }
-        };
-        row_blocks(count, BLOCK_STEP, fits).into_iter().map(block).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn blocks_hold_every_row_once_and_fit_into_a_binding() {
-        // 3,000 rows of 40 hits in different columns: 10 quads of 8 bytes each.
-        let mut hits = HitRows::new(1000).unwrap();
-        let columns: Vec<u32> = (0..3000 * 40).map(|k| k * 7 % 1000).collect();
-        hits.push(&columns, &[0.025; 3000]).unwrap();
-        let mut plan = Plan::new();
-        let mut room = |name: &str| plan.storage(name, 1 << 24);
-        let tables = HitTables {
-            row_start: room("starts"),
-            quads: room("quads"),
-            counts: room("counts"),
-            scales: room("scales"),
-        };
-        // 100,000 bytes are 12,500 quads: four steps of 256 rows, and not five.
-        for (range, expected) in [(u64::MAX, 1), (100_000, 3), (1, 12)] {
-            let blocks = tables.blocks(&hits, range);
-            assert_eq!(blocks.len(), expected, "{range}");
-            let mut next = 0;
-            for RowBlock { rows, tables, first_quad } in blocks {
-                assert_eq!(rows.start, next);
-                next = rows.end;
-                let quads = hits.row_start()[rows.end] - first_quad;
-                assert!(hits.row_start()[rows.start] >= first_quad && first_quad % 256 == 0);
-                let (offset, bytes) = (tables[1].1.offset, tables[1].1.bytes);
-                assert_eq!((offset, bytes), (8 * u64::from(first_quad), Some(8 * u64::from(quads))));
-                assert!(range < 1000 || bytes <= Some(range), "{range}: {bytes:?}");
-                assert_eq!(tables[2].1.bytes, Some(u64::from(quads.div_ceil(4) * 4)));
-            }
-            assert_eq!(next, 3000);
-        }
-    }
 }

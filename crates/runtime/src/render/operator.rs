@@ -13,6 +13,7 @@ use multibounce::{
 use rayon::prelude::*;
 
 use super::firstshot::FirstShotSettings;
+use super::local::LocalOptions;
 use super::senders::Senders;
 use super::temporal::Temporal;
 use super::{go_on, proceed};
@@ -33,6 +34,8 @@ pub enum Transport {
     Feedback(Feedback),
     /// A few samples a row and frame, from the light of the frame before.
     Temporal(Temporal),
+    /// All bounces in one product, with the operator of the patches round the camera.
+    Local(LocalOptions),
 }
 
 /// How light goes on from frame to frame.
@@ -438,7 +441,7 @@ pub(super) fn compress(
         return Ok(None);
     }
     let operator = match settings.transport {
-        Transport::Classic | Transport::Temporal(_) | Transport::FirstShot(_) => return Ok(None),
+        Transport::Classic | Transport::Temporal(_) | Transport::FirstShot(_) | Transport::Local(_) => return Ok(None),
         Transport::Operator(codec) => {
             check_memory(senders.patches.len(), MATRICES, "feedback")?;
             let between = Between::new(senders, factors)?;

@@ -1,0 +1,138 @@
+//! Host forms of the kernels of the matrix round a camera: the bodies on all cores.
+
+use ::localmatrix::kernel::{self, BLOCK, KEPT};
+use ::localmatrix::{FadeParams, SlotParams, UpdateParams};
+use ::scene::Rgb;
+use glam::{UVec2, Vec4};
+use rayon::prelude::*;
+use std::vec::Vec;
+
+use super::{HostCall, HostError, agreed, fill};
+use crate::params::CountParams;
+use crate::table::Kernel;
+
+/// Numbers of a table must be below that of the elements they name.
+fn check(binding: &'static str, most: Option<u32>, found: usize) -> Result<(), HostError> {
+    match most {
+        Some(most) if most as usize >= found => Err(HostError::TooShort { binding, needed: most as usize + 1, found }),
+        _ => Ok(()),
+    }
+}
+
+fn blocks(slots: u32) -> usize {
+    slots.div_ceil(BLOCK) as usize
+}
+
+pub(crate) fn mean(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [runs, area, exitance, light]) = call.parts::<CountParams, 4>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let runs = runs.read::<UVec2>(n)?;
+    let leaves = runs[..n].iter().map(|run| run.y).max().unwrap_or(0) as usize;
+    let (area, exitance) = (area.read::<f32>(leaves)?, exitance.read::<Rgb>(leaves)?);
+    fill(light.write(n)?, |slot| kernel::mean(runs[slot as usize].x, runs[slot as usize].y, area, exitance));
+    Ok(())
+}
+
+pub(crate) fn count(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [values, counts]) = call.parts::<SlotParams, 2>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let values = values.read::<Rgb>(p.slots as usize)?;
+    fill(counts.write(n)?, |block| kernel::count(block, p.slots, values));
+    Ok(())
+}
+
+pub(crate) fn start(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [counts, starts]) = call.parts::<CountParams, 2>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let counts = counts.read::<u32>(n.saturating_sub(1))?;
+    fill(starts.write(n)?, |block| kernel::start(block, counts));
+    Ok(())
+}
+
+pub(crate) fn compact(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [starts, values, list]) = call.parts::<CountParams, 3>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let (starts, values) = (starts.read::<u32>(blocks(p.count) + 1)?, values.read::<Rgb>(n)?);
+    if !starts.is_sorted() {
+        return Err(HostError::TooShort { binding: "starts", needed: n, found: 0 });
+    }
+    check("list", starts[blocks(p.count)].checked_sub(1), n)?;
+    fill(list.write(n)?, |place| kernel::compact(place, p.count, starts, values));
+    Ok(())
+}
+
+pub(crate) fn product(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, bound) = call.parts::<SlotParams, 10>(kernel)?;
+    let [lit_starts, lit, visible_starts, visible, red, green, blue, root, light, irradiance] = bound;
+    let (n, slots) = (agreed(elements, p.count)?, p.slots as usize);
+    let end = blocks(p.slots);
+    let (lit_count, seen) = (lit_starts.read::<u32>(end + 1)?[end], visible_starts.read::<u32>(end + 1)?[end]);
+    let (lit, visible) = (lit.read::<u32>(lit_count as usize)?, visible.read::<u32>(n)?);
+    check("light", lit[..lit_count as usize].iter().max().copied(), slots)?;
+    check("irradiance", visible[..n].iter().max().copied(), slots)?;
+    let [red, green, blue] = [red.read::<f32>(slots * slots)?, green.read(slots * slots)?, blue.read(slots * slots)?];
+    let (root, light) = (root.read::<f32>(slots)?, light.read::<Rgb>(slots)?);
+    let irradiance: &mut [Rgb] = irradiance.write(slots)?;
+    let one = |k: usize| {
+        let count = if (k as u32) < seen { lit_count } else { 0 };
+        kernel::gather(visible[k], p.slots, count, lit, red, green, blue, root, light)
+    };
+    let sums: Vec<Vec4> = (0..n).into_par_iter().with_min_len(16).map(one).collect();
+    visible.iter().zip(sums).for_each(|(&slot, sum)| irradiance[slot as usize] = sum);
+    Ok(())
+}
+
+pub(crate) fn spread(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [slot_of, irradiance, leaves]) = call.parts::<CountParams, 3>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let (slot_of, irradiance) = (slot_of.read::<u32>(n)?, irradiance.read::<Rgb>(1)?);
+    check("irradiance", slot_of[..n].iter().filter(|slot| **slot != KEPT).max().copied(), irradiance.len())?;
+    fill(leaves.write(n)?, |leaf| kernel::spread(slot_of[leaf as usize], irradiance));
+    Ok(())
+}
+
+pub(crate) fn fade(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [before, now, offset]) = call.parts::<FadeParams, 3>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let (before, now) = (before.read::<Rgb>(n)?, now.read::<Rgb>(n)?);
+    let offset: &mut [Rgb] = offset.write(n)?;
+    offset.par_iter_mut().enumerate().for_each(|(i, one)| *one = kernel::fade(*one, before[i], now[i], &p));
+    Ok(())
+}
+
+pub(crate) fn show(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [leaf_of, now, offset, irradiance]) = call.parts::<CountParams, 4>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let leaf_of = leaf_of.read::<u32>(n)?;
+    let leaves = leaf_of[..n].iter().max().map_or(0, |leaf| *leaf as usize + 1);
+    let (now, offset) = (now.read::<Rgb>(leaves)?, offset.read::<Rgb>(leaves)?);
+    fill(irradiance.write(n)?, |k| kernel::show(leaf_of[k as usize], now, offset));
+    Ok(())
+}
+
+pub(crate) fn update(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [vectors, columns, place, plane]) = call.parts::<UpdateParams, 4>(kernel)?;
+    let (n, slots) = (agreed(elements, p.count)?, p.slots as usize);
+    if slots == 0 || !slots.is_multiple_of(4) || 4 * n > slots * slots {
+        return Err(HostError::TooShort { binding: "plane", needed: 4 * n, found: slots * slots });
+    }
+    let vectors = vectors.read::<f32>(p.first_vector as usize + p.rank as usize * slots)?;
+    let place = place.read::<u32>(slots)?;
+    let new = place[..slots].iter().filter(|one| **one != KEPT).max().map_or(0, |one| *one as usize + 1);
+    let columns = columns.read::<f32>(p.first_column as usize + new * slots)?;
+    let plane: &mut [f32] = plane.write(4 * n)?;
+    plane.par_chunks_mut(4).with_min_len(64).enumerate().for_each(|(k, four)| {
+        let new = kernel::update(k as u32, &p, vectors, columns, place, Vec4::from_slice(four));
+        four.copy_from_slice(&new.to_array());
+    });
+    Ok(())
+}

@@ -1,0 +1,91 @@
+//! The receivers' rows on the device, in blocks that fit into a binding.
+
+use formfactor::kernel::hits::WORD_COUNTS;
+use formfactor::{HitRows, Operator as _};
+
+use super::row_blocks;
+use crate::plan::{BufferId, Range};
+
+/// Where the receivers' rows are on the device.
+pub(super) struct HitTables {
+    pub row_start: BufferId,
+    pub quads: BufferId,
+    pub counts: BufferId,
+    pub scales: BufferId,
+}
+
+/// Blocks of rows begin at multiples of this, and their quads too: ranges of a buffer begin at multiples of 256 bytes.
+const BLOCK_STEP: usize = 256;
+
+/// Some of the receivers' rows, and what a pass over them binds.
+#[derive(Debug)]
+pub(super) struct RowBlock {
+    pub rows: std::ops::Range<usize>,
+    pub tables: [(&'static str, Range); 4],
+    pub first_quad: u32,
+}
+
+impl HitTables {
+    /// Blocks of rows whose quads fit into one binding.
+    pub fn blocks(&self, hits: &HitRows, range: u64) -> Vec<RowBlock> {
+        let (starts, count) = (hits.row_start(), hits.rows());
+        let quad_bytes = size_of_val(hits.quads()) as u64 / hits.quads().len().max(1) as u64;
+        let most = (range / quad_bytes.max(1)).saturating_sub(BLOCK_STEP as u64);
+        let fits = |first: usize, end: usize| u64::from(starts[end] - starts[first]) <= most;
+        let block = |rows: std::ops::Range<usize>| {
+            let quad = starts[rows.start] as usize / BLOCK_STEP * BLOCK_STEP;
+            let quads = starts[rows.end] as usize - quad;
+            let part = |buffer: BufferId, from: usize, to: usize, bytes: u64| {
+                buffer.range(from as u64 * bytes, (to - from) as u64 * bytes)
+            };
+            let words = (quads as u64).div_ceil(u64::from(WORD_COUNTS));
+            let tables = [
+                ("row_start", part(self.row_start, rows.start, rows.end + 1, 4)),
+                ("quads", part(self.quads, quad, quad + quads, quad_bytes)),
+                ("counts", self.counts.range(quad as u64, 4 * words)),
+                ("scales", part(self.scales, rows.start, rows.end, 4)),
+            ];
+            RowBlock { rows, tables, first_quad: quad as u32 }
+        };
+        row_blocks(count, BLOCK_STEP, fits).into_iter().map(block).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Plan;
+
+    #[test]
+    fn blocks_hold_every_row_once_and_fit_into_a_binding() {
+        // 3,000 rows of 40 hits in different columns: 10 quads of 8 bytes each.
+        let mut hits = HitRows::new(1000).unwrap();
+        let columns: Vec<u32> = (0..3000 * 40).map(|k| k * 7 % 1000).collect();
+        hits.push(&columns, &[0.025; 3000]).unwrap();
+        let mut plan = Plan::new();
+        let mut room = |name: &str| plan.storage(name, 1 << 24);
+        let tables = HitTables {
+            row_start: room("starts"),
+            quads: room("quads"),
+            counts: room("counts"),
+            scales: room("scales"),
+        };
+        // 100,000 bytes are 12,500 quads: four steps of 256 rows, and not five.
+        for (range, expected) in [(u64::MAX, 1), (100_000, 3), (1, 12)] {
+            let blocks = tables.blocks(&hits, range);
+            assert_eq!(blocks.len(), expected, "{range}");
+            let mut next = 0;
+            for RowBlock { rows, tables, first_quad } in blocks {
+                assert_eq!(rows.start, next);
+                next = rows.end;
+                let quads = hits.row_start()[rows.end] - first_quad;
+                assert!(hits.row_start()[rows.start] >= first_quad && first_quad % 256 == 0);
+                let (offset, bytes) = (tables[1].1.offset, tables[1].1.bytes);
+                assert_eq!((offset, bytes), (8 * u64::from(first_quad), Some(8 * u64::from(quads))));
+                assert!(range < 1000 || bytes <= Some(range), "{range}: {bytes:?}");
+                assert_eq!(tables[2].1.bytes, Some(u64::from(quads.div_ceil(4) * 4)));
+            }
+            assert_eq!(next, 3000);
+        }
+    }
+}
