@@ -47,7 +47,7 @@ fn record(leaf: u32) -> Record {
     let point = |k: usize| LitPoint {
         position: Vec3::new(leaf as f32 + 0.1 * k as f32, 1.0, -2.0),
         normal: Vec3::Y,
-        albedo: Vec3::splat(0.5),
+        albedo: Vec3::splat(26_214.0 / 65_535.0),
     };
     Record { sky: 0.125, lost: 0.125, factors, points: (0..POINTS).map(point).collect() }
 }

@@ -100,9 +100,6 @@ pub enum Error {
     /// A bake of a world.
     #[error(transparent)]
     Bake(#[from] localmatrix::BakeError),
-    /// The matrix of the patches round the camera.
-    #[error("local matrix: {0}")]
-    Local(#[from] localmatrix::Error),
     /// A bake of another scene than the one it names now.
     #[error(
         "{} is a bake of {scene} as it was then, and {scene} has changed; bake it again", path.display()
