@@ -9,7 +9,8 @@ use benches::SEED;
 use criterion::{BenchmarkId, Criterion, Throughput};
 use glam::Vec3;
 use localmatrix::{
-    BakeError, BakeFile, BakeWriter, LitPoint, NO_NODE, Node, Record, Store, World, WorldHead, block_range, parent_record,
+    BakeError, BakeFile, BakeWriter, LitPoint, NO_NODE, Node, Record, Store, World, WorldHead, block_range,
+    parent_record,
 };
 use scene::sampling::hash3;
 
@@ -45,14 +46,8 @@ fn record(leaf: u32) -> Record {
 fn benches(c: &mut Criterion) -> Result<(), Box<dyn std::error::Error>> {
     let path = std::env::temp_dir().join(format!("patchlight-bench-{}.bake", std::process::id()));
     let all = nodes();
-    let head = WorldHead {
-        part: None,
-        nodes: all.len() as u32,
-        leaves: LEAVES,
-        block_rows: 64,
-        scene: [0; 32],
-        key: [0; 32],
-    };
+    let head =
+        WorldHead { part: None, nodes: all.len() as u32, leaves: LEAVES, block_rows: 64, scene: [0; 32], key: [0; 32] };
     let mut writer = BakeWriter::create(&path, head, "", all.clone(), Vec::new())?;
     while let Some(block) = writer.next_block().filter(|&block| block_range(&head, block).start < LEAVES) {
         writer.push(&block_range(&head, block).map(record).collect::<Vec<_>>())?;
@@ -80,7 +75,8 @@ fn benches(c: &mut Criterion) -> Result<(), Box<dyn std::error::Error>> {
         b.iter(|| parent_record(&all, black_box(LEAVES), &children, POINTS));
     });
     group.finish();
-    std::fs::remove_file(&path).map_err(|e| BakeError::File { path: path.display().to_string(), reason: e.to_string() })?;
+    std::fs::remove_file(&path)
+        .map_err(|e| BakeError::File { path: path.display().to_string(), reason: e.to_string() })?;
     Ok(())
 }
 

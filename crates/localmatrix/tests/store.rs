@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use localmatrix::{
-    BakeError, BakeFile, BakeWriter, Error, LitPoint, Mapped, NO_NODE, Node, Part, Record, Source, Store, World, WorldHead,
-    block_range, join, parent_record,
+    BakeError, BakeFile, BakeWriter, Error, LitPoint, Mapped, NO_NODE, Node, Part, Record, Source, Store, World,
+    WorldHead, block_range, join, parent_record,
 };
 use proptest::prelude::*;
 
@@ -53,14 +53,7 @@ fn record(leaf: u32) -> Record {
 }
 
 fn head(part: Option<Part>) -> WorldHead {
-    WorldHead {
-        part,
-        nodes: LEAVES + PARENTS,
-        leaves: LEAVES,
-        block_rows: BLOCK_ROWS,
-        scene: [1; 32],
-        key: [2; 32],
-    }
+    WorldHead { part, nodes: LEAVES + PARENTS, leaves: LEAVES, block_rows: BLOCK_ROWS, scene: [1; 32], key: [2; 32] }
 }
 
 fn begin(path: &Path, head: WorldHead) -> BakeWriter {
@@ -215,11 +208,15 @@ fn parts_give_the_bytes_of_a_whole_and_wrong_parts_are_named() {
     assert!(lost.contains("1, 3") && lost.contains("--part K/3"), "{lost}");
     fs::copy(&parts[1], at("copy.bake")).unwrap();
     let doubled = message(&[parts[0].clone(), parts[1].clone(), at("copy.bake"), parts[2].clone()]);
-    assert!(doubled.contains("copy.bake") && doubled.contains("part-2-3.bake") && doubled.contains("part 2"), "{doubled}");
+    assert!(
+        doubled.contains("copy.bake") && doubled.contains("part-2-3.bake") && doubled.contains("part 2"),
+        "{doubled}"
+    );
     let of_other = |scene, key, name: &str| {
         let path = at(name);
         let part = Some(Part { number: 2, of: 3 });
-        let mut writer = BakeWriter::create(&path, WorldHead { scene, key, ..head(part) }, "", nodes(), Vec::new()).unwrap();
+        let mut writer =
+            BakeWriter::create(&path, WorldHead { scene, key, ..head(part) }, "", nodes(), Vec::new()).unwrap();
         fill(&mut writer, usize::MAX);
         writer.finish().unwrap();
         path
@@ -380,8 +377,7 @@ fn a_disk_slower_than_the_camera_stalls_nobody() {
     let path = folder.path().join("a.bake");
     whole(&path);
     let (go, reads) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicU64::new(0)));
-    let source =
-        Slow { file: Box::new(Mapped::open(&path).unwrap()), go: Arc::clone(&go), reads: Arc::clone(&reads) };
+    let source = Slow { file: Box::new(Mapped::open(&path).unwrap()), go: Arc::clone(&go), reads: Arc::clone(&reads) };
     let file = BakeFile::of_source(&path, Box::new(source)).unwrap();
     go.store(false, Ordering::SeqCst);
     let mut store = Store::new(file, 1 << 20).unwrap();

@@ -107,7 +107,8 @@ pub fn bake(
         voxel_edge_m: world.extra.shape.edges.x,
         ..Baked::default()
     };
-    let done = progress.phase("form_factors", |report| add_rows(&loaded.scene, &world, settings, &mut writer, memory_limit, report))?;
+    let done = progress
+        .phase("form_factors", |report| add_rows(&loaded.scene, &world, settings, &mut writer, memory_limit, report))?;
     baked.rows = done.made;
     baked.resumed_rows = done.resumed;
     baked.rows_per_second = done.made as f64 / progress.seconds("form_factors").max(1e-9);
@@ -149,7 +150,8 @@ fn finish(writer: BakeWriter, path: &Path, baked: &mut Baked) -> Result<(), Erro
 
 fn add_parents(writer: &mut BakeWriter, progress: &mut Progress) -> Result<(), Error> {
     let proceed = |report: &(dyn Fn(f32) -> bool + Sync), done: u32, all: u32| report(done as f32 / all.max(1) as f32);
-    let all = progress.phase("merged", |report| writer.add_parents(POINTS, &mut |done, all| proceed(report, done, all)))?;
+    let all =
+        progress.phase("merged", |report| writer.add_parents(POINTS, &mut |done, all| proceed(report, done, all)))?;
     if all { Ok(()) } else { Err(Error::Cancelled) }
 }
 
@@ -177,7 +179,8 @@ fn add_rows(
     let mut next = first;
     while next < own.end {
         let end = (next + at_once).min(own.end);
-        let blocks = (next..end).into_par_iter().map(|block| rows.block(&head, block)).collect::<Result<Vec<_>, Error>>()?;
+        let blocks =
+            (next..end).into_par_iter().map(|block| rows.block(&head, block)).collect::<Result<Vec<_>, Error>>()?;
         for records in blocks {
             writer.push(&records)?;
         }

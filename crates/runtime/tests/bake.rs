@@ -37,7 +37,8 @@ const SMALL: [&str; 4] = ["--patch-count", "300", "--rays", "64"];
 
 fn bake(scene: &str, path: &Path, more: &[&str]) {
     let path = path.to_string_lossy();
-    let arguments: Vec<&str> = ["bake", scene, "-o", &path].into_iter().chain(SMALL).chain(more.iter().copied()).collect();
+    let arguments: Vec<&str> =
+        ["bake", scene, "-o", &path].into_iter().chain(SMALL).chain(more.iter().copied()).collect();
     succeeds(&arguments);
 }
 
@@ -94,7 +95,9 @@ fn wrong_bakes_are_named_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let name = |file: &str| at(file).to_string_lossy().into_owned();
-    for (option, value) in [("--part", "4/3"), ("--patch-count", "1"), ("--voxel-size", "-1"), ("--memory-limit", "lots"), ("--rays", "1")] {
+    for (option, value) in
+        [("--part", "4/3"), ("--patch-count", "1"), ("--voxel-size", "-1"), ("--memory-limit", "lots"), ("--rays", "1")]
+    {
         fails(2, &["bake", "cornell", option, value]);
     }
     fails(2, &["merge"]);
@@ -133,8 +136,21 @@ fn a_bake_is_flown_through_with_blocks_missing_too() {
     bake("cornell", &at("a.bake"), &[]);
     let fly = |file: &str, out: &str| {
         succeeds(&[
-            "render", &name(file), "--method", "local", "--path", "fly", "--frames", "4", "--slots", "128", "--size", "48x32",
-            "--out", &name(out), "--json",
+            "render",
+            &name(file),
+            "--method",
+            "local",
+            "--path",
+            "fly",
+            "--frames",
+            "4",
+            "--slots",
+            "128",
+            "--size",
+            "48x32",
+            "--out",
+            &name(out),
+            "--json",
         ])
     };
     let summary = fly("a.bake", "out");

@@ -41,8 +41,11 @@ impl<'a> Rows<'a> {
         for leaf in range.clone() {
             let own = self.world.points_of(leaf);
             let weight = 1.0 / own.len() as f32;
-            let point = |p: &localmatrix::LitPoint| {
-                SurfacePoint { position: p.position, patch: leaf, normal: p.normal, weight }
+            let point = |p: &localmatrix::LitPoint| SurfacePoint {
+                position: p.position,
+                patch: leaf,
+                normal: p.normal,
+                weight,
             };
             points.extend(own.iter().map(point));
             offsets.push(points.len() as u32);

@@ -4,7 +4,9 @@ use std::collections::HashMap;
 
 use glam::{UVec3, Vec3};
 use localmatrix::{LitPoint, NO_NODE, Node};
-use patches::{AxisWeights, Grid, GridShape, LookupPatch, PatchSet, SampleSet, SampleSettings, axis_patches, sample_voxels};
+use patches::{
+    AxisWeights, Grid, GridShape, LookupPatch, PatchSet, SampleSet, SampleSettings, axis_patches, sample_voxels,
+};
 use rayon::prelude::*;
 use scene::sampling::{hammersley, hash3, uniform_triangle, unit};
 use scene::{NONE, Scene};
@@ -96,11 +98,17 @@ impl World {
     ///
     /// # Errors
     /// Voxels that are too many, a scene that no light comes to, more memory than allowed, cancellation.
-    pub fn new(scene: &Scene, settings: &BakeSettings, memory_limit: u64, progress: &mut Progress) -> Result<Self, Error> {
+    pub fn new(
+        scene: &Scene,
+        settings: &BakeSettings,
+        memory_limit: u64,
+        progress: &mut Progress,
+    ) -> Result<Self, Error> {
         check_memory("the scene", memory_limit)?;
         let grid = progress.phase("grid", |_| find_grid(scene, settings))?;
         check_memory("voxels", memory_limit)?;
-        let (drafts, dark) = progress.phase("patches", |report| drafts(scene, &grid, settings, memory_limit, report))?;
+        let (drafts, dark) =
+            progress.phase("patches", |report| drafts(scene, &grid, settings, memory_limit, report))?;
         let shape = grid.shape;
         drop(grid);
         if drafts.len() > MOST_PATCHES {
@@ -128,7 +136,11 @@ impl World {
     fn forest(shape: GridShape, mut drafts: Vec<Draft>, dark: Vec<DarkPatch>) -> Self {
         let levels = levels(&shape, &drafts);
         drafts.par_iter_mut().for_each(|d| d.key = key(&shape, d.voxel, axis_of(d.node.normal), levels));
-        drafts.sort_by(|a, b| a.key.cmp(&b.key).then(a.node.centre.to_array().partial_cmp(&b.node.centre.to_array()).unwrap_or(std::cmp::Ordering::Equal)));
+        drafts.sort_by(|a, b| {
+            a.key.cmp(&b.key).then(
+                a.node.centre.to_array().partial_cmp(&b.node.centre.to_array()).unwrap_or(std::cmp::Ordering::Equal),
+            )
+        });
         let mut keys: Vec<u64> = drafts.iter().map(|d| d.key).collect();
         let voxels: Vec<u32> = drafts.iter().map(|d| d.voxel).collect();
         let (mut nodes, mut points, mut offsets) = (Vec::with_capacity(2 * drafts.len()), Vec::new(), vec![0]);
@@ -182,7 +194,13 @@ impl World {
         let [x, y, z] = position.to_array().map(f32::to_bits);
         let drawn = unit(hash3(x, y, z));
         let squares = normal * normal;
-        let first = if drawn < squares.x { 0 } else if drawn < squares.x + squares.y { 1 } else { 2 };
+        let first = if drawn < squares.x {
+            0
+        } else if drawn < squares.x + squares.y {
+            1
+        } else {
+            2
+        };
         if six[side(first)] != NONE {
             return six[side(first)];
         }
@@ -356,7 +374,8 @@ fn draft(set: &PatchSet, k: usize) -> Draft {
 
 /// The node made of some that follow each other: means by area [T 5.2].
 fn merged(children: &[Node], first: u32) -> Node {
-    let (mut area, mut centre, mut normal, mut albedo) = (0.0f64, glam::DVec3::ZERO, glam::DVec3::ZERO, glam::DVec3::ZERO);
+    let (mut area, mut centre, mut normal, mut albedo) =
+        (0.0f64, glam::DVec3::ZERO, glam::DVec3::ZERO, glam::DVec3::ZERO);
     for c in children {
         let a = f64::from(c.area);
         area += a;
@@ -437,12 +456,16 @@ impl Extra {
             Some(u32::from_le_bytes([head[0], head[1], head[2], head[3]]))
         };
         let counts = [word()?, word()?, word()?].map(|count| count as usize);
-        let wanted = counts[0].checked_mul(4)?.checked_add(counts[1].checked_mul(16)?)?.checked_add(counts[2].checked_mul(28)?)?;
+        let wanted = counts[0]
+            .checked_mul(4)?
+            .checked_add(counts[1].checked_mul(16)?)?
+            .checked_add(counts[2].checked_mul(28)?)?;
         if wanted.checked_add(size_of::<GridShape>() + 12)? != bytes.len() {
             return None;
         }
         let voxel_count = u64::from(shape.count_x) * u64::from(shape.count_y) * u64::from(shape.count_z);
-        if voxel_count > patches::VOXEL_LIMIT || shape.edges.min_element().is_nan() || shape.edges.min_element() <= 0.0 {
+        if voxel_count > patches::VOXEL_LIMIT || shape.edges.min_element().is_nan() || shape.edges.min_element() <= 0.0
+        {
             return None;
         }
         let voxels: Vec<u32> = (0..counts[0]).map(|_| word()).collect::<Option<_>>()?;

@@ -75,15 +75,7 @@ pub enum Command {
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
     Render(Render),
-    /// Bake a world of patches into a file that --method local reads as the camera moves. Goes on where an interrupted run of the
-    /// same ended; the bytes are the same for any number of threads.
-    #[command(after_help = "Examples:\n  \
-        patchlight bake city:5000000 -o city.bake\n  \
-        patchlight bake sponza.toml --patch-count 50000 --rays 1024 --memory-limit 4G -o sponza.bake\n  \
-        patchlight bake city --part 3/8 -o part-3.bake     one job of an array; see examples/slurm/bake.sbatch")]
     Bake(Bake),
-    /// Join the parts of a bake into one file: the same bytes as a bake in one piece.
-    #[command(after_help = "Example:\n  patchlight merge part-*.bake -o city.bake")]
     Merge(Merge),
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
     #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
@@ -104,9 +96,11 @@ pub enum Command {
     Devices,
     /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
     /// --operator what the operator of the light between them takes and loses.
-    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info city.bake                    what it holds, and whether all of it is whole\n  patchlight info atrium:50000 --json\n  \
+    #[command(
+        after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info city.bake                    what it holds, and whether all of it is whole\n  patchlight info atrium:50000 --json\n  \
         patchlight info sponza.toml --patches axis --patch-count 10000\n  \
-        patchlight info atrium --operator --codec bc1 --out out/matrix")]
+        patchlight info atrium --operator --codec bc1 --out out/matrix"
+    )]
     Info {
         /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
         scene: String,

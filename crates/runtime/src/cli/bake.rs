@@ -19,8 +19,14 @@ const TRIANGLES_A_PATCH: usize = 20;
 const LEAST_BY_DEFAULT: usize = 4_000;
 const MOST_BY_DEFAULT: usize = 250_000;
 
-/// `patchlight bake`.
+/// Bake a world of patches into a file that --method local reads as the camera moves. Goes on where an interrupted run of the
+/// same ended; the bytes are the same for any number of threads.
 #[derive(Args, Clone, Debug)]
+#[command(after_help = "Examples:\n  \
+    patchlight bake city:5000000 -o city.bake\n  \
+    patchlight bake sponza.toml --patch-count 50000 --rays 1024 --memory-limit 4G -o sponza.bake\n  \
+    patchlight bake city --part 3/8 -o part-3.bake     one job of an array; see examples/slurm/bake.sbatch\n\n\
+    --out names the file [default: SCENE.bake].")]
 pub struct Bake {
     /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
     pub scene: String,
@@ -42,8 +48,9 @@ pub struct Bake {
     pub part: Option<Part>,
 }
 
-/// `patchlight merge`.
+/// Join the parts of a bake into one file: the same bytes as a bake in one piece.
 #[derive(Args, Clone, Debug)]
+#[command(after_help = "Example:\n  patchlight merge part-*.bake -o city.bake")]
 pub struct Merge {
     /// The parts, in any order.
     #[arg(required = true)]
@@ -52,13 +59,17 @@ pub struct Merge {
 
 fn parse_patches(text: &str) -> Result<usize, String> {
     let range = LEAST_PATCHES..=MOST_PATCHES;
-    text.parse().ok().filter(|n| range.contains(n)).ok_or_else(|| {
-        format!("`{text}` is no number from {LEAST_PATCHES} to {MOST_PATCHES}")
-    })
+    text.parse()
+        .ok()
+        .filter(|n| range.contains(n))
+        .ok_or_else(|| format!("`{text}` is no number from {LEAST_PATCHES} to {MOST_PATCHES}"))
 }
 
 fn parse_metres(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|x: &f32| x.is_finite() && *x > 0.0).ok_or_else(|| format!("`{text}` is no length in metres"))
+    text.parse()
+        .ok()
+        .filter(|x: &f32| x.is_finite() && *x > 0.0)
+        .ok_or_else(|| format!("`{text}` is no length in metres"))
 }
 
 fn parse_bytes(text: &str) -> Result<u64, String> {
@@ -111,7 +122,8 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
         seed: common.seed,
     };
     let part = args.part.map_or(String::new(), |p| format!("-{}-of-{}", p.number, p.of));
-    let path = common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
+    let path =
+        common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
     let baked = bake(&loaded, &settings, args.part, &path, args.memory_limit, &mut progress)?;
     tell(common, path, baked, progress);
     Ok(())
@@ -135,7 +147,10 @@ fn tell(common: &Common, file: PathBuf, baked: Baked, progress: Progress) {
     println!("{:14} {}, {}", "file", file.display(), output::bytes(baked.bytes));
     println!("{:14} {} of voxels of {} m, {} nodes", "patches", baked.leaves, baked.voxel_edge_m, baked.nodes);
     if baked.rows + baked.resumed_rows > 0 {
-        println!("{:14} {} at {:.0} a second, {} from before", "rows", baked.rows, baked.rows_per_second, baked.resumed_rows);
+        println!(
+            "{:14} {} at {:.0} a second, {} from before",
+            "rows", baked.rows, baked.rows_per_second, baked.resumed_rows
+        );
     }
     for (name, time) in seconds {
         println!("{:14} {time:.2} s", name);

@@ -93,8 +93,9 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     };
     let stops = loaded.exposure_stops;
     let (name, hash, scene) = (loaded.name.clone(), loaded.content_hash, loaded.scene);
-    let mut streamed =
-        progress.phase("open", |_| BakeFile::open(path).map_err(Error::from).and_then(|file| Streamed::new(scene, hash, file, settings)))?;
+    let mut streamed = progress.phase("open", |_| {
+        BakeFile::open(path).map_err(Error::from).and_then(|file| Streamed::new(scene, hash, file, settings))
+    })?;
     let out = output::folder_or(&common.out, &format!("{name}-local"));
     output::make_folder(&out)?;
     let first = movement.at(0).1;
@@ -115,7 +116,10 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         }
         let resident = resident_bytes().unwrap_or(0);
         let beside = resident.saturating_sub(geometry + before + matrix(&streamed));
-        picture.write_png(&out.join(if args.frames == 1 { "full.png".into() } else { format!("frame-{number:04}.png") }), stops)?;
+        picture.write_png(
+            &out.join(if args.frames == 1 { "full.png".into() } else { format!("frame-{number:04}.png") }),
+            stops,
+        )?;
         if !common.quiet && (number % 25 == 0) {
             progress.note(&format!("frame {number}: {ms:.0} ms, {} nodes, {} came", frame.nodes, frame.step.entered));
         }
@@ -155,8 +159,19 @@ fn csv(lines: &[Line]) -> String {
         let _ = writeln!(
             text,
             "{k},{ms:.2},{:.2},{:.2},{:.2},{:.2},{:.2},{},{},{},{},{},{},{residual},{},{},{resident},{beside},{change}",
-            f.direct_ms, f.update_ms, f.method_ms, f.lookup_ms, f.shade_ms, f.nodes, f.step.entered, f.step.left,
-            f.step.waiting, f.step.later, f.step.work, f.reader.reads, f.reader.bytes,
+            f.direct_ms,
+            f.update_ms,
+            f.method_ms,
+            f.lookup_ms,
+            f.shade_ms,
+            f.nodes,
+            f.step.entered,
+            f.step.left,
+            f.step.waiting,
+            f.step.later,
+            f.step.work,
+            f.reader.reads,
+            f.reader.bytes,
         );
     }
     text
@@ -203,16 +218,27 @@ impl Report {
     fn print(&self) {
         println!("{:14} {} by {}, {} slots for {} patches", "scene", self.scene, self.method, self.slots, self.patches);
         if let Some(t) = &self.frame {
-            println!("{:14} median {:.1} ms, max {:.1} ms, {} above twice the median", "frame", t.median_ms, t.max_ms, self.slow_frames);
+            println!(
+                "{:14} median {:.1} ms, max {:.1} ms, {} above twice the median",
+                "frame", t.median_ms, t.max_ms, self.slow_frames
+            );
         }
         for (name, t) in &self.passes {
             println!("{:14} median {:.2} ms, max {:.2} ms", format!("pass {name}"), t.median_ms, t.max_ms);
         }
-        println!("{:14} {} came, {} went, {} frames waited for the disk", "nodes", self.entered, self.left, self.waiting_frames);
+        println!(
+            "{:14} {} came, {} went, {} frames waited for the disk",
+            "nodes", self.entered, self.left, self.waiting_frames
+        );
         println!("{:14} {:.3}/255 a frame at most, for 99.9 % of the pixels", "change", self.greatest_change);
         for (name, bytes) in &self.bytes {
             println!("{:14} {}", format!("bytes {name}"), output::bytes(*bytes));
         }
-        println!("{:14} {}, {} without geometry and matrix", "resident", output::bytes(self.resident_bytes), output::bytes(self.beside_bytes));
+        println!(
+            "{:14} {}, {} without geometry and matrix",
+            "resident",
+            output::bytes(self.resident_bytes),
+            output::bytes(self.beside_bytes)
+        );
     }
 }

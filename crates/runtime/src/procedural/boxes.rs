@@ -36,7 +36,14 @@ pub fn sealed() -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 70.0,
     };
-    Ok(Built { mesh: b.mesh, lights: vec![sun], sky: Vec3::new(1.2, 1.6, 2.4), view, exposure_stops: 0.0, tracks: Vec::new() })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![sun],
+        sky: Vec3::new(1.2, 1.6, 2.4),
+        view,
+        exposure_stops: 0.0,
+        tracks: Vec::new(),
+    })
 }
 
 /// A closed box whose fronts are inside.

@@ -6,7 +6,9 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use glam::{UVec3, Vec3, Vec4};
-use localmatrix::{BakeFile, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as Way, World};
+use localmatrix::{
+    BakeFile, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as Way, World,
+};
 use patches::{Grid, GridShape, Lookup, LookupSettings, PatchSet, VirtualPatch};
 use rayon::prelude::*;
 use reference::Picture;
@@ -130,7 +132,8 @@ pub struct Streamed {
 /// # Errors
 /// What is wrong with the file.
 pub fn scene_of(file: &BakeFile) -> Result<String, Error> {
-    let settings: BakeSettings = serde_json::from_str(&file.text).map_err(|e| not_a_bake(file.path(), &e.to_string()))?;
+    let settings: BakeSettings =
+        serde_json::from_str(&file.text).map_err(|e| not_a_bake(file.path(), &e.to_string()))?;
     Ok(settings.scene)
 }
 
@@ -325,9 +328,10 @@ impl Streamed {
             match below.last() {
                 None => level.now[..last].par_iter_mut().enumerate().for_each(|(leaf, value)| {
                     // The last one is that of dark places.
-                    *value = self.place.get(leaf).map_or(Vec4::ZERO, |&place| {
-                        self.irradiance[place as usize] + sky * factors[leaf]
-                    });
+                    *value = self
+                        .place
+                        .get(leaf)
+                        .map_or(Vec4::ZERO, |&place| self.irradiance[place as usize] + sky * factors[leaf]);
                 }),
                 Some(under) => level.now[..last].par_iter_mut().enumerate().for_each(|(k, value)| {
                     let node = &nodes[first as usize + k];
@@ -348,7 +352,9 @@ impl Streamed {
         let mut sizes: Vec<f32> = (self.local.cut().iter())
             .map(|&node| &nodes[node as usize])
             .filter(|node| node.children > 0)
-            .map(|node| scene::math::sqrt(node.area) / ((node.centre.distance(eye) - node.radius).max(0.0) + 2.0 * self.edge))
+            .map(|node| {
+                scene::math::sqrt(node.area) / ((node.centre.distance(eye) - node.radius).max(0.0) + 2.0 * self.edge)
+            })
             .collect();
         sizes.sort_by(f32::total_cmp);
         self.looks = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1e-6);

@@ -33,7 +33,9 @@ pub enum BakeError {
         expected: u32,
     },
     /// Header or world were changed or cut: nothing can be read without them.
-    #[error("{path}: {part} at byte {offset} was altered or cut ({reason}); copy the file again, or bake the scene again")]
+    #[error(
+        "{path}: {part} at byte {offset} was altered or cut ({reason}); copy the file again, or bake the scene again"
+    )]
     Damaged {
         /// The file.
         path: String,
@@ -45,7 +47,9 @@ pub enum BakeError {
         reason: String,
     },
     /// A block was changed or cut; the others are good.
-    #[error("{path}: block {block} at byte {offset} was altered or cut ({reason}); its rows are left out, the rest is used")]
+    #[error(
+        "{path}: block {block} at byte {offset} was altered or cut ({reason}); its rows are left out, the rest is used"
+    )]
     Block {
         /// The file.
         path: String,

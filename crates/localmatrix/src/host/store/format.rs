@@ -117,7 +117,9 @@ impl WorldHead {
             return fault("rows of a block", self.block_rows, "1 to 65536");
         }
         match self.part {
-            Some(Part { number, of }) if number == 0 || number > of => fault("part", number, "1 to the number of parts"),
+            Some(Part { number, of }) if number == 0 || number > of => {
+                fault("part", number, "1 to the number of parts")
+            }
             _ => Ok(()),
         }
     }

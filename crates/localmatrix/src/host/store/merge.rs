@@ -54,11 +54,7 @@ pub fn parent_record(nodes: &[Node], parent: u32, children: &[Record], most_poin
 /// # Errors
 /// [`BakeError::Kind`], [`BakeError::OtherPart`], [`BakeError::DoubledPart`], [`BakeError::MissingParts`], and what is wrong with
 /// a part's blocks.
-pub fn join(
-    path: &Path,
-    parts: &[BakeFile],
-    progress: &mut dyn FnMut(u32, u32),
-) -> Result<BakeWriter, BakeError> {
+pub fn join(path: &Path, parts: &[BakeFile], progress: &mut dyn FnMut(u32, u32)) -> Result<BakeWriter, BakeError> {
     let mut by_number: BTreeMap<u32, &BakeFile> = BTreeMap::new();
     let name = |file: &BakeFile| file.path().display().to_string();
     let Some(first) = parts.first() else { return Err(BakeError::MissingParts { parts: 1, missing: vec![1] }) };
@@ -109,7 +105,11 @@ impl BakeWriter {
     ///
     /// # Errors
     /// As [`BakeWriter::push`]; whether all were made.
-    pub fn add_parents(&mut self, most_points: usize, proceed: &mut dyn FnMut(u32, u32) -> bool) -> Result<bool, BakeError> {
+    pub fn add_parents(
+        &mut self,
+        most_points: usize,
+        proceed: &mut dyn FnMut(u32, u32) -> bool,
+    ) -> Result<bool, BakeError> {
         let head = *self.head();
         // Children of successive parents follow each other: one block of them is read at a time.
         let mut held: Option<(u32, Vec<Record>)> = None;

@@ -189,7 +189,9 @@ fn read_ahead(shared: &Shared, limit: usize, read: impl Fn(u32) -> Result<(Vec<u
                 let size = bytes.len() + 4 * starts.len();
                 // Room first: those that nobody asked for longest go.
                 while cache.bytes + size > limit {
-                    let Some(oldest) = cache.blocks.iter().min_by_key(|(k, b)| (b.used, **k)).map(|(k, _)| *k) else { break };
+                    let Some(oldest) = cache.blocks.iter().min_by_key(|(k, b)| (b.used, **k)).map(|(k, _)| *k) else {
+                        break;
+                    };
                     if let Some(gone) = cache.blocks.remove(&oldest) {
                         cache.bytes -= gone.bytes.len() + 4 * gone.starts.len();
                     }

@@ -40,7 +40,13 @@ impl BakeWriter {
     ///
     /// # Errors
     /// [`BakeError::Setting`] for a head that cannot be, [`BakeError::File`].
-    pub fn create(path: &Path, head: WorldHead, text: &str, nodes: Vec<Node>, extra: Vec<u8>) -> Result<Self, BakeError> {
+    pub fn create(
+        path: &Path,
+        head: WorldHead,
+        text: &str,
+        nodes: Vec<Node>,
+        extra: Vec<u8>,
+    ) -> Result<Self, BakeError> {
         head.check()?;
         if nodes.len() != head.nodes as usize {
             let rule = "the number of nodes of the head";
@@ -50,7 +56,8 @@ impl BakeWriter {
         let io = |e: std::io::Error| file_error(&beginning, &e);
         let world = encode_world(text, &nodes, &extra);
         let header = encode_header(&head, (world.len() as u64, crc32fast::hash(&world)));
-        let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&beginning).map_err(io)?;
+        let mut file =
+            OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&beginning).map_err(io)?;
         // Header last: a file with a header has its world.
         file.seek(SeekFrom::Start(HEADER as u64)).map_err(io)?;
         file.write_all(&world).map_err(io)?;
@@ -60,7 +67,14 @@ impl BakeWriter {
         Self::of(path, file, head, nodes, extra, end)
     }
 
-    fn of(path: &Path, file: File, head: WorldHead, nodes: Vec<Node>, extra: Vec<u8>, end: u64) -> Result<Self, BakeError> {
+    fn of(
+        path: &Path,
+        file: File,
+        head: WorldHead,
+        nodes: Vec<Node>,
+        extra: Vec<u8>,
+        end: u64,
+    ) -> Result<Self, BakeError> {
         let beginning = beginning_of(path);
         let mapped = Mapped::of(file.try_clone().map_err(|e| file_error(&beginning, &e))?);
         Ok(Self {
@@ -177,8 +191,12 @@ impl BakeWriter {
     /// Adds the bytes of the next block as another file has them.
     pub(super) fn push_bytes(&mut self, block: u32, bytes: &[u8]) -> Result<(), BakeError> {
         let range = block_range(&self.head, block);
-        let starts = check_block(block, range, bytes)
-            .map_err(|reason| BakeError::Block { path: self.beginning.display().to_string(), block, offset: self.end, reason })?;
+        let starts = check_block(block, range, bytes).map_err(|reason| BakeError::Block {
+            path: self.beginning.display().to_string(),
+            block,
+            offset: self.end,
+            reason,
+        })?;
         self.out.write_all(bytes).and_then(|()| self.out.flush()).map_err(|e| file_error(&self.beginning, &e))?;
         self.keep(bytes, &starts);
         Ok(())

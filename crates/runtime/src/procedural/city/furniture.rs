@@ -37,7 +37,9 @@ impl Room {
 
     /// Four legs below a board of this extent.
     fn legs(&self, b: &mut Builder, material: u32, (u, v): (f32, f32), (du, dv): (f32, f32), top: f32, thick: f32) {
-        for (a, c) in [(0.02, 0.02), (du - thick - 0.02, 0.02), (0.02, dv - thick - 0.02), (du - thick - 0.02, dv - thick - 0.02)] {
+        for (a, c) in
+            [(0.02, 0.02), (du - thick - 0.02, 0.02), (0.02, dv - thick - 0.02), (du - thick - 0.02, dv - thick - 0.02)]
+        {
             self.cuboid(b, material, [u + a, 0.0, v + c], [u + a + thick, top + OVERLAP, v + c + thick], UPRIGHT);
         }
     }
@@ -59,7 +61,8 @@ pub fn turned(b: &mut Builder, material: u32, foot: Vec3, outline: &[(f32, f32)]
         }
         for k in 0..sides {
             let (s, t) = (k as f32 / sides as f32, (k + 1) as f32 / sides as f32);
-            let corners = if from { [at(s, 0.0), at(t, 1.0), at(s, 1.0)] } else { [at(s, 0.0), at(t, 0.0), at(s, 1.0)] };
+            let corners =
+                if from { [at(s, 0.0), at(t, 1.0), at(s, 1.0)] } else { [at(s, 0.0), at(t, 0.0), at(s, 1.0)] };
             b.triangle(material, corners, [Vec2::ZERO, Vec2::X, Vec2::Y]);
         }
     }
@@ -97,7 +100,8 @@ pub fn corridor(b: &mut Builder, m: &Materials, corner: Vec3, length: f32) {
 fn lamp(b: &mut Builder, m: &Materials, floor: Vec3) {
     b.object("ceiling lamp");
     let ceiling = floor.y + STOREY - 2.0 * HALF;
-    let (low, high) = (Vec3::new(floor.x - 0.3, ceiling - 0.06, floor.z - 0.3), Vec3::new(floor.x + 0.3, ceiling, floor.z + 0.3));
+    let (low, high) =
+        (Vec3::new(floor.x - 0.3, ceiling - 0.06, floor.z - 0.3), Vec3::new(floor.x + 0.3, ceiling, floor.z + 0.3));
     b.cuboid(m.metal, low, high, UPRIGHT);
     b.cuboid_side(m.lamp, low, high, 2);
 }
@@ -170,7 +174,15 @@ fn chair(b: &mut Builder, m: &Materials, r: &Room, (u, v): (f32, f32), back: f32
 }
 
 fn cup(b: &mut Builder, m: &Materials, foot: Vec3, radius: f32, sides: u32) {
-    let outline = [(0.0, 0.001), (0.8 * radius, 0.001), (radius, 0.9 * radius), (radius, 2.2 * radius), (0.92 * radius, 2.2 * radius), (0.9 * radius, 0.2 * radius), (0.0, 0.2 * radius)];
+    let outline = [
+        (0.0, 0.001),
+        (0.8 * radius, 0.001),
+        (radius, 0.9 * radius),
+        (radius, 2.2 * radius),
+        (0.92 * radius, 2.2 * radius),
+        (0.9 * radius, 0.2 * radius),
+        (0.0, 0.2 * radius),
+    ];
     turned(b, m.ceramic, foot, &outline, sides);
 }
 
@@ -228,10 +240,12 @@ fn living_room(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth:
 
 /// Outline of a vase.
 fn vase() -> Vec<(f32, f32)> {
-    (0..=14).map(|k| {
-        let t = k as f32 / 14.0;
-        (0.035 + 0.05 * turn(0.46 * t).0 * (1.0 - 0.4 * t), 0.002 + 0.28 * t)
-    }).collect()
+    (0..=14)
+        .map(|k| {
+            let t = k as f32 / 14.0;
+            (0.035 + 0.05 * turn(0.46 * t).0 * (1.0 - 0.4 * t), 0.002 + 0.28 * t)
+        })
+        .collect()
 }
 
 fn bedroom(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth: u32, detail: Detail) {

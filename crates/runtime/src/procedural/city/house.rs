@@ -192,7 +192,8 @@ impl House {
         let _ = (dice.pick(m.wall.len()), dice.pick(2));
         // Seen from the window: u along the wall, v into the room.
         let depth = CORRIDOR_WALLS[0] - 2.0 * HALF;
-        let corner = self.corner + Vec3::new(ROOM * room as f32 + HALF, y + HALF, if far { DEPTH - HALF } else { HALF });
+        let corner =
+            self.corner + Vec3::new(ROOM * room as f32 + HALF, y + HALF, if far { DEPTH - HALF } else { HALF });
         let r = Room { corner, inwards: if far { -1.0 } else { 1.0 }, size: (ROOM - 2.0 * HALF, depth) };
         for window in WINDOWS {
             self.window(b, m, &mut dice, &r, (window.0 - HALF, window.1 - HALF), storey);

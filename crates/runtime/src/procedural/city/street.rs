@@ -176,9 +176,8 @@ fn car(b: &mut Builder, m: &Materials, foot: Vec3, along: Vec3, paint: u32, fine
         b.cuboid(material, p.min(q), p.max(q), ALL_SIDES);
     };
     // The outline from bumper to bumper, swept across.
-    let outline = [
-        (0.0, 0.35), (0.05, 0.72), (1.0, 0.86), (1.55, 1.36), (2.9, 1.4), (3.5, 0.95), (4.05, 0.88), (4.1, 0.4),
-    ];
+    let outline =
+        [(0.0, 0.35), (0.05, 0.72), (1.0, 0.86), (1.55, 1.36), (2.9, 1.4), (3.5, 0.95), (4.05, 0.88), (4.1, 0.4)];
     let (cut, half) = (if fine { 12 } else { 1 }, 0.84);
     for pair in outline.windows(2) {
         let point = |s: f32, t: f32| {
