@@ -71,6 +71,7 @@ pub enum Command {
         patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
         patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
+        patchlight render city.bake --method local --path fly --frames 300 --out out/city\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
@@ -96,13 +97,11 @@ pub enum Command {
     Devices,
     /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
     /// --operator what the operator of the light between them takes and loses.
-    #[command(
-        after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info city.bake                    what it holds, and whether all of it is whole\n  patchlight info atrium:50000 --json\n  \
-        patchlight info sponza.toml --patches axis --patch-count 10000\n  \
-        patchlight info atrium --operator --codec bc1 --out out/matrix"
-    )]
+    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info city.bake\n  \
+        patchlight info atrium:50000 --json\n  patchlight info sponza.toml --patches axis --patch-count 10000\n  \
+        patchlight info atrium --operator --codec bc1 --out out/matrix")]
     Info {
-        /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
+        /// A scene file (.toml, .obj, .gltf, .glb), a bake, or a built-in scene.
         scene: String,
         #[command(flatten)]
         patches: PatchOptions,
