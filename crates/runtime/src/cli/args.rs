@@ -68,7 +68,6 @@ pub enum Command {
     #[command(after_help = "Examples:\n  \
         patchlight render cornell --method classic --patch-count 4000\n  \
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
-        patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
         patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
         patchlight render city.bake --method local --path fly --frames 300 --out out/city\n  \
@@ -83,7 +82,6 @@ pub enum Command {
     Compare(Compare),
     /// Run an experiment and write its tables, plots and pictures.
     #[command(after_help = "Examples:\n  \
-        patchlight bench patches\n  \
         patchlight bench operator sponza.toml --counts 10000 --epsilons 0.03,0.01\n  \
         patchlight bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n\n\
         Experiments:\n  \

@@ -1,6 +1,7 @@
 //! Frames of a world that is read from a bake as the camera moves: geometry in memory, rows of F on disk, and between both the
 //! matrix of the nodes round the camera.
 
+use std::cell::Cell;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -30,7 +31,7 @@ const AREA_RAYS: u32 = 4;
 const SKY_RAYS: u32 = 8;
 /// Nodes that are in no cut, but whose points are kept: they are about to be.
 const SPARE_POINTS: usize = 4096;
-/// How long the first frame waits for the disk at most.
+/// How long the first frame waits for a disk from which nothing comes.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Pixels are taken from levels so much coarser than the nodes that stand there, so that none shows its edges.
 const COARSER: f32 = 0.7;
@@ -206,8 +207,14 @@ impl Streamed {
     /// # Errors
     /// What the matrix says; cancellation.
     pub fn settle(&mut self, eye: Vec3, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<Step, Error> {
-        let (start, slots) = (Instant::now(), self.settings.local.slots as f32);
-        let go_on = |done: usize| report(done as f32 / slots) && start.elapsed() < PATIENCE && !is_cancelled();
+        // The disk is given up when nothing has come for so long.
+        let (last, slots) = (Cell::new((0, Instant::now())), self.settings.local.slots as f32);
+        let go_on = |done: usize| {
+            if done != last.get().0 {
+                last.set((done, Instant::now()));
+            }
+            report(done as f32 / slots) && last.get().1.elapsed() < PATIENCE && !is_cancelled()
+        };
         match self.local.settle(&mut self.rows, Way { eye, ahead: eye }, &go_on) {
             Ok(step) => Ok(step),
             // A disk that is too slow: coarser nodes do until it comes.
