@@ -69,6 +69,11 @@ impl Forest {
         }
     }
 
+    /// Bytes of its tables.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.runs[..]) + size_of_val(&self.leaves[..]) + size_of_val(&self.roots[..])
+    }
+
     /// The node of each leaf.
     pub fn leaves(&self) -> &[u32] {
         &self.leaves

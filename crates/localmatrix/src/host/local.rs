@@ -20,6 +20,8 @@ use crate::types::FadeParams;
 const TOGETHER: usize = 128;
 /// Distances below so many edges of a patch are all alike.
 const NEAR: f32 = 2.0;
+/// Rounds of [`Local::settle`] in which no row is missing: each goes all the way but for what has no room at once.
+const MOST_ROUNDS: usize = 256;
 /// How long [`Local::settle`] sleeps while rows are under way.
 const PAUSE: Duration = Duration::from_millis(1);
 
@@ -214,8 +216,8 @@ impl Local {
     /// Bytes of rows, of the matrix, and of the rest.
     pub fn bytes(&self) -> [(&'static str, u64); 3] {
         let rows: usize = self.rows.values().map(|row| size_of_val(&row[..])).sum();
-        let forest = 8 * self.leaf_area.len() + 16 * self.leaf_area.len() + 4 * self.leaf_area.len();
-        [("rows", rows as u64), ("matrix", self.matrix.bytes()), ("leaves", forest as u64)]
+        let leaves = size_of_val(&self.leaf_area[..]) + size_of_val(&self.offset[..]) + self.forest.bytes();
+        [("rows", rows as u64), ("matrix", self.matrix.bytes()), ("leaves", leaves as u64)]
     }
 
     /// Chooses what a step is to change, and asks the world for the rows that it and the next ones need. Never waits.
@@ -436,7 +438,7 @@ impl Local {
     /// # Errors
     /// As [`Self::apply`]; [`Error::Cancelled`].
     pub fn settle(&mut self, world: &mut dyn World, view: View, go_on: &dyn Fn(usize) -> bool) -> Result<Step, Error> {
-        let mut whole = Step::default();
+        let (mut whole, mut rounds) = (Step::default(), 0);
         loop {
             if !go_on(self.cut.len()) {
                 return Err(Error::Cancelled);
@@ -451,7 +453,9 @@ impl Local {
             whole.residual = step.residual.or(whole.residual);
             let has_lost = !step.lost.is_empty();
             whole.lost.extend(step.lost);
-            if is_done && !has_lost {
+            // Hysteresis has a cut stay as it is; should two take turns nevertheless, either will do.
+            rounds += usize::from(step.waiting == 0);
+            if (is_done && !has_lost) || rounds > MOST_ROUNDS {
                 return Ok(whole);
             }
             if is_idle && !has_lost {

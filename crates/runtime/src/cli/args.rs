@@ -1,5 +1,7 @@
 //! The command line.
 
+mod local;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -9,9 +11,10 @@ use temporal::{Blend, MOST_SAMPLES, Settings};
 use super::bake::{Bake, Merge};
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
-use crate::render::local::LocalOptions;
 use crate::render::operator::Codec;
 use crate::render::temporal::{RowKind, Sampled, Temporal};
+
+pub use local::{CameraPath, LocalArgs};
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
 #[derive(Parser, Debug)]
@@ -89,6 +92,7 @@ pub enum Command {
         proxy; where the error is; lights that the bake has not seen\n  \
         operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
         temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures\n  \
+        local      work, time and memory of the matrix round a camera on three paths, its pictures beside full radiosity\n  \
         firstshot  photons and time to an error, first shot against photons from the lights")]
     Bench(Bench),
     /// List the devices that can run the kernels.
@@ -149,42 +153,6 @@ impl Method {
             Self::Firstshot => "firstshot",
             Self::Path => "path",
         }
-    }
-}
-
-/// How the camera moves.
-#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CameraPath {
-    /// Along the scene, from one end to the other.
-    Fly,
-    /// To and fro along the scene's middle, twice.
-    Shuttle,
-    /// Round the scene's middle.
-    Circle,
-}
-
-/// Options of the local matrix.
-#[derive(Args, Clone, Copy, Debug, PartialEq)]
-pub struct LocalArgs {
-    /// Patches and merged patches in the matrix; 16 bytes for each pair (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64))]
-    pub slots: u32,
-    /// How many of them enter or leave in a frame at most (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535))]
-    pub budget: u32,
-    /// Frames that the camera's way is looked ahead (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.look_ahead, value_parser = parse_frames)]
-    pub look_ahead: f32,
-    /// Frames over which changes of the matrix come into the light; 1 for at once (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub fade: u32,
-}
-
-impl LocalArgs {
-    /// The settings.
-    pub fn options(&self) -> LocalOptions {
-        let Self { slots, budget, look_ahead, fade } = *self;
-        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade }
     }
 }
 
@@ -521,6 +489,8 @@ pub enum Experiment {
     Operator,
     /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
     Temporal,
+    /// The matrix round a camera that moves, beside full radiosity: work, time, memory, pictures.
+    Local,
     /// Photons to an error: from where lights fall first, and from the lights.
     Firstshot,
 }
@@ -590,13 +560,6 @@ fn parse_bounces(text: &str) -> Result<Bounces, String> {
     match text.parse() {
         Ok(count) if (1..=1000).contains(&count) => Ok(Bounces::Count(count)),
         _ => Err(format!("`{text}` is neither `all` nor a number from 1 to 1000")),
-    }
-}
-
-fn parse_frames(text: &str) -> Result<f32, String> {
-    match text.parse() {
-        Ok(frames) if (0.0..=1000.0).contains(&frames) => Ok(frames),
-        _ => Err(format!("`{text}` is no number from 0 to 1000")),
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod firstshot;
 mod lights;
+mod local;
 mod operator;
 mod patches;
 mod rows;
@@ -55,6 +56,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     }
     if args.name == Experiment::Temporal {
         return temporal::run(common, args);
+    }
+    if args.name == Experiment::Local {
+        return local::run(common, args);
     }
     if args.name == Experiment::Firstshot {
         return firstshot::run(common, args);

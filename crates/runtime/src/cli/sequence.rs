@@ -50,11 +50,7 @@ impl Movement {
                 progress.warn("the scene has no sun: its other lights move");
             }
         }
-        let camera = camera.map(|camera| match camera {
-            CameraPath::Fly => Animation::fly(loaded),
-            CameraPath::Shuttle => Animation::shuttle(loaded),
-            CameraPath::Circle => Animation::circle(loaded),
-        });
+        let camera = camera.map(|camera| camera.animation(loaded));
         Self { animate, path, camera, rest: (loaded.scene.lights.clone(), loaded.view), frames }
     }
 

@@ -120,7 +120,8 @@ impl Animation {
 }
 
 impl Animation {
-    /// The scene's own camera path where it has one; else the camera along the longer way of the scene, a tenth of it away from both ends, at the height and on the line of its view, looking where it
+    /// The scene's own camera path where it has one; else along the longer way of the scene, a fifth of it away from both
+    /// ends, at the height and on the line of its view, looking where it
     /// goes; lights rest.
     pub fn fly(scene: &LoadedScene) -> Self {
         let is_camera = |track: &&Track| matches!(track.target, Target::CameraEye | Target::CameraTarget);
@@ -128,12 +129,12 @@ impl Animation {
         if !own.is_empty() {
             return Self { tracks: own, ..scene.animation.clone() };
         }
-        Self::along(scene, &[0.1, 0.9])
+        Self::along(scene, &[0.2, 0.8])
     }
 
-    /// The same to and fro, over the middle half, twice.
+    /// The same to and fro over the middle, twice.
     pub fn shuttle(scene: &LoadedScene) -> Self {
-        Self::along(scene, &[0.25, 0.75, 0.25, 0.75, 0.25])
+        Self::along(scene, &[0.3, 0.7, 0.3, 0.7, 0.3])
     }
 
     /// The camera once round the middle of the scene, looking outwards; lights rest.

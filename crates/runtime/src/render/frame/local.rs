@@ -36,6 +36,7 @@ struct Copied {
     slot_of: BufferId,
     visible: BufferId,
     offset: BufferId,
+    before_light: BufferId,
     vectors: BufferId,
     columns: BufferId,
     place: BufferId,
@@ -208,6 +209,7 @@ impl Copied {
             slot_of,
             visible,
             offset,
+            before_light,
             vectors,
             columns,
             place,
@@ -232,7 +234,9 @@ impl Copied {
             light.local().matrix_mut().record();
             self.upload(executor, light)?;
             self.upload_places(executor, light)?;
-            executor.upload(self.offset, &vec![Vec4::ZERO; light.order().len()])?;
+            let dark = vec![Vec4::ZERO; light.order().len()];
+            executor.upload(self.offset, &dark)?;
+            executor.upload(self.before_light, &dark)?;
             self.is_there = true;
         }
         let mut updating = start.elapsed().as_secs_f64() * 1e3;

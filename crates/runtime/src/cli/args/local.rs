@@ -1,0 +1,60 @@
+//! Options of the matrix round the camera, and the camera's ways.
+
+use clap::{Args, ValueEnum};
+
+use crate::import::{Animation, LoadedScene};
+use crate::render::local::LocalOptions;
+
+/// How the camera moves.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CameraPath {
+    /// Along the scene, from one end to the other.
+    Fly,
+    /// To and fro along the scene's middle, twice.
+    Shuttle,
+    /// Round the scene's middle.
+    Circle,
+}
+
+impl CameraPath {
+    /// The camera over one second.
+    pub fn animation(self, loaded: &LoadedScene) -> Animation {
+        match self {
+            Self::Fly => Animation::fly(loaded),
+            Self::Shuttle => Animation::shuttle(loaded),
+            Self::Circle => Animation::circle(loaded),
+        }
+    }
+}
+
+/// Options of the local matrix.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct LocalArgs {
+    /// Patches and merged patches in the matrix; 16 bytes for each pair (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64))]
+    pub slots: u32,
+    /// How many of them enter or leave in a frame at most (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub budget: u32,
+    /// Frames that the camera's way is looked ahead (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.look_ahead, value_parser = parse_frames)]
+    pub look_ahead: f32,
+    /// Frames over which changes of the matrix come into the light; 1 for at once (local).
+    #[arg(long, default_value_t = LocalOptions::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub fade: u32,
+}
+
+impl LocalArgs {
+    /// The settings.
+    pub fn options(&self) -> LocalOptions {
+        let Self { slots, budget, look_ahead, fade } = *self;
+        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade }
+    }
+}
+
+fn parse_frames(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(frames) if (0.0..=1000.0).contains(&frames) => Ok(frames),
+        _ => Err(format!("`{text}` is no number from 0 to 1000")),
+    }
+}
