@@ -71,6 +71,9 @@ pub enum Error {
         /// The patch.
         patch: u32,
     },
+    /// A bake, or a block of it.
+    #[error(transparent)]
+    Bake(#[from] crate::host::BakeError),
     /// A world whose nodes are no forest, or with a value that is none.
     #[error("node {node} cannot be: {reason}")]
     Node {

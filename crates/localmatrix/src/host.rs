@@ -6,6 +6,7 @@ mod cut;
 mod forest;
 mod local;
 mod matrix;
+mod store;
 mod table;
 mod world;
 
@@ -14,5 +15,9 @@ pub use cut::View;
 pub use forest::Forest;
 pub use local::{Changes, Local, LocalSettings, Step};
 pub use matrix::{Entering, Form, LocalMatrix, MOST_SLOTS, Update};
+pub use store::{
+    BakeError, BakeFile, BakeWriter, LitPoint, Mapped, Part, Record, Source, Store, StoreState, WorldHead, block_range,
+    join, parent_record,
+};
 pub use table::{Surface, Table};
 pub use world::{NO_NODE, Node, World};

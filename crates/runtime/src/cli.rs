@@ -1,6 +1,7 @@
 //! The command line `patchlight`.
 
 mod args;
+mod bake;
 mod bench;
 mod compare;
 mod demo;
@@ -10,6 +11,7 @@ mod output;
 mod render;
 mod report;
 mod sequence;
+mod streamed;
 mod write_scene;
 
 use std::process::ExitCode;
@@ -49,6 +51,10 @@ fn dispatch(cli: Cli) -> Result<(), Error> {
         .map_err(|e| Error::Threads { threads, reason: e.to_string() })?;
     match cli.command {
         None => demo::run(&cli.common, cli.fast),
+        Some(Command::Bake(args)) => bake::run(&cli.common, &args),
+        Some(Command::Merge(args)) => bake::run_merge(&cli.common, &args),
+        Some(Command::Info { scene, .. }) if bake::is_bake(&scene) => bake::info(&cli.common, &scene),
+        Some(Command::Render(args)) if bake::is_bake(&args.scene) => streamed::run(&cli.common, &args),
         Some(Command::Render(args)) => render::run(&cli.common, &args),
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
         Some(Command::Bench(args)) => bench::run(&cli.common, &args),

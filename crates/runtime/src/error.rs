@@ -97,6 +97,48 @@ pub enum Error {
         /// What does without voxels.
         instead: &'static str,
     },
+    /// A bake of a world.
+    #[error(transparent)]
+    Bake(#[from] localmatrix::BakeError),
+    /// A bake of another scene than the one it names now.
+    #[error(
+        "{} is a bake of {scene} as it was then, and {scene} has changed; bake it again", path.display()
+    )]
+    OtherScene {
+        /// The bake.
+        path: PathBuf,
+        /// The scene that it names.
+        scene: String,
+    },
+    /// A bake goes with one method.
+    #[error("{} is a bake; render it with --method local, or render its scene", path.display())]
+    BakeMethod {
+        /// The bake.
+        path: PathBuf,
+    },
+    /// More memory than allowed.
+    #[error(
+        "{phase} take {} MB of memory, and --memory-limit allows {} MB; allow more, or choose a larger --voxel-size or a smaller scene",
+        used >> 20, limit >> 20
+    )]
+    MemoryLimit {
+        /// What took it.
+        phase: &'static str,
+        /// Bytes resident.
+        used: u64,
+        /// Bytes allowed.
+        limit: u64,
+    },
+    /// A bake with blocks that cannot be read.
+    #[error("{}: {lost} of {blocks} blocks cannot be read; copy the file again, or bake the scene again", path.display())]
+    LostBlocks {
+        /// The bake.
+        path: PathBuf,
+        /// Blocks that are lost.
+        lost: usize,
+        /// All blocks.
+        blocks: u32,
+    },
     /// The thread pool could not be made.
     #[error("cannot start {threads} threads: {reason}; choose fewer with --threads")]
     Threads {

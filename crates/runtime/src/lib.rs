@@ -22,6 +22,7 @@
 //! # Ok::<(), runtime::Error>(())
 //! ```
 
+pub mod bake;
 pub mod bandwidth;
 pub mod cli;
 pub mod cpu;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `cornell` | the Cornell Box by its published measurements, 0.55 m, lamp as a rectangle light |
 //! | `atrium` | a court with two storeys of arcades, cloth and an open roof; `atrium:N` has about N triangles |
+//! | `city` | streets, and houses furnished in every room, in the low sun; `city:N` has N triangles |
 //! | `office` | two offices and a corridor with rectangle lights and luminous panels |
 //! | `sealed-box` | a closed box in the sun, seen from inside: dark |
 //! | `furnace` | a closed box that shines from everywhere: H = M/(1 − ρ) |
@@ -14,11 +15,12 @@ use glam::{Vec3, Vec4};
 use scene::{Light, Sky};
 
 use crate::import::draft::{Mesh, Setting, finish};
-use crate::import::{ImportError, LoadOptions, LoadedScene, View};
+use crate::import::{Animation, ImportError, LoadOptions, LoadedScene, Track, View};
 
 mod atrium;
 mod boxes;
 mod builder;
+mod city;
 mod cornell;
 mod office;
 mod pattern;
@@ -26,10 +28,12 @@ mod pattern;
 pub use atrium::{LEAST_TRIANGLES, MOST_TRIANGLES};
 
 /// Names of the built-in scenes.
-pub const NAMES: [&str; 5] = ["cornell", "atrium", "office", "sealed-box", "furnace"];
+pub const NAMES: [&str; 6] = ["cornell", "atrium", "city", "office", "sealed-box", "furnace"];
 
 /// Triangles of `atrium` when no count is given.
 const ATRIUM_TRIANGLES: usize = 3000;
+/// The same of `city`.
+const CITY_TRIANGLES: usize = 1_000_000;
 
 /// What a built-in scene consists of.
 struct Built {
@@ -38,6 +42,8 @@ struct Built {
     sky: Vec3,
     view: View,
     exposure_stops: f32,
+    /// What moves.
+    tracks: Vec<Track>,
 }
 
 /// Whether `spec` (NAME or NAME:TRIANGLES) names a built-in scene.
@@ -45,7 +51,7 @@ pub fn is_built_in(spec: &str) -> bool {
     NAMES.contains(&spec.split(':').next().unwrap_or_default())
 }
 
-/// Builds a scene from NAME or NAME:TRIANGLES (`atrium` only).
+/// Builds a scene from NAME or NAME:TRIANGLES (`atrium` and `city` only).
 ///
 /// # Errors
 /// [`ImportError::Procedural`] for a name or a count that is not known.
@@ -58,19 +64,25 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
     if !NAMES.contains(&name) {
         return Err(fault(format!("is not known; give one of {}", NAMES.join(", "))));
     }
-    let range = LEAST_TRIANGLES..=MOST_TRIANGLES;
+    let range = match name {
+        "city" => city::LEAST_TRIANGLES..=city::MOST_TRIANGLES,
+        _ => LEAST_TRIANGLES..=MOST_TRIANGLES,
+    };
     let triangles = match count {
+        None if name == "city" => CITY_TRIANGLES,
         None => ATRIUM_TRIANGLES,
-        Some(_) if name != "atrium" => {
+        Some(_) if name != "atrium" && name != "city" => {
             return Err(fault(format!("{name} has a fixed number of triangles; write just {name}")));
         }
         Some(count) => count.parse::<usize>().ok().filter(|n| range.contains(n)).ok_or_else(|| {
-            fault(format!("\"{count}\" is not a number of triangles; give {LEAST_TRIANGLES} to {MOST_TRIANGLES}"))
+            let (least, most) = (range.start(), range.end());
+            fault(format!("\"{count}\" is not a number of triangles; give {least} to {most}"))
         })?,
     };
     let built = match name {
         "cornell" => cornell::build(),
         "atrium" => atrium::build(triangles),
+        "city" => city::build(triangles),
         "office" => office::build(),
         "sealed-box" => boxes::sealed(),
         _ => Ok(boxes::furnace()),
@@ -82,6 +94,7 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         lights: built.lights,
         sky: Sky { radiance: built.sky, ..Sky::default() },
         sky_map: Vec::<Vec4>::new(),
+        animation: Animation { tracks: built.tracks, ..Animation::default() },
         ..Setting::new(Path::new(spec), name)
     };
     finish(built.mesh, setting, &LoadOptions::default())

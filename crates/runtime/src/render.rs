@@ -12,6 +12,7 @@ pub mod proxy;
 mod receivers;
 pub(crate) mod senders;
 mod sight;
+pub mod streamed;
 pub mod temporal;
 mod test_lights;
 

@@ -84,7 +84,7 @@ impl Scene {
     ///
     /// # Errors
     /// Names the triangle or material that is wrong: [`Error`].
-    pub fn new(parts: SceneParts) -> Result<Self, Error> {
+    pub fn new(mut parts: SceneParts) -> Result<Self, Error> {
         check(&parts)?;
         let boxes: Vec<_> = parts
             .triangles
@@ -96,14 +96,19 @@ impl Scene {
             })
             .collect();
         let binary = build(&boxes);
-        let nodes: Vec<BvhNode> = bytemuck::cast_slice(&binary.nodes).to_vec();
+        // What is no longer needed goes at once: a scene of 5 million triangles would take 1 GB more while it is built.
+        drop(boxes);
+        let Bvh2 { nodes, primitive_indices: order, .. } = binary;
+        let nodes: Vec<BvhNode> = bytemuck::cast_slice(&nodes).to_vec();
         let depth = depth(&nodes);
         if depth > STACK_SIZE {
             return Err(Error::HierarchyDepth { depth, limit: STACK_SIZE });
         }
-        let order = &binary.primitive_indices;
         let triangles: Vec<Triangle> = order.iter().map(|&k| parts.triangles[k as usize]).collect();
+        parts.triangles = Vec::new();
         let uvs = order.iter().map(|&k| parts.uvs[k as usize]).collect();
+        parts.uvs = Vec::new();
+        drop(order);
         let wide = WideBvh::new(&nodes, &triangles).ok_or(Error::HierarchyDepth { depth, limit: STACK_SIZE })?;
 
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);

@@ -8,6 +8,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use multibounce::BlockCodec;
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
+use super::bake::{Bake, Merge};
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::Codec;
@@ -70,19 +71,20 @@ pub enum Command {
     #[command(after_help = "Examples:\n  \
         patchlight render cornell --method classic --patch-count 4000\n  \
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
-        patchlight render atrium --method multibounce --codec bc7\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
         patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
+        patchlight render city.bake --method local --path fly --frames 300 --out out/city\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
     Render(Render),
+    Bake(Bake),
+    Merge(Merge),
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
     #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
     Compare(Compare),
     /// Run an experiment and write its tables, plots and pictures.
     #[command(after_help = "Examples:\n  \
-        patchlight bench patches\n  \
         patchlight bench operator sponza.toml --counts 10000 --epsilons 0.03,0.01\n  \
         patchlight bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n\n\
         Experiments:\n  \
@@ -97,11 +99,11 @@ pub enum Command {
     Devices,
     /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
     /// --operator what the operator of the light between them takes and loses.
-    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info atrium:50000 --json\n  \
-        patchlight info sponza.toml --patches axis --patch-count 10000\n  \
+    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info city.bake\n  \
+        patchlight info atrium:50000 --json\n  patchlight info sponza.toml --patches axis --patch-count 10000\n  \
         patchlight info atrium --operator --codec bc1 --out out/matrix")]
     Info {
-        /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
+        /// A scene file (.toml, .obj, .gltf, .glb), a bake, or a built-in scene.
         scene: String,
         #[command(flatten)]
         patches: PatchOptions,
@@ -110,7 +112,7 @@ pub enum Command {
     },
     /// Write a built-in scene as files: scene .toml, .obj, .mtl and textures.
     #[command(after_help = "Example:\n  patchlight scene atrium:20000 --out my-atrium\n\n\
-        Scenes: cornell, atrium[:TRIANGLES], office, sealed-box, furnace")]
+        Scenes: cornell, atrium[:TRIANGLES], city[:TRIANGLES], office, sealed-box, furnace")]
     Scene {
         /// NAME or NAME:TRIANGLES.
         name: String,
@@ -379,7 +381,7 @@ pub enum FormFactors {
 /// `patchlight render`.
 #[derive(Args, Debug)]
 pub struct Render {
-    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene (cornell, atrium[:TRIANGLES], office, sealed-box, furnace).
+    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene (cornell, atrium[:TRIANGLES], city[:TRIANGLES], office, sealed-box, furnace).
     pub scene: String,
     /// How the light is found.
     #[arg(long, value_enum, default_value_t = Method::Classic)]

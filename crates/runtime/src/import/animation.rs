@@ -120,9 +120,15 @@ impl Animation {
 }
 
 impl Animation {
-    /// The camera along the longer way of the scene, a fifth of it away from both ends, at the height and on the line of its view, looking where it
+    /// The scene's own camera path where it has one; else along the longer way of the scene, a fifth of it away from both
+    /// ends, at the height and on the line of its view, looking where it
     /// goes; lights rest.
     pub fn fly(scene: &LoadedScene) -> Self {
+        let is_camera = |track: &&Track| matches!(track.target, Target::CameraEye | Target::CameraTarget);
+        let own: Vec<Track> = scene.animation.tracks.iter().filter(is_camera).cloned().collect();
+        if !own.is_empty() {
+            return Self { tracks: own, ..scene.animation.clone() };
+        }
         Self::along(scene, &[0.2, 0.8])
     }
 

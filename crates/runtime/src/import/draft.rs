@@ -14,6 +14,9 @@ use super::{Animation, Dropped, ImportError, LoadOptions, LoadedScene, View};
 /// Most triangles of a scene: 2²⁸.
 pub const TRIANGLE_LIMIT: usize = 1 << 28;
 
+/// Triangles that are judged before any is kept.
+const JUDGED_AT_ONCE: usize = 1 << 16;
+
 /// Greatest coordinate, m: areas of larger triangles leave the range of single precision.
 const COORDINATE_LIMIT: f32 = 1e9;
 
@@ -177,6 +180,8 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     let start = Instant::now();
     let file_triangles = mesh.triangles.len();
     let (triangles, uvs, dropped) = clean(&mesh, &setting, &mut warnings)?;
+    // The greatest table of the file; nothing asks for it any more.
+    mesh.triangles = Vec::new();
     timings.push(("clean", seconds(start)));
 
     let start = Instant::now();
@@ -276,24 +281,25 @@ fn clean(
 ) -> Result<(Vec<Triangle>, Vec<TriangleUv>, Dropped), ImportError> {
     let path = &setting.path;
     let scale = setting.metres_per_unit;
-    let verdicts: Vec<Verdict> = mesh
-        .triangles
-        .par_iter()
-        .enumerate()
-        .map(|(source, t)| judge(t, source as u32, scale, mesh.materials[t.material as usize].hole))
-        .collect();
     let mut dropped = Dropped::default();
-    let (mut triangles, mut uvs) = (Vec::with_capacity(verdicts.len()), Vec::with_capacity(verdicts.len()));
-    for (verdict, t) in verdicts.into_iter().zip(&mesh.triangles) {
-        match verdict {
-            Verdict::Keep(triangle, uv) => {
-                triangles.push(triangle);
-                uvs.push(uv);
-            }
-            Verdict::ZeroArea => dropped.zero_area += 1,
-            Verdict::Hole => dropped.holes += 1,
-            Verdict::TooFar => {
-                return Err(far_corner(mesh, t, path));
+    let (mut triangles, mut uvs) = (Vec::with_capacity(mesh.triangles.len()), Vec::with_capacity(mesh.triangles.len()));
+    // In batches, so that verdicts take no memory to speak of.
+    for (batch, own) in mesh.triangles.chunks(JUDGED_AT_ONCE).enumerate() {
+        let verdict = |(k, t): (usize, &FileTriangle)| {
+            judge(t, (batch * JUDGED_AT_ONCE + k) as u32, scale, mesh.materials[t.material as usize].hole)
+        };
+        let verdicts: Vec<Verdict> = own.par_iter().enumerate().map(verdict).collect();
+        for (verdict, t) in verdicts.into_iter().zip(own) {
+            match verdict {
+                Verdict::Keep(triangle, uv) => {
+                    triangles.push(triangle);
+                    uvs.push(uv);
+                }
+                Verdict::ZeroArea => dropped.zero_area += 1,
+                Verdict::Hole => dropped.holes += 1,
+                Verdict::TooFar => {
+                    return Err(far_corner(mesh, t, path));
+                }
             }
         }
     }

@@ -63,7 +63,14 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 66.0,
     };
-    Ok(Built { mesh: best.mesh, lights: vec![sun], sky: Vec3::new(1.2, 1.6, 2.4), view, exposure_stops: -1.3 })
+    Ok(Built {
+        mesh: best.mesh,
+        lights: vec![sun],
+        sky: Vec3::new(1.2, 1.6, 2.4),
+        view,
+        exposure_stops: -1.3,
+        tracks: Vec::new(),
+    })
 }
 
 fn assemble(edge: f32) -> Builder {

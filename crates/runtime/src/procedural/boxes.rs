@@ -17,7 +17,7 @@ pub fn furnace() -> Built {
     b.object("box");
     inside_out(&mut b, wall, Vec3::splat(-1.0), Vec3::ONE);
     let view = View { eye: Vec3::new(0.0, 0.0, 0.9), target: Vec3::ZERO, up: Vec3::Y, vertical_fov_degrees: 70.0 };
-    Built { mesh: b.mesh, lights: Vec::new(), sky: Vec3::ZERO, view, exposure_stops: 0.0 }
+    Built { mesh: b.mesh, lights: Vec::new(), sky: Vec3::ZERO, view, exposure_stops: 0.0, tracks: Vec::new() }
 }
 
 /// A closed box of 2 m with walls without thickness over a sunny ground; the camera is inside, where no light may be.
@@ -36,7 +36,14 @@ pub fn sealed() -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 70.0,
     };
-    Ok(Built { mesh: b.mesh, lights: vec![sun], sky: Vec3::new(1.2, 1.6, 2.4), view, exposure_stops: 0.0 })
+    Ok(Built {
+        mesh: b.mesh,
+        lights: vec![sun],
+        sky: Vec3::new(1.2, 1.6, 2.4),
+        view,
+        exposure_stops: 0.0,
+        tracks: Vec::new(),
+    })
 }
 
 /// A closed box whose fronts are inside.

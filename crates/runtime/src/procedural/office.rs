@@ -78,7 +78,7 @@ pub fn build() -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 62.0,
     };
-    Ok(Built { mesh: b.mesh, lights: lamps, sky: Vec3::ZERO, view, exposure_stops: 0.3 })
+    Ok(Built { mesh: b.mesh, lights: lamps, sky: Vec3::ZERO, view, exposure_stops: 0.3, tracks: Vec::new() })
 }
 
 fn rooms(b: &mut Builder, m: &Materials) {

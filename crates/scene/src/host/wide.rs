@@ -110,7 +110,9 @@ impl WideBvh {
     /// Folds a binary hierarchy over triangles in its leaf order: an inner child with the largest box is replaced by its
     /// two children until there are four. Nothing when the result would be too deep for the traversal stack.
     pub(super) fn new(nodes: &[BvhNode], triangles: &[Triangle]) -> Option<Self> {
-        let mut wide = Self { nodes: Vec::new(), packets: Vec::new() };
+        // The packets take most of a scene's memory: no room for more of them than there are.
+        let packets = nodes.iter().map(|node| node.prim_count.div_ceil(4) as usize).sum();
+        let mut wide = Self { nodes: Vec::new(), packets: Vec::with_capacity(packets) };
         let root = &nodes[0];
         if root.prim_count > 0 {
             // A single leaf: one node with one child.

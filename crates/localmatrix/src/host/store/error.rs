@@ -1,0 +1,123 @@
+//! What can be wrong with bakes.
+
+use std::string::String;
+use std::vec::Vec;
+
+/// Why a bake was refused, or a block of it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BakeError {
+    /// The system refuses.
+    #[error("{path}: {reason}; check that it exists, may be read or written, and that the disk has room")]
+    File {
+        /// The file.
+        path: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// Another kind of file.
+    #[error("{path} is no bake: {reason}; make one with `patchlight bake SCENE -o FILE`")]
+    NotABake {
+        /// The file.
+        path: String,
+        /// Why not.
+        reason: String,
+    },
+    /// Another version.
+    #[error("{path} is a bake of version {found}, and this program reads version {expected}; bake the scene again")]
+    Version {
+        /// The file.
+        path: String,
+        /// Its version.
+        found: u32,
+        /// Ours.
+        expected: u32,
+    },
+    /// Header or world were changed or cut: nothing can be read without them.
+    #[error(
+        "{path}: {part} at byte {offset} was altered or cut ({reason}); copy the file again, or bake the scene again"
+    )]
+    Damaged {
+        /// The file.
+        path: String,
+        /// What of it.
+        part: &'static str,
+        /// Where it begins.
+        offset: u64,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A block was changed or cut; the others are good.
+    #[error(
+        "{path}: block {block} at byte {offset} was altered or cut ({reason}); its rows are left out, the rest is used"
+    )]
+    Block {
+        /// The file.
+        path: String,
+        /// Its number.
+        block: u32,
+        /// Where it begins.
+        offset: u64,
+        /// What is wrong.
+        reason: String,
+    },
+    /// What was begun under this name is something else.
+    #[error("{path} holds the beginning of another bake ({reason}); remove it, or choose another name")]
+    OtherBeginning {
+        /// The file.
+        path: String,
+        /// What differs.
+        reason: String,
+    },
+    /// A part where a whole bake is needed, or the other way round.
+    #[error("{path} is {found}, and {expected} is needed; join parts with `patchlight merge PART... -o FILE`")]
+    Kind {
+        /// The file.
+        path: String,
+        /// What it is.
+        found: String,
+        /// What is needed.
+        expected: &'static str,
+    },
+    /// A part that does not belong to the first one.
+    #[error("{path} is of {what} than {first}; give the parts of one bake")]
+    OtherPart {
+        /// The part.
+        path: String,
+        /// What differs: another scene, other settings.
+        what: &'static str,
+        /// The first part.
+        first: String,
+    },
+    /// A part twice.
+    #[error("{path} and {first} are both part {part}; give each part once")]
+    DoubledPart {
+        /// The part.
+        path: String,
+        /// The same one.
+        first: String,
+        /// Its number.
+        part: u32,
+    },
+    /// Parts that were not given.
+    #[error("of {parts} parts these are missing: {}; bake them with `--part K/{parts}`", list(.missing))]
+    MissingParts {
+        /// All parts.
+        parts: u32,
+        /// Those that are missing.
+        missing: Vec<u32>,
+    },
+    /// More than can be counted, or tables that do not fit together.
+    #[error("{name} is {found}; it must be {rule}")]
+    Setting {
+        /// What.
+        name: &'static str,
+        /// The value.
+        found: u64,
+        /// What it must be.
+        rule: &'static str,
+    },
+}
+
+fn list(numbers: &[u32]) -> String {
+    numbers.iter().map(|n| std::format!("{n}")).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,167 @@
+//! Bakes as a user meets them: the same bytes for any threads, parts and interruptions; what is wrong is named; pictures.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_patchlight"));
+    command.args(arguments).arg("--quiet").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    command(arguments).output().expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn succeeds(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+fn fails(code: i32, arguments: &[&str]) -> String {
+    let output = run(arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    assert!(!message.contains("panicked"), "{arguments:?}: {message}");
+    message
+}
+
+const SMALL: [&str; 4] = ["--patch-count", "300", "--rays", "64"];
+
+fn bake(scene: &str, path: &Path, more: &[&str]) {
+    let path = path.to_string_lossy();
+    let arguments: Vec<&str> =
+        ["bake", scene, "-o", &path].into_iter().chain(SMALL).chain(more.iter().copied()).collect();
+    succeeds(&arguments);
+}
+
+#[test]
+fn threads_parts_and_interruptions_change_no_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let name = |file: &str| at(file).to_string_lossy().into_owned();
+    bake("cornell", &at("one.bake"), &["--threads", "1"]);
+    bake("cornell", &at("two.bake"), &["--threads", "3"]);
+    let expected = fs::read(at("one.bake")).unwrap();
+    assert!(fs::read(at("two.bake")).unwrap() == expected);
+    bake("cornell", &at("seed.bake"), &["--seed", "1"]);
+    assert!(fs::read(at("seed.bake")).unwrap() != expected);
+
+    for k in 1..=3 {
+        bake("cornell", &at(&format!("part-{k}.bake")), &["--part", &format!("{k}/3")]);
+    }
+    let lost = fails(1, &["merge", &name("part-1.bake"), &name("part-3.bake"), "-o", &name("merged.bake")]);
+    assert!(lost.contains("of 3 parts these are missing: 2"), "{lost}");
+    succeeds(&["merge", &name("part-3.bake"), &name("part-1.bake"), &name("part-2.bake"), "-o", &name("merged.bake")]);
+    assert!(fs::read(at("merged.bake")).unwrap() == expected);
+    bake("office", &at("other.bake"), &["--part", "2/3"]);
+    let other = fails(1, &["merge", &name("part-1.bake"), &name("other.bake"), "-o", &name("merged.bake")]);
+    assert!(other.contains("other.bake is of another scene"), "{other}");
+
+    // Killed as soon as there are rows, again and again until it gets through.
+    let beginning = at("killed.bake.beginning");
+    let long = name("killed.bake");
+    let arguments = ["bake", "cornell", "-o", &long, "--patch-count", "300", "--rays", "65536"];
+    let mut kills = 0;
+    while kills < 3 && !at("killed.bake").exists() {
+        let before = fs::metadata(&beginning).map_or(0, |m| m.len());
+        let mut child = command(&arguments).spawn().unwrap();
+        let start = Instant::now();
+        while start.elapsed() < Duration::from_secs(100) && child.try_wait().unwrap().is_none() {
+            if fs::metadata(&beginning).is_ok_and(|m| m.len() > before) {
+                child.kill().unwrap();
+                kills += 1;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        child.wait().unwrap();
+    }
+    succeeds(&arguments);
+    let whole = name("whole.bake");
+    succeeds(&["bake", "cornell", "-o", &whole, "--patch-count", "300", "--rays", "65536"]);
+    assert!(kills > 0 && fs::read(&long).unwrap() == fs::read(&whole).unwrap());
+    assert!(!beginning.exists());
+}
+
+#[test]
+fn wrong_bakes_are_named_with_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let name = |file: &str| at(file).to_string_lossy().into_owned();
+    for (option, value) in
+        [("--part", "4/3"), ("--patch-count", "1"), ("--voxel-size", "-1"), ("--memory-limit", "lots"), ("--rays", "1")]
+    {
+        fails(2, &["bake", "cornell", option, value]);
+    }
+    fails(2, &["merge"]);
+    let tight = fails(1, &["bake", "cornell", "-o", &name("tight.bake"), "--memory-limit", "1M"]);
+    assert!(tight.contains("--memory-limit") && !at("tight.bake").exists(), "{tight}");
+    bake("cornell", &at("a.bake"), &[]);
+    let method = fails(1, &["render", &name("a.bake"), "--method", "classic"]);
+    assert!(method.contains("--method local"), "{method}");
+    let info = succeeds(&["info", &name("a.bake"), "--json"]);
+    assert!(info.contains("\"scene\": \"cornell\"") && info.contains("\"lost_blocks\": []"), "{info}");
+
+    let good = fs::read(at("a.bake")).unwrap();
+    let mut altered = good.clone();
+    // In the rows of the last block.
+    let place = altered.len() - 6 * 1024;
+    altered[place] ^= 1;
+    fs::write(at("b.bake"), altered).unwrap();
+    let output = run(&["info", &name("b.bake")]);
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("b.bake: block ") && said.contains("at byte"), "{said}");
+    for (bytes, word) in [(&good[..0], "it is empty"), (&good[..90], "the header"), (&good[..4000], "the world")] {
+        fs::write(at("c.bake"), bytes).unwrap();
+        for arguments in [["info", &name("c.bake"), "--json"], ["render", &name("c.bake"), "--method=local"]] {
+            let message = fails(1, &arguments);
+            assert!(message.contains(word) && message.contains("c.bake"), "{message}");
+        }
+    }
+}
+
+#[test]
+fn a_bake_is_flown_through_with_blocks_missing_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let name = |file: &str| at(file).to_string_lossy().into_owned();
+    bake("cornell", &at("a.bake"), &[]);
+    let fly = |file: &str, out: &str| {
+        succeeds(&[
+            "render",
+            &name(file),
+            "--method",
+            "local",
+            "--path",
+            "fly",
+            "--frames",
+            "4",
+            "--slots",
+            "128",
+            "--size",
+            "48x32",
+            "--out",
+            &name(out),
+            "--json",
+        ])
+    };
+    let summary = fly("a.bake", "out");
+    assert!(summary.contains("\"method\": \"local\"") && summary.contains("\"slots\": 128"), "{summary}");
+    let csv = fs::read_to_string(at("out/frames.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 5);
+    assert!(at("out/frame-0003.png").exists());
+    // Half of its blocks are lost: coarser nodes stand in.
+    let good = fs::read(at("a.bake")).unwrap();
+    fs::write(at("cut.bake"), &good[..good.len() / 2]).unwrap();
+    fly("cut.bake", "cut");
+    assert!(at("cut/frame-0003.png").exists());
+    assert!(fs::read(at("cut/frame-0003.png")).unwrap() != fs::read(at("out/frame-0003.png")).unwrap());
+}
