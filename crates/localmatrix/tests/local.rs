@@ -74,8 +74,8 @@ impl Line {
             let system = (0..n).map(|a| (0..n).map(|b| f64::from(u8::from(a == b)) - f[a][b] * rho(b)).collect());
             let exact = solve(system.collect(), f.clone());
             let (mut off, mut norm) = (0.0, 0.0);
-            for a in 0..n {
-                for b in 0..n {
+            for (a, row) in exact.iter().enumerate() {
+                for (b, exact) in row.iter().enumerate() {
                     let slot = |k: usize| local.matrix().slot(cut[k]).map(|slot| slot as usize);
                     let found = match (slot(a), slot(b)) {
                         (Some(a), Some(b)) => {
@@ -84,8 +84,8 @@ impl Line {
                         }
                         _ => 0.0,
                     };
-                    off += (found - exact[a][b]).powi(2);
-                    norm += exact[a][b].powi(2);
+                    off += (found - exact).powi(2);
+                    norm += exact.powi(2);
                 }
             }
             worst = worst.max((off / norm).sqrt());
@@ -341,7 +341,10 @@ impl World for Slow {
 
     fn want(&mut self, nodes: &[u32]) {
         self.asked.retain(|node, left| *left == 0 || nodes.contains(node));
-        nodes.iter().for_each(|&node| *self.asked.entry(node).or_insert(self.delay + 1) -= 1);
+        for &node in nodes {
+            let left = self.asked.entry(node).or_insert(self.delay + 1);
+            *left = left.saturating_sub(1);
+        }
     }
 
     fn row(&mut self, node: u32) -> Result<Option<Vec<(u32, f32)>>, Error> {

@@ -90,7 +90,7 @@ fn axis_of(normal: Vec3) -> usize {
 }
 
 fn axis_cosine(normal: Vec3, axis: usize) -> f32 {
-    if axis % 2 == 0 { normal[axis / 2] } else { -normal[axis / 2] }
+    if axis.is_multiple_of(2) { normal[axis / 2] } else { -normal[axis / 2] }
 }
 
 impl World {

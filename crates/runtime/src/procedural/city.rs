@@ -253,7 +253,7 @@ fn streets(b: &mut Builder, m: &Materials, plan: &Plan) {
     let (low, high) = (Vec2::splat(ROAD), Vec2::new(width - ROAD, depth - ROAD));
     let grid = (steps(width, 4.0), steps(depth, 4.0));
     let at = |s: f32, t: f32| Vec3::new(low.x + (high.x - low.x) * t, ROAD, low.y + (high.y - low.y) * s);
-    b.sheet(m.asphalt, (grid.1, grid.0), at, |s, t| Vec2::new(s, t));
+    b.sheet(m.asphalt, (grid.1, grid.0), at, Vec2::new);
     for k in 0..plan.lots.0 * plan.lots.1 {
         let at = Vec2::new((k % plan.lots.0) as f32, (k / plan.lots.0) as f32) * PITCH + STREET;
         street::pavement(b, m, at);

@@ -16,7 +16,7 @@ use reference::Picture;
 use scene::kernel::camera::primary_direction;
 use scene::kernel::light::direct_irradiance;
 use scene::kernel::shade::{encode_srgb, pixel_radiance};
-use scene::math::luminance;
+use scene::math::{ln, luminance};
 use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
 
 use super::classic::direct_params;
@@ -371,7 +371,7 @@ impl Streamed {
     fn at(&self, position: Vec3, normal: Vec3, eye: Vec3) -> [Vec4; 2] {
         let most = self.levels.len() - 1;
         let size = self.looks * (position.distance(eye) + 2.0 * self.edge) / self.edge;
-        let level = (size.max(1e-6).log2() + COARSER).clamp(0.0, most as f32);
+        let level = (ln(size.max(1e-6)) / std::f32::consts::LN_2 + COARSER).clamp(0.0, most as f32);
         let (low, share) = (level.floor() as usize, level.fract());
         let of = |k: usize| {
             let level = &self.levels[k.min(most)];

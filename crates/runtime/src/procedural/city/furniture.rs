@@ -56,7 +56,7 @@ pub fn turned(b: &mut Builder, material: u32, foot: Vec3, outline: &[(f32, f32)]
         // Where the outline meets the axis, quadrilaterals would be triangles and a point.
         let (from, to) = (pair[0].0 == 0.0, pair[1].0 == 0.0);
         if !from && !to {
-            b.sheet(material, (sides, 1), at, |s, t| Vec2::new(s, t));
+            b.sheet(material, (sides, 1), at, Vec2::new);
             continue;
         }
         for k in 0..sides {
@@ -127,13 +127,13 @@ fn curtains(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room) {
             let wave = 0.025 * turn(folds * s).0 * (1.3 - 0.3 * t);
             r.at([u + width * s, 0.15 + 2.3 * t, 0.17 + wave])
         };
-        b.sheet(cloth, (40, 6), at, |s, t| Vec2::new(s, t));
+        b.sheet(cloth, (40, 6), at, Vec2::new);
     }
     r.cuboid(b, m.metal, [0.5, 2.46, 0.16], [5.3, 2.48, 0.18], ALL_SIDES);
 }
 
 /// A case of books against the far wall, as high as `rows` shelves.
-fn books(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, u: f32, width: f32, rows: u32, detail: Detail) {
+fn books(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, (u, width): (f32, f32), rows: u32, detail: Detail) {
     b.object("book case");
     let (depth, height) = (0.3, 0.34 * rows as f32 + 0.06);
     let v = r.size.1 - depth - 0.01;
@@ -218,7 +218,7 @@ fn living_room(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth:
     }
     r.legs(b, m.wood, (1.9, 2.4), (0.7, 1.2), 0.38, 0.05);
     r.block(b, m.wood, (1.9, 2.4), (0.7, 1.2), (0.38, 0.42));
-    books(b, m, dice, r, 3.7, 1.9, 6, detail);
+    books(b, m, dice, r, (3.7, 1.9), 6, detail);
     r.block(b, m.dark_wood, (5.2, 2.0), (0.45, 1.8), (0.0, 0.5));
     r.block(b, m.dark, (5.45, 2.25), (0.05, 1.3), (0.56, 1.32));
     picture(b, m, dice, r, cloth);
@@ -266,7 +266,7 @@ fn bedroom(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth: u32
     picture(b, m, dice, r, cloth);
     if detail == Detail::High {
         cup(b, m, r.at([0.3, 0.5, 1.6]), 0.035, 32);
-        books(b, m, dice, r, 0.2, 1.2, 3, detail);
+        books(b, m, dice, r, (0.2, 1.2), 3, detail);
         plant(b, m, dice, r.at([5.2, 0.0, 0.6]), 100);
         // A quilt of squares.
         for i in 0..9 {
@@ -309,7 +309,7 @@ fn kitchen(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, detail: De
         for k in 0..9 {
             cup(b, m, r.at([0.2 + 0.03 * (k % 3) as f32, 0.9, 1.0 + 0.36 * k as f32]), dice.between(0.03, 0.06), 24);
         }
-        books(b, m, dice, r, 4.3, 1.2, 2, detail);
+        books(b, m, dice, r, (4.3, 1.2), 2, detail);
     }
 }
 
@@ -341,8 +341,8 @@ fn office(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room, cloth: u32,
             }
         }
     }
-    books(b, m, dice, r, 3.7, 1.9, 6, detail);
-    books(b, m, dice, r, 0.1, 1.7, 6, detail);
+    books(b, m, dice, r, (3.7, 1.9), 6, detail);
+    books(b, m, dice, r, (0.1, 1.7), 6, detail);
     picture(b, m, dice, r, cloth);
     if detail == Detail::High {
         plant(b, m, dice, r.at([5.2, 0.0, 4.0]), 120);

@@ -185,7 +185,7 @@ fn car(b: &mut Builder, m: &Materials, foot: Vec3, along: Vec3, paint: u32, fine
             let (x, y) = (pair[0].0 + (pair[1].0 - pair[0].0) * t, pair[0].1 + (pair[1].1 - pair[0].1) * t);
             at(x, y + bulge, half * (2.0 * s - 1.0))
         };
-        b.sheet(paint, (cut, if fine { 6 } else { 1 }), point, |s, t| Vec2::new(s, t));
+        b.sheet(paint, (cut, if fine { 6 } else { 1 }), point, Vec2::new);
     }
     for side in [-half, half] {
         for pair in outline.windows(2) {
@@ -221,7 +221,7 @@ fn wheel(b: &mut Builder, m: &Materials, hub: Vec3, along: Vec3, axle: Vec3, rad
         let (sin, cos) = turn(s);
         (along * cos + Vec3::Y * sin) * radius
     };
-    b.sheet(m.dark, (sides, 2), |s, t| hub + rim(s) + axle * t, |s, t| Vec2::new(s, t));
+    b.sheet(m.dark, (sides, 2), |s, t| hub + rim(s) + axle * t, Vec2::new);
     for end in [Vec3::ZERO, axle] {
         for k in 0..sides {
             let (s, t) = (k as f32 / sides as f32, (k + 1) as f32 / sides as f32);
