@@ -47,8 +47,10 @@ fn by_operator(scene: &Scene, patches: u32) -> (Subdivision, Vec<Vec3>) {
     let cut = SubdivideSettings { size: PatchSize::Count(patches), points: 64, ..Default::default() };
     let subdivision = subdivide(scene, &cut).unwrap();
     let areas = subdivision.areas();
-    let surfaces = Surfaces::of_patches(scene, &subdivision, &[]);
-    let mut rows = form_factors(&Hemisphere { rays: 4096 }, &surfaces, &go_on).unwrap();
+    let mut rows = {
+        let surfaces = Surfaces::of_patches(scene, &subdivision, &[]);
+        form_factors(&Hemisphere { rays: 4096 }, &surfaces, &go_on).unwrap()
+    };
     balance(&mut rows.factors, &mut rows.sky_factor, &areas, None).unwrap();
     let csr = rows.factors.to_csr(0.0).unwrap();
     let factors = Factors { row_start: &csr.row_start, columns: &csr.column_index, values: &csr.values, area: &areas };

@@ -193,8 +193,7 @@ fn no_float_operation_may_be_contracted() {
         assert_eq!(contractible(&module), operations);
         let has_none = name == "formfactor_hemisphere_row"
             || name.starts_with("temporal_split")
-            || ["localmatrix_count", "localmatrix_start", "localmatrix_compact", "localmatrix_spread"]
-                .contains(&&name[..]);
+            || ["localmatrix_count", "localmatrix_start", "localmatrix_compact", "localmatrix_spread"].contains(&name);
         assert!(operations > 0 || has_none, "{name} computes nothing");
     }
 }
