@@ -419,7 +419,10 @@ fn the_atrium_has_the_triangles_that_were_asked_for() {
 fn every_built_in_scene_can_be_animated() {
     for spec in procedural::NAMES {
         let scene = procedural::build(spec).unwrap_or_else(|e| panic!("{e}"));
-        let animation = Animation::or_default_path(&scene);
+        // Its own may move the camera alone.
+        let own = Animation::or_default_path(&scene);
+        assert!(own.at(0.0) != own.at(0.5 * own.duration()), "{spec}");
+        let animation = Animation::default_path(&scene);
         let (first, last) = (animation.at(0.0).0, animation.at(0.5).0);
         assert!(!first.is_empty() && first != last && animation.duration() == 1.0, "{spec}");
         let (low, high) = scene.scene.bounds;
