@@ -202,9 +202,11 @@ fn photons_agree_with_the_path_tracer() {
         let noise = 2.0 * variances.sqrt() / light[1];
         println!("{name}: {rms:.2} standard errors, worst {worst:.2}, light {ratio:.4}, noise {noise:.4}");
         // Places are spread evenly, so the spread overstates their noise.
-        let agrees = |ratio: f64| (ratio - 1.0).abs() < 2.0 * noise;
+        let bound = if name == "cornell" { 0.01 } else { 2.0 * noise };
+        let agrees = |ratio: f64| (ratio - 1.0).abs() < bound;
         assert!(rms < 1.3 && worst < 4.0 && agrees(ratio), "{name}: {rms} {worst} {ratio} {noise}");
-        assert!(noise < 0.045 && !agrees(1.1 * ratio), "{name}: a tenth more is noticed: {noise}");
+        let wrong = if name == "cornell" { 1.03 } else { 1.1 };
+        assert!(noise < 0.045 && !agrees(wrong * ratio), "{name}: more light is noticed: {noise}");
     }
 }
 
