@@ -20,7 +20,7 @@ mod street;
 use house::House;
 
 /// Fewest triangles it can be built of.
-pub const LEAST_TRIANGLES: usize = 30_000;
+pub const LEAST_TRIANGLES: usize = 125_000;
 /// Most triangles it can be built of.
 pub const MOST_TRIANGLES: usize = 20_000_000;
 
@@ -315,11 +315,11 @@ mod tests {
 
     #[test]
     fn a_city_has_the_triangles_asked_for_and_is_the_same_again() {
-        let (first, again) = (build(60_000).unwrap(), build(60_000).unwrap());
-        assert!(first.mesh.triangles.len().abs_diff(60_000) <= 1, "{}", first.mesh.triangles.len());
+        let (first, again) = (build(150_000).unwrap(), build(150_000).unwrap());
+        assert!(first.mesh.triangles.len().abs_diff(150_000) <= 1, "{}", first.mesh.triangles.len());
         let corners = |built: &Built| built.mesh.triangles.iter().map(|t| t.corners).collect::<Vec<_>>();
         assert!(corners(&first) == corners(&again));
-        assert!(corners(&first) != corners(&build(70_000).unwrap()));
+        assert!(corners(&first) != corners(&build(160_000).unwrap()));
     }
 
     #[test]
