@@ -10,7 +10,7 @@ use scene::kernel::bvh::FAR;
 use super::emission::Emission;
 use crate::kernel::segment::{land, reflect};
 use crate::kernel::sequence::Sequence;
-use crate::kernel::start::{Sources, start_photon};
+use crate::kernel::start::{Sources, pick, start_from};
 use crate::types::{Landing, PhotonParams};
 
 /// Photons that one task follows.
@@ -25,13 +25,15 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
     let geometry = scene.geometry();
     let sources = Sources { lights: &scene.lights, sky: scene.sky, sky_map: &scene.sky_map };
     // Photons of one element one after the other: what they read first is near, and the hierarchy about it.
-    let mut order: Vec<(u32, u32)> = (0..p.count).into_par_iter().map(|k| (Sequence::of(p, k).element(), k)).collect();
+    let element = |k: u32| pick(&emission.alias, p.element_count, Sequence::of(p, k).element());
+    let mut order: Vec<(u32, u32)> = (0..p.count).into_par_iter().map(|k| (element(k), k)).collect();
     order.par_sort_unstable();
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let chunk = |chunk: &[(u32, u32)]| {
         let mut landings = Vec::with_capacity(3 * CHUNK);
-        for &(_, k) in chunk {
-            let mut photon = start_photon(&geometry, &sources, p, &emission.alias, &emission.elements, k, occluded);
+        for &(chosen, k) in chunk {
+            let element = emission.elements[chosen as usize];
+            let mut photon = start_from(&geometry, &sources, p, element, k, occluded);
             while photon.flux != Vec3::ZERO {
                 let hit = scene.closest_before(photon.origin, photon.direction, FAR);
                 landings.push(land(&geometry, k, &photon, hit));

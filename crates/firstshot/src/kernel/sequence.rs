@@ -39,12 +39,10 @@ const fn columns(k: usize) -> [u32; 32] {
 /// Number `k` of dimension 3, 4 or 5 (`which` = 0, 1, 2) of Sobol's sequence.
 #[inline]
 pub fn sobol_more(k: u32, which: u32) -> u32 {
-    let (mut x, mut bits, mut i) = (0u32, k, 0usize);
-    while bits != 0 {
-        if bits & 1 != 0 {
-            x ^= COLUMNS[which as usize][i];
-        }
-        bits >>= 1;
+    // Every column, whether its bit is set or not: chance decides about bits, so branches on them would be foretold wrongly.
+    let (mut x, mut i) = (0u32, 0usize);
+    while i < 32 {
+        x ^= COLUMNS[which as usize][i] & (k >> i & 1).wrapping_neg();
         i += 1;
     }
     x
@@ -61,11 +59,9 @@ pub struct Sequence {
     pub kind: u32,
 }
 
-/// The five numbers of a start.
+/// The numbers of a start beside that of its element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StartWords {
-    /// Which element.
-    pub element: u32,
     /// Where on it.
     pub place: (u32, u32),
     /// Which way.
@@ -101,15 +97,14 @@ impl Sequence {
     /// The numbers of the start.
     #[inline]
     pub fn start(&self) -> StartWords {
-        let (element, rejection) = (self.element(), self.random(0x7265_6a65));
+        let rejection = self.random(0x7265_6a65);
         if self.kind != SEQUENCE_SOBOL {
             let place = (self.random(1), self.random(2));
-            return StartWords { element, place, way: (self.random(3), self.random(4)), rejection };
+            return StartWords { place, way: (self.random(3), self.random(4)), rejection };
         }
         let scrambled = |x: u32, dimension: u32| owen_scramble(x, hash(self.key ^ hash(dimension)));
         let more = |which: u32| sobol_more(self.index, which);
         StartWords {
-            element,
             way: (scrambled(sobol2_fast(self.index).1, 1), scrambled(more(0), 2)),
             place: (scrambled(more(1), 3), scrambled(more(2), 4)),
             rejection,
@@ -141,8 +136,9 @@ mod tests {
         let n = 1u32 << 12;
         for (seed, kind) in [(0, SEQUENCE_SOBOL), (77, SEQUENCE_SOBOL), (77, crate::SEQUENCE_RANDOM)] {
             let words = |index: u32| {
-                let w = Sequence { index, key: hash(seed), kind }.start();
-                [w.element, w.place.0, w.place.1, w.way.0, w.way.1]
+                let sequence = Sequence { index, key: hash(seed), kind };
+                let w = sequence.start();
+                [sequence.element(), w.place.0, w.place.1, w.way.0, w.way.1]
             };
             for d in 0..5 {
                 let mut seen = std::vec![false; n as usize];

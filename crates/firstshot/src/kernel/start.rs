@@ -156,8 +156,21 @@ pub fn start_photon(
     k: u32,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> Photon {
+    let chosen = pick(alias, p.element_count, Sequence::of(p, k).element());
+    start_from(g, sources, p, elements[chosen as usize], k, occluded)
+}
+
+/// Photon `k` of a dispatch, where the element is known that it picks.
+#[inline]
+pub fn start_from(
+    g: &Geometry,
+    sources: &Sources,
+    p: &PhotonParams,
+    e: Element,
+    k: u32,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> Photon {
     let w = Sequence::of(p, k).start();
-    let e = elements[pick(alias, p.element_count, w.element) as usize];
     if e.kind == ELEMENT_LIT {
         return start_on_piece(g, sources, p, &e, &w, occluded);
     }

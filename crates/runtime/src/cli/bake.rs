@@ -10,7 +10,6 @@ use super::args::Common;
 use super::output;
 use crate::bake::{BakeSettings, Baked, Extra, LEAST_PATCHES, MOST_PATCHES, bake, merge};
 use crate::error::Error;
-use crate::import::load_or_build;
 use crate::progress::Progress;
 use crate::summary::peak_memory_bytes;
 
@@ -109,10 +108,7 @@ struct Report {
 
 pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     let mut progress = Progress::new(common.quiet);
-    let loaded = progress.phase("import", |_| load_or_build(&args.scene))?;
-    for line in &loaded.warnings {
-        progress.warn(line);
-    }
+    let loaded = output::import(&args.scene, &mut progress)?;
     let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(LEAST_BY_DEFAULT, MOST_BY_DEFAULT);
     let settings = BakeSettings {
         scene: args.scene.clone(),

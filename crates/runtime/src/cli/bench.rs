@@ -9,7 +9,7 @@ mod rows;
 mod temporal;
 mod truth;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -51,28 +51,48 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    if args.name == Experiment::Operator {
-        return operator::run(common, args);
+    match args.name {
+        Experiment::Patches => run_patches(common, args),
+        Experiment::Operator => operator::run(common, args),
+        Experiment::Temporal => temporal::run(common, args),
+        Experiment::Local => local::run(common, args),
+        Experiment::Firstshot => firstshot::run(common, args),
     }
-    if args.name == Experiment::Temporal {
-        return temporal::run(common, args);
+}
+
+/// Where an experiment writes, what it runs on, and what of.
+struct Ground<'a> {
+    out: PathBuf,
+    machine: Machine,
+    scenes: Vec<&'a str>,
+    /// Patches.
+    counts: Vec<u32>,
+}
+
+impl<'a> Ground<'a> {
+    /// Makes the folder, and takes these scenes and counts where none are given.
+    fn new(
+        common: &Common,
+        args: &'a Bench,
+        name: &str,
+        scenes: &[&'static str],
+        counts: &[u32],
+    ) -> Result<Self, Error> {
+        let out = output::folder_or(&common.out, &format!("bench-{name}"));
+        output::make_folder(&out)?;
+        let given = args.scenes.iter().map(String::as_str);
+        Ok(Self {
+            out,
+            machine: Machine::find(common)?,
+            scenes: if args.scenes.is_empty() { scenes.to_vec() } else { given.collect() },
+            counts: if args.counts.is_empty() { counts.to_vec() } else { args.counts.clone() },
+        })
     }
-    if args.name == Experiment::Local {
-        return local::run(common, args);
-    }
-    if args.name == Experiment::Firstshot {
-        return firstshot::run(common, args);
-    }
-    let mut args = args.clone();
-    if args.counts.is_empty() {
-        args.counts = COUNTS.to_vec();
-    }
-    let args = &args;
-    let out = output::folder_or(&common.out, "bench-patches");
-    output::make_folder(&out)?;
-    let machine = Machine::find(common)?;
-    let scenes: Vec<&str> =
-        if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
+}
+
+fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
+    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "patches", &SCENES, &COUNTS)?;
+    let args = &Bench { counts, ..args.clone() };
     let mut results = Vec::new();
     let numbers = out.join("summary.json");
     for scene in scenes {

@@ -1,4 +1,4 @@
-//! Writing into the folder of results, and printing.
+//! What commands share: reading the scene, writing into the folder of results, printing.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -6,6 +6,15 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::error::Error;
+use crate::import::{LoadedScene, load_or_build};
+use crate::progress::Progress;
+
+/// A scene from a file, or a built-in one; what was repaired is said.
+pub fn import(spec: &str, progress: &mut Progress) -> Result<LoadedScene, Error> {
+    let loaded = progress.phase("import", |_| load_or_build(spec))?;
+    loaded.warnings.iter().for_each(|line| progress.warn(line));
+    Ok(loaded)
+}
 
 /// Makes a folder and those above it.
 pub fn make_folder(path: &Path) -> Result<(), Error> {

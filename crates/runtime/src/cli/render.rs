@@ -14,7 +14,7 @@ use super::report::significant;
 use super::sequence::{Movement, Sequence};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
-use crate::import::{Animation, LoadedScene, load_or_build};
+use crate::import::{Animation, LoadedScene};
 use crate::progress::Progress;
 use crate::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
@@ -28,10 +28,7 @@ const POINT_PATHS: u32 = 4096;
 
 pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let mut progress = Progress::new(common.quiet);
-    let loaded = progress.phase("import", |_| load_or_build(&args.scene))?;
-    for line in &loaded.warnings {
-        progress.warn(line);
-    }
+    let loaded = output::import(&args.scene, &mut progress)?;
     let data = args.reference.as_deref().map(ReferenceData::load).transpose()?;
     let size = args.size.or(data.as_ref().map(|d| (d.full.width, d.full.height))).unwrap_or((960, 540));
     if args.frames > 1 && data.is_some() {

@@ -10,7 +10,6 @@ use super::args::{Common, Method, Render};
 use super::output;
 use super::sequence::Movement;
 use crate::error::Error;
-use crate::import::load_or_build;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::streamed::{StreamFrame, StreamSettings, Streamed, scene_of};
 use crate::summary::{PassTimes, peak_memory_bytes, resident_bytes};
@@ -72,10 +71,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let named = scene_of(&file)?;
     drop(file);
     let before = resident_bytes().unwrap_or(0);
-    let loaded = progress.phase("import", |_| load_or_build(&scene_beside(path, &named)))?;
-    for line in &loaded.warnings {
-        progress.warn(line);
-    }
+    let loaded = output::import(&scene_beside(path, &named), &mut progress)?;
     let geometry = resident_bytes().unwrap_or(0).saturating_sub(before);
     let movement = Movement::new(&loaded, (args.animate, args.path), args.frames, &mut progress);
     let options = args.local.options();

@@ -25,12 +25,12 @@ use scene::sampling::{hammersley, hash3};
 use scene::{LIGHT_POINT, LIGHT_SPOT, Light, Scene, Sky};
 use serde::Serialize;
 
-use super::Machine;
+use super::{Ground, Machine};
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page, significant};
 use crate::error::Error;
-use crate::import::{LoadedScene, load_or_build};
+use crate::import::LoadedScene;
 use crate::progress::{Progress, is_cancelled};
 
 /// Scenes that need no file: about as many triangles as Kopylov's.
@@ -119,11 +119,7 @@ struct Run {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let out = output::folder_or(&common.out, "bench-firstshot");
-    output::make_folder(&out)?;
-    let machine = Machine::find(common)?;
-    let scenes: Vec<&str> =
-        if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
+    let Ground { out, machine, scenes, .. } = Ground::new(common, args, "firstshot", &SCENES, &[])?;
     let (mut rows, mut rates) = (Vec::new(), Vec::new());
     let results = |rows: &[Row], rates: &[Rate]| {
         output::json(&Results { name: "firstshot", machine: &machine, seed: common.seed, rows, rates })
@@ -165,8 +161,7 @@ fn introduction(machine: &Machine) -> Vec<String> {
 
 fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates: &mut Vec<Rate>) -> Result<(), Error> {
     let mut progress = Progress::new(common.quiet);
-    let mut loaded = progress.phase("import", |_| load_or_build(name))?;
-    loaded.warnings.iter().for_each(|line| progress.warn(line));
+    let mut loaded = output::import(name, &mut progress)?;
     loaded.scene.lights = lamps(&loaded);
     loaded.scene.sky = Sky::default();
     loaded.scene.emitters.clear();

@@ -6,7 +6,7 @@ use reference::stops_to_scale;
 use serde::Serialize;
 
 use super::truth::Truth;
-use super::{Machine, SCENES};
+use super::{Ground, Machine, SCENES};
 use crate::cli::args::{Bench, CameraPath, Common};
 use crate::cli::compare::picture_errors;
 use crate::cli::output;
@@ -14,7 +14,7 @@ use crate::cli::report::{Section, Table, page, significant};
 use crate::cli::sequence::{distance, flicker};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
-use crate::import::{LoadedScene, load_or_build};
+use crate::import::LoadedScene;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, Classic, ClassicSettings, Estimator, PatchKind};
 use crate::render::local::LocalOptions;
@@ -76,20 +76,14 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let out = output::folder_or(&common.out, "bench-local");
-    output::make_folder(&out)?;
-    let machine = Machine::find(common)?;
-    let scenes: Vec<&str> =
-        if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
-    let counts = if args.counts.is_empty() { vec![COUNT] } else { args.counts.clone() };
+    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "local", &SCENES, &[COUNT])?;
     let (mut rows, mut views): (Vec<Row>, Vec<Shown>) = (Vec::new(), Vec::new());
     let results = |rows: &[Row], views: &[Shown]| {
         output::json(&Results { name: "local", machine: &machine, seed: common.seed, rows, views })
     };
     for scene in scenes {
         let mut progress = Progress::new(common.quiet);
-        let loaded = progress.phase("import", |_| load_or_build(scene))?;
-        loaded.warnings.iter().for_each(|line| progress.warn(line));
+        let loaded = output::import(scene, &mut progress)?;
         let truth = Truth::find(args.references.as_deref(), &loaded)?;
         for &count in &counts {
             let measuring = Measuring { common, args, loaded: &loaded, truth: truth.as_ref() };

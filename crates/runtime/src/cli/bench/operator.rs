@@ -7,13 +7,12 @@ use glam::Vec4;
 use multibounce::{Channels, TileRoom, Tiles};
 use serde::Serialize;
 
-use super::{Machine, SCENES, stream_gb_s};
+use super::{Ground, Machine, SCENES, stream_gb_s};
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, DeviceKind, Executor, open};
-use crate::import::load_or_build;
 use crate::progress::Progress;
 use crate::render::classic::{ClassicSettings, Estimator, exchange};
 use crate::render::frame::product_on_device;
@@ -96,12 +95,7 @@ struct Truth {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let out = output::folder_or(&common.out, "bench-operator");
-    output::make_folder(&out)?;
-    let machine = Machine::find(common)?;
-    let scenes: Vec<&str> =
-        if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
-    let counts = if args.counts.is_empty() { vec![COUNT] } else { args.counts.clone() };
+    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "operator", &SCENES, &[COUNT])?;
     let (mut builds, mut rows) = (Vec::new(), Vec::new());
     // Any device that speaks Vulkan, software too.
     let choice = if common.device == "auto" { "vulkan" } else { &common.device };
@@ -265,8 +259,7 @@ fn measure(
     rows: &mut Vec<Row>,
 ) -> Result<(), Error> {
     let mut progress = Progress::new(common.quiet);
-    let loaded = progress.phase("import", |_| load_or_build(name))?;
-    loaded.warnings.iter().for_each(|line| progress.warn(line));
+    let loaded = output::import(name, &mut progress)?;
     let scene = &loaded.scene;
     let settings = ClassicSettings {
         patch_count: count,

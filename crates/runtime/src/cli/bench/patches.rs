@@ -15,7 +15,7 @@ use crate::cli::output;
 use crate::cli::report::{Figure, Plot, Section, Series};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
-use crate::import::{LoadedScene, load_or_build};
+use crate::import::LoadedScene;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::Pictures;
 use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
@@ -69,8 +69,7 @@ pub type Keep<'a> = dyn Fn(&[Row]) -> Result<(), Error> + 'a;
 /// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come.
 pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path, keep: &Keep) -> Result<SceneResult, Error> {
     let mut progress = Progress::new(common.quiet);
-    let loaded = progress.phase("import", |_| load_or_build(scene))?;
-    loaded.warnings.iter().for_each(|line| progress.warn(line));
+    let loaded = output::import(scene, &mut progress)?;
     progress.note(&format!("{}: reference", loaded.name));
     let truth = match Truth::find(args.references.as_deref(), &loaded)? {
         Some(truth) => truth,

@@ -11,14 +11,14 @@ use serde::Serialize;
 use temporal::{Blend, Settings};
 
 use super::truth::Truth;
-use super::{Machine, SCENES};
+use super::{Ground, Machine, SCENES};
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page};
 use crate::cli::sequence::{distance, flicker};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, open};
-use crate::import::{Animation, LoadedScene, load_or_build};
+use crate::import::{Animation, LoadedScene};
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
 use crate::render::operator::{Feedback, Transport};
@@ -94,19 +94,13 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let out = output::folder_or(&common.out, "bench-temporal");
-    output::make_folder(&out)?;
-    let machine = Machine::find(common)?;
-    let scenes: Vec<&str> =
-        if args.scenes.is_empty() { SCENES.to_vec() } else { args.scenes.iter().map(String::as_str).collect() };
-    let counts = if args.counts.is_empty() { vec![COUNT] } else { args.counts.clone() };
+    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "temporal", &SCENES, &[COUNT])?;
     let mut rows: Vec<Row> = Vec::new();
     let results =
         |rows: &[Row]| output::json(&Results { name: "temporal", machine: &machine, seed: common.seed, rows });
     for scene in scenes {
         let mut progress = Progress::new(common.quiet);
-        let loaded = progress.phase("import", |_| load_or_build(scene))?;
-        loaded.warnings.iter().for_each(|line| progress.warn(line));
+        let loaded = output::import(scene, &mut progress)?;
         let truth = match Truth::find(args.references.as_deref(), &loaded)? {
             Some(truth) => truth,
             None => Truth::traced(&loaded, &loaded.scene.lights, args.size, args.spp, common.seed, &mut progress)?,
