@@ -20,8 +20,9 @@
 //! through them, fine where it looks large from the camera's way and coarse far off, so that no light is lost; within a budget of changes a
 //! step, one node gives way to its descendants or they to it. Rows that are not in memory yet are asked for ahead, and until
 //! they come the coarser node stays. F between nodes of any level is that of both rows ([`World`]), and what the light would jump by
-//! when the nodes change comes over some frames. [`Table`] is a world in memory. [`choose`] alone says which patches of a flat world
-//! are to enter and to leave, from how far they are off.
+//! when the nodes change comes over some frames. [`Table`] is a world in memory; [`Store`] one in a file, whose blocks a thread reads
+//! ahead into a bounded cache, and which goes on without what is broken. [`BakeWriter`] writes such a file block by block, in parts if
+//! need be. [`choose`] alone says which patches of a flat world are to enter and to leave, from how far they are off.
 //!
 //! ```
 //! use glam::{Vec3, Vec4};
