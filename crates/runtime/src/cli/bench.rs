@@ -61,7 +61,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
 }
 
 /// Where an experiment writes, what it runs on, and what of.
-struct Ground<'a> {
+struct Setup<'a> {
     out: PathBuf,
     machine: Machine,
     scenes: Vec<&'a str>,
@@ -69,7 +69,7 @@ struct Ground<'a> {
     counts: Vec<u32>,
 }
 
-impl<'a> Ground<'a> {
+impl<'a> Setup<'a> {
     /// Makes the folder, and takes these scenes and counts where none are given.
     fn new(
         common: &Common,
@@ -91,7 +91,7 @@ impl<'a> Ground<'a> {
 }
 
 fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "patches", &SCENES, &COUNTS)?;
+    let Setup { out, machine, scenes, counts } = Setup::new(common, args, "patches", &SCENES, &COUNTS)?;
     let args = &Bench { counts, ..args.clone() };
     let mut results = Vec::new();
     let numbers = out.join("summary.json");

@@ -25,7 +25,7 @@ use scene::sampling::{hammersley, hash3};
 use scene::{LIGHT_POINT, LIGHT_SPOT, Light, Scene, Sky};
 use serde::Serialize;
 
-use super::{Ground, Machine};
+use super::{Machine, Setup};
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page, significant};
@@ -119,7 +119,7 @@ struct Run {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Ground { out, machine, scenes, .. } = Ground::new(common, args, "firstshot", &SCENES, &[])?;
+    let Setup { out, machine, scenes, .. } = Setup::new(common, args, "firstshot", &SCENES, &[])?;
     let (mut rows, mut rates) = (Vec::new(), Vec::new());
     let results = |rows: &[Row], rates: &[Rate]| {
         output::json(&Results { name: "firstshot", machine: &machine, seed: common.seed, rows, rates })

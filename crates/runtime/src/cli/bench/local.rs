@@ -6,7 +6,7 @@ use reference::stops_to_scale;
 use serde::Serialize;
 
 use super::truth::Truth;
-use super::{Ground, Machine, SCENES};
+use super::{Machine, SCENES, Setup};
 use crate::cli::args::{Bench, CameraPath, Common};
 use crate::cli::compare::picture_errors;
 use crate::cli::output;
@@ -76,7 +76,7 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "local", &SCENES, &[COUNT])?;
+    let Setup { out, machine, scenes, counts } = Setup::new(common, args, "local", &SCENES, &[COUNT])?;
     let (mut rows, mut views): (Vec<Row>, Vec<Shown>) = (Vec::new(), Vec::new());
     let results = |rows: &[Row], views: &[Shown]| {
         output::json(&Results { name: "local", machine: &machine, seed: common.seed, rows, views })

@@ -7,7 +7,7 @@ use glam::Vec4;
 use multibounce::{Channels, TileRoom, Tiles};
 use serde::Serialize;
 
-use super::{Ground, Machine, SCENES, stream_gb_s};
+use super::{Machine, SCENES, Setup, stream_gb_s};
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page};
@@ -95,7 +95,7 @@ struct Truth {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "operator", &SCENES, &[COUNT])?;
+    let Setup { out, machine, scenes, counts } = Setup::new(common, args, "operator", &SCENES, &[COUNT])?;
     let (mut builds, mut rows) = (Vec::new(), Vec::new());
     // Any device that speaks Vulkan, software too.
     let choice = if common.device == "auto" { "vulkan" } else { &common.device };

@@ -11,7 +11,7 @@ use serde::Serialize;
 use temporal::{Blend, Settings};
 
 use super::truth::Truth;
-use super::{Ground, Machine, SCENES};
+use super::{Machine, SCENES, Setup};
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page};
@@ -94,7 +94,7 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Ground { out, machine, scenes, counts } = Ground::new(common, args, "temporal", &SCENES, &[COUNT])?;
+    let Setup { out, machine, scenes, counts } = Setup::new(common, args, "temporal", &SCENES, &[COUNT])?;
     let mut rows: Vec<Row> = Vec::new();
     let results =
         |rows: &[Row]| output::json(&Results { name: "temporal", machine: &machine, seed: common.seed, rows });
