@@ -34,8 +34,8 @@ use crate::progress::Progress;
 
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
-/// Most receivers for each patch.
-const RECEIVERS_A_PATCH: f32 = 30.0;
+/// Most receivers for each that their distance gives where light is even.
+const MOST_RECEIVERS: f32 = 10.0 / 3.0;
 /// Fewest rays of a facet's row.
 const LEAST_FACET_RAYS: u64 = 64;
 /// Rays of a row of [`Classic::irradiance_at`].
@@ -96,7 +96,7 @@ pub struct ClassicSettings {
     pub receivers: ReceiverKind,
     /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge, over √density.
     pub receiver_edge: Option<f32>,
-    /// Most receivers: beyond those of the distance, where light bends; `None` for 30 a patch, times the density.
+    /// Most receivers: beyond those of the distance, where light bends; `None` for ten thirds of those.
     pub most_receivers: Option<usize>,
     /// Receivers for each that there would be by default.
     pub receiver_density: f32,
@@ -230,7 +230,7 @@ impl Bake {
                 edge,
                 most: settings
                     .most_receivers
-                    .unwrap_or((RECEIVERS_A_PATCH * settings.receiver_density * count as f32) as usize),
+                    .unwrap_or((MOST_RECEIVERS * senders.areas().iter().sum::<f32>() / (edge * edge)) as usize),
                 seed,
             };
             // How many there will be is not known: the bar shows the rows of each round.

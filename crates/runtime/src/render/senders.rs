@@ -34,6 +34,12 @@ const MOST_PILOTS: usize = 1 << 16;
 const FAR: f32 = 4.0;
 /// Samples that are tried, the nearest first.
 const TRIED: usize = 6;
+/// The same where all of those differ by more than [`ALIKE`] in albedo.
+const TRIED_UNLIKE: usize = 64;
+const ALIKE: f32 = 0.25;
+/// What a difference of 1 in albedo counts in the choice, in sample edges: what is thin and dark has few samples, and must not
+/// shine like the bright wall beside it.
+const UNLIKE: f32 = 10.0;
 /// A sample nearer than this, in sample edges, need not be seen.
 const TOUCHING: f32 = 0.2;
 /// Walks by which a place that sees no sample looks for light.
@@ -433,13 +439,24 @@ fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner:
             let (a, b, c) = cell_corners(n, cell);
             let middle = (a + b + c) / 3.0;
             let place = geometry.position(triangle as u32, middle.x, middle.y);
-            let (found, count) = nearest.samples::<TRIED>(place, normal, FAR);
             // Nothing may stand between: a dark place has no facet, however bright it is beyond a wall.
             let seen = |&(sample, distance): &(u32, f32)| {
                 let there = &samples[sample as usize];
                 distance < TOUCHING || sees(scene, (place, normal), (there.position, there.normal), edge)
             };
-            let found = &found[..count];
+            let albedo = scene.filtered_albedo(triangle as u32, place, edge * edge);
+            let unlike = |sample: u32| albedo.distance(samples[sample as usize].albedo);
+            let few = nearest.samples::<TRIED>(place, normal, FAR);
+            let mut found = few.0[..few.1].to_vec();
+            if found.iter().all(|f| unlike(f.0) > ALIKE) {
+                let more = nearest.samples::<TRIED_UNLIKE>(place, normal, FAR);
+                found = more.0[..more.1].to_vec();
+            }
+            for (sample, distance) in &mut found {
+                let unlike = UNLIKE * unlike(*sample);
+                *distance = scene::math::sqrt(*distance * *distance + unlike * unlike);
+            }
+            found.sort_by(|a, b| a.1.total_cmp(&b.1));
             // What is small may hide from all samples of like normal, and be lit nevertheless.
             let lit = || {
                 let point = SurfacePoint { position: place, patch: NONE, normal, weight: 1.0 };
