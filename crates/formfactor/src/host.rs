@@ -8,6 +8,7 @@ mod file;
 mod hits;
 mod polygon;
 mod product;
+mod quarters;
 mod receivers;
 mod reciprocal;
 mod solve;
@@ -25,10 +26,11 @@ pub use file::{RowFile, RowFileWriter};
 pub use hits::HitRows;
 pub use polygon::Polygon;
 pub use product::{Operator, widen_half};
+pub use quarters::{QUARTERS, turns};
 pub use receivers::Receivers;
 pub use reciprocal::{Reciprocal, reciprocal};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
-pub use sparse::{SparseRows, add_hit_rows, gather_by_rays, sparse_rows};
+pub use sparse::{SparseRows, add_hit_rows, add_quarter_rows, gather_by_rays, sparse_rows};
 pub use storage::{Csr, Dense, Half};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,

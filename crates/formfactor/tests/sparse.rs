@@ -1,8 +1,8 @@
 //! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
 
 use formfactor::{
-    Csr, Error, HitRows, Operator, PatchSize, Proceed, SubdivideSettings, Subdivision, Surfaces, add_hit_rows,
-    gather_by_rays, sparse_rows, subdivide,
+    Csr, Error, HitRows, Operator, PatchSize, Proceed, QUARTERS, SubdivideSettings, Subdivision, Surfaces,
+    add_hit_rows, add_quarter_rows, gather_by_rays, sparse_rows, subdivide, turns,
 };
 use glam::{Vec3, Vec4};
 use scene::sampling::{hash3, unit};
@@ -72,6 +72,51 @@ fn three_forms_of_the_same_rows() {
     for row in 0..counts.rows() {
         assert!(counts.row(row).iter().map(|c| c.1).sum::<u32>() < 96, "some rays leave through the lid");
     }
+}
+
+#[test]
+fn quarters_add_up_and_turn_with_the_normal() {
+    let scene = open_box();
+    let subdivision = cut(&scene);
+    let (points, offsets) = receivers(130);
+    let surfaces = Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets);
+    // Brighter towards +x in red.
+    let shine = |c: Vec3| Vec4::new(0.2 + c.x, 1.0, 1.0 - c.x, 0.0);
+    let light: Vec<Vec4> = subdivision.patches.iter().map(|p| shine(p.centroid)).collect();
+    let gathered = gather_by_rays(&surfaces, 4096, &light, &on).unwrap();
+    let mut rows = HitRows::new(light.len()).unwrap();
+    add_quarter_rows(&mut rows, &surfaces, 4096, &on).unwrap();
+    assert_eq!(rows.rows(), QUARTERS * points.len());
+    let mut quarters = vec![Vec4::ZERO; rows.rows()];
+    rows.product(&light, &mut quarters).unwrap();
+    let sums: Vec<Vec4> = quarters.chunks(QUARTERS).map(|q| q.iter().sum()).collect();
+    assert!(worst(&sums, &gathered) < 1e-4, "{}", worst(&sums, &gathered));
+
+    // Those in the middle, where light is even over a quarter, turned by 17 degrees: what is left of the error of not turning,
+    // and of turning the other way.
+    let turned: Vec<SurfacePoint> =
+        points.iter().map(|p| SurfacePoint { normal: (p.normal + 0.3 * Vec3::X).normalize(), ..*p }).collect();
+    let truth = gather_by_rays(
+        &Surfaces { points: &turned, ..Surfaces::of_points(&scene, &subdivision, &[], &turned, &offsets) },
+        4096,
+        &light,
+        &on,
+    )
+    .unwrap();
+    let error = |sign: f32| -> f32 {
+        let each = points.iter().zip(&turned).zip(quarters.chunks(QUARTERS)).zip(&truth);
+        let middle = each.filter(|(((p, _), _), _)| (p.position - Vec3::new(0.5, 0.0, 0.5)).abs().max_element() < 0.2);
+        middle
+            .map(|(((from, to), quarters), truth)| {
+                let t = turns(from.normal).map(|t| 1.0 + sign * t.dot(to.normal - from.normal));
+                let found: Vec4 = quarters.iter().zip(t).map(|(h, t)| *h * t).sum();
+                (found - *truth).abs().max_element()
+            })
+            .sum()
+    };
+    let (right, none, wrong) = (error(1.0), error(0.0), error(-1.0));
+    println!("turned {right}, not turned {none}, turned the wrong way {wrong}");
+    assert!(right < 0.5 * none && wrong > 1.5 * none, "{right} {none} {wrong}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use scene::sampling::{hash3, sobol2};
+use scene::sampling::{frame, hash3, sobol2};
 use scene::{Hit, Scene, SurfacePoint, Visibility};
 
 use super::area;
@@ -228,6 +228,10 @@ fn hemisphere_params(surfaces: &Surfaces, row: usize, rays: u32) -> HemispherePa
 /// Column of what ray `k` of a row meets: a patch, `patch_count` for the sky, `patch_count + 1` for what no patch owns.
 fn hemisphere_column(s: &Surfaces, p: &HemisphereParams, row: usize, k: u32) -> u32 {
     let (origin, direction) = hemisphere_ray(p, s.offsets, s.points, row as u32, k);
+    ray_column(s, p, origin, direction)
+}
+
+fn ray_column(s: &Surfaces, p: &HemisphereParams, origin: Vec3, direction: Vec3) -> u32 {
     let hit = s.visibility.closest(origin, direction);
     if hit.is_miss() {
         return p.patch_count;
@@ -253,6 +257,24 @@ pub(super) fn hemisphere_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u
     let p = hemisphere_params(s, row, order.len() as u32);
     let share = |k: u32| ray_share(&p, s.offsets, s.points, row as u32, k);
     order.iter().map(|&k| (hemisphere_column(s, &p, row, k), share(k))).collect()
+}
+
+/// Columns of what these rays of a row meet, and the quarter of the hemisphere that each goes to, as in
+/// [`super::quarters::turns`].
+pub(super) fn quarter_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u32, usize)> {
+    let p = hemisphere_params(s, row, order.len() as u32);
+    let (right, up) = frame(s.row_points(row)[0].normal);
+    let hit = |&k: &u32| {
+        let (origin, direction) = hemisphere_ray(&p, s.offsets, s.points, row as u32, k);
+        let quarter = match (direction.dot(right) < 0.0, direction.dot(up) < 0.0) {
+            (false, false) => 0,
+            (true, false) => 1,
+            (true, true) => 2,
+            (false, true) => 3,
+        };
+        (ray_column(s, &p, origin, direction), quarter)
+    };
+    order.iter().map(hit).collect()
 }
 
 /// Share of the row's hemisphere that sees no geometry, by `rays` rays.

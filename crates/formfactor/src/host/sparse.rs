@@ -6,10 +6,12 @@ use std::vec::Vec;
 
 use glam::Vec4;
 use rayon::prelude::*;
+use scene::NONE;
 
-use super::estimate::{Estimator, Hemisphere, Proceed, Surfaces, hemisphere_hits, like_rays};
+use super::estimate::{Estimator, Hemisphere, Proceed, Surfaces, hemisphere_hits, like_rays, quarter_hits};
 use super::hits::HitRows;
 use super::product::Operator;
+use super::quarters::QUARTERS;
 use super::storage::{Csr, check_length};
 use crate::error::Error;
 
@@ -79,17 +81,50 @@ pub fn add_hit_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<(), Error> {
+    let order = like_rays(rays);
+    let hits = |row: usize| hemisphere_hits(surfaces, row, &order).into_iter().map(|(column, _)| column).collect();
+    add_rows(rows, surfaces, (rays, 1), &hits, progress)
+}
+
+/// As [`add_hit_rows`], with [`QUARTERS`] rows instead of one: the hits in each quarter of the hemisphere round the normal of
+/// the row's first point, as [`super::quarters::turns`] has them.
+///
+/// # Errors
+/// As [`add_hit_rows`].
+pub fn add_quarter_rows(
+    rows: &mut HitRows,
+    surfaces: &Surfaces,
+    rays: u32,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<(), Error> {
+    let order = like_rays(rays);
+    let hits = |row: usize| {
+        let mut hits = std::vec![NONE; QUARTERS * order.len()];
+        let found = quarter_hits(surfaces, row, &order);
+        found.into_iter().enumerate().for_each(|(k, (column, quarter))| hits[quarter * order.len() + k] = column);
+        hits
+    };
+    add_rows(rows, surfaces, (rays, QUARTERS), &hits, progress)
+}
+
+/// Adds `parts` rows for each of the surfaces' from the columns that its rays hit, all rays for each part.
+fn add_rows(
+    rows: &mut HitRows,
+    surfaces: &Surfaces,
+    (rays, parts): (u32, usize),
+    hits: &(dyn Fn(usize) -> Vec<u32> + Sync),
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<(), Error> {
     surfaces.check()?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("columns", rows.columns(), surfaces.patches.len())?;
-    let (total, order) = (surfaces.rows(), like_rays(rays));
+    let total = surfaces.rows();
     let watch = Watch::new(total, progress);
-    let block = (BLOCK_HITS / rays as usize).next_multiple_of(TASK_ROWS);
+    let block = (BLOCK_HITS / (parts * rays as usize)).next_multiple_of(TASK_ROWS);
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
-        let hits = |row: usize| hemisphere_hits(surfaces, row, &order).into_iter().map(|(column, _)| column);
         let hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();
-        rows.push(&hits, &std::vec![1.0 / rays as f32; own.len()])?;
+        rows.push(&hits, &std::vec![1.0 / rays as f32; parts * own.len()])?;
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, SparseRows, Stop, add_hit_rows, balance,
+    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, SparseRows, Stop, add_quarter_rows, balance,
     form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
@@ -239,7 +239,7 @@ impl Bake {
                 let seed = hash3(rows.rows() as u32, 0, seed);
                 let surfaces = senders.lighting(&scene, Columns::Facets, points, &offsets, seed);
                 let progress = |done, total| proceed(report, done, total);
-                Ok(add_hit_rows(rows, &surfaces, settings.receiver_rays, &progress)?)
+                Ok(add_quarter_rows(rows, &surfaces, settings.receiver_rays, &progress)?)
             };
             MeshReceivers::place(&scene, sampler, senders.facets.len(), &placing, &lights, &add)
         })?;

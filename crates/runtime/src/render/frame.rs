@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use std::f32::consts::PI;
 
 use bytemuck::{Pod, cast_slice};
-use formfactor::{Csr, HitRows, HitsParams, SparseRows};
+use formfactor::{Csr, HitRows, HitsParams, QUARTERS, SparseRows};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
@@ -296,8 +296,9 @@ impl Frame {
         let values = parts.lookup.map_or(patches, |lookup| lookup.values);
         let irradiance = plan.storage("irradiance", rgb(values));
         let exitance = plan.storage("exitance", rgb(patches));
-        let received = plan.storage("received", rgb(receivers));
-        let smooth = plan.storage("smooth", rgb(receivers));
+        // From each quarter of the receivers, then smoothed from all of them.
+        let first_smooth = parts.receivers.first_smooth();
+        let received = plan.storage("received", rgb(first_smooth + receivers));
         let nodes = parts.receivers.nodes.points.len();
         let node_light = plan.storage("node irradiance", rgb(nodes));
 
@@ -406,10 +407,13 @@ impl Frame {
             let push = HitsParams { rows: rows.len() as u32, first_quad };
             pass(&mut plan, "lookup", &table::FORMFACTOR_GATHER_HITS, &light, &tables, &push, push.rows)?;
         }
-        let own = [("exitance", Range::from(received)), ("irradiance", Range::from(smooth))];
-        let push = CountParams { count: receivers as u32 };
-        pass(&mut plan, "lookup", kernel, &own, &smoothing_rows, &push, receivers as u32)?;
-        let own = [("exitance", Range::from(smooth)), ("irradiance", Range::from(node_light))];
+        if receivers > 0 {
+            let quarters = received.range(0, rgb(QUARTERS * receivers));
+            let own = [("exitance", quarters), ("irradiance", received.range(rgb(first_smooth), rgb(receivers)))];
+            let push = CountParams { count: receivers as u32 };
+            pass(&mut plan, "lookup", kernel, &own, &smoothing_rows, &push, receivers as u32)?;
+        }
+        let own = [("exitance", Range::from(received)), ("irradiance", Range::from(node_light))];
         let push = CountParams { count: nodes as u32 };
         pass(&mut plan, "lookup", kernel, &own, &node_rows, &push, nodes as u32)?;
 

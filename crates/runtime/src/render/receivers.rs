@@ -1,8 +1,8 @@
 //! Receivers on the mesh: points where irradiance is gathered, more of them where it bends; their values made smooth; and
 //! nodes of the mesh that take the mean of the receivers about.
 
-use formfactor::{Csr, HitRows, Receivers};
-use glam::Vec4;
+use formfactor::{Csr, HitRows, QUARTERS, Receivers, turns};
+use glam::{Vec3, Vec4};
 use patches::{LitSampler, Nearest, Sample};
 use rayon::prelude::*;
 use scene::math::sqrt;
@@ -42,6 +42,13 @@ const FURTHEST: f32 = 8.0;
 /// What a turn of the normal counts in the choice, over that in the search.
 const TURN: f32 = 100.0;
 
+/// Turns of the normal up to this are none.
+const LEAST_TURN: f32 = 0.05;
+/// Irradiance is turned by no more than this, however much the normal differs.
+const MOST_TURN: f32 = 0.5;
+/// Smoothed values begin at multiples of this: ranges of a buffer do at 256 bytes.
+const ALIGNED: usize = 16;
+
 /// Edge of the cells over which the distance between nodes may change, in mean edges between receivers.
 const CELL_EDGE: f32 = 6.0;
 /// Least distance between nodes, in the same.
@@ -75,13 +82,15 @@ pub type AddRows<'a> = dyn Fn(&mut HitRows, &[SurfacePoint]) -> Result<(), Error
 pub struct MeshReceivers {
     /// Where irradiance is gathered.
     pub points: Vec<SurfacePoint>,
-    /// Their rows over the facets.
+    /// Their rows over the facets, one for each quarter of a receiver's hemisphere.
     pub rows: HitRows,
-    /// What makes their values smooth: the mean with those about that differ by no more than their noise.
+    /// What makes of the quarters' values one for each receiver, and smooth: the mean with those about that differ by no
+    /// more than their noise.
     pub smoothing: Csr,
     /// The nodes, and the triangles' grids over them.
     pub nodes: Receivers,
-    /// Weights of the receivers at each node; they sum to 1.
+    /// Weights of the values at each node: of the quarters, and from [`Self::first_smooth`] on of the smoothed ones. For light
+    /// that is the same everywhere the sum is that of the smoothed ones.
     pub weights: Csr,
 }
 
@@ -92,6 +101,11 @@ impl MeshReceivers {
             Receivers::new(scene, &vec![Sides::default(); scene.triangles.len()], 1.0, 1.0, |_, _| None, |_| None)?;
         let empty = || Csr { row_start: vec![0], ..Csr::default() };
         Ok(Self { points: Vec::new(), rows: HitRows::new(0)?, smoothing: empty(), nodes, weights: empty() })
+    }
+
+    /// Where the smoothed values of so many receivers stand among all: after those of the quarters.
+    pub fn first_smooth(&self) -> usize {
+        first_smooth(self.points.len())
     }
 
     /// The places without the rows, which are most of the memory.
@@ -162,15 +176,51 @@ impl MeshReceivers {
         nodes.points.par_iter().zip(&mut weights).for_each(last);
 
         let estimates = Estimates::new(&field.set.rows, lights, placing.rays)?;
-        let smoothing = field.smoothing(&estimates);
+        let mut smoothing = field.smoothing(&estimates);
         let count = field.set.samples.len();
-        let table = |rows: &mut [Vec<(u32, f32)>]| {
+        let table = |columns: usize, rows: &mut [Vec<(u32, f32)>]| {
             rows.par_iter_mut().for_each(|row| row.sort_unstable_by_key(|w| w.0));
-            Csr::from_rows(count, rows)
+            Csr::from_rows(columns, rows)
         };
-        let (smoothing, weights) = (table(&mut { smoothing })?, table(&mut weights)?);
+        let set = &field.set;
+        let turn = |from: u32, to: Vec3| turn(set.samples[from as usize].normal, to);
+        let first_smooth = first_smooth(count);
+        smoothing.par_iter_mut().enumerate().for_each(|(k, row)| {
+            let normal = set.samples[k].normal;
+            let quarters = |&(j, weight): &(u32, f32)| {
+                let turned = turn(j, normal);
+                (0..QUARTERS).map(move |q| (quarter(j, q), weight * (1.0 + turned.map_or(0.0, |t| t[q]))))
+            };
+            *row = row.iter().flat_map(quarters).collect();
+        });
+        weights.par_iter_mut().enumerate().for_each(|(k, row)| {
+            let normal = nodes.points[k].normal;
+            let mut entries: Vec<(u32, f32)> = row.iter().map(|&(j, w)| (first_smooth as u32 + j, w)).collect();
+            for &(j, weight) in &*row {
+                let turned = turn(j, normal).into_iter().flatten().enumerate();
+                entries.extend(turned.map(|(q, t)| (quarter(j, q), weight * t)));
+            }
+            *row = entries;
+        });
+        let smoothing = table(QUARTERS * count, &mut smoothing)?;
+        let weights = table(first_smooth + count, &mut weights)?;
         Ok(Self { points: field.set.points, rows: field.set.rows, smoothing, nodes, weights })
     }
+}
+
+fn first_smooth(receivers: usize) -> usize {
+    (QUARTERS * receivers).next_multiple_of(ALIGNED)
+}
+
+/// The row of a quarter of a receiver.
+fn quarter(receiver: u32, quarter: usize) -> u32 {
+    QUARTERS as u32 * receiver + quarter as u32
+}
+
+/// By what share the irradiance from each quarter changes as the normal turns; nothing where it does not.
+fn turn(from: Vec3, to: Vec3) -> Option<[f32; QUARTERS]> {
+    let way = to - from;
+    (way.length() > LEAST_TURN).then(|| turns(from).map(|t| t.dot(way.clamp_length_max(MOST_TURN))))
 }
 
 /// Receivers so far. Rows may be missing for the last samples.

@@ -1,7 +1,7 @@
 //! Lights under which the bake compares receivers: what is alike under all of them may be taken together.
 
 use formfactor::kernel::product::gather_row_sparse;
-use formfactor::{Csr, HitRows, Operator};
+use formfactor::{Csr, HitRows, Operator, QUARTERS};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use scene::math::luminance;
@@ -30,7 +30,7 @@ pub struct Estimates {
 }
 
 impl Estimates {
-    /// Of rows that have `rays` rays each.
+    /// Of receivers that have `rays` rays each, and a row for each quarter.
     pub fn new(rows: &HitRows, exitance: &[Lights], rays: u32) -> Result<Self, Error> {
         let light = gather(rows, exitance.iter().copied())?;
         let squares = gather(rows, exitance.iter().map(|b| b.map(|v| v * v)))?;
@@ -43,12 +43,12 @@ impl Estimates {
 }
 
 fn gather(rows: &HitRows, exitance: impl Iterator<Item = Lights> + Clone) -> Result<Vec<Lights>, Error> {
-    let mut found = vec![[Vec4::ZERO; VECTORS]; rows.rows()];
+    let mut found = vec![[Vec4::ZERO; VECTORS]; rows.rows() / QUARTERS];
     for k in 0..VECTORS {
         let plane: Vec<Vec4> = exitance.clone().map(|light| light[k]).collect();
         let mut received = vec![Vec4::ZERO; rows.rows()];
         rows.product(&plane, &mut received)?;
-        found.iter_mut().zip(received).for_each(|(all, one)| all[k] = one);
+        found.iter_mut().zip(received.chunks(QUARTERS)).for_each(|(all, one)| all[k] = one.iter().sum());
     }
     Ok(found)
 }
