@@ -445,18 +445,7 @@ fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner:
                 distance < TOUCHING || sees(scene, (place, normal), (there.position, there.normal), edge)
             };
             let albedo = scene.filtered_albedo(triangle as u32, place, edge * edge);
-            let unlike = |sample: u32| albedo.distance(samples[sample as usize].albedo);
-            let few = nearest.samples::<TRIED>(place, normal, FAR);
-            let mut found = few.0[..few.1].to_vec();
-            if found.iter().all(|f| unlike(f.0) > ALIKE) {
-                let more = nearest.samples::<TRIED_UNLIKE>(place, normal, FAR);
-                found = more.0[..more.1].to_vec();
-            }
-            for (sample, distance) in &mut found {
-                let unlike = UNLIKE * unlike(*sample);
-                *distance = scene::math::sqrt(*distance * *distance + unlike * unlike);
-            }
-            found.sort_by(|a, b| a.1.total_cmp(&b.1));
+            let found = likest(&nearest, samples, (place, normal), albedo);
             // What is small may hide from all samples of like normal, and be lit nevertheless.
             let lit = || {
                 let point = SurfacePoint { position: place, patch: NONE, normal, weight: 1.0 };
@@ -476,8 +465,50 @@ fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner:
         .collect()
 }
 
+/// The samples nearest to a place with this normal and albedo, the nearest first, with their distances in sample edges.
+fn likest(nearest: &Nearest, samples: &[Sample], (place, normal): (Vec3, Vec3), albedo: Vec3) -> Vec<(u32, f32)> {
+    let unlike = |sample: u32| albedo.distance(samples[sample as usize].albedo);
+    let few = nearest.samples::<TRIED>(place, normal, FAR);
+    let mut found = few.0[..few.1].to_vec();
+    if found.iter().all(|f| unlike(f.0) > ALIKE) {
+        let more = nearest.samples::<TRIED_UNLIKE>(place, normal, FAR);
+        found = more.0[..more.1].to_vec();
+    }
+    for (sample, distance) in &mut found {
+        let unlike = UNLIKE * unlike(*sample);
+        *distance = scene::math::sqrt(*distance * *distance + unlike * unlike);
+    }
+    found.sort_by(|a, b| a.1.total_cmp(&b.1));
+    found
+}
+
 /// Mean albedo of groups of sample points.
 fn mean_albedo(offsets: &[u32], points: &[SurfacePoint], albedo: &[Vec4]) -> Vec<Vec4> {
     let mean = |range: &[u32]| (range[0] as usize..range[1] as usize).map(|k| albedo[k] * points[k].weight).sum();
     offsets.windows(2).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_likest_sample_is_of_like_albedo_where_there_is_one() {
+        // A white wall in the plane z = 0 with samples 1 m apart, and one dark sample on it, between them.
+        let sample = |x: f32, y: f32, albedo: f32| Sample {
+            position: Vec3::new(x, y, 0.0),
+            normal: Vec3::Z,
+            area: 1.0,
+            albedo: Vec3::splat(albedo),
+            ..Sample::default()
+        };
+        let mut samples: Vec<Sample> = (0..100).map(|k| sample((k % 10) as f32, (k / 10) as f32, 0.8)).collect();
+        samples.push(sample(6.5, 5.5, 0.02));
+        let nearest = Nearest::new(&samples);
+        let place = (Vec3::new(4.1, 5.0, 0.0), Vec3::Z);
+        let first = |albedo: f32| likest(&nearest, &samples, place, Vec3::splat(albedo))[0].0;
+        assert_eq!(first(0.02), 100, "a dark place takes the dark sample, though a dozen white ones are nearer");
+        assert_eq!(first(0.8), 54, "a white place takes the nearest");
+        assert_eq!(first(0.7), 54, "texture does not matter");
+    }
 }
