@@ -120,7 +120,7 @@ fn add_rows(
     check_length("columns", rows.columns(), surfaces.patches.len())?;
     let total = surfaces.rows();
     let watch = Watch::new(total, progress);
-    let block = (BLOCK_HITS / (parts * rays as usize)).next_multiple_of(TASK_ROWS);
+    let block = (BLOCK_HITS / (parts * rays as usize)).max(1).next_multiple_of(TASK_ROWS);
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
         let hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();

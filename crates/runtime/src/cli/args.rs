@@ -438,8 +438,8 @@ pub struct Render {
     /// mean edge].
     #[arg(long)]
     pub receiver_edge: Option<f32>,
-    /// Most of those points; where light bends they stand closer [default: ten thirds of those at that distance, 30 a patch
-    /// by default].
+    /// Most of those points; where light bends they stand closer [default: ten thirds of as many as that
+    /// distance gives].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
     pub most_receivers: Option<u32>,
     /// Estimator of the form factors.
