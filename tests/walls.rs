@@ -436,3 +436,23 @@ fn luminaire_of_polygons() {
 fn luminaire_of_clusters() {
     check_luminaire(PatchKind::Cluster).unwrap();
 }
+
+/// A room with a white wall, in front of it a bar of another albedo, 15 mm wide: narrower than the distance between samples.
+fn bar(albedo: f32) -> Build {
+    let mut b = Build::new();
+    b.cuboid(vec3(-2.0, 0.0, -2.0), vec3(2.0, 2.5, 2.0)).lamp(vec3(0.5, 1.9, 0.3));
+    b.parts.materials.push(Material { albedo: Vec3::splat(albedo), ..b.parts.materials[0] });
+    b.quad(vec3(-1.98, 0.3, 0.0), 1.8 * Vec3::Y, 0.015 * Vec3::Z);
+    b
+}
+
+/// Patches next to a thin dark thing do not make it bright: points close in front of the bar, which see little else.
+#[test]
+fn thin_dark_bar_of_clusters() {
+    let before = |k: u32| point(vec3(-1.975, 0.4 + 0.08 * k as f32, 0.0075), -Vec3::X);
+    let points: Vec<SurfacePoint> = (0..20).map(before).collect();
+    let mut ours = Baked::new(&bar(0.02), PatchKind::Cluster);
+    let mut of = |truth: &Build| check_errors(errors(truth, &mut ours, &points, 0.0), &[(0.5, 0.3), (0.9, 0.6)]);
+    assert!(of(&bar(ALBEDO)).is_err(), "a white bar goes unnoticed");
+    of(&bar(0.02)).unwrap();
+}

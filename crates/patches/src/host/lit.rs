@@ -117,9 +117,12 @@ fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32)
         let hit = scene.closest_before(origin, direction, f32::INFINITY);
         met |= !hit.is_miss() && hit.t > 4.0 * scene.ray_offset;
         sky |= hit.is_miss();
+        if met && sky {
+            return true;
+        }
     }
     let point = SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 };
-    met && (sky || is_open(scene, &point, walks, key(2)))
+    met && is_open(scene, &point, walks, key(2))
 }
 
 /// About `count` samples of both sides of all triangles, each for the same area: one in each interval of the running sum of

@@ -1,5 +1,5 @@
-//! Patches by what samples see: all samples of the scene in one set, split top-down where position, normal, openness and
-//! light vary most. No voxel limits a patch, and a bright hidden surface never shares one with a dim visible one.
+//! Patches by what samples see: all samples of the scene in one set, split top-down where position, normal, openness,
+//! albedo and light vary most. No voxel limits a patch, and a bright hidden surface never shares one with a dim visible one.
 
 use std::collections::BinaryHeap;
 use std::vec::Vec;
@@ -19,6 +19,8 @@ use crate::types::{Member, Sample};
 const RAYS: u32 = 16;
 /// Weight of the openness among the features.
 const OPENNESS: f32 = 8.0;
+/// Weight of the albedo: a thin dark bar must not shine like the wall that it stands before.
+const ALBEDO: f32 = 3.0;
 /// Weight of the logarithm of the irradiance.
 const LIGHT: f32 = 4.0;
 /// The same for each of the other suns.
@@ -27,8 +29,8 @@ const OTHER_LIGHT: f32 = 1.5;
 const DARK: f32 = 0.02;
 /// Other suns than the scene's own, when it has one or a sky: lights that may come later.
 const OTHER_SUNS: u32 = 6;
-/// Position, normal, openness at two distances, sky, the scene's own light.
-const OWN_FEATURES: usize = 10;
+/// Position, normal, openness at two distances, sky, albedo, the scene's own light.
+const OWN_FEATURES: usize = 11;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
 
 type Features = [f32; FEATURES];
@@ -71,8 +73,8 @@ pub struct ViewClusters {
 /// gathered more finely than patches send it. O(S log S) for S samples.
 ///
 /// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are free
-/// for a half and for two patch edges and that reach the sky (8), the logarithm of the irradiance from the scene's lights
-/// (4) and, where a sun may stand elsewhere later, from six other suns (1.5).
+/// for a half and for two patch edges and that reach the sky (8), the luminance of the albedo (3), the logarithm of the
+/// irradiance from the scene's lights (4) and, where a sun may stand elsewhere later, from six other suns (1.5).
 ///
 /// # Errors
 /// [`Error::Setting`] for no patches or samples, [`Error::NoSamples`], [`Error::TooMany`].
@@ -115,7 +117,7 @@ fn surface_point(sample: &Sample) -> SurfacePoint {
     SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 }
 }
 
-/// Position, normal and openness of samples; `edge` is the typical edge of a patch, m.
+/// Position, normal, openness and albedo of samples; `edge` is the typical edge of a patch, m.
 fn see(scene: &Scene, samples: &[Sample], edge: f32, seed: u32) -> Vec<Features> {
     (samples.par_iter().enumerate())
         .map(|(index, sample)| {
@@ -135,6 +137,7 @@ fn see(scene: &Scene, samples: &[Sample], edge: f32, seed: u32) -> Vec<Features>
             for (feature, count) in features[6..9].iter_mut().zip([near, far, sky]) {
                 *feature = OPENNESS * count as f32 / RAYS as f32;
             }
+            features[9] = ALBEDO * luminance(sample.albedo);
             features
         })
         .collect()

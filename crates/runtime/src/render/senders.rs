@@ -1,15 +1,15 @@
 //! The patches that send light, whatever they are made of: pieces of triangles, clusters of samples, or voxels.
 
-use formfactor::kernel::grid::{cell_corners, cell_count, owner};
+use formfactor::kernel::grid::owner;
 use formfactor::{Patch, PatchSize, Polygon, SubdivideSettings, Surfaces, TriangleGrid, cell_grids, subdivide};
-use glam::{Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 use patches::{
     AxisWeights, ClusterSettings, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
     SampleSet, SampleSettings, ViewSettings, VirtualPatch, axis_patches, cluster_patches, sample_voxels, view_clusters,
 };
 use rayon::prelude::*;
 use scene::sampling::hash3;
-use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, is_open};
+use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, Triangle, is_open};
 
 use super::sight::sees;
 use crate::error::Error;
@@ -433,11 +433,9 @@ fn check_count(name: &'static str, found: usize) -> Result<(), patches::Error> {
 fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner: &[u32], edge: f32) -> Vec<u32> {
     let geometry = scene.geometry();
     let nearest = Nearest::new(samples);
-    let side = |triangle: usize, normal: Vec3| -> Vec<u32> {
+    let side = |triangle: usize, normal: Vec3, cells: &[(Vec2, u32)]| -> Vec<u32> {
         let n = grids[triangle].divisions;
-        let facet = |cell: u32| {
-            let (a, b, c) = cell_corners(n, cell);
-            let middle = (a + b + c) / 3.0;
+        let facet = |cell: u32, middle: Vec2| {
             let place = geometry.position(triangle as u32, middle.x, middle.y);
             // Nothing may stand between: a dark place has no facet, however bright it is beyond a wall.
             let seen = |&(sample, distance): &(u32, f32)| {
@@ -454,13 +452,47 @@ fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner:
             let chosen = found.iter().find(|f| seen(f)).or_else(|| found.first().filter(|_| lit()));
             chosen.map_or(NONE, |f| owner[f.0 as usize])
         };
-        (0..cell_count(n)).map(facet).collect()
+        let mut facets = Vec::with_capacity(n as usize * n as usize);
+        for (cell, &(middle, first)) in (0..).zip(cells) {
+            facets.push(if first == cell { facet(cell, middle) } else { facets[first as usize] });
+        }
+        facets
     };
     (0..grids.len())
         .into_par_iter()
         .flat_map_iter(|t| {
             let normal = geometry.normal(t as u32);
-            side(t, normal).into_iter().chain(side(t, -normal))
+            let cells = cells_in_places(&scene.triangles[t], grids[t].divisions);
+            side(t, normal, &cells).into_iter().chain(side(t, -normal, &cells))
+        })
+        .collect()
+}
+
+/// The middle (u, v) of each cell of a triangle, and the first cell in the same place. Places are squares of half a cell's
+/// edge along the longest edge of the triangle: cells of a triangle about as wide as long mostly have one each, those of one
+/// that is long and thin, whose cells are that, too, share them.
+fn cells_in_places(triangle: &Triangle, divisions: u32) -> Vec<(Vec2, u32)> {
+    let n = divisions as f32;
+    let (a, b) = (triangle.edge_a, triangle.edge_b);
+    let longest = [a, b, b - a].into_iter().max_by(|x, y| x.length_squared().total_cmp(&y.length_squared()));
+    let along = longest.unwrap_or(a).normalize();
+    let across = a.cross(b).normalize().cross(along);
+    let scale = 2.0 * n / longest.unwrap_or(a).length();
+    let (x, y) = (Vec2::new(a.dot(along), b.dot(along)) * scale, Vec2::new(a.dot(across), b.dot(across)) * scale);
+    // The triangle's corners are 0, (x.x, y.x) and (x.y, y.y).
+    let low = Vec2::new(x.min_element(), y.min_element()).min(Vec2::ZERO);
+    let size = (Vec2::new(x.max_element(), y.max_element()).max(Vec2::ZERO) - low).as_uvec2() + 1;
+    let mut first = vec![NONE; size.x as usize * size.y as usize];
+    let row = |j: u32| (0..2 * (divisions - j) - 1).map(move |k| (k / 2, j, k % 2));
+    (0..)
+        .zip((0..divisions).flat_map(row))
+        .map(|(cell, (i, j, half)): (u32, (u32, u32, u32))| {
+            let third = (1 + half) as f32 / 3.0;
+            let middle = Vec2::new(i as f32 + third, j as f32 + third) / n;
+            let place = (Vec2::new(middle.dot(x), middle.dot(y)) - low).as_uvec2();
+            let first = &mut first[place.y as usize * size.x as usize + place.x as usize];
+            *first = cell.min(*first);
+            (middle, *first)
         })
         .collect()
 }
@@ -470,7 +502,7 @@ fn likest(nearest: &Nearest, samples: &[Sample], (place, normal): (Vec3, Vec3), 
     let unlike = |sample: u32| albedo.distance(samples[sample as usize].albedo);
     let few = nearest.samples::<TRIED>(place, normal, FAR);
     let mut found = few.0[..few.1].to_vec();
-    if found.iter().all(|f| unlike(f.0) > ALIKE) {
+    if few.1 == TRIED && found.iter().all(|f| unlike(f.0) > ALIKE) {
         let more = nearest.samples::<TRIED_UNLIKE>(place, normal, FAR);
         found = more.0[..more.1].to_vec();
     }
@@ -490,6 +522,9 @@ fn mean_albedo(offsets: &[u32], points: &[SurfacePoint], albedo: &[Vec4]) -> Vec
 
 #[cfg(test)]
 mod tests {
+    use formfactor::kernel::grid::{cell_corners, cell_count};
+    use glam::vec3;
+
     use super::*;
 
     #[test]
@@ -510,5 +545,31 @@ mod tests {
         assert_eq!(first(0.02), 100, "a dark place takes the dark sample, though a dozen white ones are nearer");
         assert_eq!(first(0.8), 54, "a white place takes the nearest");
         assert_eq!(first(0.7), 54, "texture does not matter");
+    }
+    #[test]
+    fn cells_share_places_where_they_are_narrow() {
+        let places = |a: Vec3, b: Vec3, n: u32| {
+            let triangle = Triangle { edge_a: a, edge_b: b, ..Triangle::default() };
+            let cells = cells_in_places(&triangle, n);
+            assert_eq!(cells.len(), cell_count(n) as usize);
+            let longest = a.length().max(b.length()).max(a.distance(b));
+            for (cell, &(middle, first)) in (0..).zip(&cells) {
+                let (p, q, r) = cell_corners(n, cell);
+                assert!(middle.distance((p + q + r) / 3.0) < 1e-5, "cell {cell} of {n}: {middle}");
+                let apart = middle - cells[first as usize].0;
+                let apart = (a * apart.x + b * apart.y).length() / longest;
+                assert!(first <= cell && apart * n as f32 <= 0.5f32.sqrt() + 1e-3, "cell {cell} of {n}: {apart}");
+            }
+            cells.iter().zip(0..).filter(|(c, k)| c.1 == *k).count()
+        };
+        // As wide as long: every cell has its own place; half as wide: most have.
+        assert_eq!(places(vec3(3.0, 0.0, 0.0), vec3(1.5, 2.6, 0.0), 9), 81);
+        assert!(places(Vec3::X, Vec3::Z, 16) >= 192);
+        assert_eq!(places(Vec3::X, Vec3::Z, 1), 1);
+        // 100 times as long as wide: about as many places as squares of half a cell's edge would cover it.
+        for (a, b) in [(Vec3::X, 0.01 * Vec3::Z), (0.01 * Vec3::Y, Vec3::X), (Vec3::X, vec3(1.0, 0.01, 0.0))] {
+            let count = places(a, b, 50);
+            assert!((80..=200).contains(&count), "{count} of 2,500 cells");
+        }
     }
 }
