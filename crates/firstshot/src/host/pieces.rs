@@ -40,9 +40,9 @@ pub struct PieceSettings {
 }
 
 impl Default for PieceSettings {
-    /// 5 %, 10 splits, 2¹⁸ pieces, 1/32 of the diagonal, 16 neighbours: for start points that look for their light themselves.
+    /// 5 %, 10 splits, 2¹⁸ pieces, 1/32 of the diagonal, 8 neighbours: for start points that look for their light themselves.
     fn default() -> Self {
-        Self { tolerance: 0.05, depth: 10, pieces: 1 << 18, longest: 1.0 / 32.0, neighbours: 16 }
+        Self { tolerance: 0.05, depth: 10, pieces: 1 << 18, longest: 1.0 / 32.0, neighbours: 8 }
     }
 }
 

@@ -226,8 +226,8 @@ impl<'a> Tracer<'a> {
         let room = u64::from(MOST_ROUND) / self.batches.len() as u64;
         let missing = if round.error.is_finite() && self.settings.error > 0.0 && self.per_batch > 0 {
             let more = (round.error / self.settings.error).powi(2) - 1.0;
-            // Multiples of a chunk, and a little more: the prediction falls short every other time.
-            ((self.per_batch as f64 * more * 1.05) as u64 + 1).next_multiple_of(64)
+            // Multiples of a chunk. The prediction falls short every other time: a small round follows.
+            ((self.per_batch as f64 * more) as u64 + 1).next_multiple_of(64)
         } else {
             before
         };

@@ -217,12 +217,13 @@ impl Sequence {
             logarithmic: false,
             series: series.into_iter().filter(|s| !s.points.is_empty()).collect(),
         };
+        let against = if self.frames.iter().any(|f| f.error.is_some()) {
+            "Irradiance against exact products, and against the frame before"
+        } else {
+            "Irradiance against the frame before; --errors adds exact products"
+        };
         let plots = vec![
-            plot(
-                "Irradiance against exact products, and against the frame before",
-                "relative L2",
-                vec![series("error", &|f| f.error), series("change", &|f| f.change)],
-            ),
+            plot(against, "relative L2", vec![series("error", &|f| f.error), series("change", &|f| f.change)]),
             plot("Change of displayed values, 99.9th percentile", "1/255", vec![series("change", &|f| f.flicker)]),
             plot(
                 "Time",
