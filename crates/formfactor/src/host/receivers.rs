@@ -16,7 +16,7 @@ use crate::kernel::product::interpolate_receivers;
 use crate::types::{ReceiverCell, TriangleGrid};
 
 /// Least cosine between their normals.
-const LEAST_COSINE: f32 = 0.97;
+const LEAST_COSINE: f32 = 0.995;
 /// Most distance of a vertex from the plane of its receiver, as a share of the welding distance.
 const MOST_OFFSET: f32 = 0.1;
 

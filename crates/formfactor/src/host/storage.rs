@@ -187,22 +187,40 @@ impl Csr {
     /// From rows of columns and values.
     ///
     /// # Errors
-    /// [`Error::TooMany`] when there are more than 2³² − 1 entries, [`Error::Value`] for a column that is not there.
+    /// As [`Csr::push_rows`].
     pub fn from_rows(columns: usize, rows: &[Vec<(u32, f32)>]) -> Result<Self, Error> {
-        let found: u64 = rows.iter().map(|row| row.len() as u64).sum();
+        let mut csr = Self { columns, row_start: vec![0], ..Self::default() };
+        csr.push_rows(rows)?;
+        Ok(csr)
+    }
+
+    /// Adds rows of columns and values: those of a large operator may come in blocks.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] when there are more than 2³² − 1 entries, [`Error::Value`] for a column that is not there. Nothing is
+    /// added then.
+    pub fn push_rows(&mut self, rows: &[Vec<(u32, f32)>]) -> Result<(), Error> {
+        let found: u64 = self.values.len() as u64 + rows.iter().map(|row| row.len() as u64).sum::<u64>();
         if found > u64::from(u32::MAX) {
             return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
         }
-        let mut csr = Self { rows: rows.len(), columns, row_start: vec![0], ..Self::default() };
-        csr.column_index.reserve_exact(found as usize);
-        csr.values.reserve_exact(found as usize);
-        for row in rows {
-            csr.column_index.extend(row.iter().map(|entry| entry.0));
-            csr.values.extend(row.iter().map(|entry| entry.1));
-            csr.row_start.push(csr.values.len() as u32);
+        let wrong = |(k, entry): (usize, &(u32, f32))| {
+            (entry.0 as usize >= self.columns).then_some((self.values.len() + k, entry.0))
+        };
+        if let Some((index, column)) = rows.iter().flatten().enumerate().find_map(wrong) {
+            let value = f64::from(column);
+            return Err(Error::Value { name: "column_index", index, value, rule: "below the number of columns" });
         }
-        csr.check()?;
-        Ok(csr)
+        if self.row_start.is_empty() {
+            self.row_start.push(0);
+        }
+        for row in rows {
+            self.column_index.extend(row.iter().map(|entry| entry.0));
+            self.values.extend(row.iter().map(|entry| entry.1));
+            self.row_start.push(self.values.len() as u32);
+        }
+        self.rows += rows.len();
+        Ok(())
     }
 
     /// With all its zeros.

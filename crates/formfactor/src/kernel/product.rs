@@ -174,8 +174,8 @@ pub fn interpolate_pixel(
     interpolate_receivers(grids, cells, vertices, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
 }
 
-/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell, zero where there are no
-/// receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the receiver of each, `values`
+/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell and not negative, zero where there are
+/// no receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the receiver of each, `values`
 /// holds their irradiance.
 #[inline]
 pub fn interpolate_receivers(
@@ -203,5 +203,5 @@ pub fn interpolate_receivers(
     let a = values[vertices[(cell.first + ids.x) as usize] as usize];
     let b = values[vertices[(cell.first + ids.y) as usize] as usize];
     let c = values[vertices[(cell.first + ids.z) as usize] as usize];
-    a * w.x + b * w.y + c * w.z
+    (a * w.x + b * w.y + c * w.z).max(Vec4::ZERO)
 }

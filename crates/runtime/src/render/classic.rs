@@ -126,7 +126,7 @@ impl Default for ClassicSettings {
             receiver_edge: None,
             most_receivers: None,
             receiver_density: 1.0,
-            receiver_rays: 512,
+            receiver_rays: 768,
             sub_frames: 16,
             seed: 0,
             size: (960, 540),
