@@ -89,6 +89,9 @@ pub struct Placing {
     pub seed: u32,
 }
 
+/// The number of a receiver or a column, with its weight or distance.
+type Entry = (u32, f32);
+
 /// Adds the rows of points.
 pub type AddRows<'a> = dyn Fn(&mut HitRows, &[SurfacePoint]) -> Result<(), Error> + 'a;
 
@@ -163,10 +166,10 @@ impl MeshReceivers {
 
         // A node that sees no receiver is inside of a solid or behind a wall: others of its cell serve. Where there are none,
         // some become receivers themselves.
-        let mut found: Vec<Vec<(u32, f32)>> = nodes.points.par_iter().map(|node| field.weights(node, true)).collect();
+        let mut found: Vec<Vec<Entry>> = nodes.points.par_iter().map(|node| field.weights(node, true)).collect();
         let good: Vec<bool> = found.iter().map(|weights| !weights.is_empty()).collect();
         let kept = nodes.retain(scene, &good)?;
-        let mut weights: Vec<Vec<(u32, f32)>> = kept.iter().map(|&k| std::mem::take(&mut found[k as usize])).collect();
+        let mut weights: Vec<Vec<Entry>> = kept.iter().map(|&k| std::mem::take(&mut found[k as usize])).collect();
         drop(found);
         for round in 0..ORPHAN_ROUNDS {
             let orphans: Vec<usize> = (0..weights.len()).filter(|&k| weights[k].is_empty()).collect();
@@ -187,7 +190,7 @@ impl MeshReceivers {
         let smooth: Vec<Lights> = smoothing.par_iter().map(|row| weighted(row, &estimates.light)).collect();
         nodes.points.par_iter().zip(&mut weights).for_each(|(node, weights)| field.bend(node, weights, &smooth));
         // The nearest receivers have to serve the rest, unless no light comes there at all.
-        let last = |(node, weights): (&SurfacePoint, &mut Vec<(u32, f32)>)| {
+        let last = |(node, weights): (&SurfacePoint, &mut Vec<Entry>)| {
             if weights.is_empty() && sampler.is_lit(&sample_at(node), placing.seed) {
                 *weights = field.weights(node, false);
             }
@@ -197,15 +200,15 @@ impl MeshReceivers {
         let set = &field.set;
         let (count, first_smooth) = (set.samples.len(), first_smooth(set.samples.len()));
         let turn = |from: u32, to: Vec3| turn(set.samples[from as usize].normal, to);
-        let of_receiver = |k: usize, row: &[(u32, f32)]| {
-            let quarters = |&(j, weight): &(u32, f32)| {
+        let of_receiver = |k: usize, row: &[Entry]| {
+            let quarters = |&(j, weight): &Entry| {
                 let turned = turn(j, set.samples[k].normal);
                 (0..QUARTERS).map(move |q| (quarter(j, q), weight * (1.0 + turned.map_or(0.0, |t| t[q]))))
             };
             row.iter().flat_map(quarters).collect()
         };
-        let of_node = |k: usize, row: &[(u32, f32)]| {
-            let quarters = |&(j, weight): &(u32, f32)| {
+        let of_node = |k: usize, row: &[Entry]| {
+            let quarters = |&(j, weight): &Entry| {
                 let turned = turn(j, nodes.points[k].normal).into_iter().flatten().enumerate();
                 turned.map(move |(q, t)| (quarter(j, q), weight * t))
             };
@@ -225,12 +228,12 @@ fn first_smooth(receivers: usize) -> usize {
 /// An operator from what `entries` makes of each row, in blocks: the rows are many, and theirs are longer.
 fn table(
     columns: usize,
-    rows: Vec<Vec<(u32, f32)>>,
-    entries: &(dyn Fn(usize, &[(u32, f32)]) -> Vec<(u32, f32)> + Sync),
+    rows: Vec<Vec<Entry>>,
+    entries: &(dyn Fn(usize, &[Entry]) -> Vec<Entry> + Sync),
 ) -> Result<Csr, Error> {
     let mut csr = Csr { columns, row_start: vec![0], ..Csr::default() };
     for (block, rows) in rows.chunks(BLOCK_ROWS).enumerate() {
-        let made = |(k, row): (usize, &Vec<(u32, f32)>)| {
+        let made = |(k, row): (usize, &Vec<Entry>)| {
             let mut row = entries(block * BLOCK_ROWS + k, row);
             row.sort_unstable_by_key(|entry| entry.0);
             row
@@ -278,7 +281,7 @@ impl Set<'_> {
         let Estimates { light, variance } = estimates;
         let error = |(k, sample): (usize, &Sample)| {
             let (found, count) = nearest.samples::<COMPARED>(sample.position, sample.normal, NEAR);
-            let others: Vec<(u32, f32)> = found[..count].iter().filter(|f| f.0 as usize != k).copied().collect();
+            let others: Vec<Entry> = found[..count].iter().filter(|f| f.0 as usize != k).copied().collect();
             if others.len() < 2 {
                 return 0.0;
             }
@@ -354,7 +357,7 @@ impl<'a> Field<'a> {
 
     /// The receivers that a node takes, with weights that sum to 1: the nearest in position and normal. None when it
     /// must see them and sees none.
-    fn weights(&self, node: &SurfacePoint, must_see: bool) -> Vec<(u32, f32)> {
+    fn weights(&self, node: &SurfacePoint, must_see: bool) -> Vec<Entry> {
         let Self { set, nearest, edge, .. } = self;
         let (mut found, mut count) = nearest.samples::<SEARCHED>(node.position, node.normal, FAR);
         if count == 0 {
@@ -369,12 +372,12 @@ impl<'a> Field<'a> {
             *distance = sqrt(*distance * *distance + TURN * turn);
         }
         found.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let seen = |(k, _): &(u32, f32)| {
+        let seen = |(k, _): &Entry| {
             let there = &set.samples[*k as usize];
             let (from, to) = ((node.position, node.normal), (there.position, there.normal));
             !must_see || sees(set.scene, from, to, *edge)
         };
-        let mut kept: Vec<(u32, f32)> = found.iter().copied().filter(seen).take(NEIGHBOURS + 1).collect();
+        let mut kept: Vec<Entry> = found.iter().copied().filter(seen).take(NEIGHBOURS + 1).collect();
         let Some(&(_, range)) = kept.last() else { return kept };
         let range = if kept.len() > NEIGHBOURS { range } else { 2.0 * range };
         let weights = shepard(kept.iter().map(|k| k.1), range);
@@ -387,10 +390,10 @@ impl<'a> Field<'a> {
 
     /// Makes a node's weights those of a linear fit through its receivers, as far as under every light the value stays
     /// between the least and the greatest of theirs.
-    fn bend(&self, node: &SurfacePoint, weights: &mut Vec<(u32, f32)>, smooth: &[Lights]) {
+    fn bend(&self, node: &SurfacePoint, weights: &mut Vec<Entry>, smooth: &[Lights]) {
         let changes = self.linear(node.position, node.normal, weights, NODE_RIDGE);
         let mean = weighted(weights, smooth);
-        let step: Vec<(u32, f32)> = weights.iter().zip(&changes).map(|(w, change)| (w.0, w.1 * change)).collect();
+        let step: Vec<Entry> = weights.iter().zip(&changes).map(|(w, change)| (w.0, w.1 * change)).collect();
         let step = weighted(&step, smooth);
         let mut share: f32 = 1.0;
         for v in 0..VECTORS {
@@ -410,7 +413,7 @@ impl<'a> Field<'a> {
     }
 
     /// What a linear fit at a place changes in weights that sum to 1, as shares of each, where `ridge` holds the slope back.
-    fn linear(&self, position: Vec3, normal: Vec3, weights: &[(u32, f32)], ridge: f32) -> Vec<f32> {
+    fn linear(&self, position: Vec3, normal: Vec3, weights: &[Entry], ridge: f32) -> Vec<f32> {
         let (right, up) = frame(normal);
         let place = |k: u32| {
             let way = (self.set.samples[k as usize].position - position) / self.edge;
@@ -430,7 +433,7 @@ impl<'a> Field<'a> {
     /// For each receiver a linear fit through those about that it sees and that differ from it, under every light, by no more
     /// than noise can: less noise where light is even or changes evenly, and no less detail where it does not. No weight is
     /// negative.
-    fn smoothing(&self, estimates: &Estimates) -> Vec<Vec<(u32, f32)>> {
+    fn smoothing(&self, estimates: &Estimates) -> Vec<Vec<Entry>> {
         let Self { set, nearest, edge, .. } = self;
         let Estimates { light, variance } = estimates;
         let row = |(k, own): (usize, &Sample)| {
@@ -463,7 +466,7 @@ impl<'a> Field<'a> {
 }
 
 /// The sum of some values under all lights.
-fn weighted(weights: &[(u32, f32)], values: &[Lights]) -> Lights {
+fn weighted(weights: &[Entry], values: &[Lights]) -> Lights {
     let mut sum = [Vec4::ZERO; VECTORS];
     for &(k, weight) in weights {
         sum.iter_mut().zip(values[k as usize]).for_each(|(sum, value)| *sum += value * weight);
@@ -566,7 +569,7 @@ mod tests {
             light: samples().map(|(k, s)| light(s.position).map(|v| v * (1.0 + noise(k)))).collect(),
             variance: samples().map(|(_, s)| light(s.position).map(|v| v * v * variance)).collect(),
         };
-        let error = |estimates: &Estimates, rows: &[Vec<(u32, f32)>]| {
+        let error = |estimates: &Estimates, rows: &[Vec<Entry>]| {
             let each = samples().zip(rows).map(|((_, s), row)| {
                 assert!(row.iter().all(|w| w.1 >= 0.0) && (row.iter().map(|w| w.1).sum::<f32>() - 1.0).abs() < 1e-4);
                 let (found, true_light) = (weighted(row, &estimates.light), light(s.position));
@@ -576,7 +579,7 @@ mod tests {
             sum.map(|s| sqrt(s / field.set.samples.len() as f32))
         };
         let estimates = with(0.2 * 0.2 / 12.0);
-        let raw: Vec<Vec<(u32, f32)>> = samples().map(|(k, _)| vec![(k as u32, 1.0)]).collect();
+        let raw: Vec<Vec<Entry>> = samples().map(|(k, _)| vec![(k as u32, 1.0)]).collect();
         let (before, after) = (error(&estimates, &raw), error(&estimates, &field.smoothing(&estimates)));
         assert!(after[0] < 0.75 * before[0] && after[1] < 0.75 * before[1], "{before:?} to {after:?}");
         // Told that noise is twenty times as great, it blurs the step.
