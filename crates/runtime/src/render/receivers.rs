@@ -102,7 +102,7 @@ pub struct MeshReceivers {
     pub points: Vec<SurfacePoint>,
     /// Their rows over the facets, one for each quarter of a receiver's hemisphere.
     pub rows: HitRows,
-    /// What makes of the quarters' values one for each receiver, and smooth: the mean with those about that differ by no
+    /// What makes of the quarters' values one for each receiver, and smooth: a linear fit with those about that differ by no
     /// more than their noise.
     pub smoothing: Csr,
     /// The nodes, and the triangles' grids over them.
