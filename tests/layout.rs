@@ -8,7 +8,7 @@ use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
 use localmatrix::{FadeParams, SlotParams, UpdateParams};
-use multibounce::{BlockParams, FeedbackParams, TileComponent};
+use multibounce::{BlockParams, FeedbackParams, TileQuad};
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -157,7 +157,7 @@ structure!(PhotonParams {
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
 structure!(FeedbackParams { count: u32, step: f32, momentum: f32 });
-structure!(TileComponent { scale: f32, group: u32, tag: u32 });
+structure!(TileQuad { group: u32, tag: u32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
 structure!(SampleParams {
@@ -223,8 +223,8 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "starts" | "list" | "lit_starts" | "lit" | "visible_starts" | "visible" | "slot_of" | "leaf_of" => {
             layout::<u32>()
         }
-        "components" => layout::<TileComponent>(),
-        "order" | "place" | "words" | "use_start" | "uses" | "entries" => layout::<u32>(),
+        "quads" if kernel.starts_with("multibounce_tiles_") => layout::<TileQuad>(),
+        "order" | "place" | "words" | "quad_start" | "partner" | "entries" => layout::<u32>(),
         "root" | "steps" => layout::<f32>(),
         "ordered" | "sums" | "rows" => layout::<Vec4>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"

@@ -7,7 +7,7 @@ pub use row::{Access, Binding, BindingKind, ImageFormat, Kernel, MAX_GROUPS_X};
 use ::firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
-use ::multibounce::{BlockParams, FeedbackParams, TileComponent};
+use ::multibounce::{BlockParams, FeedbackParams, TileQuad};
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -579,7 +579,7 @@ pub static MULTIBOUNCE_TILES_ENTER: Kernel = Kernel {
     host: host::tiles::enter,
 };
 
-/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a slot.
+/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a quad of slots.
 pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     name: "multibounce_tiles_project",
     spv: spv!("multibounce_tiles_project"),
@@ -587,15 +587,17 @@ pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     elements_per_group: WORKGROUP,
     push_bytes: size_of::<CountParams>() as u32,
     bindings: &[
-        read::<TileComponent>("components"),
+        read::<TileQuad>("quads"),
         read::<u32>("words"),
+        read::<f32>("scales"),
         read::<Rgb>("ordered"),
         write::<Rgb>("sums"),
     ],
     host: host::tiles::project,
 };
 
-/// Rows of the tiles. An element is a place, of whole blocks.
+/// Rows of the tiles, those of a block's splits one after another. An element is a lane of a split of a block: a row of each
+/// of its parts. `ordered` has room for every place that entries can name.
 pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
     name: "multibounce_tiles_expand",
     spv: spv!("multibounce_tiles_expand"),
@@ -603,10 +605,10 @@ pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
     elements_per_group: WORKGROUP,
     push_bytes: size_of::<CountParams>() as u32,
     bindings: &[
-        read::<u32>("use_start"),
-        read::<u32>("uses"),
-        read::<TileComponent>("components"),
+        read::<u32>("quad_start"),
+        read::<TileQuad>("quads"),
         read::<u32>("words"),
+        read::<u32>("partner"),
         read::<Rgb>("sums"),
         read::<u32>("row_start"),
         read::<u32>("entries"),

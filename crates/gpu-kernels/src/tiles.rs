@@ -1,6 +1,6 @@
 //! Entry points of the product with tiles: the exitance in their order, the sums of their vectors, the rows.
 
-use ::multibounce::TileComponent;
+use ::multibounce::TileQuad;
 use ::multibounce::kernel::tiles;
 use ::scene::Rgb;
 use glam::UVec3;
@@ -27,35 +27,41 @@ pub fn tiles_enter(
     }
 }
 
-/// Sums of the slots: [`tiles::project`].
+/// Sums of the slots of a quad: [`tiles::project`].
 #[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_project"))]
 #[inline(never)]
 pub fn tiles_project(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(num_workgroups)] groups: UVec3,
     #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] components: &[TileComponent],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] quads: &[TileQuad],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] words: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] ordered: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] sums: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] scales: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] ordered: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] sums: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        sums[k as usize] = tiles::project(k, components, words, ordered);
+        let four = tiles::project(k, quads, words, scales, ordered);
+        let first = (tiles::QUAD * k) as usize;
+        sums[first] = four[0];
+        sums[first + 1] = four[1];
+        sums[first + 2] = four[2];
+        sums[first + 3] = four[3];
     }
 }
 
-/// Rows of the ordered irradiance: [`tiles::expand`].
+/// Rows of the ordered irradiance, one of each part: [`tiles::expand`].
 #[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_expand"))]
 #[inline(never)]
 pub fn tiles_expand(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(num_workgroups)] groups: UVec3,
     #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] use_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] uses: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] components: &[TileComponent],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] quad_start: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] quads: &[TileQuad],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] words: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] partner: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] sums: &[Rgb],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] row_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] entries: &[u32],
@@ -65,8 +71,15 @@ pub fn tiles_expand(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        rows[k as usize] =
-            tiles::expand(k, use_start, uses, components, words, sums, row_start, entries, steps, ordered);
+        let eight = tiles::expand(k, quad_start, quads, words, partner, sums, row_start, entries, steps, ordered);
+        rows[tiles::row_at(k, 0) as usize] = eight[0];
+        rows[tiles::row_at(k, 1) as usize] = eight[1];
+        rows[tiles::row_at(k, 2) as usize] = eight[2];
+        rows[tiles::row_at(k, 3) as usize] = eight[3];
+        rows[tiles::row_at(k, 4) as usize] = eight[4];
+        rows[tiles::row_at(k, 5) as usize] = eight[5];
+        rows[tiles::row_at(k, 6) as usize] = eight[6];
+        rows[tiles::row_at(k, 7) as usize] = eight[7];
     }
 }
 

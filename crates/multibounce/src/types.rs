@@ -40,44 +40,53 @@ pub struct FeedbackParams {
 }
 const _: () = assert!(size_of::<FeedbackParams>() == 12);
 
-/// A component of [`crate::Tiles`]: two vectors, one along the rows of its tile and one along the columns.
+/// Four slots of [`crate::Tiles`], one after another: vectors of one block that are for one channel.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct TileComponent {
-    /// What their sums are multiplied by.
-    pub scale: f32,
-    /// First group of [`crate::kernel::tiles::LANES`] words of the first; the second follows it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct TileQuad {
+    /// First group of [`crate::kernel::tiles::LANES`] words of the first vector; the others' follow.
     pub group: u32,
-    /// Block of rows in the lower 12 bits, block of columns in the next 12; then the colour channel that it is for: 0, 1, 2,
-    /// or [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8.
+    /// The block in the lower 16 bits; then the colour channel that the vectors are for: 0, 1, 2, or
+    /// [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8.
     pub tag: u32,
 }
-const _: () = assert!(size_of::<TileComponent>() == 12);
+const _: () = assert!(size_of::<TileQuad>() == 8);
 
-impl TileComponent {
-    /// Of a tile in these blocks of rows and columns, for a channel, with elements of 4 or 8 bits.
+impl TileQuad {
+    /// Vectors of a block, for a channel, with elements of 4 or 8 bits.
     #[inline]
-    pub fn new(scale: f32, group: u32, (rows, columns): (u32, u32), channel: u32, is_short: bool) -> Self {
-        let tag = (rows & 0xfff) | (columns & 0xfff) << 12 | (channel & 3) << 24 | u32::from(is_short) << 26;
-        Self { scale, group, tag }
+    pub fn new(group: u32, block: u32, channel: u32, is_short: bool) -> Self {
+        Self { group, tag: (block & 0xffff) | (channel & 3) << 16 | u32::from(is_short) << 18 }
     }
 
-    /// Groups of words that both of its vectors take.
+    /// Block of rows or columns that the vectors belong to.
+    #[inline]
+    pub fn block(self) -> u32 {
+        self.tag & 0xffff
+    }
+
+    /// Colour channel that they are for.
+    #[inline]
+    pub fn channel(self) -> u32 {
+        self.tag >> 16 & 3
+    }
+
+    /// Whether their elements have 4 bits.
+    #[inline]
+    pub fn is_short(self) -> bool {
+        self.tag >> 18 & 1 == 1
+    }
+
+    /// Groups of words of a vector.
     #[inline]
     pub fn groups(self) -> u32 {
-        if self.tag >> 26 & 1 == 1 { 2 } else { 4 }
+        2 - (self.tag >> 18 & 1)
     }
 
-    /// The vector along the rows (0) or the columns (1).
+    /// One of the vectors.
     #[inline]
-    pub fn vector(self, side: u32) -> TileVector {
-        let is_short = self.tag >> 26 & 1;
-        TileVector {
-            group: self.group + side * (2 - is_short),
-            block: self.tag >> (12 * side) & 0xfff,
-            channel: self.tag >> 24 & 3,
-            is_short: is_short == 1,
-        }
+    pub fn vector(self, k: u32) -> TileVector {
+        TileVector { group: self.group + k * self.groups(), is_short: self.is_short() }
     }
 }
 
@@ -86,10 +95,6 @@ impl TileComponent {
 pub struct TileVector {
     /// Its first group of words.
     pub group: u32,
-    /// Block of rows or columns that it belongs to.
-    pub block: u32,
-    /// Colour channel that it is for.
-    pub channel: u32,
     /// Whether its elements have 4 bits.
     pub is_short: bool,
 }

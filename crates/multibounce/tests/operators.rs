@@ -277,30 +277,41 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
     let tiles = Tiles::encode(channels, &case.area, &case.order(), 3e-3, &go).unwrap();
     assert!(tiles.report.components.iter().all(|&c| c > 0) && tiles.report.entries > 0, "{:?}", tiles.report);
     let light: Vec<Vec4> = (0..n).map(|i| Vec4::new(random(i, 0, 9), random(i, 1, 9), random(i, 2, 9), 0.0)).collect();
-    let mut ordered = vec![Vec4::ZERO; tiles.steps.len()];
-    enter_all(&tiles.order, &tiles.root, &light, &mut ordered);
-    let mut sums = vec![Vec4::ZERO; 2 * tiles.components.len()];
-    project_all(&tiles.components, &tiles.words, &ordered, &mut sums);
-    for (slot, sum) in sums.iter().enumerate() {
-        assert_eq!(*sum, kernel::tiles::project(slot as u32, &tiles.components, &tiles.words, &ordered), "slot {slot}");
+    like_the_bodies(&tiles, &light);
+    // Blocks in the dark are passed over.
+    let dark = |i: usize| if tiles.place[i] < 128 { Vec4::ZERO } else { light[i] };
+    like_the_bodies(&tiles, &(0..n).map(dark).collect::<Vec<Vec4>>());
+}
+
+/// Asks that sums and rows are the kernels' in all bits.
+fn like_the_bodies(tiles: &Tiles, light: &[Vec4]) {
+    let mut ordered = vec![Vec4::ZERO; kernel::tiles::PLACES];
+    enter_all(&tiles.order, &tiles.root, light, &mut ordered[..tiles.steps.len()]);
+    let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
+    project_all(&tiles.quads, &tiles.words, &tiles.scale, &ordered, &mut sums);
+    for (k, four) in sums.chunks(4).enumerate() {
+        let body = kernel::tiles::project(k as u32, &tiles.quads, &tiles.words, &tiles.scale, &ordered);
+        assert_eq!(four, body, "quad {k}");
     }
-    let mut rows = vec![Vec4::ZERO; ordered.len()];
+    let mut rows = vec![Vec4::ZERO; kernel::tiles::SPLITS as usize * tiles.steps.len()];
     let t = tiles.expand_tables();
     expand_all(&t, &sums, &ordered, &mut rows);
-    for (p, row) in rows.iter().enumerate() {
+    for k in 0..rows.len() as u32 / kernel::tiles::PARTS {
         let body = kernel::tiles::expand(
-            p as u32,
-            t.use_start,
-            t.uses,
-            t.components,
+            k,
+            t.quad_start,
+            t.quads,
             t.words,
+            t.partner,
             &sums,
             t.row_start,
             t.entries,
             t.steps,
             &ordered,
         );
-        assert_eq!(*row, body, "place {p}");
+        for (part, row) in (0u32..).zip(body) {
+            assert_eq!(rows[kernel::tiles::row_at(k, part) as usize], row, "lane {k}, part {part}");
+        }
     }
 }
 
@@ -345,8 +356,8 @@ fn what_is_wrong_is_said() {
     // Tables that lead beyond their end.
     let good = encode(&case.area, &order, 0.01).unwrap();
     let mut tiles = good.clone();
-    tiles.uses[0] = 2 * tiles.components.len() as u32;
-    assert!(matches!(tiles.check(), Err(Error::Value { name: "uses", index: 0, .. })));
+    tiles.partner[0] = tiles.partner.len() as u32;
+    assert!(matches!(tiles.check(), Err(Error::Value { name: "partner", index: 0, .. })));
     let mut tiles = good.clone();
     tiles.words.pop();
     assert!(matches!(tiles.check(), Err(Error::Length { name: "words", .. })));

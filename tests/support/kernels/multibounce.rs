@@ -1,25 +1,24 @@
 //! Inputs of the kernels of operators.
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use ::multibounce::kernel::tiles::{LANES, TILE};
-use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileComponent};
+use ::multibounce::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, SPLITS, TILE, masked};
+use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileQuad};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::ImageFormat;
 
 use super::{Bytes, Data, Random, Tables, buffer, call, offsets, room};
 
-/// Components of two blocks, for one channel or for all, of short and long elements, and their words.
-fn tile_components(r: &mut Random, n: u32) -> (Vec<TileComponent>, Vec<u32>) {
+/// Quads of two blocks, for one channel or for all, of short and long elements, and their words.
+fn tile_quads(r: &mut Random, n: u32) -> (Vec<TileQuad>, Vec<u32>) {
     let mut groups = 0;
-    let components = (0..n).map(|_| {
-        let blocks = (r.below(2), r.below(2));
-        let component = TileComponent::new(r.unit() - 0.3, groups, blocks, r.below(4), r.below(2) == 0);
-        groups += component.groups();
-        component
+    let quads = (0..n).map(|k| {
+        let quad = TileQuad::new(groups, 2 * k / n, k % 4, r.below(2) == 0);
+        groups += QUAD * quad.groups();
+        quad
     });
-    let components = components.collect();
-    (components, r.words(groups * LANES))
+    let quads = quads.collect();
+    (quads, r.words(groups * LANES))
 }
 
 pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
@@ -100,35 +99,45 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             call(places, EnterParams { count: places, patches }, tables)
         }
         "multibounce_tiles_project" => {
-            let n = 150u32;
-            let (components, words) = tile_components(r, n / 2);
+            let n = 40u32;
+            let (quads, words) = tile_quads(r, n);
+            let scale: Vec<f32> = (0..QUAD * n).map(|_| r.unit() - 0.3).collect();
             let tables = vec![
-                buffer("components", &components),
+                buffer("quads", &quads),
                 buffer("words", &words),
+                buffer("scales", &scale),
                 buffer("ordered", &r.colors(2 * TILE as usize)),
-                room::<Vec4>("sums", n as usize),
+                room::<Vec4>("sums", (QUAD * n) as usize),
             ];
             call(n, CountParams { count: n }, tables)
         }
         "multibounce_tiles_expand" => {
-            let (n, places) = (150u32, 2 * TILE);
-            let uses: Vec<u32> = (0..n).map(|k| k * 77 % n).collect();
+            let (n, places) = (40u32, 2 * TILE);
             let row_start = offsets(r, places as usize);
-            let entries: Vec<u32> = (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(places)).collect();
-            let (components, words) = tile_components(r, n / 2);
+            let entries: Vec<u32> =
+                (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(PLACES as u32)).collect();
+            let (quads, words) = tile_quads(r, n);
+            // Partners are for the same channel, and so are their sums.
+            let slots = QUAD * n;
+            let other = |k: u32| (k / QUAD + 12) % n * QUAD + k * 3 % QUAD;
+            let partner: Vec<u32> = (0..slots).map(|k| if k % 7 == 3 { NO_SLOT } else { other(k) }).collect();
+            let colors = r.colors(slots as usize);
+            let sum = |k: usize| masked(colors[k].truncate(), quads[k / QUAD as usize].channel()).extend(0.0);
+            let sums: Vec<Vec4> = (0..slots as usize).map(sum).collect();
+            let count = 2 * LANES * SPLITS;
             let tables = vec![
-                buffer("use_start", &[0, n / 3, n]),
-                buffer("uses", &uses),
-                buffer("components", &components),
+                buffer("quad_start", &[0, n / 2, n]),
+                buffer("quads", &quads),
                 buffer("words", &words),
-                buffer("sums", &r.colors(n as usize)),
+                buffer("partner", &partner),
+                buffer("sums", &sums),
                 buffer("row_start", &row_start),
                 buffer("entries", &entries),
                 buffer("steps", &r.floats(places as usize)),
-                buffer("ordered", &r.colors(places as usize)),
-                room::<Vec4>("rows", places as usize),
+                buffer("ordered", &r.colors(PLACES)),
+                room::<Vec4>("rows", (SPLITS * places) as usize),
             ];
-            call(places, CountParams { count: places }, tables)
+            call(count, CountParams { count }, tables)
         }
         "multibounce_tiles_leave" => {
             let n = 200u32;
@@ -136,7 +145,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             let tables = vec![
                 buffer("place", &place),
                 buffer("root", &r.floats(n as usize)),
-                buffer("rows", &r.colors(256)),
+                buffer("rows", &r.colors(256 * SPLITS as usize)),
                 room::<Vec4>("irradiance", n as usize),
             ];
             call(n, CountParams { count: n }, tables)

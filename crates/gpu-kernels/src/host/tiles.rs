@@ -1,10 +1,10 @@
 //! Host forms of the kernels of tiles: on all cores, in vectors where the bodies allow it, bit for bit.
 
-use ::multibounce::kernel::tiles::{LANES, TILE};
-use ::multibounce::{ExpandTables, TileComponent, enter_all, expand_all, leave_all, project_all};
+use ::multibounce::kernel::tiles::{LANES, NO_SLOT, PARTS, PLACES, QUAD, SPLITS, TILE};
+use ::multibounce::{ExpandTables, TileQuad, enter_all, expand_all, leave_all, project_all};
 use ::scene::Rgb;
 
-use super::{HostCall, HostError, agreed, long_enough};
+use super::{HostCall, HostError, agreed};
 use crate::params::{CountParams, EnterParams};
 use crate::table::Kernel;
 
@@ -18,10 +18,10 @@ fn end(starts: &[u32]) -> usize {
     if starts.is_sorted() { starts.last().map_or(0, |&k| k as usize) } else { usize::MAX }
 }
 
-/// Words that these components read.
-fn words_of<'a>(components: impl Iterator<Item = &'a TileComponent>) -> usize {
-    let end = |component: &TileComponent| (component.group as usize + component.groups() as usize) * LANES as usize;
-    components.map(end).max().unwrap_or(0)
+/// Words that these quads read.
+fn words_of(quads: &[TileQuad]) -> usize {
+    let end = |quad: &TileQuad| (quad.group as usize + (QUAD * quad.groups()) as usize) * LANES as usize;
+    quads.iter().map(end).max().unwrap_or(0)
 }
 
 pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
@@ -36,35 +36,33 @@ pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 
 pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [components, words, ordered, sums]) = call.parts::<CountParams, 4>(kernel)?;
+    let (p, [quads, words, scale, ordered, sums]) = call.parts::<CountParams, 5>(kernel)?;
     let n = agreed(elements, p.count)?;
-    let components = &components.read::<TileComponent>(n.div_ceil(2))?[..n.div_ceil(2)];
-    let words = words.read::<u32>(words_of(components.iter()))?;
-    let vectors = components.iter().flat_map(|component| [0, 1].map(|side| component.vector(side).block as usize + 1));
-    let blocks = vectors.max().unwrap_or(0);
-    let ordered = ordered.read::<Rgb>(blocks.saturating_mul(TILE as usize))?;
-    project_all(components, words, ordered, sums.write(n)?);
+    let quads = &quads.read::<TileQuad>(n)?[..n];
+    let words = words.read::<u32>(words_of(quads))?;
+    let blocks = quads.iter().map(|quad| quad.block() as usize + 1).max().unwrap_or(0);
+    let (slots, ordered) = (QUAD as usize * n, ordered.read::<Rgb>(blocks * TILE as usize)?);
+    project_all(quads, words, scale.read(slots)?, ordered, sums.write(slots)?);
     Ok(())
 }
 
 pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [use_start, uses, components, words, sums, row_start, entries, steps, ordered, rows]) =
+    let (p, [quad_start, quads, words, partner, sums, row_start, entries, steps, ordered, rows]) =
         call.parts::<CountParams, 10>(kernel)?;
     let n = agreed(elements, p.count)?;
-    let blocks = n.div_ceil(TILE as usize);
-    let use_start = &use_start.read::<u32>(blocks + 1)?[..blocks + 1];
-    let row_start = &row_start.read::<u32>(n + 1)?[..n + 1];
-    let (uses, entries) = (uses.read::<u32>(end(use_start))?, entries.read::<u32>(end(row_start))?);
-    let uses = &uses[..end(use_start)];
-    let count = named(uses).div_ceil(2);
-    let (components, sums) = (components.read::<TileComponent>(count)?, sums.read::<Rgb>(2 * count)?);
-    let words = words.read::<u32>(words_of(uses.iter().map(|&slot| &components[slot as usize / 2])))?;
-    let (steps, ordered) = (steps.read::<f32>(n)?, ordered.read::<Rgb>(0)?);
-    let columns = entries[..end(row_start)].iter().map(|entry| (entry & 0xffff) as usize + 1).max().unwrap_or(0);
-    long_enough("ordered", ordered.len(), columns)?;
-    let tables = ExpandTables { use_start, uses, components, words, row_start, entries, steps };
-    expand_all(&tables, sums, ordered, rows.write(n)?);
+    let blocks = n / (LANES * SPLITS) as usize;
+    let places = blocks * TILE as usize;
+    let quad_start = &quad_start.read::<u32>(blocks + 1)?[..blocks + 1];
+    let row_start = &row_start.read::<u32>(places + 1)?[..places + 1];
+    let (quads, entries) = (quads.read::<TileQuad>(end(quad_start))?, entries.read::<u32>(end(row_start))?);
+    let quads = &quads[..end(quad_start)];
+    let partner = &partner.read::<u32>(QUAD as usize * quads.len())?[..QUAD as usize * quads.len()];
+    let others = partner.iter().filter(|&&slot| slot != NO_SLOT).map(|&slot| slot as usize + 1);
+    let sums = sums.read::<Rgb>(others.max().unwrap_or(0))?;
+    let words = words.read::<u32>(words_of(quads))?;
+    let tables = ExpandTables { quad_start, quads, words, partner, row_start, entries, steps: steps.read(places)? };
+    expand_all(&tables, sums, &ordered.read::<Rgb>(PLACES)?[..PLACES], rows.write(PARTS as usize * n)?);
     Ok(())
 }
 
@@ -73,6 +71,7 @@ pub(crate) fn leave(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
     let (p, [place, root, rows, irradiance]) = call.parts::<CountParams, 4>(kernel)?;
     let n = agreed(elements, p.count)?;
     let (place, root) = (&place.read::<u32>(n)?[..n], root.read(n)?);
-    leave_all(place, root, rows.read::<Rgb>(named(place))?, irradiance.write(n)?);
+    let blocks = named(place).div_ceil(TILE as usize);
+    leave_all(place, root, rows.read::<Rgb>(blocks * (SPLITS * TILE) as usize)?, irradiance.write(n)?);
     Ok(())
 }

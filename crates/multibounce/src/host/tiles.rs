@@ -11,13 +11,13 @@ use faer::Mat;
 
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
-use crate::kernel::tiles::{LANES, TILE};
-use crate::types::TileComponent;
+use crate::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, TILE};
+use crate::types::TileQuad;
 
 pub use product::{ExpandTables, TileRoom, enter_all, expand_all, leave_all, project_all};
 
 /// Most patches: entries name columns by 16 bits.
-pub const MOST_TILE_PATCHES: usize = 65_536 - TILE as usize;
+pub const MOST_TILE_PATCHES: usize = PLACES - TILE as usize;
 
 /// The symmetric operators of the colour channels, `T̂ = a^½ T a^-½`.
 #[derive(Clone, Copy, Debug)]
@@ -47,14 +47,18 @@ pub struct Tiles {
     pub place: Vec<u32>,
     /// `√a` of each patch, m.
     pub root: Vec<f32>,
-    /// Pairs of vectors; slot `2 k + side` is a vector of component k.
-    pub components: Vec<TileComponent>,
+    /// Quads of block b: `quads[quad_start[b]..quad_start[b + 1]]`.
+    pub quad_start: Vec<u32>,
+    /// Vectors by fours, block by block, alike ones together; where there are no four, zeros fill up. Slot `4 k + m` is
+    /// vector m of quad k.
+    pub quads: Vec<TileQuad>,
     /// Elements of the vectors, in groups of [`LANES`] words.
     pub words: Vec<u32>,
-    /// Slots of block b: `uses[use_start[b]..use_start[b + 1]]`.
-    pub use_start: Vec<u32>,
-    /// Slots, block by block.
-    pub uses: Vec<u32>,
+    /// What the sum of each slot is multiplied by.
+    pub scale: Vec<f32>,
+    /// Slot of the other vector of each slot's component, by whose sum the slot's is multiplied; [`NO_SLOT`] where that is
+    /// done by none.
+    pub partner: Vec<u32>,
     /// Entries of each place, `[blocks · TILE + 1]`.
     pub row_start: Vec<u32>,
     /// Column in the lower 16 bits, value in the upper.
@@ -72,7 +76,7 @@ pub struct TileReport {
     pub error: [f64; 3],
     /// Tiles without components or entries, with entries only, with components.
     pub tiles: [usize; 3],
-    /// Components for all channels, and of the differences.
+    /// Components (pairs of vectors) for all channels, and of the differences.
     pub components: [usize; 2],
     /// Most components of a tile.
     pub most_rank: usize,
@@ -93,17 +97,20 @@ impl Tiles {
 
     /// Bytes of each part that a product reads.
     pub fn bytes(&self) -> [(&'static str, u64); 3] {
-        let uses = size_of_val(&self.uses[..]) + size_of_val(&self.use_start[..]);
-        let vectors = size_of_val(&self.words[..]) + size_of_val(&self.components[..]) + uses;
+        let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
+        let quads = size_of_val(&self.quads[..]) + size_of_val(&self.quad_start[..]);
+        let vectors = size_of_val(&self.words[..]) + slots + quads;
         let entries = size_of_val(&self.entries[..]) + size_of_val(&self.row_start[..]) + size_of_val(&self.steps[..]);
         let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
         [("vectors", vectors as u64), ("entries", entries as u64), ("places", places as u64)]
     }
 
-    /// Bytes of what does not follow from the rest: entries once, not for both of their rows, and neither `uses` nor `place`.
+    /// Bytes of what does not follow from the rest: entries once, not for both of their rows; scale and partner once for both
+    /// vectors of a component; not `place`.
     pub fn stored_bytes(&self) -> u64 {
         let mirrored = self.entries.len() - self.report.entries.min(self.entries.len());
-        let follows = mirrored + self.uses.len() + self.use_start.len() + self.place.len();
+        let components: usize = self.report.components.iter().sum();
+        let follows = mirrored + 2 * components.min(self.scale.len() / 2) + self.place.len();
         self.bytes().iter().map(|part| part.1).sum::<u64>() - (follows * size_of::<u32>()) as u64
     }
 
@@ -115,12 +122,15 @@ impl Tiles {
         let (n, rows) = (self.patches(), self.blocks() * TILE as usize);
         check_length("place", n, self.place.len())?;
         check_length("root", n, self.root.len())?;
-        let groups: usize = self.components.iter().map(|component| component.groups() as usize).sum();
+        let slots = QUAD as usize * self.quads.len();
+        check_length("scale", slots, self.scale.len())?;
+        check_length("partner", slots, self.partner.len())?;
+        check_length("quad_start", self.blocks() + 1, self.quad_start.len())?;
+        let groups: usize = self.quads.iter().map(|quad| (QUAD * quad.groups()) as usize).sum();
         check_length("words", groups * LANES as usize, self.words.len())?;
-        check_length("use_start", self.blocks() + 1, self.use_start.len())?;
         check_length("row_start", rows + 1, self.row_start.len())?;
         check_length("steps", rows, self.steps.len())?;
-        check_starts("use_start", &self.use_start, self.uses.len())?;
+        check_starts("quad_start", &self.quad_start, self.quads.len())?;
         check_starts("row_start", &self.row_start, self.entries.len())?;
         let below = |name, table: &[u32], limit: usize| match table.iter().position(|&k| k as usize >= limit) {
             Some(index) => Err(Error::Value { name, index, value: f64::from(table[index]), rule: "in its range" }),
@@ -128,11 +138,11 @@ impl Tiles {
         };
         below("order", &self.order, n)?;
         below("place", &self.place, n)?;
-        below("uses", &self.uses, 2 * self.components.len())?;
-        let vectors = self.components.iter().flat_map(|component| [0, 1].map(|side| component.vector(side).block));
-        below("components", &vectors.collect::<Vec<u32>>(), self.blocks())?;
-        let last = self.components.iter().map(|component| component.group.saturating_add(component.groups() - 1));
-        below("components", &last.collect::<Vec<u32>>(), groups)?;
+        let partners = self.partner.iter().map(|&slot| if slot == NO_SLOT { 0 } else { slot });
+        below("partner", &partners.collect::<Vec<u32>>(), slots)?;
+        below("quads", &self.quads.iter().map(|quad| quad.block()).collect::<Vec<u32>>(), self.blocks())?;
+        let last = self.quads.iter().map(|quad| quad.group.saturating_add(QUAD * quad.groups() - 1));
+        below("quads", &last.collect::<Vec<u32>>(), groups)?;
         let columns: Vec<u32> = self.entries.iter().map(|entry| entry & 0xffff).collect();
         below("entries", &columns, rows)?;
         let finite = |name, mut table: std::boxed::Box<dyn Iterator<Item = f32> + '_>| match table
@@ -141,7 +151,7 @@ impl Tiles {
             Some(index) => Err(Error::Value { name, index, value: f64::NAN, rule: "finite" }),
             None => Ok(()),
         };
-        finite("components", std::boxed::Box::new(self.components.iter().map(|component| component.scale)))?;
+        finite("scale", std::boxed::Box::new(self.scale.iter().copied()))?;
         finite("steps", std::boxed::Box::new(self.steps.iter().copied()))?;
         match self.root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
             Some(index) => {

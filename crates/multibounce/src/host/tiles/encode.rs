@@ -11,8 +11,8 @@ use super::source::{Source, twice};
 use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
-use crate::kernel::tiles::{ALL_CHANNELS, LANES};
-use crate::types::TileComponent;
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, SHORT_BIAS};
+use crate::types::TileQuad;
 
 /// The error is at least this share of what was asked for, when it can be.
 const CLOSE: f64 = 0.85;
@@ -128,8 +128,9 @@ impl Tiles {
     ) -> Self {
         let blocks = area.len().div_ceil(SIDE);
         let mut report = TileReport::default();
-        let (mut components, mut words) = (Vec::new(), Vec::new());
-        let mut uses: Vec<Vec<u32>> = vec![Vec::new(); blocks];
+        // Vectors of the blocks: component, side, and what makes them alike.
+        let mut vectors: Vec<Vec<Vector>> = vec![Vec::new(); blocks];
+        let mut components: Vec<&Component> = Vec::new();
         for (&(i, j), part) in tiles.iter().zip(&parts) {
             let kind = if !part.components.is_empty() { 2 } else { usize::from(!part.entries.is_empty()) };
             report.tiles[kind] += 1;
@@ -140,34 +141,60 @@ impl Tiles {
             }
             for component in &part.components {
                 report.components[usize::from(component.channel != ALL_CHANNELS)] += 1;
-                let first = 2 * components.len() as u32;
-                let Component { scale, channel, is_short, .. } = *component;
-                let group = words.len() as u32 / LANES;
-                components.push(TileComponent::new(scale, group, (i as u32, j as u32), channel, is_short));
-                words.extend_from_slice(&component.rows);
-                words.extend_from_slice(&component.columns);
-                uses[i].push(first);
-                if i != j {
-                    uses[j].push(first + 1);
-                }
+                let alike = (component.channel, component.is_short);
+                let vector = |side, is_multiplied| Vector { alike, is_multiplied, component: components.len(), side };
+                vectors[i].push(vector(0, true));
+                // A tile on the diagonal is whole: its second vectors only make sums.
+                vectors[j].push(vector(1, i != j));
+                components.push(component);
             }
         }
         for (error, norm) in report.error.iter_mut().zip(norms) {
             *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
         }
-        // Alike ones together, which processors foresee.
-        let kind = |slot: &u32| components[*slot as usize / 2].tag >> 24;
-        uses.iter_mut().for_each(|uses| uses.sort_by_key(kind));
-        let use_start = starts(uses.iter().map(Vec::len));
+        let (mut quads, mut quad_start, mut words) = (Vec::new(), vec![0], Vec::new());
+        let mut slots: Vec<Option<&Vector>> = Vec::new();
+        for (block, vectors) in (0u32..).zip(&mut vectors) {
+            vectors.sort_by_key(|vector| (vector.alike, vector.is_multiplied));
+            for alike in vectors.chunk_by(|a, b| a.alike == b.alike) {
+                let (channel, is_short) = alike[0].alike;
+                for four in alike.chunks(QUAD as usize) {
+                    let quad = TileQuad::new(words.len() as u32 / LANES, block, channel, is_short);
+                    for vector in four {
+                        let component = components[vector.component];
+                        words.extend_from_slice(if vector.side == 0 { &component.rows } else { &component.columns });
+                    }
+                    slots.extend(four.iter().map(Some));
+                    slots.resize(slots.len().next_multiple_of(QUAD as usize), None);
+                    quads.push(quad);
+                    let zero = if is_short { ZERO_SHORT } else { ZERO_LONG };
+                    words.resize(((quad.group + QUAD * quad.groups()) * LANES) as usize, zero);
+                }
+            }
+            quad_start.push(quads.len() as u32);
+        }
+        let scale = slots.iter().map(|slot| slot.map_or(0.0, |vector| components[vector.component].scale)).collect();
+        let mut slot_of = vec![[NO_SLOT; 2]; components.len()];
+        for (slot, vector) in (0u32..).zip(&slots) {
+            if let Some(vector) = vector {
+                slot_of[vector.component][vector.side] = slot;
+            }
+        }
+        let partner = |slot: &Option<&Vector>| match slot {
+            Some(vector) if vector.is_multiplied => slot_of[vector.component][1 - vector.side],
+            _ => NO_SLOT,
+        };
+        let partner = slots.iter().map(partner).collect();
         let Rows { row_start, entries, steps, .. } = rows;
         Self {
             order: order.to_vec(),
             place,
             root: area.iter().map(|&a| scene::math::sqrt(a)).collect(),
-            components,
+            quad_start,
+            quads,
             words,
-            use_start,
-            uses: uses.concat(),
+            scale,
+            partner,
             row_start,
             entries,
             steps,
@@ -175,6 +202,22 @@ impl Tiles {
         }
     }
 }
+
+/// A vector of a component.
+#[derive(Clone)]
+struct Vector {
+    /// Channel and whether elements are short.
+    alike: (u32, bool),
+    /// Whether it is multiplied by the sum of the other.
+    is_multiplied: bool,
+    component: usize,
+    /// Along the rows or along the columns.
+    side: usize,
+}
+
+/// Words of elements that are zero, of 4 and of 8 bits.
+const ZERO_SHORT: u32 = 0x1111_1111 * SHORT_BIAS as u32;
+const ZERO_LONG: u32 = 0x0101_0101 * BIAS as u32;
 
 /// Where each of these begins, and where the last ends.
 fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {

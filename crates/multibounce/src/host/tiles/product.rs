@@ -2,21 +2,27 @@
 
 use std::vec::Vec;
 
-use glam::{Vec3, Vec4};
+use glam::{Mat4, Vec3, Vec4};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Tiles;
 use crate::error::{Error, check_length};
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, PARTS, SHORT_BIAS, TILE, element, enter, leave, masked};
-use crate::types::{TileComponent, TileVector};
+use crate::kernel::tiles::{
+    ALL_CHANNELS, BIAS, LANES, NO_SLOT, PARTS, PLACES, QUAD, SHORT_BIAS, SPLITS, TILE, element, enter, leave, masked,
+    split_of,
+};
+use crate::types::TileQuad;
 
 const SIDE: usize = TILE as usize;
 const GROUP: usize = LANES as usize;
-/// Components that one task takes.
-const TASK_COMPONENTS: usize = 512;
+const FOUR: usize = QUAD as usize;
+/// Quads that one task takes.
+const TASK_QUADS: usize = 256;
 /// Parts of a block whose sums stay in registers together.
 const HALF: u32 = PARTS / 2;
+/// Vectors that are read for one half of the parts, then for the other: they stay in the first cache.
+const TURN: usize = 64;
 
 /// Words of a lane each.
 type Group = [u32; GROUP];
@@ -48,11 +54,11 @@ impl Tiles {
         check_length("exitance", self.patches(), exitance.len())?;
         check_length("irradiance", self.patches(), irradiance.len())?;
         let TileRoom { ordered, sums, rows } = room;
-        ordered.resize(self.blocks() * SIDE, Vec4::ZERO);
-        sums.resize(2 * self.components.len(), Vec4::ZERO);
-        rows.resize(ordered.len(), Vec4::ZERO);
-        enter_all(&self.order, &self.root, exitance, ordered);
-        project_all(&self.components, &self.words, ordered, sums);
+        ordered.resize(PLACES, Vec4::ZERO);
+        sums.resize(self.scale.len(), Vec4::ZERO);
+        rows.resize(self.blocks() * SPLITS as usize * SIDE, Vec4::ZERO);
+        enter_all(&self.order, &self.root, exitance, &mut ordered[..self.blocks() * SIDE]);
+        project_all(&self.quads, &self.words, &self.scale, ordered, sums);
         expand_all(&self.expand_tables(), sums, ordered, rows);
         leave_all(&self.place, &self.root, rows, irradiance);
         Ok(())
@@ -69,13 +75,18 @@ impl Tiles {
         };
         let (p, r, block) = (place as usize, place % TILE, place as usize / SIDE);
         let mut places = vec![Vec3::ZERO; self.blocks() * SIDE];
-        for &slot in &self.uses[self.use_start[block] as usize..self.use_start[block + 1] as usize] {
-            let component = self.components[slot as usize / 2];
-            let (own, other) = (component.vector(slot % 2), component.vector(1 - slot % 2));
-            let factor = masked(Vec3::splat(component.scale * element(&self.words, own, r)), own.channel);
-            let first = other.block as usize * SIDE;
+        for slot in QUAD * self.quad_start[block]..QUAD * self.quad_start[block + 1] {
+            let partner = self.partner[slot as usize];
+            if partner == NO_SLOT {
+                continue;
+            }
+            let vector = |slot: u32| self.quads[(slot / QUAD) as usize].vector(slot % QUAD);
+            let quad = self.quads[(partner / QUAD) as usize];
+            let factor = self.scale[partner as usize] * element(&self.words, vector(slot), r);
+            let factor = masked(Vec3::splat(factor), quad.channel());
+            let first = quad.block() as usize * SIDE;
             for (c, sum) in places[first..first + SIDE].iter_mut().enumerate() {
-                *sum += factor * element(&self.words, other, c as u32);
+                *sum += factor * element(&self.words, vector(partner), c as u32);
             }
         }
         for &entry in &self.entries[self.row_start[p] as usize..self.row_start[p + 1] as usize] {
@@ -89,8 +100,8 @@ impl Tiles {
 
     /// The tables of [`expand_all`].
     pub fn expand_tables(&self) -> ExpandTables<'_> {
-        let Self { use_start, uses, components, words, row_start, entries, steps, .. } = self;
-        ExpandTables { use_start, uses, components, words, row_start, entries, steps }
+        let Self { quad_start, quads, words, partner, row_start, entries, steps, .. } = self;
+        ExpandTables { quad_start, quads, words, partner, row_start, entries, steps }
     }
 }
 
@@ -105,28 +116,41 @@ pub fn leave_all(place: &[u32], root: &[f32], ordered: &[Vec4], irradiance: &mut
     irradiance.iter_mut().enumerate().for_each(|(i, h)| *h = leave(i as u32, place, root, ordered));
 }
 
-/// [`crate::kernel::tiles::project`] for every slot, bit for bit.
-pub fn project_all(components: &[TileComponent], words: &[u32], ordered: &[Vec4], sums: &mut [Vec4]) {
-    let plane = |block: &[Vec4], c: usize| std::array::from_fn(|r| block[r][c]);
-    let planes = |block: &[Vec4]| [plane(block, 0), plane(block, 1), plane(block, 2)];
-    let planes: Vec<[Plane; 3]> = ordered.chunks_exact(SIDE).map(planes).collect();
+/// [`crate::kernel::tiles::project`] for every quad, bit for bit.
+pub fn project_all(quads: &[TileQuad], words: &[u32], scale: &[f32], ordered: &[Vec4], sums: &mut [Vec4]) {
     let (groups, _) = words.as_chunks::<GROUP>();
+    let ((blocks, _), (scale, _)) = (ordered.as_chunks::<SIDE>(), scale.as_chunks::<FOUR>());
+    let (sums, _) = sums.as_chunks_mut::<FOUR>();
     let arch = Arch::new();
-    let tasks = sums.par_chunks_mut(2 * TASK_COMPONENTS).zip(components.par_chunks(TASK_COMPONENTS));
-    tasks.for_each(|(sums, components)| arch.dispatch(Project { components, groups, planes: &planes, sums }));
+    let tasks = quads.par_chunks(TASK_QUADS).zip(scale.par_chunks(TASK_QUADS)).zip(sums.par_chunks_mut(TASK_QUADS));
+    tasks.for_each(|((quads, scale), sums)| {
+        let mut done = 0;
+        for alike in quads.chunk_by(|a, b| a.tag == b.tag) {
+            let (first, end) = (done, done + alike.len());
+            done = end;
+            let light = &blocks[alike[0].block() as usize];
+            // Nothing comes of darkness.
+            if light.iter().all(|x| *x == Vec4::ZERO) {
+                sums[first..end].fill([Vec4::ZERO; FOUR]);
+                continue;
+            }
+            let (scale, sums) = (&scale[first..end], &mut sums[first..end]);
+            arch.dispatch(Project { quads: alike, groups, light, scale, sums });
+        }
+    });
 }
 
 /// What [`expand_all`] reads beside the sums and the ordered exitance.
 #[derive(Clone, Copy, Debug)]
 pub struct ExpandTables<'a> {
-    /// Slots of block b: `uses[use_start[b]..use_start[b + 1]]`.
-    pub use_start: &'a [u32],
-    /// Slots, block by block.
-    pub uses: &'a [u32],
-    /// Pairs of vectors.
-    pub components: &'a [TileComponent],
+    /// Quads of block b: `quads[quad_start[b]..quad_start[b + 1]]`.
+    pub quad_start: &'a [u32],
+    /// Vectors by fours, block by block.
+    pub quads: &'a [TileQuad],
     /// Their elements, in groups of [`LANES`] words.
     pub words: &'a [u32],
+    /// Slot by whose sum each is multiplied, or [`NO_SLOT`].
+    pub partner: &'a [u32],
     /// Entries of each place.
     pub row_start: &'a [u32],
     /// Column in the lower 16 bits, value in the upper.
@@ -135,46 +159,73 @@ pub struct ExpandTables<'a> {
     pub steps: &'a [f32],
 }
 
-/// [`crate::kernel::tiles::expand`] for every place, bit for bit.
-pub fn expand_all(tables: &ExpandTables, sums: &[Vec4], ordered: &[Vec4], out: &mut [Vec4]) {
+/// [`crate::kernel::tiles::expand`] for every lane, bit for bit.
+///
+/// # Panics
+/// Unless `ordered` has [`PLACES`] elements, as many as entries can name.
+pub fn expand_all(tables: &ExpandTables, sums: &[Vec4], ordered: &[Vec4], rows: &mut [Vec4]) {
+    let ordered: &[Vec4; PLACES] = ordered.try_into().expect("PLACES elements");
     let (groups, _) = tables.words.as_chunks::<GROUP>();
+    let (partner, _) = tables.partner.as_chunks::<FOUR>();
     let arch = Arch::new();
-    out.par_chunks_mut(SIDE).enumerate().for_each(|(block, out)| {
-        let mut planes = [[0.0f32; SIDE]; 3];
-        let uses = &tables.uses[tables.use_start[block] as usize..tables.use_start[block + 1] as usize];
-        let vector = |slot: u32| tables.components[slot as usize / 2].vector(slot % 2);
-        let uses: Vec<(TileVector, Vec4)> = uses.iter().map(|&slot| (vector(slot), sums[slot as usize ^ 1])).collect();
-        arch.dispatch(Expand { groups, uses: &uses, planes: &mut planes });
-        for (r, out) in out.iter_mut().enumerate() {
-            *out = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
+    rows.par_chunks_mut(SPLITS as usize * SIDE).enumerate().for_each(|(block, rows)| {
+        let mut uses = Vec::new();
+        for (split, rows) in rows.chunks_exact_mut(SIDE).enumerate() {
+            let (first, end) = split_of(split as u32, tables.quad_start[block], tables.quad_start[block + 1]);
+            let range = first as usize..end as usize;
+            let (quads, mut partner) = (&tables.quads[range.clone()], &partner[range]);
+            let mut planes = [[0.0f32; SIDE]; 3];
+            for alike in quads.chunk_by(|a, b| a.tag == b.tag) {
+                let (own, rest) = partner.split_at(alike.len());
+                partner = rest;
+                uses.clear();
+                for (quad, partner) in alike.iter().zip(own) {
+                    for (k, &other) in (0u32..).zip(partner) {
+                        let z = if other == NO_SLOT { Vec4::ZERO } else { sums[other as usize] };
+                        if z != Vec4::ZERO {
+                            uses.push((quad.vector(k).group, z));
+                        }
+                    }
+                }
+                let (is_short, channel) = (alike[0].is_short(), alike[0].channel());
+                arch.dispatch(Expand { groups, uses: &uses, is_short, channel, planes: &mut planes });
+            }
+            for (r, row) in rows.iter_mut().enumerate() {
+                *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
+            }
+            // The entries of two parts are this split's.
+            let first = split * SIDE / SPLITS as usize;
+            let rows = &mut rows[first..first + SIDE / SPLITS as usize];
+            arch.dispatch(Entries { tables, first: block * SIDE + first, ordered, rows });
         }
-        arch.dispatch(Entries { tables, first: block * SIDE, ordered, out });
     });
 }
 
-/// Elements of a part, given its words, how far they are to be moved and the greatest element, with their bias taken off:
-/// bits of a float of 2²³ and more are integers.
+/// Elements of an even and an odd part come times so many powers of two, which undo their bits' place in the word.
 #[inline(always)]
-fn elements<S: Simd>(simd: S, words: S::u32s, shift: u32, most: u32, bias: f32) -> S::f32s {
-    let moved = simd.wrapping_dyn_shr_u32s(words, simd.splat_u32s(shift));
-    let bits = simd.or_u32s(simd.and_u32s(moved, simd.splat_u32s(most)), simd.splat_u32s(0x4b00_0000));
-    simd.sub_f32s(simd.transmute_f32s_u32s(bits), simd.splat_f32s(8_388_608.0 + bias))
+const fn shift(is_short: bool, part: usize) -> u32 {
+    if is_short { 4 * (part as u32 % 4) } else { 8 * (part as u32 % 2) }
 }
 
-/// Elements of the parts of one half of a vector, lanes of register `k` of each.
 #[inline(always)]
-fn half_of<S: Simd>(simd: S, vector: TileVector, groups: &[Group], half: u32, k: usize) -> [S::f32s; HALF as usize] {
+const fn unshift(is_short: bool, part: usize) -> f32 {
+    1.0 / (1u32 << shift(is_short, part)) as f32
+}
+
+/// Elements of the parts of one half of a vector, lanes of register `k` of each, times `2^shift`: bits of a float of 2²³ and
+/// more are integers, so what is to be done is to leave the other bits out and to take off the bias.
+#[inline(always)]
+fn half_of<S: Simd, const SHORT: bool>(simd: S, groups: &[Group], half: usize, k: usize) -> [S::f32s; HALF as usize] {
+    let words = S::as_simd_u32s(&groups[if SHORT { 0 } else { half }]).0[k];
+    let moved = simd.wrapping_dyn_shr_u32s(words, simd.splat_u32s(16));
     let mut out = [simd.splat_f32s(0.0); HALF as usize];
-    if vector.is_short {
-        let words = S::as_simd_u32s(&groups[vector.group as usize]).0[k];
-        for (part, out) in out.iter_mut().enumerate() {
-            *out = elements(simd, words, 4 * (half * HALF + part as u32), 0xf, SHORT_BIAS);
-        }
-    } else {
-        let words = S::as_simd_u32s(&groups[(vector.group + half) as usize]).0[k];
-        for (part, out) in out.iter_mut().enumerate() {
-            *out = elements(simd, words, 8 * part as u32, 0xff, BIAS);
-        }
+    for (part, out) in out.iter_mut().enumerate() {
+        let (most, bias) = if SHORT { (0xfu32, SHORT_BIAS) } else { (0xff, BIAS) };
+        let words = if if SHORT { half == 0 } else { part < 2 } { words } else { moved };
+        let shift = shift(SHORT, part);
+        let bits = simd.or_u32s(simd.and_u32s(words, simd.splat_u32s(most << shift)), simd.splat_u32s(0x4b00_0000));
+        let bias = simd.splat_f32s(8_388_608.0 + bias * (1u32 << shift) as f32);
+        *out = simd.sub_f32s(simd.transmute_f32s_u32s(bits), bias);
     }
     out
 }
@@ -185,20 +236,13 @@ fn add_product<S: Simd>(simd: S, sum: S::f32s, a: S::f32s, b: S::f32s) -> S::f32
     simd.add_f32s(sum, simd.mul_f32s(a, b))
 }
 
-/// The lanes of a sum, as [`crate::kernel::tiles::project`] adds them up.
-#[inline(always)]
-fn add_lanes(lanes: &[f32; LANES as usize]) -> f32 {
-    let (quads, _) = lanes.as_chunks::<4>();
-    let sum = quads.iter().fold(Vec4::ZERO, |sum, quad| sum + Vec4::from_array(*quad));
-    (sum.x + sum.z) + (sum.y + sum.w)
-}
-
-/// Sums of the vectors of some components.
+/// Sums of some quads that are alike.
 struct Project<'a> {
-    components: &'a [TileComponent],
+    quads: &'a [TileQuad],
     groups: &'a [Group],
-    planes: &'a [[Plane; 3]],
-    sums: &'a mut [Vec4],
+    light: &'a [Vec4; SIDE],
+    scale: &'a [[f32; FOUR]],
+    sums: &'a mut [[Vec4; FOUR]],
 }
 
 impl WithSimd for Project<'_> {
@@ -206,36 +250,59 @@ impl WithSimd for Project<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        for (sums, component) in self.sums.chunks_mut(2).zip(self.components) {
-            for (sum, side) in sums.iter_mut().zip(0..) {
-                let vector = component.vector(side);
-                let planes = &self.planes[vector.block as usize];
-                if vector.channel == ALL_CHANNELS {
-                    let z = project(simd, vector, self.groups, [&planes[0], &planes[1], &planes[2]]);
-                    *sum = (Vec3::from_array(z) * component.scale).extend(0.0);
-                } else {
-                    let channel = vector.channel as usize;
-                    let mut one = Vec3::ZERO;
-                    [one[channel]] = project(simd, vector, self.groups, [&planes[channel]]);
-                    *sum = (one * component.scale).extend(0.0);
-                }
+        match (self.quads[0].is_short(), self.quads[0].channel()) {
+            (true, ALL_CHANNELS) => self.sums::<S, true, 1, 3>(simd, [0, 1, 2]),
+            (true, channel) => self.sums::<S, true, 1, 1>(simd, [channel as usize]),
+            (false, ALL_CHANNELS) => self.sums::<S, false, 2, 3>(simd, [0, 1, 2]),
+            (false, channel) => self.sums::<S, false, 2, 1>(simd, [channel as usize]),
+        }
+    }
+}
+
+impl Project<'_> {
+    #[inline(always)]
+    fn sums<S: Simd, const SHORT: bool, const GROUPS: usize, const C: usize>(self, simd: S, channels: [usize; C]) {
+        let mut planes = [[0.0; SIDE]; C];
+        for (plane, c) in planes.iter_mut().zip(channels) {
+            let scaled = |(r, x): (usize, &Vec4)| x[c] * unshift(SHORT, r / GROUP);
+            plane.iter_mut().zip(self.light.iter().enumerate()).for_each(|(x, light)| *x = scaled(light));
+        }
+        for ((quad, scale), sums) in self.quads.iter().zip(self.scale).zip(self.sums) {
+            let first = quad.group as usize;
+            let (vectors, _) = self.groups[first..first + FOUR * GROUPS].as_chunks::<GROUPS>();
+            for ((vector, scale), sum) in vectors.iter().zip(scale).zip(sums) {
+                let lanes = lanes::<S, SHORT, C>(simd, vector, &planes);
+                // As the kernel adds up lanes: by fours, and then the four.
+                let fours = lanes.map(|lanes| {
+                    let (fours, _) = lanes.as_chunks::<4>();
+                    fours.iter().fold(Vec4::ZERO, |sum, four| sum + Vec4::from_array(*four))
+                });
+                let mut columns = [Vec4::ZERO; 4];
+                channels.iter().zip(fours).for_each(|(&c, four)| columns[c] = four);
+                let rows = Mat4::from_cols(columns[0], columns[1], columns[2], columns[3]).transpose();
+                let z = ((rows.x_axis + rows.z_axis) + (rows.y_axis + rows.w_axis)) * *scale;
+                *sum = z.truncate().extend(0.0);
             }
         }
     }
 }
 
-/// Sums of a vector for some channels.
+/// What the lanes of a vector add up.
 #[inline(always)]
-fn project<S: Simd, const C: usize>(simd: S, vector: TileVector, groups: &[Group], planes: [&Plane; C]) -> [f32; C] {
-    let planes = planes.map(|plane| S::as_simd_f32s(plane).0);
-    // Vectors that make up a part.
+fn lanes<S: Simd, const SHORT: bool, const C: usize>(
+    simd: S,
+    vector: &[Group],
+    planes: &[Plane; C],
+) -> [[f32; GROUP]; C] {
+    let planes = planes.each_ref().map(|plane| S::as_simd_f32s(plane).0);
+    // Registers that make up a part.
     let each = planes[0].len() / PARTS as usize;
     let mut lanes = [[0.0f32; GROUP]; C];
     for k in 0..each {
         let mut sums = [simd.splat_f32s(0.0); C];
-        for half in 0..PARTS / HALF {
-            for (part, x) in half_of(simd, vector, groups, half, k).into_iter().enumerate() {
-                let at = (half as usize * HALF as usize + part) * each + k;
+        for half in 0..(PARTS / HALF) as usize {
+            for (part, x) in half_of::<S, SHORT>(simd, vector, half, k).into_iter().enumerate() {
+                let at = (half * HALF as usize + part) * each + k;
                 for (sum, plane) in sums.iter_mut().zip(planes) {
                     *sum = add_product(simd, *sum, plane[at], x);
                 }
@@ -245,28 +312,16 @@ fn project<S: Simd, const C: usize>(simd: S, vector: TileVector, groups: &[Group
             S::as_mut_simd_f32s(lanes).0[k] = sum;
         }
     }
-    lanes.map(|lanes| add_lanes(&lanes))
+    lanes
 }
 
-/// Adds elements times a factor to the sums of channel `C`.
-#[inline(always)]
-fn add_channel<S: Simd, const C: usize>(
-    simd: S,
-    sums: &mut [[S::f32s; 3]; HALF as usize],
-    elements: &[S::f32s; HALF as usize],
-    factor: f32,
-) {
-    let factor = simd.splat_f32s(factor);
-    for (sums, x) in sums.iter_mut().zip(elements) {
-        sums[C] = add_product(simd, sums[C], *x, factor);
-    }
-}
-
-/// Sums of the components of a block's rows.
+/// Adds vectors that are alike to a block's rows, times their sums.
 struct Expand<'a> {
     groups: &'a [Group],
-    /// The vectors of the block, and what each is multiplied by.
-    uses: &'a [(TileVector, Vec4)],
+    /// Their first groups, and what each is multiplied by.
+    uses: &'a [(u32, Vec4)],
+    is_short: bool,
+    channel: u32,
     planes: &'a mut [Plane; 3],
 }
 
@@ -275,45 +330,53 @@ impl WithSimd for Expand<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
+        let (short, channel) = (self.is_short, self.channel as usize);
+        match (short, self.channel) {
+            (true, ALL_CHANNELS) => self.add::<S, true, 1, 3>(simd, [0, 1, 2]),
+            (true, _) => self.add::<S, true, 1, 1>(simd, [channel]),
+            (false, ALL_CHANNELS) => self.add::<S, false, 2, 3>(simd, [0, 1, 2]),
+            (false, _) => self.add::<S, false, 2, 1>(simd, [channel]),
+        }
+    }
+}
+
+impl Expand<'_> {
+    #[inline(always)]
+    fn add<S: Simd, const SHORT: bool, const GROUPS: usize, const C: usize>(self, simd: S, channels: [usize; C]) {
         let [red, green, blue] = self.planes;
-        let mut planes = [S::as_mut_simd_f32s(red).0, S::as_mut_simd_f32s(green).0, S::as_mut_simd_f32s(blue).0];
+        let planes = [S::as_mut_simd_f32s(red).0, S::as_mut_simd_f32s(green).0, S::as_mut_simd_f32s(blue).0];
         let each = planes[0].len() / PARTS as usize;
-        // Half of the parts of all uses at a time, so that the sums stay in registers.
-        for (half, k) in (0..PARTS / HALF).flat_map(|half| (0..each).map(move |k| (half, k))) {
-            let zero = simd.splat_f32s(0.0);
-            let mut sums = [[zero; 3]; HALF as usize];
-            for &(vector, z) in self.uses {
-                let x = half_of(simd, vector, self.groups, half, k);
-                // The other channels would add nothing.
-                match vector.channel {
-                    0 => add_channel::<S, 0>(simd, &mut sums, &x, z.x),
-                    1 => add_channel::<S, 1>(simd, &mut sums, &x, z.y),
-                    2 => add_channel::<S, 2>(simd, &mut sums, &x, z.z),
-                    _ => {
-                        add_channel::<S, 0>(simd, &mut sums, &x, z.x);
-                        add_channel::<S, 1>(simd, &mut sums, &x, z.y);
-                        add_channel::<S, 2>(simd, &mut sums, &x, z.z);
+        for uses in self.uses.chunks(TURN) {
+            for (half, k) in (0..(PARTS / HALF) as usize).flat_map(|half| (0..each).map(move |k| (half, k))) {
+                let at = |part: usize| (half * HALF as usize + part) * each + k;
+                let mut sums = [[simd.splat_f32s(0.0); C]; HALF as usize];
+                for (part, sums) in sums.iter_mut().enumerate() {
+                    let scale = simd.splat_f32s((1u32 << shift(SHORT, part)) as f32);
+                    sums.iter_mut().zip(channels).for_each(|(s, c)| *s = simd.mul_f32s(planes[c][at(part)], scale));
+                }
+                for (group, z) in uses {
+                    let vector = &self.groups[*group as usize..*group as usize + GROUPS];
+                    let x = half_of::<S, SHORT>(simd, vector, half, k);
+                    let z = channels.map(|c| simd.splat_f32s(z[c]));
+                    for (sums, x) in sums.iter_mut().zip(x) {
+                        sums.iter_mut().zip(z).for_each(|(sum, z)| *sum = add_product(simd, *sum, x, z));
                     }
                 }
-            }
-            for (part, sums) in sums.into_iter().enumerate() {
-                for (plane, sum) in planes.iter_mut().zip(sums) {
-                    plane[(half as usize * HALF as usize + part) * each + k] = sum;
+                for (part, sums) in sums.iter().enumerate() {
+                    let scale = simd.splat_f32s(unshift(SHORT, part));
+                    sums.iter().zip(channels).for_each(|(s, c)| planes[c][at(part)] = simd.mul_f32s(*s, scale));
                 }
             }
         }
     }
 }
 
-/// Entries that are widened together.
-const TOGETHER: usize = 32;
-
 /// Adds the single entries of the rows from a place on.
 struct Entries<'a> {
     tables: &'a ExpandTables<'a>,
     first: usize,
-    ordered: &'a [Vec4],
-    out: &'a mut [Vec4],
+    ordered: &'a [Vec4; PLACES],
+    rows: &'a mut [Vec4],
 }
 
 impl WithSimd for Entries<'_> {
@@ -321,21 +384,23 @@ impl WithSimd for Entries<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { tables, first, ordered, out } = self;
-        for (r, out) in out.iter_mut().enumerate() {
-            let p = first + r;
+        let Self { tables, first, ordered, rows } = self;
+        for (p, row) in (first..).zip(rows) {
             let own = &tables.entries[tables.row_start[p] as usize..tables.row_start[p + 1] as usize];
             let mut sums = [Vec4::ZERO; 4];
-            for some in own.chunks(TOGETHER) {
-                let mut values = [0.0f32; TOGETHER];
-                values.iter_mut().zip(some).for_each(|(v, entry)| *v = ((*entry as i32) >> 16) as f32);
-                for (four, values) in some.chunks(4).zip(values.chunks_exact(4)) {
-                    for (k, &entry) in four.iter().enumerate() {
-                        sums[k] += ordered[(entry & 0xffff) as usize] * values[k];
-                    }
+            // Eight values are made at a time.
+            let (eights, rest) = own.as_chunks::<8>();
+            for eight in eights {
+                let values = eight.map(|entry| ((entry as i32) >> 16) as f32);
+                for (k, (entry, value)) in eight.iter().zip(values).enumerate() {
+                    sums[k % 4] += ordered[usize::from(*entry as u16)] * value;
                 }
             }
-            *out += (((sums[0] + sums[1]) + (sums[2] + sums[3])) * tables.steps[p]).truncate().extend(0.0);
+            for (k, entry) in rest.iter().enumerate() {
+                sums[k % 4] += ordered[usize::from(*entry as u16)] * ((*entry as i32) >> 16) as f32;
+            }
+            let [a, b, c, d] = sums;
+            *row += (((a + b) + (c + d)) * tables.steps[p]).truncate().extend(0.0);
         }
     }
 }

@@ -5,12 +5,12 @@ use std::vec::Vec;
 use faer::Mat;
 
 use crate::kernel::tiles::{BIAS, LANES, PARTS, SHORT_BIAS, TILE};
-use crate::types::TileComponent;
+use crate::types::TileQuad;
 
 /// Size of a tile.
 pub(super) const SIDE: usize = TILE as usize;
-/// Bytes of a component beside its vectors: what they are, and two uses.
-const FIXED_BYTES: f32 = (size_of::<TileComponent>() + 8) as f32;
+/// Bytes of a component beside its vectors: scale and partner of both, and what they are, which four share.
+const FIXED_BYTES: f32 = (2 * (8 + size_of::<TileQuad>() / 4)) as f32;
 /// Bytes of a component of elements of 4 and of 8 bits.
 const SHORT_BYTES: f32 = SIDE as f32 + FIXED_BYTES;
 const LONG_BYTES: f32 = 2.0 * SIDE as f32 + FIXED_BYTES;

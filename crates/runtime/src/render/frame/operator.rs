@@ -6,7 +6,7 @@ use glam::{UVec2, UVec4, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::{self, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use multibounce::kernel::tiles::TILE;
+use multibounce::kernel::tiles::{PARTS, PLACES, SPLITS, TILE};
 use multibounce::{BlockCodec, BlockMatrix, BlockParams, Tiles};
 
 use super::super::operator::{PatchOperator, apart};
@@ -286,7 +286,7 @@ pub(super) struct TileTables {
     sums: BufferId,
     rows: BufferId,
     patches: u32,
-    slots: u32,
+    quads: u32,
 }
 
 impl TileTables {
@@ -296,21 +296,23 @@ impl TileTables {
             uploads.named(plan, "order", cast_slice(&tiles.order)),
             uploads.named(plan, "place", cast_slice(&tiles.place)),
             uploads.named(plan, "root", cast_slice(&tiles.root)),
-            uploads.named(plan, "components", cast_slice(&tiles.components)),
+            uploads.named(plan, "quad_start", cast_slice(&tiles.quad_start)),
+            uploads.named(plan, "quads", cast_slice(&tiles.quads)),
             uploads.named(plan, "words", cast_slice(&tiles.words)),
-            uploads.named(plan, "use_start", cast_slice(&tiles.use_start)),
-            uploads.named(plan, "uses", cast_slice(&tiles.uses)),
+            uploads.named(plan, "scales", cast_slice(&tiles.scale)),
+            uploads.named(plan, "partner", cast_slice(&tiles.partner)),
             uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
             uploads.named(plan, "entries", cast_slice(&tiles.entries)),
             uploads.named(plan, "steps", cast_slice(&tiles.steps)),
         ];
         Self {
             tables,
-            ordered: plan.storage("ordered", rgb(places)),
-            sums: plan.storage("sums", rgb(2 * tiles.components.len())),
-            rows: plan.storage("rows", rgb(places)),
+            // Single entries name any of these.
+            ordered: plan.storage("ordered", rgb(PLACES)),
+            sums: plan.storage("sums", rgb(tiles.scale.len())),
+            rows: plan.storage("rows", rgb(SPLITS as usize * places)),
             patches: tiles.order.len() as u32,
-            slots: 2 * tiles.components.len() as u32,
+            quads: tiles.quads.len() as u32,
         }
     }
 
@@ -327,8 +329,9 @@ impl TileTables {
         let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
         let tables = &self.tables;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, places)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.slots), self.slots)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(places), places)?;
+        let lanes = SPLITS * places / PARTS;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.quads), self.quads)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(lanes), lanes)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
         Ok(())
     }
