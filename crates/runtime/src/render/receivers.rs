@@ -179,7 +179,8 @@ impl MeshReceivers {
                 break;
             }
             let sample = |k: &usize| Sample { area, ..sample_at(&nodes.points[*k]) };
-            field.set.samples.extend(orphans.iter().step_by(step).map(sample));
+            let is_lit = |sample: &Sample| sampler.is_lit(sample, placing.seed);
+            field.set.samples.par_extend(orphans.par_iter().step_by(step).map(sample).filter(is_lit));
             field.set.add_rows(add_rows)?;
             field = Field::new(field.set, edge);
             let found: Vec<_> = orphans.par_iter().map(|&k| field.weights(&nodes.points[k], true)).collect();
