@@ -548,6 +548,15 @@ fn the_bench_of_patches_writes_its_tables_plots_and_report() {
         assert!(std::fs::read_to_string(folder.path().join(name)).unwrap().starts_with("<svg xmlns="), "{name}");
     }
     assert!(leftovers(folder.path()).is_empty() && leftovers(&folder.path().join("cornell")).is_empty());
+
+    // A part alone: its rows and its table, and no more.
+    arguments.extend(["--parts", "lights"]);
+    let markdown = succeeds(&arguments);
+    assert!(markdown.contains("moved lamp") && !markdown.contains("voxel proxy |"), "{markdown}");
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let parts = summary["rows"].as_array().unwrap().iter().map(|row| row["part"].clone()).collect::<Vec<_>>();
+    assert_eq!(parts, ["lights"; 3]);
 }
 
 #[test]

@@ -9,6 +9,7 @@ use multibounce::BlockCodec;
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use super::bake::{Bake, Merge};
+use super::bench::Part;
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::Codec;
@@ -522,6 +523,9 @@ pub struct Bench {
     /// Kinds of patches.
     #[arg(long, value_delimiter = ',', value_enum, default_value = "voxel,axis,cluster")]
     pub kinds: Vec<Patches>,
+    /// Parts of the experiment (patches).
+    #[arg(long, value_delimiter = ',', value_enum, default_value = "patches,break-down,lights")]
+    pub parts: Vec<Part>,
     /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path traced.
     #[arg(long)]
     pub references: Option<PathBuf>,

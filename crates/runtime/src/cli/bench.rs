@@ -20,6 +20,7 @@ use crate::bandwidth::stream_gb_s;
 use crate::error::Error;
 use crate::executor::{DeviceChoice, DeviceKind, open};
 use patches::SceneResult;
+pub use rows::Part;
 use rows::Row;
 
 /// Scenes of an experiment that names none.

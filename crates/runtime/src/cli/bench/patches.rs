@@ -80,11 +80,19 @@ pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path, keep: &
     let main_count = main_count.or(args.counts.iter().copied().min()).unwrap_or(MAIN_COUNT) as usize;
     let mut experiment =
         Experiment { common, args, loaded: &loaded, out, progress, main_count, rows: Vec::new(), main: None, keep };
-    experiment.patches(&truth)?;
-    let proxy = experiment.proxies(&truth)?;
-    let ours = experiment.break_down(&truth)?;
-    experiment.lights(&truth)?;
-    let figures = experiment.figures(&truth, &ours, proxy.as_ref())?;
+    let mut proxy = None;
+    if args.parts.contains(&Part::Patches) {
+        experiment.patches(&truth)?;
+        proxy = experiment.proxies(&truth)?;
+    }
+    let ours = match args.parts.contains(&Part::BreakDown) {
+        true => Some(experiment.break_down(&truth)?),
+        false => experiment.main.take().map(|(_, pictures)| pictures),
+    };
+    if args.parts.contains(&Part::Lights) {
+        experiment.lights(&truth)?;
+    }
+    let figures = experiment.figures(&truth, ours.as_ref(), proxy.as_ref())?;
     Ok(experiment.result(&truth, figures))
 }
 
@@ -360,7 +368,7 @@ impl Experiment<'_> {
     }
 
     /// Writes and reads the pictures of indirect light: ours, the reference, the proxy, and differences.
-    fn figures(&self, truth: &Truth, ours: &Pictures, proxy: Option<&Picture>) -> Result<Vec<Figure>, Error> {
+    fn figures(&self, truth: &Truth, ours: Option<&Pictures>, proxy: Option<&Picture>) -> Result<Vec<Figure>, Error> {
         output::make_folder(&self.out)?;
         let expected = &truth.pictures.indirect;
         let stops = scale_to_stops(indirect_scale(expected));
@@ -375,9 +383,11 @@ impl Experiment<'_> {
         let difference = |picture: &Picture| difference_picture(&picture.block_means(8), &blocks, RANGE);
         let count = self.main_count;
         add("reference", expected, stops, "Indirect light, reference".into())?;
-        add("clusters", &ours.indirect, stops, format!("Indirect light, {count} clusters, receivers on the mesh"))?;
         let colours = format!("red brighter, blue darker, full colour at {:.0} %", 100.0 * RANGE);
-        add("clusters-difference", &difference(&ours.indirect)?, 0.0, format!("Clusters: {colours}"))?;
+        if let Some(Pictures { indirect, .. }) = ours {
+            add("clusters", indirect, stops, format!("Indirect light, {count} clusters, receivers on the mesh"))?;
+            add("clusters-difference", &difference(indirect)?, 0.0, format!("Clusters: {colours}"))?;
+        }
         if let Some(proxy) = proxy {
             let caption = format!("Indirect light, voxelisation proxy of about {count} faces, bilinear");
             add("proxy", proxy, stops, caption)?;
@@ -393,7 +403,7 @@ impl Experiment<'_> {
             format!("Compared with {}.", truth.source),
             format!(
                 "Pictures of {} × {}, {} sub-frames; {} rays a row of F, {} rays a receiver. Light ms: all passes but \
-                 shading, frames for the median: {}. The second and third table and the pictures: {} clusters. The proxy's form \
+                 shading, frames for the median: {}. Tables of break-down and lights, and the pictures: {} clusters. The proxy's form \
                  factors are dense: no more than {MOST_PROXY_FACES} faces.",
                 size.0,
                 size.1,
@@ -404,13 +414,26 @@ impl Experiment<'_> {
                 self.main_count
             ),
         ];
+        let (mut tables, mut plots) = (Vec::new(), Vec::new());
+        for (part, table) in [
+            (Part::Patches, patches_table(&rows)),
+            (Part::BreakDown, break_down_table(&rows)),
+            (Part::Lights, lights_table(&rows)),
+        ] {
+            if self.args.parts.contains(&part) {
+                tables.push(table);
+            }
+        }
+        if self.args.parts.contains(&Part::Patches) {
+            plots = vec![over_patches(&rows, &self.args.densities), over_receivers(&rows, &self.args.counts)];
+        }
         let section = Section {
             title: format!("{} ({} triangles)", self.loaded.name, self.loaded.scene.triangles.len()),
             text,
             figures,
             strip: Vec::new(),
-            tables: vec![patches_table(&rows), break_down_table(&rows), lights_table(&rows)],
-            plots: vec![over_patches(&rows, &self.args.densities), over_receivers(&rows, &self.args.counts)],
+            tables,
+            plots,
         };
         SceneResult { name: self.loaded.name.clone(), rows, section }
     }

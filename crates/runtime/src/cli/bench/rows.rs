@@ -1,5 +1,6 @@
 //! Rows of an experiment, and the tables that they make.
 
+use clap::ValueEnum;
 use reference::metrics::compare_points;
 use reference::{PictureErrors, PointErrors};
 use serde::Serialize;
@@ -12,7 +13,7 @@ use crate::error::Error;
 use crate::render::Pictures;
 
 /// Which table a row belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Part {
     /// Kinds, numbers of patches, receivers.
