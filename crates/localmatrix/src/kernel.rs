@@ -1,6 +1,7 @@
 //! The bodies of the kernels: one invocation each, no `std`.
 
 use glam::{Vec3, Vec4};
+use scene::math::sqrt;
 
 use crate::types::{FadeParams, UpdateParams};
 
@@ -155,12 +156,47 @@ pub fn mean(first: u32, end: u32, area: &[f32], exitance: &[Vec4]) -> Vec4 {
     if whole > 0.0 { (sum / whole).extend(0.0) } else { Vec4::ZERO }
 }
 
-/// What is left of the jumps of a leaf's light, W/m²: `o ← keep · o + (H_before − H)`, so that `H + o` goes on where the light was
-/// before the matrix changed. `before` and `now` are by the matrix as it was and as it is, of the same exitance.
+/// What is left of the jumps of a leaf's light, W/m²: `o ← s (o + H_before − H)`, so that `H + o` goes on from where the light was
+/// before the matrix changed. `before` and `now` are by the matrix as it was and as it is, of the same exitance; s is `keep`, or more where
+/// a displayed value would change by more than two 255ths, see [`share_left`].
 #[inline]
 pub fn fade(offset: Vec4, before: Vec4, now: Vec4, p: &FadeParams) -> Vec4 {
     let jump = if p.has_jump != 0 { before - now } else { Vec4::ZERO };
-    offset * p.keep + jump
+    let left = offset + jump;
+    let shown = now + left;
+    let red = share_left(shown.x, now.x, p);
+    let green = share_left(shown.y, now.y, p);
+    let blue = share_left(shown.z, now.z, p);
+    let most = if red > green { red } else { green };
+    left * if most > blue { most } else { blue }
+}
+
+/// Step of the root of a displayed value, as a share of white, with which the value itself changes by no more than two 255ths: the curve
+/// of sRGB is nowhere more than 1.44 times as steep as the root.
+pub const PACE: f32 = 2.0 / 255.0 / 1.44;
+/// What is this near to white is white.
+const ALL_BUT_WHITE: f32 = 0.998;
+
+/// Share of `shown − now` that is left after a frame, for one channel, W/m²: `keep`, or as much as the light is still off when its root,
+/// white being 1, has come nearer by [`PACE`]. Above white nothing can be seen to change.
+#[inline]
+pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
+    let (from, to) = (shown / p.white, now / p.white);
+    let (a, b) = (root_to_white(from), root_to_white(to));
+    let apart = if a > b { a - b } else { b - a };
+    if apart <= PACE || (a > ALL_BUT_WHITE && b > ALL_BUT_WHITE) {
+        return p.keep;
+    }
+    let next = if a > b { a - PACE } else { a + PACE };
+    let share = (next * next - to) / (from - to);
+    if share > p.keep { share } else { p.keep }
+}
+
+/// The root of a share of white, within 0 and 1.
+#[inline]
+fn root_to_white(share: f32) -> f32 {
+    let low = if share > 0.0 { share } else { 0.0 };
+    sqrt(if low < 1.0 { low } else { 1.0 })
 }
 
 /// Irradiance of a patch, W/m²: that of its leaf, and what is left of jumps there. Shapes: `now[leaves]`, `offset[leaves]`.

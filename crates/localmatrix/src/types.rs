@@ -12,8 +12,8 @@ pub struct FadeParams {
     pub keep: f32,
     /// Whether the matrix has changed in this frame.
     pub has_jump: u32,
-    /// 0.
-    pub reserved: u32,
+    /// Irradiance that is displayed as white, W/m²; infinite where displayed values do not matter.
+    pub white: f32,
 }
 
 const _: () = assert!(size_of::<FadeParams>() == 16);

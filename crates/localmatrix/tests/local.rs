@@ -1,7 +1,9 @@
 //! The matrix that goes with a camera through a world, against solves of what it should hold.
 
 use glam::{Vec3, Vec4};
-use localmatrix::{Error, Form, Local, LocalSettings, NO_NODE, Node, Surface, Table, View, World};
+use localmatrix::kernel::fade;
+use localmatrix::{Error, FadeParams, Form, Local, LocalSettings, NO_NODE, Node, Surface, Table, View, World};
+use scene::kernel::shade::encode_srgb;
 use scene::sampling::{hash3, unit};
 
 fn random(a: usize, b: usize, c: u32) -> f32 {
@@ -408,6 +410,43 @@ fn jumps_of_the_light_fade_and_end_where_they_should() {
     println!("greatest change from frame to frame {abrupt} at once, {smooth} over 16 frames; {rest:e} is left");
     assert!(none < 1e-6 && rest < 1e-3, "{none} {rest}");
     assert!(smooth < 0.3 * abrupt, "{smooth} {abrupt}");
+}
+
+/// Greatest change of a displayed value, in 255ths, while light goes from one value to another one, shares of white; frames that
+/// it takes, and where it ends.
+fn fading(from: f32, to: f32, white: f32) -> (f32, usize, f32) {
+    let shown = |h: f32| 255.0 * encode_srgb(h.clamp(0.0, 1.0));
+    let jump = FadeParams { count: 1, keep: 1.0 - 1.0 / 16.0, has_jump: 1, white };
+    let (mut offset, mut last, mut most) = (Vec4::ZERO, from, 0.0f32);
+    for frame in 0..1000 {
+        let p = FadeParams { has_jump: u32::from(frame == 0), ..jump };
+        offset = fade(offset, Vec4::splat(from), Vec4::splat(to), &p);
+        let now = to + offset.x;
+        most = most.max((shown(now) - shown(last)).abs());
+        last = now;
+        if (shown(now) - shown(to)).abs() < 0.1 {
+            return (most, frame, now);
+        }
+    }
+    (most, usize::MAX, last)
+}
+
+#[test]
+fn no_displayed_value_changes_by_more_than_two_255ths_a_frame() {
+    let levels = [0.0, 0.001, 0.003, 0.01, 0.1, 0.5, 0.97, 1.0, 3.0, 40.0];
+    let (mut worst, mut slowest, mut unlimited) = (0.0f32, 0, 0.0f32);
+    for &from in &levels {
+        for &to in &levels {
+            let (most, frames, end) = fading(from, to, 1.0);
+            assert!(frames < 400, "{from} to {to}: {end} after {frames} frames");
+            worst = worst.max(most);
+            slowest = slowest.max(frames);
+            unlimited = unlimited.max(fading(from, to, f32::INFINITY).0);
+        }
+    }
+    println!("{worst} of 255 a frame at most, {slowest} frames; {unlimited} without a white");
+    assert!(worst <= 2.0 && worst > 1.0, "{worst}");
+    assert!(unlimited > 20.0, "{unlimited}");
 }
 
 #[test]

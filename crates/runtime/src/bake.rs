@@ -47,7 +47,7 @@ impl BakeSettings {
         // Where the scene lies is not what it is.
         let own = Self { scene: String::new(), ..self.clone() };
         let text = serde_json::to_string(&own).unwrap_or_default();
-        Sha256::digest(format!("patchlight bake 1 {POINTS} {BLOCK_ROWS} {text}")).into()
+        Sha256::digest(format!("patchlight bake 2 {POINTS} {BLOCK_ROWS} {text}")).into()
     }
 }
 

@@ -165,3 +165,41 @@ fn a_bake_is_flown_through_with_blocks_missing_too() {
     assert!(at("cut/frame-0003.png").exists());
     assert!(fs::read(at("cut/frame-0003.png")).unwrap() != fs::read(at("out/frame-0003.png")).unwrap());
 }
+
+#[test]
+fn still_light_does_not_pop_on_a_flight() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
+    bake("atrium:3000", Path::new(&name("a.bake")), &[]);
+    // Greatest change of displayed values, and nodes that came.
+    let fly = |fade: &str| {
+        let shared = [
+            "--animate",
+            "still",
+            "--method",
+            "local",
+            "--path",
+            "fly",
+            "--frames",
+            "24",
+            "--slots",
+            "64",
+            "--size",
+            "48x32",
+        ];
+        let (file, out) = (name("a.bake"), name(fade));
+        let own = ["render", &file, "--fade", fade, "--out", &out];
+        succeeds(&[&own[..], &shared].concat());
+        let csv = fs::read_to_string(folder.path().join(fade).join("frames.csv")).unwrap();
+        let head: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
+        let column = |name: &str| {
+            let at = head.iter().position(|one| *one == name).unwrap();
+            csv.lines().skip(2).map(|line| line.split(',').nth(at).unwrap().parse::<f64>().unwrap()).collect::<Vec<_>>()
+        };
+        (column("change_255").into_iter().fold(0.0, f64::max), column("entered").iter().sum::<f64>())
+    };
+    let ((smooth, came), (at_once, _)) = (fly("16"), fly("1"));
+    println!("{smooth} of 255 a frame at most, {at_once} at once; {came} nodes came");
+    assert!(came > 20.0 && smooth <= 2.0, "{smooth}, {came}");
+    assert!(at_once > 4.0, "{at_once}");
+}

@@ -36,6 +36,9 @@ pub struct LocalSettings {
     pub hysteresis: f32,
     /// Frames over which light goes over to that of other nodes; its jump shrinks by `1 / fade` a frame. 1 for at once.
     pub fade: u32,
+    /// Irradiance that is displayed as white, W/m²: jumps shrink so slowly that no displayed value changes by more than two 255ths in a
+    /// frame. Infinite where values are not displayed.
+    pub white: f32,
     /// Relative residual above which all columns are refreshed.
     pub tolerance: f32,
     /// Rows that are asked for ahead, at most.
@@ -45,9 +48,18 @@ pub struct LocalSettings {
 }
 
 impl Default for LocalSettings {
-    /// 4,096 slots, 64 changes a step, a fifth of hysteresis, 16 frames, 10⁻⁵, 1,024 rows.
+    /// 4,096 slots, 64 changes a step, a fifth of hysteresis, 16 frames, no white, 10⁻⁵, 1,024 rows.
     fn default() -> Self {
-        Self { slots: 4096, changes: 64, hysteresis: 0.2, fade: 16, tolerance: 1e-5, wanted: 1024, form: Form::Exact }
+        Self {
+            slots: 4096,
+            changes: 64,
+            hysteresis: 0.2,
+            fade: 16,
+            white: f32::INFINITY,
+            tolerance: 1e-5,
+            wanted: 1024,
+            form: Form::Exact,
+        }
     }
 }
 
@@ -64,6 +76,9 @@ impl LocalSettings {
         }
         if self.fade == 0 {
             return refuse("fade", 0.0, "at least 1");
+        }
+        if self.white.is_nan() || self.white <= 0.0 {
+            return refuse("white", f64::from(self.white), "positive");
         }
         if self.tolerance.is_nan() || self.tolerance <= 0.0 {
             return refuse("tolerance", f64::from(self.tolerance), "positive");
@@ -136,7 +151,7 @@ pub struct Local {
     barred: HashSet<u32>,
     /// Columns that are yet to be refreshed.
     repair: usize,
-    /// What is left of jumps of the light, for each leaf.
+    /// What is left of jumps of the light, for each leaf, from the first one on.
     offset: Vec<Vec4>,
 }
 
@@ -150,7 +165,6 @@ impl Local {
         let forest = Forest::new(nodes)?;
         let leaf_area: Vec<f32> = forest.leaves().iter().map(|&leaf| nodes[leaf as usize].area).collect();
         let area = leaf_area.iter().map(|&a| f64::from(a)).sum::<f64>() / leaf_area.len().max(1) as f64;
-        let offset = vec![Vec4::ZERO; leaf_area.len()];
         Ok(Self {
             settings,
             matrix: LocalMatrix::new(settings.slots, settings.form)?,
@@ -162,7 +176,7 @@ impl Local {
             rows: HashMap::new(),
             barred: HashSet::new(),
             repair: 0,
-            offset,
+            offset: Vec::new(),
         })
     }
 
@@ -521,6 +535,7 @@ impl Local {
     /// same exitance before the changes of this frame, or empty where there were none.
     pub fn fade(&mut self, before: &[Vec4], irradiance: &mut [Vec4]) {
         let params = self.fade_params(!before.is_empty());
+        self.offset.resize(self.leaf_area.len(), Vec4::ZERO);
         self.offset.par_iter_mut().zip(irradiance.par_iter_mut()).enumerate().for_each(|(i, (offset, h))| {
             *offset = fade(*offset, before.get(i).copied().unwrap_or(*h), *h, &params);
             *h += *offset;
@@ -530,6 +545,7 @@ impl Local {
     /// How jumps of the light shrink in a frame; `has_jump` where the matrix has changed.
     pub fn fade_params(&self, has_jump: bool) -> FadeParams {
         let keep = 1.0 - 1.0 / self.settings.fade as f32;
-        FadeParams { count: self.leaf_area.len() as u32, keep, has_jump: u32::from(has_jump), reserved: 0 }
+        let white = self.settings.white;
+        FadeParams { count: self.leaf_area.len() as u32, keep, has_jump: u32::from(has_jump), white }
     }
 }

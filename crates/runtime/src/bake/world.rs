@@ -8,7 +8,7 @@ use patches::{
     AxisWeights, Grid, GridShape, LookupPatch, PatchSet, SampleSet, SampleSettings, axis_patches, sample_voxels,
 };
 use rayon::prelude::*;
-use scene::sampling::{hammersley, hash3, uniform_triangle, unit};
+use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
 use scene::{NONE, Scene};
 
 use super::{BakeSettings, POINTS, check_memory};
@@ -35,6 +35,11 @@ const EMITTER_POINTS: u32 = 16;
 const MOST_EMITTER_POINTS: f32 = 4096.0;
 /// A patch serves an axis with a greater cosine than this.
 const SERVES: f32 = 0.2;
+/// Rays of a patch that look for the sky, and the share of them that finds it outdoors.
+const SKY_RAYS: u32 = 64;
+const LEAST_SKY: f32 = 0.08;
+/// The bit of a voxel's word in a file that says indoors.
+const INDOORS: u32 = 1 << 31;
 /// Reflectance at most: T has no end at 1.
 const MOST_ALBEDO: f32 = 0.98;
 
@@ -56,6 +61,8 @@ pub struct Extra {
     pub shape: GridShape,
     /// Voxel of each leaf.
     pub voxels: Vec<u32>,
+    /// Whether a leaf sees next to nothing of the sky: what is indoors and what is not are merged apart.
+    pub indoors: Vec<bool>,
     /// Emitted exitance of leaves that shine, W/m².
     pub emission: Vec<(u32, Vec3)>,
     /// Patches without light.
@@ -79,6 +86,7 @@ pub struct World {
 struct Draft {
     key: u64,
     voxel: u32,
+    indoors: bool,
     node: Node,
     points: Vec<LitPoint>,
 }
@@ -131,11 +139,11 @@ impl World {
         &self.points[self.offsets[leaf as usize] as usize..self.offsets[leaf as usize + 1] as usize]
     }
 
-    /// Leaves in the order of their trees: first the block of voxels of a tree, then the axis, then Morton's order in it; so the
-    /// children of a node follow each other on every level.
+    /// Leaves in the order of their trees: first the block of voxels of a tree, then the axis, then those outdoors before those indoors, then
+    /// Morton's order; so the children of a node follow each other on every level.
     fn forest(shape: GridShape, mut drafts: Vec<Draft>, dark: Vec<DarkPatch>) -> Self {
         let levels = levels(&shape, &drafts);
-        drafts.par_iter_mut().for_each(|d| d.key = key(&shape, d.voxel, axis_of(d.node.normal), levels));
+        drafts.par_iter_mut().for_each(|d| d.key = key(&shape, d.voxel, axis_of(d.node.normal), d.indoors, levels));
         drafts.sort_by(|a, b| {
             a.key.cmp(&b.key).then(
                 a.node.centre.to_array().partial_cmp(&b.node.centre.to_array()).unwrap_or(std::cmp::Ordering::Equal),
@@ -143,6 +151,7 @@ impl World {
         });
         let mut keys: Vec<u64> = drafts.iter().map(|d| d.key).collect();
         let voxels: Vec<u32> = drafts.iter().map(|d| d.voxel).collect();
+        let indoors = drafts.iter().map(|d| d.indoors).collect();
         let (mut nodes, mut points, mut offsets) = (Vec::with_capacity(2 * drafts.len()), Vec::new(), vec![0]);
         for draft in drafts {
             nodes.push(draft.node);
@@ -178,7 +187,7 @@ impl World {
                 }
             }
         }
-        Self { nodes, extra: Extra { shape, voxels, emission: Vec::new(), dark }, points, offsets, owner }
+        Self { nodes, extra: Extra { shape, voxels, indoors, emission: Vec::new(), dark }, points, offsets, owner }
     }
 
     /// The leaf that owns a place on the side of a surface with this normal, or [`NONE`]: that of the voxel along an axis that is
@@ -327,7 +336,7 @@ fn drafts(
         };
         let lit: Vec<bool> = set.samples.par_iter().map(|s| sampler.is_lit(s, settings.seed)).collect();
         let made = axis_patches(&part, only(&set, &lit, true), AxisWeights::Squared)?;
-        drafts.par_extend((0..made.len()).into_par_iter().map(|k| draft(&made, k)));
+        drafts.par_extend((0..made.len()).into_par_iter().map(|k| draft(scene, &made, k, settings.seed)));
         let unlit = axis_patches(&part, only(&set, &lit, false), AxisWeights::Squared)?;
         dark.extend(unlit.patches.iter().map(|p| DarkPatch { voxel: p.voxel, position: p.position, normal: p.normal }));
         check_memory("patches", memory_limit)?;
@@ -342,7 +351,7 @@ fn drafts(
 }
 
 /// A patch with points that stand for equal parts of its area.
-fn draft(set: &PatchSet, k: usize) -> Draft {
+fn draft(scene: &Scene, set: &PatchSet, k: usize, seed: u32) -> Draft {
     let patch = &set.patches[k];
     let members = set.members_of(k);
     let count = POINTS.min(members.len());
@@ -369,7 +378,18 @@ fn draft(set: &PatchSet, k: usize) -> Draft {
         first_child: 0,
         children: 0,
     };
-    Draft { key: 0, voxel: patch.voxel, node, points }
+    let indoors = sky_seen(scene, &points, hash3(patch.voxel, axis_of(patch.normal) as u32, seed)) < LEAST_SKY;
+    Draft { key: 0, voxel: patch.voxel, indoors, node, points }
+}
+
+/// Share of the hemisphere, by cosine, that meets nothing, from some points.
+fn sky_seen(scene: &Scene, points: &[LitPoint], seed: u32) -> f32 {
+    let free = |k: u32| {
+        let point = &points[k as usize % points.len()];
+        let direction = cosine_hemisphere(point.normal, hammersley(k, SKY_RAYS, (seed, hash3(seed, 0, 1))));
+        !scene.occluded(point.position + point.normal * scene.ray_offset, direction, f32::INFINITY)
+    };
+    (0..SKY_RAYS).filter(|&k| free(k)).count() as f32 / SKY_RAYS as f32
 }
 
 /// The node made of some that follow each other: means by area [T 5.2].
@@ -403,7 +423,7 @@ fn levels(shape: &GridShape, drafts: &[Draft]) -> u32 {
     let most = (32 - longest.leading_zeros()).min(MOST_LEVELS);
     let roots = |level: u32| {
         let mut found: Vec<u64> =
-            drafts.iter().map(|d| key(shape, d.voxel, axis_of(d.node.normal), level) >> (3 * level)).collect();
+            drafts.iter().map(|d| key(shape, d.voxel, axis_of(d.node.normal), false, level) >> (3 * level)).collect();
         found.sort_unstable();
         found.dedup();
         found.len()
@@ -411,8 +431,8 @@ fn levels(shape: &GridShape, drafts: &[Draft]) -> u32 {
     (0..most).find(|&level| roots(level) <= ROOTS).unwrap_or(most)
 }
 
-/// Place of a leaf in the order: block of its tree, axis, Morton's code in the block.
-fn key(shape: &GridShape, voxel: u32, axis: usize, levels: u32) -> u64 {
+/// Place of a leaf in the order: block of its tree, axis, whether it is indoors, Morton's code in the block.
+fn key(shape: &GridShape, voxel: u32, axis: usize, indoors: bool, levels: u32) -> u64 {
     let c = shape.coordinates(voxel);
     let top = UVec3::new(c.x >> levels, c.y >> levels, c.z >> levels);
     let counts = shape.counts();
@@ -422,7 +442,7 @@ fn key(shape: &GridShape, voxel: u32, axis: usize, levels: u32) -> u64 {
         let digit = |x: u32| u64::from(x >> bit & 1);
         code | (digit(c.x) | digit(c.y) << 1 | digit(c.z) << 2) << (3 * bit)
     });
-    (block * 6 + axis as u64) << (3 * levels) | morton
+    (2 * (block * 6 + axis as u64) + u64::from(indoors)) << (3 * levels) | morton
 }
 
 impl Extra {
@@ -433,7 +453,9 @@ impl Extra {
             out.extend((count as u32).to_le_bytes());
         }
         let put = |out: &mut Vec<u8>, v: Vec3| v.to_array().iter().for_each(|x| out.extend(x.to_le_bytes()));
-        self.voxels.iter().for_each(|voxel| out.extend(voxel.to_le_bytes()));
+        for (voxel, &indoors) in self.voxels.iter().zip(&self.indoors) {
+            out.extend((voxel | if indoors { INDOORS } else { 0 }).to_le_bytes());
+        }
         for (leaf, exitance) in &self.emission {
             out.extend(leaf.to_le_bytes());
             put(&mut out, *exitance);
@@ -468,7 +490,9 @@ impl Extra {
         {
             return None;
         }
-        let voxels: Vec<u32> = (0..counts[0]).map(|_| word()).collect::<Option<_>>()?;
+        let words: Vec<u32> = (0..counts[0]).map(|_| word()).collect::<Option<_>>()?;
+        let voxels: Vec<u32> = words.iter().map(|word| word & !INDOORS).collect();
+        let indoors = words.iter().map(|word| word & INDOORS != 0).collect();
         let vector = |word: &mut dyn FnMut() -> Option<u32>| {
             Some(Vec3::new(f32::from_bits(word()?), f32::from_bits(word()?), f32::from_bits(word()?)))
         };
@@ -479,12 +503,44 @@ impl Extra {
             .collect::<Option<_>>()?;
         let is_good = voxels.iter().chain(dark.iter().map(|d| &d.voxel)).all(|&v| u64::from(v) < voxel_count)
             && emission.iter().all(|e| (e.0 as usize) < voxels.len() && e.1.is_finite());
-        is_good.then_some(Self { shape, voxels, emission, dark })
+        is_good.then_some(Self { shape, voxels, indoors, emission, dark })
     }
 
     /// A leaf as the lookup sees it.
     pub fn entry(node: &Node, patch: u32) -> LookupPatch {
         let direction = node.normal.normalize_or(Vec3::Y);
         LookupPatch { position: node.centre, patch, direction, reserved: 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural;
+
+    #[test]
+    fn what_is_indoors_and_what_is_not_are_merged_apart() {
+        let loaded = procedural::build("atrium:3000").unwrap();
+        let settings =
+            BakeSettings { scene: String::new(), voxel_size: Some(0.5), patch_count: 2000, rays: 64, seed: 1 };
+        let world = World::new(&loaded.scene, &settings, u64::MAX, &mut Progress::new(true)).unwrap();
+        let Extra { shape, voxels, indoors, .. } = &world.extra;
+        let within = indoors.iter().filter(|&&one| one).count();
+        println!("{within} of {} patches are indoors", indoors.len());
+        assert!(within > 50 && indoors.len() - within > 50);
+        let family = |node: &Node| node.first_child as usize..(node.first_child + node.children) as usize;
+        let parents = world.nodes[indoors.len()..].iter().filter(|node| (node.first_child as usize) < indoors.len());
+        let mut blocks: HashMap<(UVec3, usize), [bool; 2]> = HashMap::new();
+        for parent in parents {
+            let own = &indoors[family(parent)];
+            assert!(own.iter().all(|&one| one == own[0]));
+            let block = shape.coordinates(voxels[parent.first_child as usize]) / 2;
+            let axis = axis_of(world.nodes[parent.first_child as usize].normal);
+            blocks.entry((block, axis)).or_default()[usize::from(own[0])] = true;
+        }
+        // By their places alone they would have been merged.
+        assert!(blocks.values().filter(|both| **both == [true; 2]).count() > 5);
+        // What a file says is what was written.
+        assert_eq!(Extra::decode(&world.extra.encode()).as_ref(), Some(&world.extra));
     }
 }

@@ -170,7 +170,7 @@ fn classic_frames(
                 accelerated: !args.plain,
             }),
             Method::Temporal => Transport::Temporal(args.temporal.settings(common.seed)),
-            Method::Local => Transport::Local(args.local.options()),
+            Method::Local => Transport::Local(args.local.options(loaded.exposure_stops)),
             Method::Firstshot => {
                 Transport::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
             }

@@ -17,11 +17,8 @@ use crate::error::Error;
 use crate::import::{Animation, LoadedScene, Target, View};
 use crate::progress::Progress;
 use crate::render::classic::{Classic, FrameResult};
-use crate::render::local::LocalFrame;
+use crate::render::local::{LocalFrame, SHOWN_ALBEDO};
 use crate::summary::peak_memory_bytes;
-
-/// Albedo of the surface whose displayed value tells how much a frame differs from the one before.
-const ALBEDO: f32 = 0.5;
 
 /// Lights and view of each frame.
 pub struct Movement {
@@ -250,10 +247,10 @@ impl Sequence {
     }
 }
 
-/// Least change of the displayed values of a surface of albedo ½ that at most one of a thousand exceeds, in 255ths; `scale`
+/// Least change of the displayed values of a surface of [`SHOWN_ALBEDO`] that at most one of a thousand exceeds, in 255ths; `scale`
 /// is the exposure.
 pub fn flicker(light: &[Vec3], before: &[Vec3], scale: f32) -> f64 {
-    let radiance = |h: &Vec3| luminance(*h) * ALBEDO / std::f32::consts::PI;
+    let radiance = |h: &Vec3| luminance(*h) * SHOWN_ALBEDO / std::f32::consts::PI;
     let shown = |h: &Vec3| 255.0 * encode_srgb((radiance(h) * scale).clamp(0.0, 1.0));
     let mut changes: Vec<f32> = light.iter().zip(before).map(|(a, b)| (shown(a) - shown(b)).abs()).collect();
     changes.sort_by(f32::total_cmp);

@@ -39,6 +39,9 @@ struct Report {
     waiting_frames: usize,
     /// Greatest change of displayed values at the same places that 99.9 % of the pixels stay below, in 255ths.
     greatest_change: f64,
+    /// What displayed values lack of light that is still to come, 99 % of the pixels less: greatest, and in half of the frames.
+    greatest_behind: f64,
+    median_behind: f64,
     /// Multiplications that changes of the matrix took.
     work: u64,
     blocks_read: u64,
@@ -74,12 +77,13 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let loaded = output::import(&scene_beside(path, &named), &mut progress)?;
     let geometry = resident_bytes().unwrap_or(0).saturating_sub(before);
     let movement = Movement::new(&loaded, (args.animate, args.path), args.frames, &mut progress);
-    let options = args.local.options();
+    let options = args.local.options(loaded.exposure_stops);
     let settings = StreamSettings {
         local: LocalSettings {
             slots: options.slots,
             changes: options.budget,
             fade: options.fade,
+            white: options.white,
             ..LocalSettings::default()
         },
         look_ahead: options.look_ahead,
@@ -146,7 +150,7 @@ fn scene_beside(bake: &Path, named: &str) -> String {
 fn csv(lines: &[Line]) -> String {
     let mut text = String::from(
         "frame,ms,direct_ms,update_ms,method_ms,lookup_ms,shade_ms,nodes,entered,left,waiting,later,update_multiplications,\
-         residual,blocks_read,cache_bytes,resident_bytes,beside_bytes,change_255\n",
+         residual,blocks_read,cache_bytes,resident_bytes,beside_bytes,change_255,behind_255\n",
     );
     for (k, Line { ms, frame: f, resident, beside }) in lines.iter().enumerate() {
         let residual = f.step.residual.map_or(String::new(), |r| format!("{r:.3e}"));
@@ -154,7 +158,7 @@ fn csv(lines: &[Line]) -> String {
         // Writing into a string cannot fail.
         let _ = writeln!(
             text,
-            "{k},{ms:.2},{:.2},{:.2},{:.2},{:.2},{:.2},{},{},{},{},{},{},{residual},{},{},{resident},{beside},{change}",
+            "{k},{ms:.2},{:.2},{:.2},{:.2},{:.2},{:.2},{},{},{},{},{},{},{residual},{},{},{resident},{beside},{change},{:.3}",
             f.direct_ms,
             f.update_ms,
             f.method_ms,
@@ -168,6 +172,7 @@ fn csv(lines: &[Line]) -> String {
             f.step.work,
             f.reader.reads,
             f.reader.bytes,
+            f.behind,
         );
     }
     text
@@ -200,6 +205,8 @@ fn report(name: &str, settings: &StreamSettings, streamed: &Streamed, lines: &[L
         left: later.iter().map(|l| l.frame.step.left).sum(),
         waiting_frames: later.iter().filter(|l| l.frame.step.waiting > 0).count(),
         greatest_change: lines.iter().filter_map(|l| l.frame.change).fold(0.0, f64::max),
+        greatest_behind: lines.iter().map(|l| l.frame.behind).fold(0.0, f64::max),
+        median_behind: times(&|line| line.frame.behind).map_or(0.0, |t| t.median_ms),
         work: later.iter().map(|l| l.frame.step.work).sum(),
         blocks_read: lines.last().map_or(0, |l| l.frame.reader.reads),
         bytes: streamed.bytes(),
@@ -227,6 +234,10 @@ impl Report {
             "nodes", self.entered, self.left, self.waiting_frames
         );
         println!("{:14} {:.3}/255 a frame at most, for 99.9 % of the pixels", "change", self.greatest_change);
+        println!(
+            "{:14} {:.1}/255 behind in half of the frames, {:.1} at most, for 99 % of the pixels",
+            "", self.median_behind, self.greatest_behind
+        );
         for (name, bytes) in &self.bytes {
             println!("{:14} {}", format!("bytes {name}"), output::bytes(*bytes));
         }

@@ -25,11 +25,21 @@ pub struct LocalOptions {
     pub look_ahead: f32,
     /// Frames over which changes of the matrix come into the light.
     pub fade: u32,
+    /// Irradiance that is displayed as white, W/m², see [`white`]: those changes alter no displayed value by more than two 255ths a frame.
+    pub white: f32,
 }
 
 impl LocalOptions {
-    /// 4,096 slots, 64 changes a frame, 8 frames ahead, 16 frames to fade.
-    pub const DEFAULT: Self = Self { slots: 4096, budget: 64, look_ahead: 8.0, fade: 16 };
+    /// 4,096 slots, 64 changes a frame, 8 frames ahead, 16 frames to fade, no white.
+    pub const DEFAULT: Self = Self { slots: 4096, budget: 64, look_ahead: 8.0, fade: 16, white: f32::INFINITY };
+}
+
+/// Albedo of the surface whose displayed value tells how much frames differ.
+pub const SHOWN_ALBEDO: f32 = 0.5;
+
+/// Irradiance with which that surface is displayed as white, W/m².
+pub fn white(exposure_stops: f32) -> f32 {
+    std::f32::consts::PI / (SHOWN_ALBEDO * reference::stops_to_scale(exposure_stops))
 }
 
 impl Default for LocalOptions {
@@ -103,6 +113,7 @@ impl LocalLight {
             slots: options.slots.min(leaves).max(1).next_multiple_of(SLOT_STEP),
             changes: options.budget,
             fade: options.fade,
+            white: options.white,
             ..LocalSettings::default()
         };
         let mut local = Local::new(world.nodes(), settings)?;

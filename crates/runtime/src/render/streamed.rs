@@ -7,6 +7,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use glam::{UVec3, Vec3, Vec4};
+use localmatrix::kernel::fade;
 use localmatrix::{
     BakeFile, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as Way, World,
 };
@@ -20,12 +21,11 @@ use scene::math::{ln, luminance};
 use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
 
 use super::classic::direct_params;
+use super::local::SHOWN_ALBEDO;
 use crate::bake::{BakeSettings, Extra, POINTS};
 use crate::error::Error;
 use crate::progress::is_cancelled;
 
-/// Albedo of the surface whose displayed value tells how much a frame differs from the one before.
-const ALBEDO: f32 = 0.5;
 /// Shadow rays of a point or pixel to each rectangle light, and to a sky map.
 const AREA_RAYS: u32 = 4;
 const SKY_RAYS: u32 = 8;
@@ -33,7 +33,7 @@ const SKY_RAYS: u32 = 8;
 const SPARE_POINTS: usize = 4096;
 /// How long the first frame waits for a disk from which nothing comes.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Pixels are taken from levels so much coarser than the nodes that stand there, so that none shows its edges.
+/// Light is taken from levels so much coarser than the nodes that stand there, so that none shows its edges.
 const COARSER: f32 = 0.7;
 
 /// Settings of [`Streamed`].
@@ -72,6 +72,8 @@ pub struct StreamFrame {
     pub reader: StoreState,
     /// Change of displayed values at the same places since the frame before that one pixel of a thousand exceeds, in 255ths.
     pub change: Option<f64>,
+    /// What displayed values still lack of the light that they are to have, as jumps fade; one pixel of a hundred lacks more, in 255ths.
+    pub behind: f64,
 }
 
 /// A bake as the matrix reads it; keeps the points of the nodes that it hands out.
@@ -96,14 +98,14 @@ impl World for Rows {
     }
 }
 
-/// One level of the nodes as pixels see it.
+/// One level of merged nodes as leaves see it.
 struct Level {
-    lookup: Lookup,
+    /// Of those outdoors and of those indoors, where there are any.
+    lookups: [Option<Lookup>; 2],
     /// First node.
     first: u32,
-    /// Light of the nodes now and in the frame before, and a last one for what is dark.
-    now: Vec<Vec4>,
-    before: Vec<Vec4>,
+    /// Light of the nodes.
+    light: Vec<Vec4>,
 }
 
 /// The light of a bake about a camera.
@@ -111,6 +113,10 @@ pub struct Streamed {
     scene: Scene,
     rows: Rows,
     local: Local,
+    /// What pixels see: the leaves, and a last value for what is dark.
+    lookup: Lookup,
+    indoors: Vec<bool>,
+    /// Levels above the leaves.
     levels: Vec<Level>,
     /// Place of each leaf in the matrix's order.
     place: Vec<u32>,
@@ -118,6 +124,12 @@ pub struct Streamed {
     /// Of the leaves, in the matrix's order.
     exitance: Vec<Vec4>,
     irradiance: Vec<Vec4>,
+    /// Light that the leaves are to have, and what is still left of its jumps.
+    target: Vec<Vec4>,
+    offset: Vec<Vec4>,
+    /// Light as the leaves are shown, and as they were in the frame before.
+    shown: Vec<Vec4>,
+    shown_before: Vec<Vec4>,
     /// Nodes whose exitance is known, for these lights.
     known: HashSet<u32>,
     /// How large nodes look at most.
@@ -158,7 +170,7 @@ impl Streamed {
             return Err(not_a_bake(file.path(), "it has another number of patches than voxels"));
         }
         let local = Local::new(&file.nodes, settings.local)?;
-        let levels = levels(&file.nodes, &extra)?;
+        let (lookup, levels) = lookups(&file.nodes, &extra)?;
         let mut place = vec![0; extra.voxels.len()];
         for (at, &leaf) in (0..).zip(local.forest().leaves()) {
             place[leaf as usize] = at;
@@ -172,11 +184,17 @@ impl Streamed {
             scene,
             rows: Rows { store, points: HashMap::new() },
             local,
+            indoors: extra.indoors,
             levels,
             place,
             emission,
             exitance: vec![Vec4::ZERO; leaves],
             irradiance: vec![Vec4::ZERO; leaves],
+            target: vec![Vec4::ZERO; lookup.values],
+            offset: vec![Vec4::ZERO; leaves],
+            shown: vec![Vec4::ZERO; lookup.values],
+            shown_before: vec![Vec4::ZERO; lookup.values],
+            lookup,
             known: HashSet::new(),
             looks: 0.0,
             edge,
@@ -194,10 +212,14 @@ impl Streamed {
     /// Bytes of the parts: of the matrix, its rows, the nodes, lookups, and the cache at most.
     pub fn bytes(&self) -> Vec<(&'static str, u64)> {
         let mut parts = self.local.bytes().to_vec();
-        let lookups: usize = self.levels.iter().map(|l| l.lookup.bytes() + 32 * l.now.len()).sum();
+        let merged =
+            |l: &Level| l.lookups.iter().flatten().map(Lookup::bytes).sum::<usize>() + size_of_val(&l.light[..]);
+        let lookups = self.lookup.bytes() + self.levels.iter().map(merged).sum::<usize>();
+        let light = [&self.exitance, &self.irradiance, &self.target, &self.offset, &self.shown, &self.shown_before];
+        let light: usize = light.iter().map(|values| size_of_val(&values[..])).sum();
         parts.push(("nodes", size_of_val(self.rows.nodes()) as u64));
         parts.push(("lookup", lookups as u64));
-        parts.push(("light", (36 * self.place.len()) as u64));
+        parts.push(("light", (light + 5 * self.place.len()) as u64));
         parts.push(("cache", self.settings.cache as u64));
         parts
     }
@@ -231,46 +253,55 @@ impl Streamed {
     pub fn frame(&mut self, lights: &[Light], camera: &Camera, stops: f32) -> Result<(Picture, StreamFrame), Error> {
         let mut done = StreamFrame::default();
         let timed = |ms: &mut f64, start: Instant| *ms += start.elapsed().as_secs_f64() * 1e3;
-        if self.scene.lights != lights {
+        let is_relit = self.scene.lights != lights;
+        if is_relit {
             self.scene.lights = lights.to_vec();
             self.known.clear();
         }
         let eye = camera.eye;
-        let ahead = eye + (eye - self.eye.unwrap_or(eye)) * self.settings.look_ahead;
+        let last = self.eye.unwrap_or(eye);
+        let ahead = eye + (eye - last) * self.settings.look_ahead;
         self.eye = Some(eye);
+        let is_first = self.frames == 0;
+        std::mem::swap(&mut self.shown, &mut self.shown_before);
 
         let start = Instant::now();
         self.light_nodes();
         timed(&mut done.direct_ms, start);
+        if is_relit && !is_first {
+            // Jumps are those of the matrix: what the lights do is there at once.
+            let start = Instant::now();
+            self.local.product(&self.exitance, &mut self.irradiance, |_| true)?;
+            timed(&mut done.method_ms, start);
+            let start = Instant::now();
+            self.spread(last);
+            self.target.copy_from_slice(&self.shown);
+            timed(&mut done.lookup_ms, start);
+        }
         let start = Instant::now();
         let changes = self.local.choose(&mut self.rows, Way { eye, ahead });
-        timed(&mut done.update_ms, start);
-        let start = Instant::now();
-        let mut before = Vec::new();
-        if !changes.is_empty() && self.frames > 0 {
-            before = vec![Vec4::ZERO; self.irradiance.len()];
-            self.local.product(&self.exitance, &mut before, |_| true)?;
-        }
-        timed(&mut done.method_ms, start);
-        let start = Instant::now();
+        let has_changes = !changes.is_empty();
         done.step = self.local.apply(&self.rows, changes)?;
         timed(&mut done.update_ms, start);
         let start = Instant::now();
         self.light_nodes();
         timed(&mut done.direct_ms, start);
-        let start = Instant::now();
-        self.local.product(&self.exitance, &mut self.irradiance, |_| true)?;
-        self.local.fade(&before, &mut self.irradiance);
-        timed(&mut done.method_ms, start);
+        if has_changes || is_first {
+            let start = Instant::now();
+            self.local.product(&self.exitance, &mut self.irradiance, |_| true)?;
+            timed(&mut done.method_ms, start);
+        }
 
         let start = Instant::now();
-        self.spread();
         self.look(eye);
+        self.spread(eye);
+        self.fade(!is_first);
         timed(&mut done.lookup_ms, start);
         let start = Instant::now();
-        let (picture, change) = self.shade(camera, stops)?;
+        let (picture, change, behind) = self.shade(camera, stops)?;
         timed(&mut done.shade_ms, start);
-        done.change = change.filter(|_| self.frames > 0);
+        done.change = change.filter(|_| !is_first);
+        done.behind = behind;
         done.nodes = self.local.cut().len();
         done.reader = self.rows.store.state();
         self.frames += 1;
@@ -323,31 +354,55 @@ impl Streamed {
         if sky.map_width == 0 { sky.radiance * std::f32::consts::PI } else { Vec3::ZERO }
     }
 
-    /// Light of all nodes of all levels, from that of the leaves and the sky: means by area.
-    fn spread(&mut self) {
+    /// Light of the leaves as a camera is to see them, in `shown`, from that of the matrix and the sky: its own for what is near, further off
+    /// that of merged nodes, between their places and between two levels, so that none of them shows its edges.
+    fn spread(&mut self, eye: Vec3) {
         let (sky, factors, nodes) = (self.constant_sky().extend(0.0), self.rows.store.sky(), self.rows.nodes());
+        let (place, irradiance, indoors) = (&self.place, &self.irradiance, &self.indoors);
+        let own = |leaf: usize| irradiance[place[leaf] as usize] + sky * factors[leaf];
         for k in 0..self.levels.len() {
             let (below, rest) = self.levels.split_at_mut(k);
-            let level = &mut rest[0];
-            std::mem::swap(&mut level.now, &mut level.before);
-            let (first, count) = (level.first, level.lookup.values);
-            let last = level.now.len().min(count);
-            match below.last() {
-                None => level.now[..last].par_iter_mut().enumerate().for_each(|(leaf, value)| {
-                    // The last one is that of dark places.
-                    *value = self
-                        .place
-                        .get(leaf)
-                        .map_or(Vec4::ZERO, |&place| self.irradiance[place as usize] + sky * factors[leaf]);
-                }),
-                Some(under) => level.now[..last].par_iter_mut().enumerate().for_each(|(k, value)| {
-                    let node = &nodes[first as usize + k];
-                    let own = node.first_child..node.first_child + node.children;
-                    let sum: Vec4 = own.map(|c| under.now[(c - under.first) as usize] * nodes[c as usize].area).sum();
-                    *value = sum / node.area;
-                }),
-            }
+            let Level { first, light, .. } = &mut rest[0];
+            let of = |child: u32| match below.last() {
+                None => own(child as usize),
+                Some(under) => under.light[(child - under.first) as usize],
+            };
+            light.par_iter_mut().enumerate().for_each(|(k, value)| {
+                let node = *first as usize + k;
+                let children = nodes[node].first_child..nodes[node].first_child + nodes[node].children;
+                *value = children.map(|c| of(c) * nodes[c as usize].area).sum::<Vec4>() / nodes[node].area;
+            });
         }
+        let (levels, looks, edge) = (&self.levels, self.looks, self.edge);
+        let value = |leaf: usize| {
+            let node = &nodes[leaf];
+            let size = looks * (node.centre.distance(eye) + 2.0 * edge) / edge;
+            let level = (ln(size.max(1e-6)) / std::f32::consts::LN_2 + COARSER).clamp(0.0, levels.len() as f32);
+            let (low, share) = (level.floor() as usize, level.fract());
+            let at = |k: usize| match k.checked_sub(1) {
+                None => own(leaf),
+                Some(k) => {
+                    let Level { lookups, light, .. } = &levels[k];
+                    let lookup = lookups[usize::from(indoors[leaf])].as_ref();
+                    // The tables have as many values as the lookup wants: made together.
+                    let normal = node.normal.normalize_or(Vec3::Y);
+                    lookup.and_then(|l| l.at(light, node.centre, normal).ok()).unwrap_or(Vec4::ZERO)
+                }
+            };
+            if share == 0.0 { at(low) } else { at(low).lerp(at(low + 1), share) }
+        };
+        self.shown[..place.len()].par_iter_mut().enumerate().for_each(|(leaf, shown)| *shown = value(leaf));
+    }
+
+    /// Takes the light that the leaves are to have from `shown`, and leaves there what is shown of it: jumps fade.
+    fn fade(&mut self, has_jump: bool) {
+        let params = self.local.fade_params(has_jump);
+        let leaves = self.offset.par_iter_mut().zip(&mut self.target).zip(&mut self.shown);
+        leaves.for_each(|((offset, target), shown)| {
+            *offset = fade(*offset, *target, *shown, &params);
+            *target = *shown;
+            *shown += *offset;
+        });
     }
 
     /// Finds how large nodes look, once: pixels then take their light from levels that change with distance only.
@@ -367,27 +422,7 @@ impl Streamed {
         self.looks = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1e-6);
     }
 
-    /// Light at a place, now and in the frame before, W/m².
-    fn at(&self, position: Vec3, normal: Vec3, eye: Vec3) -> [Vec4; 2] {
-        let most = self.levels.len() - 1;
-        let size = self.looks * (position.distance(eye) + 2.0 * self.edge) / self.edge;
-        let level = (ln(size.max(1e-6)) / std::f32::consts::LN_2 + COARSER).clamp(0.0, most as f32);
-        let (low, share) = (level.floor() as usize, level.fract());
-        let of = |k: usize| {
-            let level = &self.levels[k.min(most)];
-            // The tables have as many values as the lookup wants: made together.
-            let value = |values: &[Vec4]| level.lookup.at(values, position, normal).unwrap_or(Vec4::ZERO);
-            [value(&level.now), value(&level.before)]
-        };
-        let [now, before] = of(low);
-        if share == 0.0 {
-            return [now, before];
-        }
-        let [now_above, before_above] = of(low + 1);
-        [now.lerp(now_above, share), before.lerp(before_above, share)]
-    }
-
-    fn shade(&self, camera: &Camera, stops: f32) -> Result<(Picture, Option<f64>), Error> {
+    fn shade(&self, camera: &Camera, stops: f32) -> Result<(Picture, Option<f64>, f64), Error> {
         let (geometry, lights) = (self.scene.geometry(), self.scene.all_lights());
         let light_count = self.scene.lights.len() as u32;
         let params = DirectParams {
@@ -398,11 +433,11 @@ impl Streamed {
         };
         let scale = reference::stops_to_scale(stops);
         let shown = |h: Vec4| {
-            255.0 * encode_srgb((luminance(h.truncate()) * ALBEDO / std::f32::consts::PI * scale).clamp(0.0, 1.0))
+            255.0 * encode_srgb((luminance(h.truncate()) * SHOWN_ALBEDO / std::f32::consts::PI * scale).clamp(0.0, 1.0))
         };
         let (width, height) = self.settings.size;
         let pixel = |index: u32| {
-            let (mut sum, mut change) = (Vec4::ZERO, 0.0f32);
+            let (mut sum, mut change, mut behind) = (Vec4::ZERO, 0.0f32, 0.0f32);
             for sub in 0..self.settings.sub_frames {
                 let direction = primary_direction(camera, index, sub);
                 let hit = self.scene.closest_before(camera.eye, direction, f32::INFINITY);
@@ -413,23 +448,28 @@ impl Streamed {
                     let position = geometry.position(hit.triangle, hit.u, hit.v);
                     let point = SurfacePoint { position, patch: NONE, normal, weight: 1.0 };
                     let own = DirectParams { first: index.wrapping_mul(self.settings.sub_frames) + sub, ..params };
-                    let [now, before] = self.at(position, normal, camera.eye);
+                    let at = |values: &[Vec4]| self.lookup.at(values, position, normal).unwrap_or(Vec4::ZERO);
+                    let now = at(&self.shown);
                     irradiance = direct_at(&self.scene, &own, point) + now.truncate();
                     if sub == 0 {
-                        change = (shown(now) - shown(before)).abs();
+                        change = (shown(now) - shown(at(&self.shown_before))).abs();
+                        behind = (shown(now) - shown(at(&self.target))).abs();
                     }
                 }
                 let radiance = pixel_radiance(&geometry, &lights, light_count, camera, direction, hit, irradiance);
                 sum += radiance.extend(1.0);
             }
-            (sum / self.settings.sub_frames as f32, change)
+            (sum / self.settings.sub_frames as f32, [change, behind])
         };
-        let found: Vec<(Vec4, f32)> = (0..width * height).into_par_iter().map(pixel).collect();
-        let mut changes: Vec<f32> = found.iter().map(|f| f.1).collect();
-        changes.sort_by(f32::total_cmp);
-        let change = changes.get(changes.len() * 999 / 1000).map(|&c| f64::from(c));
+        let found: Vec<(Vec4, [f32; 2])> = (0..width * height).into_par_iter().map(pixel).collect();
+        let all_but = |which: usize, one_of: usize| {
+            let mut values: Vec<f32> = found.iter().map(|f| f.1[which]).collect();
+            values.sort_by(f32::total_cmp);
+            values.get(values.len() - values.len() / one_of - 1).map(|&value| f64::from(value))
+        };
+        let (change, behind) = (all_but(0, 1000), all_but(1, 100).unwrap_or(0.0));
         let pixels = found.into_iter().map(|f| f.0.truncate()).collect();
-        Ok((Picture::from_pixels(width, height, pixels)?, change))
+        Ok((Picture::from_pixels(width, height, pixels)?, change, behind))
     }
 }
 
@@ -439,8 +479,8 @@ fn direct_at(scene: &Scene, p: &DirectParams, point: SurfacePoint) -> Vec3 {
     direct_irradiance(&scene.geometry(), p, p.first, point, &scene.all_lights(), occluded)
 }
 
-/// Lookups of the leaves and of each level above them, a voxel of which holds eight of the one below.
-fn levels(nodes: &[Node], extra: &Extra) -> Result<Vec<Level>, Error> {
+/// The lookup of the leaves, and those of each level above them, a voxel of which holds eight of the one below.
+fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error> {
     let virtual_patch = |node: &Node, voxel: u32| VirtualPatch {
         position: node.centre,
         area: node.area,
@@ -456,6 +496,10 @@ fn levels(nodes: &[Node], extra: &Extra) -> Result<Vec<Level>, Error> {
         triangles: Vec::new(),
         areas: Vec::new(),
     };
+    let set = |own: &[Node], shape: &GridShape, coordinates: &[UVec3], chosen: &[u32]| {
+        let patch = |&k: &u32| virtual_patch(&own[k as usize], shape.voxel_at(coordinates[k as usize]));
+        PatchSet { patches: chosen.iter().map(patch).collect(), ..PatchSet::default() }
+    };
     let dark = extra.dark.iter().map(|d| VirtualPatch {
         position: d.position,
         area: 1.0,
@@ -463,34 +507,43 @@ fn levels(nodes: &[Node], extra: &Extra) -> Result<Vec<Level>, Error> {
         voxel: d.voxel,
         ..VirtualPatch::default()
     });
-    let mut dark = PatchSet { patches: dark.collect(), ..PatchSet::default() };
-    let (mut first, mut shape) = (0u32, extra.shape);
+    let dark = PatchSet { patches: dark.collect(), ..PatchSet::default() };
+    let (mut shape, mut own) = (extra.shape, 0..extra.voxels.len());
     let mut coordinates: Vec<UVec3> = extra.voxels.iter().map(|&voxel| shape.coordinates(voxel)).collect();
-    let mut out = Vec::new();
-    loop {
-        let own = &nodes[first as usize..first as usize + coordinates.len()];
-        let patches = own.iter().zip(&coordinates).map(|(node, c)| virtual_patch(node, shape.voxel_at(*c))).collect();
-        let set = PatchSet { patches, ..PatchSet::default() };
-        let lookup = Lookup::with_dark(&grid(shape), &set, &dark, LookupSettings::default())?;
-        dark = PatchSet::default();
-        let values = vec![Vec4::ZERO; lookup.values];
-        out.push(Level { lookup, first, now: values.clone(), before: values });
-        if own.iter().any(|node| node.parent == NO_NODE) {
-            return Ok(out);
+    let mut indoors = extra.indoors.clone();
+    let all: Vec<u32> = (0..own.len() as u32).collect();
+    let leaves = set(&nodes[own.clone()], &shape, &coordinates, &all);
+    let lookup = Lookup::with_dark(&grid(shape), &leaves, &dark, LookupSettings::default())?;
+    let mut levels = Vec::new();
+    while nodes[own.clone()].iter().all(|node| node.parent != NO_NODE) {
+        let merged = nodes[own.end..].iter().take_while(|node| own.contains(&(node.first_child as usize))).count();
+        let above = own.end..own.end + merged;
+        if merged == 0 {
+            break;
         }
-        let next = first + coordinates.len() as u32;
-        let above: Vec<UVec3> = (nodes[next as usize..].iter())
-            .take_while(|node| (first..next).contains(&node.first_child))
-            .map(|node| coordinates[(node.first_child - first) as usize] / 2)
-            .collect();
-        if above.is_empty() {
-            return Ok(out);
-        }
+        let first_child = |node: usize| nodes[node].first_child as usize - own.start;
+        coordinates = above.clone().map(|node| coordinates[first_child(node)] / 2).collect();
+        indoors = above.clone().map(|node| indoors[first_child(node)]).collect();
         let counts = shape.counts().map(|n| n.div_ceil(2));
         let edges = shape.edges * 2.0;
         shape = GridShape { edges, count_x: counts.x, count_y: counts.y, count_z: counts.z, ..shape };
-        (first, coordinates) = (next, above);
+        let lookup = |class: bool| {
+            let chosen: Vec<u32> = (0..above.len() as u32).filter(|&k| indoors[k as usize] == class).collect();
+            if chosen.is_empty() {
+                return Ok::<_, Error>(None);
+            }
+            let set = set(&nodes[above.clone()], &shape, &coordinates, &chosen);
+            let mut lookup = Lookup::new(&grid(shape), &set, LookupSettings::default())?;
+            // Values are those of the whole level.
+            lookup.entries.iter_mut().for_each(|entry| entry.patch = chosen[entry.patch as usize]);
+            lookup.values = above.len();
+            Ok(Some(lookup))
+        };
+        let light = vec![Vec4::ZERO; above.len()];
+        levels.push(Level { lookups: [lookup(false)?, lookup(true)?], first: above.start as u32, light });
+        own = above;
     }
+    Ok((lookup, levels))
 }
 
 /// Emission of the nodes that shine, W/m², from that of leaves: means by area.

@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use crate::import::{Animation, LoadedScene};
-use crate::render::local::LocalOptions;
+use crate::render::local::{LocalOptions, white};
 
 /// How the camera moves.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,16 +39,18 @@ pub struct LocalArgs {
     /// Frames that the camera's way is looked ahead (local).
     #[arg(long, default_value_t = LocalOptions::DEFAULT.look_ahead, value_parser = parse_frames)]
     pub look_ahead: f32,
-    /// Frames over which changes of the matrix come into the light; 1 for at once (local).
+    /// Frames over which changes of the matrix come into the light, more where displayed values would change by more than two 255ths a
+    /// frame; 1 for at once (local).
     #[arg(long, default_value_t = LocalOptions::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub fade: u32,
 }
 
 impl LocalArgs {
-    /// The settings.
-    pub fn options(&self) -> LocalOptions {
+    /// The settings, for pictures that are exposed so.
+    pub fn options(&self, exposure_stops: f32) -> LocalOptions {
         let Self { slots, budget, look_ahead, fade } = *self;
-        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade }
+        let white = if fade == 1 { f32::INFINITY } else { white(exposure_stops) };
+        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade, white }
     }
 }
 

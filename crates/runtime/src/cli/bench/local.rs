@@ -17,7 +17,7 @@ use crate::executor::{DeviceChoice, open};
 use crate::import::LoadedScene;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, Classic, ClassicSettings, Estimator, PatchKind};
-use crate::render::local::LocalOptions;
+use crate::render::local::{LocalOptions, white};
 use crate::render::operator::Transport;
 use crate::summary::PassTimes;
 
@@ -154,7 +154,8 @@ impl Measuring<'_> {
         }
         let patches = classic.patch_count();
         for slots in SLOTS.into_iter().filter(|slots| *slots < patches) {
-            let transport = Transport::Local(LocalOptions { slots, ..LocalOptions::DEFAULT });
+            let transport =
+                Transport::Local(LocalOptions { slots, white: white(loaded.exposure_stops), ..LocalOptions::DEFAULT });
             for (path, name) in
                 [(CameraPath::Fly, "fly"), (CameraPath::Shuttle, "shuttle"), (CameraPath::Circle, "circle")]
             {
