@@ -172,7 +172,7 @@ structure!(SampleParams {
 });
 structure!(SumParams { count: u32, rows: u32, first: u32, first_entry: u32, options: u32 });
 structure!(SplitParams { count: u32, rows: u32 });
-structure!(FadeParams { count: u32, keep: f32, has_jump: u32, reserved: u32 });
+structure!(FadeParams { count: u32, keep: f32, has_jump: u32, white: f32 });
 structure!(SlotParams { count: u32, slots: u32 });
 structure!(UpdateParams {
     count: u32,

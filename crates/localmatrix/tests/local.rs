@@ -449,6 +449,44 @@ fn no_displayed_value_changes_by_more_than_two_255ths_a_frame() {
     assert!(unlimited > 20.0, "{unlimited}");
 }
 
+/// Pairs of floor patches merged first that differ in what they see, of how many: every other patch of a floor sees a ceiling by `factor`,
+/// the ones between by `others`.
+fn unlike_pairs(factor: f32, others: f32) -> (usize, usize) {
+    let n = 32;
+    let surface = |i: usize| {
+        let (x, z) = (0.1 * (i % n) as f32, (i / n) as f32);
+        Surface {
+            centre: Vec3::new(x, 0.0, z),
+            normal: Vec3::Z * (1.0 - 2.0 * z),
+            area: 0.01,
+            albedo: Vec3::splat(0.5),
+        }
+    };
+    let surfaces: Vec<Surface> = (0..2 * n).map(surface).collect();
+    let by = |i: usize| if i.is_multiple_of(2) { factor } else { others } / n as f32;
+    let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    for i in 0..2 * n {
+        for j in if i < n { n..2 * n } else { 0..n } {
+            columns.push(j as u32);
+            values.push(by(if i < n { i } else { j }));
+        }
+        starts.push(columns.len() as u32);
+    }
+    let table = Table::new(&surfaces, starts, columns, values).unwrap();
+    let parent = |i: usize| table.nodes()[table.node_of()[i] as usize].parent;
+    let pairs: Vec<(usize, usize)> =
+        (0..n).flat_map(|i| (0..i).map(move |j| (i, j))).filter(|&(i, j)| parent(i) == parent(j)).collect();
+    (pairs.iter().filter(|(i, j)| (i + j) % 2 == 1).count(), pairs.len())
+}
+
+#[test]
+fn what_sees_unlike_things_is_merged_apart() {
+    let ((apart, pairs), (mixed, _)) = (unlike_pairs(0.9, 0.1), unlike_pairs(0.5, 0.5));
+    println!("{apart} and {mixed} of {pairs} pairs are unlike");
+    assert!(pairs > 8 && apart == 0, "{apart} of {pairs}");
+    assert!(mixed > 8, "{mixed}");
+}
+
 #[test]
 fn roots_without_room_leave_as_ghosts_and_come_back() {
     // Forty roots, sixteen slots.

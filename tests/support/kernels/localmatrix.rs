@@ -94,7 +94,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             call(LEAVES as u32, at_leaves, tables)
         }
         "localmatrix_fade" => {
-            let p = FadeParams { count: LEAVES as u32, keep: 0.9, has_jump: 1, reserved: 0 };
+            let p = FadeParams { count: LEAVES as u32, keep: 0.9, has_jump: 1, white: 1.5 };
             let tables = vec![
                 buffer("before", &r.colors(LEAVES)),
                 buffer("now", &r.colors(LEAVES)),

@@ -22,8 +22,11 @@ pub struct Surface {
     pub albedo: Vec3,
 }
 
-/// A world in memory. A tree halves the patches by place and direction, a right turn of the normal counting like the extent of those that are
-/// to be divided; a node's reflectance and row are the means of its patches', by their areas. When the rows are
+/// How much the share of sight that meets anything counts, as so many times the extent of the patches that are to be divided.
+const COVER: f32 = 3.0;
+
+/// A world in memory. A tree halves the patches by place, direction and what they see, a right turn of the normal counting like the extent
+/// of those that are to be divided; a node's reflectance and row are the means of its patches', by their areas. When the rows are
 /// reciprocal, so are those of all nodes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
@@ -56,6 +59,7 @@ impl Table {
         if row_start.windows(2).any(|two| two[0] > two[1]) || columns.iter().any(|&j| j as usize >= count) {
             return Err(Error::Length { name: "rows", expected: count, found: columns.len() });
         }
+        let seen = what_is_seen(surfaces, &row_start, &columns, &values);
         let mut order: Vec<u32> = (0..count as u32).collect();
         let (mut nodes, mut runs, mut node_of) = (Vec::new(), Vec::new(), vec![NO_NODE; count]);
         if count > 0 {
@@ -68,7 +72,7 @@ impl Table {
             if end - first == 1 {
                 node_of[order[first] as usize] = next as u32;
             } else {
-                halve(surfaces, &mut order[first..end]);
+                halve(surfaces, &seen, &mut order[first..end]);
                 let middle = first.midpoint(end);
                 (nodes[next].first_child, nodes[next].children) = (nodes.len() as u32, 2);
                 for [first, end] in [[first, middle], [middle, end]] {
@@ -162,23 +166,40 @@ fn merged(surfaces: &[Surface], patches: &[u32], parent: u32) -> Node {
     }
 }
 
-/// Brings patches into two halves, across the axis of place or direction along which they are spread most.
-fn halve(surfaces: &[Surface], patches: &mut [u32]) {
-    let spread = |of: &dyn Fn(&Surface) -> Vec3| {
-        let bounds = |(low, high): (Vec3, Vec3), patch: &u32| {
-            let x = of(&surfaces[*patch as usize]);
-            (low.min(x), high.max(x))
-        };
-        let (low, high) = patches.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), bounds);
+/// Middle of what a patch sees, by its row, and which share of its sight that is.
+fn what_is_seen(surfaces: &[Surface], row_start: &[u32], columns: &[u32], values: &[f32]) -> Vec<(Vec3, f32)> {
+    let of = |i: usize| {
+        let own = row_start[i] as usize..row_start[i + 1] as usize;
+        let (mut middle, mut whole) = (Vec3::ZERO, 0.0);
+        for (&j, &factor) in columns[own.clone()].iter().zip(&values[own]) {
+            middle += surfaces[j as usize].centre * factor;
+            whole += factor;
+        }
+        if whole > 0.0 { (middle / whole, whole) } else { (surfaces[i].centre, 0.0) }
+    };
+    (0..surfaces.len()).into_par_iter().map(of).collect()
+}
+
+/// Brings patches into two halves, across the axis along which they are spread most: of place, direction, the place of what they see, and
+/// the share of their sight that meets anything; what is under the sky and what is not have little light in common.
+fn halve(surfaces: &[Surface], seen: &[(Vec3, f32)], patches: &mut [u32]) {
+    let spread = |of: &dyn Fn(u32) -> Vec3| {
+        let wider = |(low, high): (Vec3, Vec3), &patch: &u32| (low.min(of(patch)), high.max(of(patch)));
+        let (low, high) = patches.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), wider);
         high - low
     };
-    let (place, turn) = (spread(&|one| one.centre), spread(&|one| one.normal));
+    let place = spread(&|patch| surfaces[patch as usize].centre);
     let extent = place.length();
-    let axes = [place.x, place.y, place.z, turn.x * extent, turn.y * extent, turn.z * extent];
-    let axis = (0..6).max_by(|&a, &b| axes[a].total_cmp(&axes[b]).then(b.cmp(&a))).unwrap_or(0);
-    let key = |patch: &u32| {
-        let one = &surfaces[*patch as usize];
-        if axis < 3 { one.centre[axis] } else { one.normal[axis - 3] }
+    let turn = spread(&|patch| surfaces[patch as usize].normal) * extent;
+    let sight = spread(&|patch| seen[patch as usize].0);
+    let cover = spread(&|patch| Vec3::splat(seen[patch as usize].1)).x * COVER * extent;
+    let axes = [place.x, place.y, place.z, turn.x, turn.y, turn.z, sight.x, sight.y, sight.z, cover];
+    let axis = (0..axes.len()).max_by(|&a, &b| axes[a].total_cmp(&axes[b]).then(b.cmp(&a))).unwrap_or(0);
+    let key = |&patch: &u32| match axis / 3 {
+        0 => surfaces[patch as usize].centre[axis],
+        1 => surfaces[patch as usize].normal[axis - 3],
+        2 => seen[patch as usize].0[axis - 6],
+        _ => seen[patch as usize].1,
     };
     let middle = patches.len() / 2;
     patches.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
