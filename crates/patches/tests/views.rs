@@ -3,7 +3,7 @@
 mod support;
 
 use glam::Vec3;
-use patches::{Error, LitSampler, Nearest, PatchSet, ViewClusters, ViewSettings, view_clusters};
+use patches::{Error, LitSampler, Nearest, PatchSet, Sample, ViewClusters, ViewSettings, view_clusters};
 use scene::{Scene, Sky};
 use support::{Mesh, atrium};
 
@@ -156,6 +156,37 @@ fn threads_change_no_byte_and_the_seed_does() {
     };
     assert_eq!(with(1, 3), with(2, 3));
     assert_ne!(with(2, 3), with(2, 4));
+}
+
+#[test]
+fn pilots_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
+    // A yard whose floor is of layers, all together twenty times thinner than pilots are apart.
+    let mut mesh = Mesh::default();
+    mesh.cuboid(Vec3::new(-40.0, -0.09, -40.0), Vec3::new(40.0, 0.0, 40.0), false);
+    for layer in 1..9 {
+        mesh.quad(Vec3::new(-40.0, -0.01 * layer as f32, -40.0), 80.0 * Vec3::Z, 80.0 * Vec3::X);
+    }
+    for (corner, way) in [
+        (Vec3::new(-40.0, 0.0, -40.0), Vec3::X),
+        (Vec3::new(-40.0, 0.0, 40.0), Vec3::X),
+        (Vec3::new(-40.0, 0.0, -40.0), Vec3::Z),
+        (Vec3::new(40.0, 0.0, -40.0), Vec3::Z),
+    ] {
+        mesh.quad(corner, 80.0 * way, 60.0 * Vec3::Y);
+    }
+    let scene = mesh.scene(1.0);
+    let floor = |sampler: &LitSampler| {
+        let samples = sampler.candidates(20_000, 7);
+        let above = |s: &&Sample| s.normal.y > 0.9 && s.position.y > -0.01;
+        let dark = samples.iter().filter(above).filter(|s| !sampler.is_lit(s, 7)).count();
+        dark as f64 / samples.iter().filter(above).count() as f64
+    };
+    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
+    let believed = floor(&sampler);
+    let asked = floor(&sampler.dark_within(0.02));
+    println!("dark places of a floor under the sky: {believed}, with walks of their own {asked}");
+    assert!(asked < 1e-3, "{asked}");
+    assert!(believed > 0.02, "{believed}");
 }
 
 #[test]

@@ -33,6 +33,8 @@ pub struct LitSampler<'a> {
     nearest: Nearest,
     total_area: f64,
     lit_area: f64,
+    /// Dark pilots are believed up to this distance, in their edges.
+    dark_distance: f32,
 }
 
 impl<'a> LitSampler<'a> {
@@ -50,7 +52,16 @@ impl<'a> LitSampler<'a> {
             return Err(Error::NoSamples);
         }
         let total_area = pilots.iter().map(|s| f64::from(s.area)).sum();
-        Ok(Self { scene, nearest: Nearest::new(&pilots), lit, total_area, lit_area })
+        Ok(Self { scene, nearest: Nearest::new(&pilots), lit, total_area, lit_area, dark_distance: DARK_DISTANCE })
+    }
+
+    /// Believes pilots that no light comes to only up to so many metres off. In a scene so large that its pilots are further apart than its floors
+    /// are thick, those inside of a floor would speak for the room above it. What is dark then takes walks of its own.
+    #[must_use]
+    pub fn dark_within(mut self, metres: f32) -> Self {
+        let edge = scene::math::sqrt((self.total_area / self.lit.len() as f64) as f32);
+        self.dark_distance = DARK_DISTANCE.min(metres / edge);
+        self
     }
 
     /// The scene whose surfaces are asked about.
@@ -100,7 +111,7 @@ impl<'a> LitSampler<'a> {
         match near[..found].iter().filter(|&&(k, _)| self.lit[k as usize]).count() {
             _ if found == 0 => None,
             // A surface that is left out by mistake is black: dark ones must be many and near.
-            0 => (found == NEIGHBOURS && near[0].1 < DARK_DISTANCE).then_some(false),
+            0 => (found == NEIGHBOURS && near[0].1 < self.dark_distance).then_some(false),
             lit if lit == found => Some(true),
             _ => None,
         }

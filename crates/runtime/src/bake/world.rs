@@ -27,6 +27,8 @@ const FACE_RAYS: u32 = 16;
 const VOXELS_AT_ONCE: usize = 2048;
 /// Pilots of the sampler that knows where light comes, as for so many patches.
 const PILOTS_FOR: usize = 10_000;
+/// Pilots of a world are far apart: dark ones count only so near, in edges of voxels.
+const DARK_WITHIN: f32 = 0.05;
 /// Trees of the forest, about: what cannot be coarser.
 const ROOTS: usize = 256;
 const MOST_LEVELS: u32 = 10;
@@ -324,6 +326,7 @@ fn drafts(
     report: &(dyn Fn(f32) -> bool + Sync),
 ) -> Result<Found, Error> {
     let sampler = lit_sampler(scene, PILOTS_FOR, settings.seed)?.ok_or(Error::Patches(patches::Error::NoSamples))?;
+    let sampler = sampler.dark_within(DARK_WITHIN * grid.shape.edges.min_element());
     let sampling = SampleSettings { points: FACE_RAYS, seed: settings.seed, ..SampleSettings::default() };
     let (mut drafts, mut dark) = (Vec::new(), Vec::new());
     for first in (0..grid.len()).step_by(VOXELS_AT_ONCE) {
