@@ -121,29 +121,44 @@ pub fn compare_pictures(
     })
 }
 
-/// Errors of the luminance of irradiance at points.
+/// Relative errors of the luminance of irradiance at points, |ours − reference| / max(reference, 0.05 · mean reference), one
+/// a point.
 ///
 /// # Errors
 /// [`Error::PointCount`] when the lengths differ, [`Error::Nothing`] without light in the reference,
 /// [`Error::NotFinite`].
-pub fn compare_points(ours: &[Vec3], reference: &[Vec3]) -> Result<PointErrors, Error> {
+pub fn point_errors(ours: &[Vec3], reference: &[Vec3]) -> Result<Vec<f64>, Error> {
     if ours.len() != reference.len() {
         return Err(Error::PointCount { expected: reference.len(), found: ours.len() });
     }
     check_finite("first", ours)?;
     check_finite("reference", reference)?;
-    let luminances = |values: &[Vec3]| values.iter().map(|v| f64::from(luminance(*v))).collect::<Vec<_>>();
-    let (ours, reference) = (luminances(ours), luminances(reference));
-    let sum: f64 = reference.iter().sum();
+    let sum = total(reference);
     if sum <= 0.0 {
         return Err(Error::Nothing { reason: "no reference point receives any light" });
     }
     let least = DARK_POINT * sum / reference.len() as f64;
-    let mut errors: Vec<f64> = ours.iter().zip(&reference).map(|(o, r)| (o - r).abs() / r.max(least)).collect();
+    let error = |(o, r): (&Vec3, &Vec3)| {
+        let (o, r) = (f64::from(luminance(*o)), f64::from(luminance(*r)));
+        (o - r).abs() / r.max(least)
+    };
+    Ok(ours.iter().zip(reference).map(error).collect())
+}
+
+fn total(values: &[Vec3]) -> f64 {
+    values.iter().map(|v| f64::from(luminance(*v))).sum()
+}
+
+/// Errors of the luminance of irradiance at points: [`point_errors`] summed up.
+///
+/// # Errors
+/// As [`point_errors`].
+pub fn compare_points(ours: &[Vec3], reference: &[Vec3]) -> Result<PointErrors, Error> {
+    let mut errors = point_errors(ours, reference)?;
     Ok(PointErrors {
         median_relative_error: quantile(&mut errors, 0.5),
         p95_relative_error: quantile(&mut errors, 0.95),
-        mean_ratio: ours.iter().sum::<f64>() / sum,
+        mean_ratio: total(ours) / total(reference),
     })
 }
 

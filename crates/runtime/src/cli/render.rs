@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::Vec3;
-use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
+use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale, point_errors};
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, Precision, ReferenceData, scale_to_stops, stops_to_scale};
 
@@ -317,9 +317,30 @@ fn compare_with(
     }
     difference_picture(&pictures.full, &data.full, 0.5)?.write_png(&out.join("difference-full.png"), 0.0)?;
     if let Some(points) = points {
-        summary.points = Some(compare_points(points, &data.point_indirect())?);
+        let expected = data.point_indirect();
+        summary.points = Some(compare_points(points, &expected)?);
+        output::write_text(&out.join("points.csv"), &points_csv(data, points, &point_errors(points, &expected)?))?;
     }
     Ok(())
+}
+
+/// A line for each point of the reference, worst first: where it is (scene units), indirect irradiance by us and by the
+/// reference with its standard error (W/m²), and the relative error of the luminance.
+fn points_csv(data: &ReferenceData, points: &[Vec3], errors: &[f64]) -> String {
+    let mut order: Vec<usize> = (0..errors.len()).collect();
+    order.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]));
+    let mut text = String::from(
+        "px,py,pz,nx,ny,nz,indirect_r,indirect_g,indirect_b,reference_r,reference_g,reference_b,\
+         se_reference_r,se_reference_g,se_reference_b,relative_error\n",
+    );
+    for k in order {
+        let p = &data.points[k];
+        for vector in [p.position, p.normal, points[k], p.indirect, p.indirect_error] {
+            text += &format!("{},{},{},", vector.x, vector.y, vector.z);
+        }
+        text += &format!("{:.5}\n", errors[k]);
+    }
+    text
 }
 
 fn print(s: &Summary) {
