@@ -57,7 +57,10 @@ fn three_forms_of_the_same_rows() {
     rows.factors.product(&light, &mut expected).unwrap();
 
     let mut counts = HitRows::new(light.len()).unwrap();
-    add_hit_rows(&mut counts, &surfaces, 96, &on).unwrap();
+    let sky = add_hit_rows(&mut counts, &surfaces, 96, &on).unwrap();
+    assert_eq!(sky.len(), points.len());
+    assert!(sky.iter().zip(&rows.sky_factor).all(|(a, b)| (a - b).abs() < 1e-5), "the lid is open to the sky");
+    assert!(sky.iter().all(|&s| s > 0.0));
     let mut found = vec![Vec4::ZERO; points.len()];
     counts.product(&light, &mut found).unwrap();
     assert!(worst(&found, &expected) < 1e-5, "{}", worst(&found, &expected));
@@ -131,7 +134,7 @@ fn wrong_shapes_and_cancelling_are_errors() {
     };
     length(gather_by_rays(&surfaces, 16, &light[1..], &on).map(|_| ()), "exitance");
     let mut few = HitRows::new(light.len() - 1).unwrap();
-    length(add_hit_rows(&mut few, &surfaces, 16, &on), "columns");
+    length(add_hit_rows(&mut few, &surfaces, 16, &on).map(|_| ()), "columns");
     let stop = |_, _| Proceed::Break(());
     let mut rows = HitRows::new(light.len()).unwrap();
     assert!(matches!(add_hit_rows(&mut rows, &surfaces, 16, &stop), Err(Error::Cancelled { total: 100, .. })));
@@ -140,23 +143,30 @@ fn wrong_shapes_and_cancelling_are_errors() {
 }
 
 #[test]
-fn means_of_rows_are_those_of_dense_rows() {
-    let rows: Vec<Vec<(u32, f32)>> =
-        (0..7u32).map(|i| (0..5).filter(|j| (i + j) % 3 > 0).map(|j| (j, unit(hash3(i, j, 1)))).collect()).collect();
-    let csr = Csr::from_rows(5, &rows).unwrap();
-    let (groups, weights) = ([0, 1, 4, 4, 7], [1.0, 0.25, 0.5, 0.25, 0.1, 0.2, 0.7]);
-    let mean = csr.mean_rows(&groups, &weights).unwrap();
-    let (dense, found) = (csr.to_dense(), mean.to_dense());
+fn means_of_rows_and_sums_of_columns_are_those_of_dense_rows() {
+    const RAYS: u32 = 40;
+    let columns: Vec<u32> = (0..7 * RAYS).map(|k| hash3(k, 0, 1) % 5).collect();
+    let mut rows = HitRows::new(5).unwrap();
+    rows.push(&columns, &[1.0 / RAYS as f32; 7]).unwrap();
+    let (groups, weights, owner) = ([0, 1, 4, 4, 7], [1.0, 0.25, 0.5, 0.25, 0.1, 0.2, 0.7], [2, 0, 0, 2, 1]);
+    let mean = rows.means(&groups, &weights, &owner, 3).unwrap();
+    let (dense, found) = (rows.to_csr().unwrap().to_dense(), mean.to_dense());
     for (g, range) in groups.windows(2).enumerate() {
-        for j in 0..5 {
-            let expected: f32 = (range[0]..range[1]).map(|k| weights[k as usize] * dense.row(k as usize)[j]).sum();
-            assert!((found.row(g)[j] - expected).abs() < 1e-6, "{g} {j}");
+        let mut expected = [0.0; 3];
+        for k in range[0] as usize..range[1] as usize {
+            (0..5).for_each(|c| expected[owner[c] as usize] += weights[k] * dense.row(k)[c]);
+        }
+        for j in 0..3 {
+            assert!((found.row(g)[j] - expected[j]).abs() < 1e-6, "{g} {j}");
         }
     }
     assert_eq!(mean.row_start[2], mean.row_start[3]);
-    // Equal weights give other rows.
-    assert_ne!(csr.mean_rows(&groups, &[1.0; 7]).unwrap(), mean);
-    assert!(matches!(csr.mean_rows(&groups, &weights[1..]), Err(Error::Length { name: "weights", .. })));
-    assert!(matches!(csr.mean_rows(&[0, 3], &weights), Err(Error::Length { name: "groups", .. })));
+    // Equal weights and other owners give other rows.
+    assert_ne!(rows.means(&groups, &[1.0; 7], &owner, 3).unwrap(), mean);
+    assert_ne!(rows.means(&groups, &weights, &[0, 0, 0, 2, 1], 3).unwrap(), mean);
+    assert!(matches!(rows.means(&groups, &weights[1..], &owner, 3), Err(Error::Length { name: "weights", .. })));
+    assert!(matches!(rows.means(&[0, 3], &weights, &owner, 3), Err(Error::Length { name: "groups", .. })));
+    assert!(matches!(rows.means(&groups, &weights, &owner[1..], 3), Err(Error::Length { name: "owner", .. })));
+    assert!(matches!(rows.means(&groups, &weights, &owner, 2), Err(Error::Value { name: "column_index", .. })));
     assert!(matches!(Csr::from_rows(2, &[vec![(2, 1.0)]]), Err(Error::Value { name: "column_index", .. })));
 }

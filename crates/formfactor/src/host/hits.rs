@@ -123,6 +123,40 @@ impl HitRows {
             .collect()
     }
 
+    /// Sparse rows of means, with columns taken together: row g is `Σ_k weights[k] row_k` over the rows
+    /// `groups[g]..groups[g + 1]`, and its column j the sum of all columns c with `owner[c] = j`, of `columns`.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there is one weight a row and one owner a column, and the groups end with the rows;
+    /// [`Error::Value`] for an owner that is not there; [`Error::TooMany`] entries.
+    pub fn means(&self, groups: &[u32], weights: &[f32], owner: &[u32], columns: usize) -> Result<Csr, Error> {
+        check_length("weights", self.scales.len(), weights.len())?;
+        check_length("groups", self.scales.len(), groups.last().map_or(0, |&end| end as usize))?;
+        check_length("owner", self.columns, owner.len())?;
+        let row = |range: &[u32]| {
+            let (first, end) = (range[0] as usize, range[1] as usize);
+            let mut sums: Vec<(u32, f32)> = Vec::new();
+            for (k, weight) in (first..end).zip(&weights[first..end]) {
+                let share = weight * self.scales[k];
+                sums.extend(
+                    self.row(k).into_iter().map(|(column, count)| (owner[column as usize], share * count as f32)),
+                );
+            }
+            // Stable: the entries of a column are added in the order of the rows.
+            sums.sort_by_key(|entry| entry.0);
+            sums.dedup_by(|next, kept| {
+                let same = next.0 == kept.0;
+                if same {
+                    kept.1 += next.1;
+                }
+                same
+            });
+            sums
+        };
+        let rows: Vec<Vec<(u32, f32)>> = groups.par_windows(2).map(row).collect();
+        Csr::from_rows(columns, &rows)
+    }
+
     /// The same operator as compressed sparse rows.
     ///
     /// # Errors

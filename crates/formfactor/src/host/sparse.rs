@@ -71,6 +71,7 @@ pub fn sparse_rows(
 
 /// Adds the rows of [`sparse_rows`] to those of `rows`, as counts of hits: each ray of a row carries the same share, so its
 /// points should have equal weights, and as many rays each. In blocks, so that the hits are never together in memory.
+/// Returns the sky factors of the new rows.
 ///
 /// # Errors
 /// As [`sparse_rows`]; [`Error::Length`] unless `rows` has one column a patch. Nothing is left half done: the rows of whole
@@ -80,14 +81,14 @@ pub fn add_hit_rows(
     surfaces: &Surfaces,
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-) -> Result<(), Error> {
+) -> Result<Vec<f32>, Error> {
     let order = like_rays(rays);
     let hits = |row: usize| hemisphere_hits(surfaces, row, &order).into_iter().map(|(column, _)| column).collect();
     add_rows(rows, surfaces, (rays, 1), &hits, progress)
 }
 
 /// As [`add_hit_rows`], with [`QUARTERS`] rows instead of one: the hits in each quarter of the hemisphere round the normal of
-/// the row's first point, as [`super::quarters::turns`] has them.
+/// the row's first point, as [`super::quarters::turns`] has them. Sky factors are those of the quarters.
 ///
 /// # Errors
 /// As [`add_hit_rows`].
@@ -96,7 +97,7 @@ pub fn add_quarter_rows(
     surfaces: &Surfaces,
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-) -> Result<(), Error> {
+) -> Result<Vec<f32>, Error> {
     let order = like_rays(rays);
     let hits = |row: usize| {
         let mut hits = std::vec![NONE; QUARTERS * order.len()];
@@ -114,19 +115,22 @@ fn add_rows(
     (rays, parts): (u32, usize),
     hits: &(dyn Fn(usize) -> Vec<u32> + Sync),
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-) -> Result<(), Error> {
+) -> Result<Vec<f32>, Error> {
     surfaces.check()?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("columns", rows.columns(), surfaces.patches.len())?;
-    let total = surfaces.rows();
+    let (total, sky) = (surfaces.rows(), surfaces.patches.len() as u32);
+    let mut sky_factor = Vec::with_capacity(parts * total);
     let watch = Watch::new(total, progress);
     let block = (BLOCK_HITS / (parts * rays as usize)).max(1).next_multiple_of(TASK_ROWS);
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
         let hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();
         rows.push(&hits, &std::vec![1.0 / rays as f32; parts * own.len()])?;
+        let escaped = |hits: &[u32]| hits.iter().filter(|&&column| column == sky).count() as f32 / rays as f32;
+        sky_factor.extend(hits.chunks(rays as usize).map(escaped));
     }
-    Ok(())
+    Ok(sky_factor)
 }
 
 /// The irradiance that the rows of [`sparse_rows`] would gather from this exitance, W/m², without the rows: for points that are

@@ -154,36 +154,6 @@ impl Csr {
         }
     }
 
-    /// Weighted sums of rows: row g is `Σ_k weights[k] row_k` over the rows `groups[g]..groups[g + 1]`.
-    ///
-    /// # Errors
-    /// [`Error::Length`] unless there is one weight a row and the groups end with the rows; [`Error::TooMany`] entries.
-    pub fn mean_rows(&self, groups: &[u32], weights: &[f32]) -> Result<Self, Error> {
-        check_length("weights", self.rows, weights.len())?;
-        check_length("groups", self.rows, groups.last().map_or(0, |&end| end as usize))?;
-        let row = |range: &[u32]| {
-            let (from, to) = (range[0] as usize, range[1] as usize);
-            let entries = self.row_start[from] as usize..self.row_start[to] as usize;
-            let mut sums: Vec<(u32, f32)> = Vec::with_capacity(entries.len());
-            for (k, weight) in (from..to).zip(&weights[from..to]) {
-                let own = self.row_start[k] as usize..self.row_start[k + 1] as usize;
-                sums.extend(own.map(|e| (self.column_index[e], weight * self.values[e])));
-            }
-            // Stable: the entries of a column are added in the order of the rows.
-            sums.sort_by_key(|entry| entry.0);
-            sums.dedup_by(|next, kept| {
-                let same = next.0 == kept.0;
-                if same {
-                    kept.1 += next.1;
-                }
-                same
-            });
-            sums
-        };
-        let rows: Vec<Vec<(u32, f32)>> = groups.par_windows(2).map(row).collect();
-        Self::from_rows(self.columns, &rows)
-    }
-
     /// From rows of columns and values.
     ///
     /// # Errors

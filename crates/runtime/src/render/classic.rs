@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, SparseRows, Stop, add_quarter_rows, balance,
-    form_factors, gather_by_rays, jacobi, sparse_rows,
+    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, Stop, add_hit_rows, add_quarter_rows,
+    balance, form_factors, gather_by_rays, jacobi, sparse_rows,
 };
 use glam::{Vec3, Vec4};
 use multibounce::Acceleration;
@@ -126,7 +126,7 @@ impl Default for ClassicSettings {
             receiver_edge: None,
             most_receivers: None,
             receiver_density: 1.0,
-            receiver_rays: 768,
+            receiver_rays: 1024,
             sub_frames: 16,
             seed: 0,
             size: (960, 540),
@@ -147,8 +147,7 @@ pub struct FrameResult {
 pub struct Bake {
     scene: Scene,
     senders: Senders,
-    factors: Csr,
-    facet_rows: SparseRows,
+    exchange: Exchange,
     receivers: MeshReceivers,
     direct: DirectParams,
     bounces: u32,
@@ -209,8 +208,7 @@ impl Bake {
         if count > MOST_PATCHES {
             return Err(too_many(count));
         }
-        let Exchange { factors, facet_rows } =
-            progress.phase("form_factors", |report| exchange(&scene, &senders, &settings, report))?;
+        let exchange = progress.phase("form_factors", |report| exchange(&scene, &senders, &settings, report))?;
         let direct = DirectParams {
             count: senders.points.len() as u32,
             area_rays: settings.sample_rays,
@@ -224,7 +222,7 @@ impl Bake {
                 _ => return MeshReceivers::none(&scene),
             };
             let seed = seed ^ 0x7265_6365;
-            let lights = test_lights(&scene, &senders, &factors, &facet_rows.factors, &direct)?;
+            let lights = test_lights(&scene, &senders, &exchange, &direct)?;
             let placing = Placing {
                 rays: settings.receiver_rays,
                 edge,
@@ -239,7 +237,8 @@ impl Bake {
                 let seed = hash3(rows.rows() as u32, 0, seed);
                 let surfaces = senders.lighting(&scene, Columns::Facets, points, &offsets, seed);
                 let progress = |done, total| proceed(report, done, total);
-                Ok(add_quarter_rows(rows, &surfaces, settings.receiver_rays, &progress)?)
+                add_quarter_rows(rows, &surfaces, settings.receiver_rays, &progress)?;
+                Ok(())
             };
             MeshReceivers::place(&scene, sampler, senders.facets.len(), &placing, &lights, &add)
         })?;
@@ -252,9 +251,9 @@ impl Bake {
 
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
-            None => progress.phase("bounces", |_| enough_bounces(&factors, &senders.albedo))?,
+            None => progress.phase("bounces", |_| enough_bounces(&exchange.factors, &senders.albedo))?,
         };
-        Ok(Self { scene, senders, factors, facet_rows, receivers, direct, bounces, view: loaded.view, settings })
+        Ok(Self { scene, senders, exchange, receivers, direct, bounces, view: loaded.view, settings })
     }
 
     /// Bounces of a frame, and how they use where the light was going.
@@ -283,7 +282,7 @@ impl Bake {
         let ClassicSettings { bounces, receivers, seed, .. } = self.settings;
         let at_patches = receivers == ReceiverKind::SelfReceivers;
         let compressing = Compressing { transport, bounces, at_patches, seed };
-        operator::compress(&compressing, &self.senders, &self.factors, progress)
+        operator::compress(&compressing, &self.senders, &self.exchange.factors, progress)
     }
 
     /// The rows that frames sample: none but for temporal radiosity.
@@ -296,17 +295,16 @@ impl Bake {
         let by_patches = self.settings.receivers == ReceiverKind::SelfReceivers;
         let last = if by_patches { 0 } else { LAST_BOUNCES };
         let sampled = progress.phase("tables", |_| -> Result<_, Error> {
-            let between = (self.bounces > last).then(|| Rows::new(&self.factors, temporal.rows)).transpose()?;
+            let Exchange { factors, facet_rows, .. } = &self.exchange;
+            let between = (self.bounces > last).then(|| Rows::new(factors, temporal.rows)).transpose()?;
             let all = temporal.sampled == Sampled::All;
-            // Facets that no light comes to from patches, and receivers that are not there, are left as they are.
-            let facets = (all && self.bounces > 1 && !by_patches).then(|| {
-                let Estimator::Hemisphere { rays } = self.settings.estimator else {
-                    return Rows::new(&self.facet_rows.factors, temporal.rows);
-                };
-                Rows::of_hits(&self.facet_rows.factors, facet_rays(rays, &self.senders))
+            // Facets that no light comes to from others, and receivers that are not there, are left as they are.
+            let facets = (all && self.bounces > 1 && !by_patches).then(|| match facet_rows {
+                Some(rows) => Rows::of_hits(rows),
+                None => Rows::new(factors, temporal.rows),
             });
             let has_receivers = !self.receivers.points.is_empty();
-            let receivers = (all && has_receivers).then(|| Rows::of_receivers(&self.receivers.rows));
+            let receivers = (all && has_receivers).then(|| Rows::of_hits(&self.receivers.rows));
             Ok(SampledRows {
                 settings: temporal.settings,
                 patches: between,
@@ -338,13 +336,13 @@ impl Bake {
         let sampled = self.sampled(transport, progress)?;
         let local = match transport {
             Transport::Local(options) => {
-                Some(LocalLight::new(&self.senders, &self.factors, options, self.view.eye, progress)?)
+                Some(LocalLight::new(&self.senders, &self.exchange.factors, options, self.view.eye, progress)?)
             }
             _ => None,
         };
         let local_bytes = local.as_ref().map(LocalLight::bytes).unwrap_or_default();
         let [patch_bytes, facet_bytes, receiver_bytes] = sampled.as_ref().map(SampledRows::bytes).unwrap_or_default();
-        let Self { scene, senders, factors, facet_rows, receivers, direct, bounces, settings, .. } = self;
+        let Self { scene, senders, exchange, receivers, direct, bounces, settings, .. } = self;
         let settings = ClassicSettings { transport, ..settings };
         let by_patches = settings.receivers == ReceiverKind::SelfReceivers;
         let mut first_shot = match transport {
@@ -367,11 +365,11 @@ impl Bake {
         let between = match (&operator, patch_bytes) {
             (Some(operator), _) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
             (None, Some(bytes)) => ("tables".to_owned(), bytes),
-            (None, None) => ("form_factors".to_owned(), csr_bytes(&factors)),
+            (None, None) => ("form_factors".to_owned(), csr_bytes(&exchange.factors)),
         };
         let mut bytes = BTreeMap::from([
             between,
-            ("facets".to_owned(), facet_bytes.unwrap_or_else(|| csr_bytes(&facet_rows.factors))),
+            ("facets".to_owned(), facet_bytes.unwrap_or_else(|| exchange.facet_bytes())),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
             ("receivers".to_owned(), receiver_bytes.unwrap_or(receivers.rows.bytes() as u64)),
             ("smoothing".to_owned(), csr_bytes(&receivers.smoothing)),
@@ -389,12 +387,11 @@ impl Bake {
                 scene: &scene,
                 senders: &senders,
                 receivers: &receivers,
-                factors: &factors,
+                exchange: &exchange,
                 operator: operator.as_ref(),
                 feedback,
                 sampled: sampled.as_ref(),
                 local,
-                facet_rows: &facet_rows,
                 lookup: senders.lookup.as_ref().filter(|_| by_patches),
                 // The light between facets comes from photons.
                 bounces: if first_shot.is_some() { 1 } else { bounces },
@@ -600,10 +597,27 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
     }
 }
 
-/// Form factors between patches, and from patches to facets.
+/// Form factors between patches, and between facets.
+#[derive(Clone)]
 pub(crate) struct Exchange {
+    /// From patch to patch: means of the facets' rows.
     pub factors: Csr,
-    pub facet_rows: SparseRows,
+    /// From facet to facet; none where the facets are the patches.
+    pub facet_rows: Option<HitRows>,
+    /// Share of each facet's hemisphere that sees no geometry.
+    pub sky_factor: Vec<f32>,
+}
+
+impl Exchange {
+    /// What facets gather by.
+    pub fn facet_operator(&self) -> &dyn Operator {
+        self.facet_rows.as_ref().map_or(&self.factors, |rows| rows)
+    }
+
+    /// Bytes of the facets' own rows.
+    fn facet_bytes(&self) -> u64 {
+        self.facet_rows.as_ref().map_or(0, |rows| rows.bytes() as u64)
+    }
 }
 
 pub(crate) fn exchange(
@@ -624,8 +638,7 @@ pub(crate) fn exchange(
         let mut rows = form_factors(&*estimator, &surfaces, &progress)?;
         balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
         let factors = rows.factors.to_csr(0.0)?;
-        let facet_rows = SparseRows { factors: factors.clone(), sky_factor: rows.sky_factor, lost: rows.lost };
-        return Ok(Exchange { factors, facet_rows });
+        return Ok(Exchange { factors, facet_rows: None, sky_factor: rows.sky_factor });
     }
     let without_outlines = |estimator| Err(formfactor::Error::NoOutlines { estimator }.into());
     let rays = match settings.estimator {
@@ -634,11 +647,19 @@ pub(crate) fn exchange(
         Estimator::Area => return without_outlines("AreaToArea"),
         Estimator::Point => return without_outlines("PointToPoint"),
     };
-    let facet_rows = sparse_rows(&surfaces, facet_rays(rays, senders), &progress)?;
-    // The row of a patch is the mean of those of its facets. No balance: the areas of clusters are estimates by samples,
-    // and reciprocity with them would make good rows worse.
-    let factors = facet_rows.factors.mean_rows(&senders.patch_facets, &senders.facet_shares())?;
-    Ok(Exchange { factors, facet_rows })
+    let (patches, facets) = (senders.patches.len(), senders.facets.len());
+    let rays = facet_rays(rays, senders);
+    // No balance: the areas of clusters are estimates by samples, and reciprocity with them would make good rows worse.
+    if facets == patches {
+        let rows = sparse_rows(&surfaces, rays, &progress)?;
+        return Ok(Exchange { factors: rows.factors, facet_rows: None, sky_factor: rows.sky_factor });
+    }
+    let fine = senders.lighting(scene, Columns::Facets, &senders.points, &senders.offsets, settings.seed);
+    let mut rows = HitRows::new(facets)?;
+    let sky_factor = add_hit_rows(&mut rows, &fine, rays, &progress)?;
+    let patch: Vec<u32> = (0..facets as u32).map(|facet| senders.patch_of(facet)).collect();
+    let factors = rows.means(&senders.patch_facets, &senders.facet_shares(), &patch, patches)?;
+    Ok(Exchange { factors, facet_rows: Some(rows), sky_factor })
 }
 
 /// Rays of a facet's row: as many in all as rows of the patches' own would take.

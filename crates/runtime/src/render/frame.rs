@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use std::f32::consts::PI;
 
 use bytemuck::{Pod, cast_slice};
-use formfactor::{Csr, HitRows, HitsParams, QUARTERS, SparseRows};
+use formfactor::{Csr, HitRows, QUARTERS};
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::{CountParams, PixelParams};
 use gpu_kernels::table::{self, Kernel};
@@ -18,6 +18,7 @@ use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
+use super::classic::Exchange;
 use super::local::LocalLight;
 use super::operator::{LAST_BOUNCES, PatchOperator};
 use super::receivers::MeshReceivers;
@@ -26,7 +27,7 @@ use super::temporal::SampledRows;
 use crate::error::Error;
 use crate::executor::{Executor, ExecutorError, PassTime};
 use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
-use hits::{HitTables, RowBlock};
+use hits::HitTables;
 use local::LocalStage;
 use operator::OperatorTables;
 pub(crate) use operator::product_on_device;
@@ -36,14 +37,14 @@ use sampled::{Level, LevelPasses};
 const PIXEL_RAYS: u32 = 2;
 
 /// What a frame is made of.
-pub struct FrameParts<'a> {
+pub(crate) struct FrameParts<'a> {
     pub scene: &'a Scene,
     pub senders: &'a Senders,
     /// From facets to receivers, and from them to the mesh.
     pub receivers: &'a MeshReceivers,
-    /// From patches to patches.
-    pub factors: &'a Csr,
-    /// The same in one product, of all bounces, or with feedback of one.
+    /// From patches to patches, and from facets to facets.
+    pub exchange: &'a Exchange,
+    /// From patches to patches in one product, of all bounces, or with feedback of one.
     pub operator: Option<&'a PatchOperator>,
     /// Bounces of a frame that begin with the light of the frame before, and how they use where that was going.
     pub feedback: Option<(u32, Acceleration)>,
@@ -51,8 +52,6 @@ pub struct FrameParts<'a> {
     pub sampled: Option<&'a SampledRows>,
     /// The matrix round the camera, instead of products with all patches.
     pub local: Option<LocalLight>,
-    /// From patches to facets.
-    pub facet_rows: &'a SparseRows,
     /// Takes the patches' own irradiance to the pixels, instead of the receivers.
     pub lookup: Option<&'a Lookup>,
     pub bounces: u32,
@@ -221,7 +220,7 @@ impl Frame {
         let sky = [s.sky];
         // A constant sky's share of the direct light is known once and for all.
         let constant_sky = if s.sky.map_width == 0 { s.sky.radiance * PI } else { Vec3::ZERO };
-        let sky_light = parts.senders.facet_albedo.iter().zip(&parts.facet_rows.sky_factor);
+        let sky_light = parts.senders.facet_albedo.iter().zip(&parts.exchange.sky_factor);
         let sky_light: Vec<Vec4> =
             sky_light.map(|(albedo, share)| *albedo * (constant_sky * *share).extend(0.0)).collect();
         let every: Vec<u32> = (0..facets as u32).collect();
@@ -255,10 +254,15 @@ impl Frame {
             Some(sampled) => [&sampled.patches, &sampled.facets, &sampled.receivers].map(Option::as_ref),
             None => [None; 3],
         };
-        let facet_factors = if facet_samples.is_some() { &no_rows } else { &parts.facet_rows.factors };
-        let facet_rows = uploads.csr(&mut plan, ["facet starts", "facet columns", "facet values"], facet_factors);
+        // Patches have facets, and facets rows of their own, unless they are the patches.
+        let facet_hits = match parts.exchange.facet_rows.as_ref().filter(|_| facet_samples.is_none()) {
+            Some(hits) => Some((hits, HitTables::new(&mut plan, &mut uploads, hits))),
+            None => None,
+        };
+        let at_facets = parts.bounces > 1 && parts.lookup.is_none();
         let is_sparse = parts.operator.is_none() && patch_samples.is_none() && local.is_none();
-        let patch_factors = if is_sparse { parts.factors } else { &no_rows };
+        let for_facets = at_facets && facet_samples.is_none() && facet_hits.is_none();
+        let patch_factors = if is_sparse || for_facets { &parts.exchange.factors } else { &no_rows };
         let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], patch_factors);
         let operator = parts.operator.map(|operator| OperatorTables::new(&mut plan, &mut uploads, operator));
         let names = ["smoothing starts", "smoothing columns", "smoothing weights"];
@@ -266,13 +270,7 @@ impl Frame {
         let node_rows =
             uploads.csr(&mut plan, ["node starts", "node columns", "node weights"], &parts.receivers.weights);
         let hits = if receiver_samples.is_some() { &no_hits } else { &parts.receivers.rows };
-        let hit_counts = hits.count_words();
-        let hit_tables = HitTables {
-            row_start: uploads.table(&mut plan, "row starts", cast_slice(hits.row_start())).buffer,
-            quads: uploads.table(&mut plan, "quads", cast_slice(hits.quads())).buffer,
-            counts: uploads.table(&mut plan, "counts", cast_slice(&hit_counts).to_vec()).buffer,
-            scales: uploads.table(&mut plan, "scales", cast_slice(hits.scales())).buffer,
-        };
+        let hit_tables = HitTables::new(&mut plan, &mut uploads, hits);
         let grids = uploads.table(&mut plan, "grids", cast_slice(&parts.receivers.nodes.grids));
         let cells = uploads.table(&mut plan, "receiver_cells", cast_slice(&parts.receivers.nodes.cells));
         let vertices = uploads.table(&mut plan, "vertices", cast_slice(&parts.receivers.nodes.vertices));
@@ -331,6 +329,12 @@ impl Frame {
             ("irradiance", Range::from(irradiance)),
             ("exitance", Range::from(exitance)),
         ];
+        let facet_tables = [
+            ("albedo", facet_albedo),
+            ("source", Range::from(facet_source)),
+            ("irradiance", Range::from(facet_irradiance)),
+            ("exitance", Range::from(facet_exitance)),
+        ];
         let dark = plan.storage("dark", rgb(patches.max(facets)));
         if parts.feedback.is_none() && patch_samples.is_none() {
             // B = E to begin with: a bounce of no irradiance.
@@ -380,33 +384,44 @@ impl Frame {
             pass(&mut plan, "method", &table::FORMFACTOR_BOUNCE, &[], &patch_tables, &patch_count, patches as u32)?;
         }
         let method: Vec<PassId> = plan.all_passes().split_off(before);
+        // The first of the two last bounces: between facets, each with its own first exitance and its share of what the patch
+        // reflects.
+        let mut shining = exitance;
+        if at_facets && parts.exchange.facet_rows.is_some() {
+            shining = facet_exitance;
+            let patch_light = plan.storage("patch light at facets", rgb(facets));
+            let patch: Vec<u32> = every.iter().map(|&facet| parts.senders.patch_of(facet)).collect();
+            let starts: Vec<u32> = (0..=facets as u32).collect();
+            let own = [
+                ("row_start", uploads.table(&mut plan, "facet starts", cast_slice(&starts).to_vec())),
+                ("columns", uploads.table(&mut plan, "facet patches", cast_slice(&patch).to_vec())),
+                ("values", uploads.table(&mut plan, "facet ones", cast_slice(&vec![1.0f32; facets]).to_vec())),
+                ("exitance", Range::from(irradiance)),
+                ("irradiance", Range::from(patch_light)),
+            ];
+            pass(&mut plan, "lookup", kernel, &own, &[], &facet_count, facets as u32)?;
+            let own = [("irradiance", Range::from(patch_light))];
+            pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &facet_tables, &facet_count, facets as u32)?;
+        }
+        let (from, to) = (Range::from(shining), Range::from(facet_irradiance));
         // What is only passed on is reflected from nothing.
         if let Some(rows) = facet_samples {
-            let (source, reflected, irradiance) = (Range::from(exitance), Range::from(dark), facet_irradiance);
-            let level = Level { name: "lookup", rows, settings, source, albedo, reflected, irradiance };
+            let (albedo, reflected, irradiance) = (facet_albedo, Range::from(dark), facet_irradiance);
+            let level = Level { name: "lookup", rows, settings, source: from, albedo, reflected, irradiance };
             sampling.add(&mut plan, &mut uploads, &level, range, 1)?;
-        } else if parts.bounces > 1 && parts.lookup.is_none() {
-            let own = [("exitance", Range::from(exitance)), ("irradiance", Range::from(facet_irradiance))];
-            pass(&mut plan, "lookup", kernel, &own, &facet_rows, &facet_count, facets as u32)?;
+        } else if let Some((hits, tables)) = facet_hits.filter(|_| at_facets) {
+            tables.gather(&mut plan, hits, range, shining, facet_irradiance)?;
+        } else if at_facets {
+            let own = [("exitance", from), ("irradiance", to)];
+            pass(&mut plan, "lookup", kernel, &own, &patch_rows, &facet_count, facets as u32)?;
         }
-        let own = [
-            ("albedo", facet_albedo),
-            ("source", Range::from(facet_source)),
-            ("irradiance", Range::from(facet_irradiance)),
-            ("exitance", Range::from(facet_exitance)),
-        ];
-        pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &[], &facet_count, facets as u32)?;
+        pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &[], &facet_tables, &facet_count, facets as u32)?;
         if let Some(rows) = receiver_samples {
             let (source, albedo, reflected) = (Range::from(facet_exitance), facet_albedo, Range::from(dark));
             let level = Level { name: "lookup", rows, settings, source, albedo, reflected, irradiance: received };
             sampling.add(&mut plan, &mut uploads, &level, range, 1)?;
         }
-        for RowBlock { rows, tables, first_quad } in hit_tables.blocks(hits, range) {
-            let light = received.range(rgb(rows.start), rgb(rows.len()));
-            let light = [("exitance", Range::from(facet_exitance)), ("irradiance", light)];
-            let push = HitsParams { rows: rows.len() as u32, first_quad };
-            pass(&mut plan, "lookup", &table::FORMFACTOR_GATHER_HITS, &light, &tables, &push, push.rows)?;
-        }
+        hit_tables.gather(&mut plan, hits, range, facet_exitance, received)?;
         if receivers > 0 {
             let quarters = received.range(0, rgb(QUARTERS * receivers));
             let own = [("exitance", quarters), ("irradiance", received.range(rgb(first_smooth), rgb(receivers)))];

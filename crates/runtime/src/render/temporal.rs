@@ -7,8 +7,6 @@ use crate::error::Error;
 
 /// Entries of a list that stands for a row of real numbers.
 const LIST_ENTRIES: usize = 1024;
-/// Numbers of hits are whole to this.
-const WHOLE: f32 = 0.01;
 
 /// How rows between patches are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,22 +65,8 @@ impl Rows {
         })
     }
 
-    /// Rows whose entries are numbers of hits times `1 / rays`, as lists of these; others share out the entries of a list.
-    pub(crate) fn of_hits(factors: &Csr, rays: u32) -> Result<Self, Error> {
-        let count = |v: f32| v * rays as f32;
-        let is_whole = |v: &f32| (count(*v) - (count(*v) + 0.5).trunc()).abs() < WHOLE;
-        if !factors.values.iter().all(is_whole) {
-            return Self::new(factors, RowKind::Lists);
-        }
-        let row = |i: usize| {
-            let own = factors.row_start[i] as usize..factors.row_start[i + 1] as usize;
-            own.map(|k| (factors.column_index[k], (count(factors.values[k]) + 0.5) as u32)).collect()
-        };
-        Ok(Self::Lists(RayLists::from_counts(factors.columns, &vec![1.0 / rays as f32; factors.rows], row)?))
-    }
-
-    /// The receivers' rows.
-    pub(crate) fn of_receivers(rows: &HitRows) -> Result<Self, Error> {
+    /// Rows that are counts of hits, as lists of these.
+    pub(crate) fn of_hits(rows: &HitRows) -> Result<Self, Error> {
         Ok(Self::Lists(RayLists::from_counts(rows.columns(), rows.scales(), |i| rows.row(i))?))
     }
 

@@ -1,13 +1,13 @@
 //! Lights under which the bake compares receivers: what is alike under all of them may be taken together.
 
-use formfactor::kernel::product::gather_row_sparse;
-use formfactor::{Csr, HitRows, Operator, QUARTERS};
+use formfactor::{HitRows, Operator, QUARTERS};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use scene::math::luminance;
 use scene::sampling::{frame, hammersley};
 use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, SurfacePoint};
 
+use super::classic::Exchange;
 use super::senders::Senders;
 use crate::error::Error;
 
@@ -55,11 +55,10 @@ fn gather(rows: &HitRows, exitance: impl Iterator<Item = Lights> + Clone) -> Res
 
 /// Exitance of the facets under several lights: the scene's own, four suns where there may be suns, and light that is the
 /// same everywhere. Each is scaled so that the mean irradiance of the patches is 1.
-pub fn test_lights(
+pub(crate) fn test_lights(
     scene: &Scene,
     senders: &Senders,
-    factors: &Csr,
-    facet_rows: &Csr,
+    exchange: &Exchange,
     direct: &DirectParams,
 ) -> Result<Vec<Lights>, Error> {
     let points = &senders.points;
@@ -98,18 +97,22 @@ pub fn test_lights(
         let mut exitance = patch_source.clone();
         let mut received = vec![Vec4::ZERO; exitance.len()];
         for _ in 0..BOUNCES {
-            factors.product(&exitance, &mut received)?;
+            exchange.factors.product(&exitance, &mut received)?;
             for (i, b) in exitance.iter_mut().enumerate() {
                 *b = patch_source[i] + received[i] * grey(&senders.albedo[i]);
             }
         }
         let mean: Vec4 = received.iter().zip(&senders.patches).map(|(h, p)| *h * (p.area / area)).sum();
         let scale = Vec4::select(mean.cmpgt(Vec4::ZERO), mean.recip(), Vec4::ZERO);
-        let Csr { row_start, column_index, values, .. } = facet_rows;
-        result.par_iter_mut().enumerate().for_each(|(f, out)| {
-            let h = gather_row_sparse(f as u32, row_start, column_index, values, &exitance);
-            out[vector] = (source[f] + h * grey(&senders.facet_albedo[f])) * scale;
-        });
+        // As in frames: light between facets last.
+        let reflected = |f: usize, h: Vec4| source[f] + h * grey(&senders.facet_albedo[f]);
+        let patch = |f: usize| senders.patch_of(f as u32) as usize;
+        let first: Vec<Vec4> = (0..source.len()).map(|f| reflected(f, received[patch(f)])).collect();
+        let mut received = vec![Vec4::ZERO; first.len()];
+        exchange.facet_operator().product(&first, &mut received)?;
+        for (f, out) in result.iter_mut().enumerate() {
+            out[vector] = reflected(f, received[f]) * scale;
+        }
     }
     Ok(result)
 }

@@ -1,17 +1,22 @@
-//! The receivers' rows on the device, in blocks that fit into a binding.
+//! Rows of receivers and facets on the device, in blocks that fit into a binding.
 
+use bytemuck::cast_slice;
 use formfactor::kernel::hits::WORD_COUNTS;
-use formfactor::{HitRows, Operator as _};
+use formfactor::{HitRows, HitsParams, Operator as _};
+use glam::Vec4;
+use gpu_kernels::table;
 
-use super::row_blocks;
-use crate::plan::{BufferId, Range};
+use super::{Uploads, pass, row_blocks};
+use crate::executor::ExecutorError;
+use crate::plan::{BufferId, Plan, Range};
 
-/// Where the receivers' rows are on the device.
+/// Where rows of hits are on the device.
+#[derive(Clone, Copy)]
 pub(super) struct HitTables {
-    pub row_start: BufferId,
-    pub quads: BufferId,
-    pub counts: BufferId,
-    pub scales: BufferId,
+    row_start: BufferId,
+    quads: BufferId,
+    counts: BufferId,
+    scales: BufferId,
 }
 
 /// Blocks of rows begin at multiples of this, and their quads too: ranges of a buffer begin at multiples of 256 bytes.
@@ -26,8 +31,36 @@ pub(super) struct RowBlock {
 }
 
 impl HitTables {
+    pub fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, hits: &'a HitRows) -> Self {
+        Self {
+            row_start: uploads.table(plan, "row starts", cast_slice(hits.row_start())).buffer,
+            quads: uploads.table(plan, "quads", cast_slice(hits.quads())).buffer,
+            counts: uploads.table(plan, "counts", cast_slice(&hits.count_words()).to_vec()).buffer,
+            scales: uploads.table(plan, "scales", cast_slice(hits.scales())).buffer,
+        }
+    }
+
+    /// Adds the passes of a lookup that gathers irradiance from exitance by these rows.
+    pub fn gather(
+        &self,
+        plan: &mut Plan,
+        hits: &HitRows,
+        range: u64,
+        exitance: BufferId,
+        irradiance: BufferId,
+    ) -> Result<(), ExecutorError> {
+        let rgb = |n: usize| (n * size_of::<Vec4>()) as u64;
+        for RowBlock { rows, tables, first_quad } in self.blocks(hits, range) {
+            let light = irradiance.range(rgb(rows.start), rgb(rows.len()));
+            let light = [("exitance", Range::from(exitance)), ("irradiance", light)];
+            let push = HitsParams { rows: rows.len() as u32, first_quad };
+            pass(plan, "lookup", &table::FORMFACTOR_GATHER_HITS, &light, &tables, &push, push.rows)?;
+        }
+        Ok(())
+    }
+
     /// Blocks of rows whose quads fit into one binding.
-    pub fn blocks(&self, hits: &HitRows, range: u64) -> Vec<RowBlock> {
+    fn blocks(&self, hits: &HitRows, range: u64) -> Vec<RowBlock> {
         let (starts, count) = (hits.row_start(), hits.rows());
         let quad_bytes = size_of_val(hits.quads()) as u64 / hits.quads().len().max(1) as u64;
         let most = (range / quad_bytes.max(1)).saturating_sub(BLOCK_STEP as u64);
