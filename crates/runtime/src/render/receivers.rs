@@ -3,6 +3,7 @@
 
 use formfactor::{Csr, HitRows, QUARTERS, Receivers, turns};
 use glam::{Mat2, Vec2, Vec3, Vec4};
+use multibounce::halving_order;
 use patches::{LitSampler, Nearest, Sample};
 use rayon::prelude::*;
 use scene::math::sqrt;
@@ -264,8 +265,14 @@ struct Set<'a> {
 }
 
 impl Set<'_> {
+    /// Makes the rows that are missing. New samples are put into an order in which neighbours are near, so that lookups find
+    /// what they need in the caches.
     fn add_rows(&mut self, add_rows: &AddRows) -> Result<(), Error> {
         let first = self.points.len();
+        let added = self.samples.split_off(first);
+        let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = added.iter().map(|s| (s.position, s.normal)).unzip();
+        let order = halving_order(&positions, &normals);
+        self.samples.extend(order.iter().map(|&k| added[k as usize]));
         let point =
             |(s, patch): (&Sample, u32)| SurfacePoint { position: s.position, patch, normal: s.normal, weight: 1.0 };
         self.points.extend(self.samples[first..].iter().zip(first as u32..).map(point));
