@@ -255,10 +255,8 @@ impl Frame {
             None => [None; 3],
         };
         // Patches have facets, and facets rows of their own, unless they are the patches.
-        let facet_hits = match parts.exchange.facet_rows.as_ref().filter(|_| facet_samples.is_none()) {
-            Some(hits) => Some((hits, HitTables::new(&mut plan, &mut uploads, hits))),
-            None => None,
-        };
+        let facet_hits = parts.exchange.facet_rows.as_ref().filter(|_| facet_samples.is_none());
+        let facet_hits = facet_hits.map(|hits| (hits, HitTables::new(&mut plan, &mut uploads, hits)));
         let at_facets = parts.bounces > 1 && parts.lookup.is_none();
         let is_sparse = parts.operator.is_none() && patch_samples.is_none() && local.is_none();
         let for_facets = at_facets && facet_samples.is_none() && facet_hits.is_none();
