@@ -153,11 +153,12 @@ fn means_of_rows_and_sums_of_columns_are_those_of_dense_rows() {
     let (dense, found) = (rows.to_csr().unwrap().to_dense(), mean.to_dense());
     for (g, range) in groups.windows(2).enumerate() {
         let mut expected = [0.0; 3];
-        for k in range[0] as usize..range[1] as usize {
-            (0..5).for_each(|c| expected[owner[c] as usize] += weights[k] * dense.row(k)[c]);
+        let own = range[0] as usize..range[1] as usize;
+        for (k, weight) in own.clone().zip(&weights[own]) {
+            (0..5).for_each(|c| expected[owner[c] as usize] += weight * dense.row(k)[c]);
         }
-        for j in 0..3 {
-            assert!((found.row(g)[j] - expected[j]).abs() < 1e-6, "{g} {j}");
+        for (j, (found, expected)) in found.row(g).iter().zip(expected).enumerate() {
+            assert!((found - expected).abs() < 1e-6, "{g} {j}");
         }
     }
     assert_eq!(mean.row_start[2], mean.row_start[3]);
