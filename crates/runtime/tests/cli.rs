@@ -491,12 +491,38 @@ fn debug_pictures_show_the_bake() {
         picture.pixels[half..].fill(glam::Vec3::ZERO);
         picture.write_exr(&reference.join(format!("{name}.exr")), reference::Precision::Single).unwrap();
     }
+    // Points in the middle of the box that look at its walls, with light of their own.
+    let columns = "direct_r,direct_g,direct_b,indirect_r,indirect_g,indirect_b,se_indirect_r,se_indirect_g,se_indirect_b,\
+                   se_direct_r,se_direct_g,se_direct_b";
+    let point = |normal: &str, light: f32| format!("0.5,0.5,0.5,{normal},0,0,0,{light},{light},{light},0,0,0,0,0,0\n");
+    let points = point("0,1,0", 1.0) + &point("1,0,0", 100.0) + &point("0,-1,0", 0.1);
+    std::fs::write(reference.join("points.csv"), format!("px,py,pz,nx,ny,nz,{columns}\n{points}")).unwrap();
     let out = folder.path().join("worst");
     let mut arguments = vec!["render", "cornell", "--patches", "cluster", "--debug", "--json"];
     arguments.extend(["--reference", reference.to_str().unwrap(), "--out", out.to_str().unwrap()]);
     arguments.extend(SMALL);
     let summary: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();
     assert!(summary.get("debug").is_none());
+    let table = std::fs::read_to_string(out.join("points.csv")).unwrap();
+    let lines: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert!(lines.len() == 4 && lines.iter().all(|line| line.len() == 16), "{table}");
+    let number = |line: usize, name: &str| -> f64 {
+        lines[line][lines[0].iter().position(|n| *n == name).unwrap()].parse().unwrap()
+    };
+    // Worst first, relative to 5 % of the mean at least; what was asked for stands beside what was found.
+    let errors = [1, 2, 3].map(|line| number(line, "relative_error"));
+    assert!(errors[0] >= errors[1] && errors[1] >= errors[2] && errors[0] > 0.0, "{table}");
+    for line in 1..4 {
+        let (found, asked) = (number(line, "indirect_g"), number(line, "reference_g"));
+        let luminance = |name: &str| {
+            0.2126 * number(line, &format!("{name}_r"))
+                + 0.7152 * number(line, &format!("{name}_g"))
+                + 0.0722 * number(line, &format!("{name}_b"))
+        };
+        let least = 0.05 * (1.0 + 100.0 + 0.1) / 3.0;
+        let error = (luminance("indirect") - luminance("reference")).abs() / asked.max(least);
+        assert!(found >= 0.0 && (error - number(line, "relative_error")).abs() < 1e-3 * (1.0 + error), "{table}");
+    }
     let worst = reference::Picture::read(&out.join("debug/worst.png")).unwrap();
     assert_eq!((worst.width, worst.height), (64, 24));
     // 3 × 4 blocks, and all of them are among the worst 16: frames on both sides.

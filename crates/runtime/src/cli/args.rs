@@ -452,7 +452,8 @@ pub struct Render {
     /// Rays from each of those points.
     #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub receiver_rays: u32,
-    /// Folder with full.exr, indirect.exr, points.csv to compare with.
+    /// Folder with full.exr, indirect.exr, points.csv to compare with; OUT/points.csv then has the error of each point, worst
+    /// first.
     #[arg(long)]
     pub reference: Option<PathBuf>,
     /// Also write pictures into OUT/debug: colours by patch, facet, axis and receiver, E and H of the patches, where receivers
