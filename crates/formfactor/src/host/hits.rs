@@ -151,6 +151,8 @@ impl HitRows {
                 }
                 same
             });
+            // All rows are in memory together, with what they have room for.
+            sums.shrink_to_fit();
             sums
         };
         let rows: Vec<Vec<(u32, f32)>> = groups.par_windows(2).map(row).collect();
