@@ -367,9 +367,10 @@ impl Bake {
             (None, Some(bytes)) => ("tables".to_owned(), bytes),
             (None, None) => ("form_factors".to_owned(), csr_bytes(&exchange.factors)),
         };
+        let is_there = by_patches || between.0 == "form_factors";
         let mut bytes = BTreeMap::from([
             between,
-            ("facets".to_owned(), facet_bytes.unwrap_or_else(|| exchange.facet_bytes())),
+            ("facets".to_owned(), facet_bytes.unwrap_or_else(|| exchange.facet_bytes(is_there))),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
             ("receivers".to_owned(), receiver_bytes.unwrap_or(receivers.rows.bytes() as u64)),
             ("smoothing".to_owned(), csr_bytes(&receivers.smoothing)),
@@ -614,9 +615,13 @@ impl Exchange {
         self.facet_rows.as_ref().map_or(&self.factors, |rows| rows)
     }
 
-    /// Bytes of the facets' own rows.
-    fn facet_bytes(&self) -> u64 {
-        self.facet_rows.as_ref().map_or(0, |rows| rows.bytes() as u64)
+    /// Bytes of what facets gather by beside what patches do: where `is_there`, theirs are in a frame anyway.
+    fn facet_bytes(&self, is_there: bool) -> u64 {
+        match &self.facet_rows {
+            Some(rows) => rows.bytes() as u64,
+            None if is_there => 0,
+            None => csr_bytes(&self.factors),
+        }
     }
 }
 

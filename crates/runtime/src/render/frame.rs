@@ -401,16 +401,16 @@ impl Frame {
             let own = [("irradiance", Range::from(patch_light))];
             pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &own, &facet_tables, &facet_count, facets as u32)?;
         }
-        let (from, to) = (Range::from(shining), Range::from(facet_irradiance));
         // What is only passed on is reflected from nothing.
         if let Some(rows) = facet_samples {
-            let (albedo, reflected, irradiance) = (facet_albedo, Range::from(dark), facet_irradiance);
-            let level = Level { name: "lookup", rows, settings, source: from, albedo, reflected, irradiance };
+            let (source, albedo, reflected) = (Range::from(shining), facet_albedo, Range::from(dark));
+            let level =
+                Level { name: "lookup", rows, settings, source, albedo, reflected, irradiance: facet_irradiance };
             sampling.add(&mut plan, &mut uploads, &level, range, 1)?;
         } else if let Some((hits, tables)) = facet_hits.filter(|_| at_facets) {
             tables.gather(&mut plan, hits, range, shining, facet_irradiance)?;
         } else if at_facets {
-            let own = [("exitance", from), ("irradiance", to)];
+            let own = [("exitance", Range::from(shining)), ("irradiance", Range::from(facet_irradiance))];
             pass(&mut plan, "lookup", kernel, &own, &patch_rows, &facet_count, facets as u32)?;
         }
         pass(&mut plan, "lookup", &table::FORMFACTOR_BOUNCE, &[], &facet_tables, &facet_count, facets as u32)?;
