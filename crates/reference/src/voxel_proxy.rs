@@ -31,6 +31,8 @@ const FACING_SHARE: f64 = 1e-6;
 const SIDES: [(usize, f32); 6] = [(0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0), (2, -1.0), (2, 1.0)];
 /// Most grids that [`VoxelProxy::for_count`] tries.
 const TRIES: u32 = 16;
+/// Most that it changes the edge by at once: voxels so large that they close a room say little of how many smaller ones make.
+const MOST_STEP: f64 = 2.0;
 
 /// A face of the proxy: a square with [`VoxelProxy::edge`] as its side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,7 +149,7 @@ impl VoxelProxy {
                 break;
             }
             *(if ratio > 1.0 { &mut small } else { &mut large }) = edge;
-            let guess = edge * ratio.sqrt();
+            let guess = edge * ratio.sqrt().clamp(1.0 / MOST_STEP, MOST_STEP);
             let inside = guess > small * 1.000_1 && guess < large * 0.999_9;
             edge = if inside { guess } else { (small * large).sqrt() };
         }

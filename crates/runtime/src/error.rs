@@ -50,6 +50,14 @@ pub enum Error {
         /// What takes less.
         instead: &'static str,
     },
+    /// An experiment cannot go on.
+    #[error("{}: not what --resume can continue ({why}); give the options of that run, another --out, or leave out --resume", path.display())]
+    OtherExperiment {
+        /// The file.
+        path: PathBuf,
+        /// What is different.
+        why: String,
+    },
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
     Write {

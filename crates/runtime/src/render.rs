@@ -2,6 +2,7 @@
 
 pub mod classic;
 pub mod debug;
+pub(crate) mod exchange;
 pub mod firstshot;
 pub(crate) mod frame;
 pub mod local;

@@ -1,39 +1,14 @@
 //! Bakes as a user meets them: the same bytes for any threads, parts and interruptions; what is wrong is named; pictures.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_patchlight"));
-    command.args(arguments).arg("--quiet").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
+use program::{command, fails, run, succeeds, text};
 
-fn run(arguments: &[&str]) -> Output {
-    command(arguments).output().expect("the program starts")
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn succeeds(arguments: &[&str]) -> String {
-    let output = run(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
-    text(&output.stdout)
-}
-
-fn fails(code: i32, arguments: &[&str]) -> String {
-    let output = run(arguments);
-    let message = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-    assert!(!message.contains("panicked"), "{arguments:?}: {message}");
-    message
-}
-
-const SMALL: [&str; 4] = ["--patch-count", "300", "--rays", "64"];
+const SMALL: [&str; 5] = ["--patch-count", "300", "--rays", "64", "--quiet"];
 
 fn bake(scene: &str, path: &Path, more: &[&str]) {
     let path = path.to_string_lossy();

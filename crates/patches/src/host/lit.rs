@@ -26,6 +26,7 @@ const DARK_DISTANCE: f32 = 1.0;
 
 /// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
 /// or that see no geometry. A few pilots are asked by random walks; where they agree, candidates take their answer.
+#[derive(Clone)]
 pub struct LitSampler<'a> {
     scene: &'a Scene,
     /// Whether light comes to each pilot, and where they are.

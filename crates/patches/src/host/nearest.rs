@@ -26,6 +26,7 @@ const ROUNDING: f32 = 0.9999;
 
 /// Finds the nearest samples in position and normal: cells in blocks of 8³, a hash of the blocks that hold samples, so that a
 /// search asks the hash for eight blocks at most and looks only at cells that can hold something nearer than what it has.
+#[derive(Clone)]
 pub struct Nearest {
     /// Positions and normals in the order of their cells, and whose they are.
     places: Vec<(Vec3, Vec3)>,

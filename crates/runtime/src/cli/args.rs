@@ -548,6 +548,9 @@ pub struct Bench {
     /// Rays from each receiver.
     #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=131_072))]
     pub receiver_rays: u32,
+    /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
+    #[arg(long)]
+    pub resume: bool,
 }
 
 /// A number of bounces, or all of them.

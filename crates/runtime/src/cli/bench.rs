@@ -11,7 +11,7 @@ mod truth;
 
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::args::{Bench, Common, Experiment};
 use super::output;
@@ -42,13 +42,43 @@ struct Machine {
     stream_gb_s: f64,
 }
 
-/// summary.json of an experiment.
+/// What the rows of the experiment with patches depend on beside what they say: a run goes on only from its like.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Basis {
+    seed: u32,
+    rays: u32,
+    receiver_rays: u32,
+    sub_frames: u32,
+    /// Of path-traced references.
+    size: (u32, u32),
+    spp: u32,
+    /// Of the break-down, the lights and the pictures.
+    most_patches: u32,
+}
+
+impl Basis {
+    fn new(common: &Common, args: &Bench, most_patches: u32) -> Self {
+        let Bench { rays, receiver_rays, sub_frames, size, spp, .. } = *args;
+        Self { seed: common.seed, rays, receiver_rays, sub_frames, size, spp, most_patches }
+    }
+}
+
+/// summary.json of the experiment with patches.
 #[derive(Serialize)]
 struct Results<'a> {
     name: &'static str,
     machine: &'a Machine,
-    seed: u32,
+    #[serde(flatten)]
+    basis: &'a Basis,
     rows: Vec<&'a Row>,
+}
+
+/// What a run that goes on needs of it.
+#[derive(Deserialize)]
+struct Before {
+    #[serde(flatten)]
+    basis: Basis,
+    rows: Vec<Row>,
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
@@ -94,17 +124,25 @@ impl<'a> Setup<'a> {
 fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, counts } = Setup::new(common, args, "patches", &SCENES, &COUNTS)?;
     let args = &Bench { counts, ..args.clone() };
-    let mut results = Vec::new();
+    let basis = Basis::new(common, args, patches::main_count(&args.counts));
     let numbers = out.join("summary.json");
+    let known = if args.resume { rows_before(&numbers, &basis)? } else { Vec::new() };
+    let text = |results: &[SceneResult], rows: &[Row]| {
+        let new: Vec<&Row> = results.iter().flat_map(|result| &result.rows).chain(rows).collect();
+        let old = known.iter().filter(|old| new.iter().all(|row| row.key() != old.key()));
+        let rows = new.iter().copied().chain(old).collect();
+        output::json(&Results { name: "patches", machine: &machine, basis: &basis, rows })
+    };
+    let mut results = Vec::new();
     for scene in scenes {
         // What is known is kept when the rest fails or is stopped.
-        let keep = |rows: &[Row]| output::write_text(&numbers, &summary(common, &machine, &results, rows));
-        let result = patches::one_scene(common, args, scene, &out, &keep)?;
+        let keep = |rows: &[Row]| output::write_text(&numbers, &text(&results, rows));
+        let result = patches::one_scene(common, args, scene, &out, &known, &keep)?;
         results.push(result);
-        write(common, &machine, &results, &out)?;
+        write(&machine, &results, &out)?;
     }
     if common.json {
-        println!("{}", summary(common, &machine, &results, &[]));
+        println!("{}", text(&results, &[]));
     } else {
         results.iter().for_each(|result| println!("{}", result.markdown()));
         println!("{} shows the same with pictures", out.join("report.html").display());
@@ -112,13 +150,22 @@ fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
     Ok(())
 }
 
-fn summary(common: &Common, machine: &Machine, results: &[SceneResult], more: &[Row]) -> String {
-    let rows = results.iter().flat_map(|result| &result.rows).chain(more).collect();
-    output::json(&Results { name: "patches", machine, seed: common.seed, rows })
+/// The rows of a run before; none where there was none.
+fn rows_before(path: &Path, basis: &Basis) -> Result<Vec<Row>, Error> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let text =
+        std::fs::read_to_string(path).map_err(|source| reference::Error::Read { path: path.to_owned(), source })?;
+    let other = |why: String| Error::OtherExperiment { path: path.to_owned(), why };
+    let before: Before = serde_json::from_str(&text).map_err(|e| other(e.to_string()))?;
+    if before.basis != *basis {
+        return Err(other(format!("{:?} there, {basis:?} here", before.basis)));
+    }
+    Ok(before.rows)
 }
 
-fn write(common: &Common, machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), Error> {
-    output::write_text(&out.join("summary.json"), &summary(common, machine, results, &[]))?;
+fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), Error> {
     for result in results {
         for (name, plot) in result.plot_names().zip(&result.section.plots) {
             output::write_text(&out.join(name), &plot.svg())?;

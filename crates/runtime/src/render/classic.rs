@@ -4,18 +4,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-use formfactor::{
-    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, Stop, add_hit_rows, add_quarter_rows,
-    balance, form_factors, gather_by_rays, jacobi, sparse_rows,
-};
+use formfactor::{Csr, HitRows, Operator, Stop, add_quarter_rows, gather_by_rays, jacobi};
 use glam::{Vec3, Vec4};
 use multibounce::Acceleration;
-use patches::{Lookup, ViewSettings};
+use patches::{LitSampler, Lookup, ViewSettings};
 use reference::Picture;
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
+use super::exchange::{Exchange, exchange};
 use super::firstshot::{FirstShot, quietly, write_files};
 use super::frame::{Frame, FrameParts};
 use super::local::{LocalFrame, LocalLight};
@@ -36,8 +34,6 @@ use crate::progress::Progress;
 const RECEIVERS_AN_EDGE: f32 = 3.0;
 /// Most receivers for each that their distance gives where light is even.
 const MOST_RECEIVERS: f32 = 10.0 / 3.0;
-/// Fewest rays of a facet's row.
-const LEAST_FACET_RAYS: u64 = 64;
 /// Rays of a row of [`Classic::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
 /// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
@@ -167,17 +163,21 @@ pub struct Classic {
     bytes: BTreeMap<String, u64>,
 }
 
-impl Bake {
-    /// Cuts the scene into patches, and estimates and balances their form factors and the receivers' rows.
+/// The patches of a scene and what they exchange: a bake that has no receivers yet.
+#[derive(Clone)]
+pub struct Patches<'a> {
+    sampler: Option<LitSampler<'a>>,
+    bake: Bake,
+}
+
+impl<'a> Patches<'a> {
+    /// Cuts the scene into patches, and estimates and balances their form factors.
     ///
     /// # Errors
     /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
-    pub fn new(loaded: &LoadedScene, settings: ClassicSettings, progress: &mut Progress) -> Result<Self, Error> {
-        if settings.receivers == ReceiverKind::SelfReceivers && !settings.patches.has_voxels() {
-            let patches = settings.patches.name();
-            return Err(Error::NoVoxels { option: "--receivers self", patches, instead: "--receivers mesh" });
-        }
-        let scene = loaded.scene.clone();
+    pub fn new(loaded: &'a LoadedScene, settings: ClassicSettings, progress: &mut Progress) -> Result<Self, Error> {
+        check_receivers(&settings)?;
+        let scene = &loaded.scene;
         let too_many = |needed: usize| Error::TooManyPatches {
             scene: loaded.name.clone(),
             triangles: scene.triangles.len(),
@@ -187,73 +187,118 @@ impl Bake {
         if settings.patches == PatchKind::Polygon && scene.triangles.len() > MOST_PATCHES {
             return Err(too_many(scene.triangles.len()));
         }
-        let seed = settings.seed;
-        let (sampler, senders, edge) = progress.phase("sample", |_| -> Result<_, Error> {
-            let sampler = lit_sampler(&scene, settings.patch_count, seed)?;
+        let (sampler, senders) = progress.phase("sample", |_| -> Result<_, Error> {
+            let sampler = lit_sampler(scene, settings.patch_count, settings.seed)?;
             let made = SenderSettings {
                 kind: settings.patches,
                 count: settings.patch_count,
                 voxel_size: settings.voxel_size,
                 samples: settings.samples,
-                seed,
+                seed: settings.seed,
             };
-            let senders = Senders::new(&scene, sampler.as_ref(), &made)?;
-            let area: f32 = senders.areas().iter().sum();
-            let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
-            let density = settings.receiver_density;
-            let edge = settings.receiver_edge.unwrap_or(patch_edge / (RECEIVERS_AN_EDGE * scene::math::sqrt(density)));
-            Ok((sampler, senders, edge))
+            let senders = Senders::new(scene, sampler.as_ref(), &made)?;
+            Ok((sampler, senders))
         })?;
-        let count = senders.patches.len();
-        if count > MOST_PATCHES {
-            return Err(too_many(count));
+        if senders.patches.len() > MOST_PATCHES {
+            return Err(too_many(senders.patches.len()));
         }
-        let exchange = progress.phase("form_factors", |report| exchange(&scene, &senders, &settings, report))?;
+        let exchange = progress.phase("form_factors", |report| exchange(scene, &senders, &settings, report))?;
+        let bounces = match settings.bounces {
+            Some(bounces) => bounces,
+            None => progress.phase("bounces", |_| enough_bounces(&exchange.factors, &senders.albedo))?,
+        };
         let direct = DirectParams {
             count: senders.points.len() as u32,
             area_rays: settings.sample_rays,
             sky_rays: if scene.sky.map_width == 0 { 0 } else { settings.sample_rays },
             seed: settings.seed,
-            ..direct_params(&scene)
+            ..direct_params(scene)
         };
+        let (receivers, view) = (MeshReceivers::none(scene)?, loaded.view);
+        let bake = Bake { scene: scene.clone(), senders, exchange, receivers, direct, bounces, view, settings };
+        Ok(Self { sampler, bake })
+    }
+
+    /// Whether these are the patches of such settings: they differ at most in receivers and in pictures.
+    pub fn serve(&self, settings: &ClassicSettings) -> bool {
+        let ClassicSettings {
+            receivers,
+            receiver_edge,
+            most_receivers,
+            receiver_density,
+            receiver_rays,
+            sub_frames,
+            size,
+            ..
+        } = self.bake.settings;
+        let like = ClassicSettings {
+            receivers,
+            receiver_edge,
+            most_receivers,
+            receiver_density,
+            receiver_rays,
+            sub_frames,
+            size,
+            ..*settings
+        };
+        like == self.bake.settings
+    }
+
+    /// Places receivers: of these settings only what says where and with how many rays counts, with the patches as they are.
+    ///
+    /// # Errors
+    /// Receivers that the patches do not suit, cancellation.
+    pub fn with_receivers(self, settings: ClassicSettings, progress: &mut Progress) -> Result<Bake, Error> {
+        let Self { sampler, bake } = self;
+        let settings = ClassicSettings { patches: bake.settings.patches, ..settings };
+        check_receivers(&settings)?;
+        let Bake { scene, senders, exchange, direct, .. } = &bake;
         let receivers = progress.phase("receivers", |report| -> Result<_, Error> {
             let sampler = match &sampler {
                 Some(sampler) if settings.receivers == ReceiverKind::Mesh => sampler,
-                _ => return MeshReceivers::none(&scene),
+                _ => return MeshReceivers::none(scene),
             };
-            let seed = seed ^ 0x7265_6365;
-            let lights = test_lights(&scene, &senders, &exchange, &direct)?;
+            let seed = settings.seed ^ 0x7265_6365;
+            let area: f32 = senders.areas().iter().sum();
+            let patch_edge = (area / senders.patches.len().max(1) as f32).sqrt();
+            let even = patch_edge / (RECEIVERS_AN_EDGE * scene::math::sqrt(settings.receiver_density));
+            let edge = settings.receiver_edge.unwrap_or(even);
+            let lights = test_lights(scene, senders, exchange, direct)?;
             let placing = Placing {
                 rays: settings.receiver_rays,
                 edge,
-                most: settings
-                    .most_receivers
-                    .unwrap_or((MOST_RECEIVERS * senders.areas().iter().sum::<f32>() / (edge * edge)) as usize),
+                most: settings.most_receivers.unwrap_or((MOST_RECEIVERS * area / (edge * edge)) as usize),
                 seed,
             };
             // How many there will be is not known: the bar shows the rows of each round.
             let add = |rows: &mut HitRows, points: &[SurfacePoint]| {
                 let offsets: Vec<u32> = (0..=points.len() as u32).collect();
                 let seed = hash3(rows.rows() as u32, 0, seed);
-                let surfaces = senders.lighting(&scene, Columns::Facets, points, &offsets, seed);
+                let surfaces = senders.lighting(scene, Columns::Facets, points, &offsets, seed);
                 let progress = |done, total| proceed(report, done, total);
                 add_quarter_rows(rows, &surfaces, settings.receiver_rays, &progress)?;
                 Ok(())
             };
-            MeshReceivers::place(&scene, sampler, senders.facets.len(), &placing, &lights, &add)
+            MeshReceivers::place(scene, sampler, senders.facets.len(), &placing, &lights, &add)
         })?;
         progress.note(&format!(
-            "{count} patches, {} facets, {} receivers, {} nodes",
+            "{} patches, {} facets, {} receivers, {} nodes",
+            senders.patches.len(),
             senders.facets.len(),
             receivers.points.len(),
             receivers.nodes.points.len()
         ));
+        Ok(Bake { receivers, settings, ..bake })
+    }
+}
 
-        let bounces = match settings.bounces {
-            Some(bounces) => bounces,
-            None => progress.phase("bounces", |_| enough_bounces(&exchange.factors, &senders.albedo))?,
-        };
-        Ok(Self { scene, senders, exchange, receivers, direct, bounces, view: loaded.view, settings })
+impl Bake {
+    /// [`Patches`] with receivers, in one step.
+    ///
+    /// # Errors
+    /// As [`Patches::new`] and [`Patches::with_receivers`].
+    pub fn new(loaded: &LoadedScene, settings: ClassicSettings, progress: &mut Progress) -> Result<Self, Error> {
+        Patches::new(loaded, settings, progress)?.with_receivers(settings, progress)
     }
 
     /// Bounces of a frame, and how they use where the light was going.
@@ -580,6 +625,15 @@ impl Classic {
     }
 }
 
+/// Only voxels have a lookup between patches.
+fn check_receivers(settings: &ClassicSettings) -> Result<(), Error> {
+    if settings.receivers == ReceiverKind::SelfReceivers && !settings.patches.has_voxels() {
+        let patches = settings.patches.name();
+        return Err(Error::NoVoxels { option: "--receivers self", patches, instead: "--receivers mesh" });
+    }
+    Ok(())
+}
+
 /// The same device once more, for tables of its own; nothing for native code.
 fn device_again(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Error> {
     match executor.device().index {
@@ -598,82 +652,7 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
     }
 }
 
-/// Form factors between patches, and between facets.
-#[derive(Clone)]
-pub(crate) struct Exchange {
-    /// From patch to patch: means of the facets' rows.
-    pub factors: Csr,
-    /// From facet to facet; none where the facets are the patches.
-    pub facet_rows: Option<HitRows>,
-    /// Share of each facet's hemisphere that sees no geometry.
-    pub sky_factor: Vec<f32>,
-}
-
-impl Exchange {
-    /// What facets gather by.
-    pub fn facet_operator(&self) -> &dyn Operator {
-        self.facet_rows.as_ref().map_or(&self.factors, |rows| rows)
-    }
-
-    /// Bytes of what facets gather by beside what patches do: where `is_there`, theirs are in a frame anyway.
-    fn facet_bytes(&self, is_there: bool) -> u64 {
-        match &self.facet_rows {
-            Some(rows) => rows.bytes() as u64,
-            None if is_there => 0,
-            None => csr_bytes(&self.factors),
-        }
-    }
-}
-
-pub(crate) fn exchange(
-    scene: &Scene,
-    senders: &Senders,
-    settings: &ClassicSettings,
-    report: &(dyn Fn(f32) -> bool + Sync),
-) -> Result<Exchange, Error> {
-    let surfaces = senders.exchange(scene, settings.seed);
-    let progress = |done: usize, total: usize| proceed(report, done, total);
-    if !senders.polygons.is_empty() {
-        let estimator: Box<dyn formfactor::Estimator> = match settings.estimator {
-            Estimator::Hemisphere { rays } => Box::new(Hemisphere { rays }),
-            Estimator::Contour => Box::new(Contour::default()),
-            Estimator::Area => Box::new(AreaToArea::default()),
-            Estimator::Point => Box::new(PointToPoint::default()),
-        };
-        let mut rows = form_factors(&*estimator, &surfaces, &progress)?;
-        balance(&mut rows.factors, &mut rows.sky_factor, &senders.areas(), None)?;
-        let factors = rows.factors.to_csr(0.0)?;
-        return Ok(Exchange { factors, facet_rows: None, sky_factor: rows.sky_factor });
-    }
-    let without_outlines = |estimator| Err(formfactor::Error::NoOutlines { estimator }.into());
-    let rays = match settings.estimator {
-        Estimator::Hemisphere { rays } => rays,
-        Estimator::Contour => return without_outlines("Contour"),
-        Estimator::Area => return without_outlines("AreaToArea"),
-        Estimator::Point => return without_outlines("PointToPoint"),
-    };
-    let (patches, facets) = (senders.patches.len(), senders.facets.len());
-    let rays = facet_rays(rays, senders);
-    // No balance: the areas of clusters are estimates by samples, and reciprocity with them would make good rows worse.
-    if facets == patches {
-        let rows = sparse_rows(&surfaces, rays, &progress)?;
-        return Ok(Exchange { factors: rows.factors, facet_rows: None, sky_factor: rows.sky_factor });
-    }
-    let fine = senders.lighting(scene, Columns::Facets, &senders.points, &senders.offsets, settings.seed);
-    let mut rows = HitRows::new(facets)?;
-    let sky_factor = add_hit_rows(&mut rows, &fine, rays, &progress)?;
-    let patch: Vec<u32> = (0..facets as u32).map(|facet| senders.patch_of(facet)).collect();
-    let factors = rows.means(&senders.patch_facets, &senders.facet_shares(), &patch, patches)?;
-    Ok(Exchange { factors, facet_rows: Some(rows), sky_factor })
-}
-
-/// Rays of a facet's row: as many in all as rows of the patches' own would take.
-fn facet_rays(rays: u32, senders: &Senders) -> u32 {
-    let (patches, facets) = (senders.patches.len(), senders.facets.len());
-    (u64::from(rays) * patches as u64).div_ceil(facets.max(1) as u64).max(LEAST_FACET_RAYS) as u32
-}
-
-fn csr_bytes(rows: &Csr) -> u64 {
+pub(super) fn csr_bytes(rows: &Csr) -> u64 {
     (size_of_val(&rows.row_start[..]) + size_of_val(&rows.column_index[..]) + size_of_val(&rows.values[..])) as u64
 }
 

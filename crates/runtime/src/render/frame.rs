@@ -18,7 +18,7 @@ use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
-use super::classic::Exchange;
+use super::exchange::Exchange;
 use super::local::LocalLight;
 use super::operator::{LAST_BOUNCES, PatchOperator};
 use super::receivers::MeshReceivers;

@@ -510,7 +510,8 @@ pub(super) mod tests {
     use super::measure::relative_error;
     use super::*;
     use crate::procedural;
-    use crate::render::classic::{ClassicSettings, Estimator, PatchKind, exchange};
+    use crate::render::classic::{ClassicSettings, Estimator, PatchKind};
+    use crate::render::exchange::exchange;
     use crate::render::senders::{SenderSettings, lit_sampler};
 
     /// Every codec, with the relative error of irradiance that it may have against the dense one.

@@ -7,7 +7,7 @@ use scene::math::luminance;
 use scene::sampling::{frame, hammersley};
 use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, SurfacePoint};
 
-use super::classic::Exchange;
+use super::exchange::Exchange;
 use super::senders::Senders;
 use crate::error::Error;
 

@@ -8,7 +8,7 @@ use reference::{Picture, ProxyLookup, scale_to_stops};
 use scene::Light;
 
 use super::lights::other_lights;
-use super::rows::{Errors, Part, Row, break_down_table, lights_table, patches_table};
+use super::rows::{Errors, Key, Part, Row, break_down_table, lights_table, patches_table};
 use super::truth::Truth;
 use crate::cli::args::{Bench, Common};
 use crate::cli::output;
@@ -18,7 +18,7 @@ use crate::executor::{DeviceChoice, open};
 use crate::import::LoadedScene;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::Pictures;
-use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use crate::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, Patches, ReceiverKind};
 use crate::render::proxy::{ProxyRadiosity, ProxySettings};
 use crate::render::senders::MOST_PATCHES;
 use crate::summary::PassTimes;
@@ -36,6 +36,11 @@ const MORE_RECEIVER_RAYS: u32 = 4;
 const PIXEL_SUB_FRAMES: u32 = 2;
 /// Relative difference of full colour in pictures of differences.
 const RANGE: f32 = 0.25;
+
+/// Names of the pictures of a scene.
+const REFERENCE: &str = "reference";
+const CLUSTERS: &str = "clusters";
+const PROXY: &str = "proxy";
 
 /// What an experiment found out about a scene.
 pub struct SceneResult {
@@ -66,8 +71,22 @@ impl SceneResult {
 /// Keeps the rows so far.
 pub type Keep<'a> = dyn Fn(&[Row]) -> Result<(), Error> + 'a;
 
-/// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come.
-pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path, keep: &Keep) -> Result<SceneResult, Error> {
+/// The patches of the break-down, the lights and the pictures.
+pub fn main_count(counts: &[u32]) -> u32 {
+    let most = counts.iter().copied().filter(|&n| n <= MAIN_COUNT).max();
+    most.or(counts.iter().copied().min()).unwrap_or(MAIN_COUNT)
+}
+
+/// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come; those that
+/// are `known` are taken as they are.
+pub fn one_scene(
+    common: &Common,
+    args: &Bench,
+    scene: &str,
+    out: &Path,
+    known: &[Row],
+    keep: &Keep,
+) -> Result<SceneResult, Error> {
     let mut progress = Progress::new(common.quiet);
     let loaded = output::import(scene, &mut progress)?;
     progress.note(&format!("{}: reference", loaded.name));
@@ -76,23 +95,32 @@ pub fn one_scene(common: &Common, args: &Bench, scene: &str, out: &Path, keep: &
         None => Truth::traced_with_points(&loaded, args.size, args.spp, common.seed, &mut progress)?,
     };
     let out = out.join(&loaded.name);
-    let main_count = args.counts.iter().copied().filter(|&n| n <= MAIN_COUNT).max();
-    let main_count = main_count.or(args.counts.iter().copied().min()).unwrap_or(MAIN_COUNT) as usize;
-    let mut experiment =
-        Experiment { common, args, loaded: &loaded, out, progress, main_count, rows: Vec::new(), main: None, keep };
-    let mut proxy = None;
+    let main_count = main_count(&args.counts) as usize;
+    let mut experiment = Experiment {
+        common,
+        args,
+        loaded: &loaded,
+        out,
+        progress,
+        main_count,
+        known: known.iter().filter(|row| row.scene == loaded.name).cloned().collect(),
+        rows: Vec::new(),
+        written: Vec::new(),
+        patches: None,
+        keep,
+    };
+    experiment.reference_picture(&truth)?;
     if args.parts.contains(&Part::Patches) {
         experiment.patches(&truth)?;
-        proxy = experiment.proxies(&truth)?;
+        experiment.proxies(&truth)?;
     }
-    let ours = match args.parts.contains(&Part::BreakDown) {
-        true => Some(experiment.break_down(&truth)?),
-        false => experiment.main.take().map(|(_, pictures)| pictures),
-    };
+    if args.parts.contains(&Part::BreakDown) {
+        experiment.break_down(&truth)?;
+    }
     if args.parts.contains(&Part::Lights) {
         experiment.lights(&truth)?;
     }
-    let figures = experiment.figures(&truth, ours.as_ref(), proxy.as_ref())?;
+    let figures = experiment.figures()?;
     Ok(experiment.result(&truth, figures))
 }
 
@@ -104,9 +132,13 @@ struct Experiment<'a> {
     out: PathBuf,
     progress: Progress,
     main_count: usize,
+    /// Rows of a run before that was not finished.
+    known: Vec<Row>,
     rows: Vec<Row>,
-    /// The row of the main number of clusters and its pictures, once they are known.
-    main: Option<(Row, Pictures)>,
+    /// Pictures that this run has written.
+    written: Vec<&'static str>,
+    /// The last patches, for what is like them but for receivers, and the seconds that they took.
+    patches: Option<(Patches<'a>, f64)>,
     keep: &'a Keep<'a>,
 }
 
@@ -135,31 +167,45 @@ impl Experiment<'_> {
         (self.keep)(&self.rows)
     }
 
+    /// Adds the row of a run before with this key, and says whether there is one.
+    fn take_known(&mut self, key: Key) -> Result<bool, Error> {
+        let Some(row) = self.known.iter().find(|row| row.key() == key).cloned() else { return Ok(false) };
+        self.add(row)?;
+        Ok(true)
+    }
+
     /// Bakes, renders frames under the scene's own lights and adds a row.
-    fn measure(&mut self, part: Part, what: &str, settings: ClassicSettings, truth: &Truth) -> Result<Pictures, Error> {
+    fn measure(&mut self, part: Part, what: &str, settings: ClassicSettings, truth: &Truth) -> Result<(), Error> {
         let (receivers_at, density) = match settings.receivers {
             ReceiverKind::Mesh => ("mesh", Some(settings.receiver_density)),
             ReceiverKind::Pixels => ("pixels", None),
             ReceiverKind::SelfReceivers => ("self", None),
         };
+        let count = settings.patch_count;
+        let is_main = settings == self.main_settings(truth);
+        let scene = &self.loaded.name;
+        let key = (scene.as_str(), part, what, Some(receivers_at), density, count);
+        if (!is_main || self.has_picture(CLUSTERS)) && self.take_known(key)? {
+            return Ok(());
+        }
         let times = density.map(|d| format!(" × {d}")).unwrap_or_default();
-        let (scene, count) = (&self.loaded.name, settings.patch_count);
         self.progress.note(&format!("{scene}: {what}, {count} patches, receivers: {receivers_at}{times}"));
-        let phases = self.progress.phases.len();
-        let mut classic = self.bake(settings)?;
-        let bake_s = self.progress.phases[phases..].iter().map(|(_, seconds)| seconds).sum();
+        let (mut classic, bake_s) = self.bake(settings)?;
         // Exact receivers are not what a frame would do: their time says nothing.
         let frames = if settings.receivers == ReceiverKind::Pixels { 1 } else { self.args.frames };
         let (pictures, light_ms, shade_ms) =
             self.frames(&mut classic, &self.loaded.scene.lights, settings.size, frames)?;
         let points = if truth.points.is_empty() { None } else { Some(classic.irradiance_at(&truth.points)?) };
         let timed = settings.receivers != ReceiverKind::Pixels;
+        if is_main {
+            self.write_pictures(CLUSTERS, &pictures.indirect, truth)?;
+        }
         self.add(Row {
             scene: self.loaded.name.clone(),
             part,
-            method: "classic",
+            method: "classic".to_owned(),
             what: what.to_owned(),
-            receivers_at: Some(receivers_at),
+            receivers_at: Some(receivers_at.to_owned()),
             receiver_density: density,
             patch_count: settings.patch_count,
             patches: classic.patch_count(),
@@ -170,15 +216,29 @@ impl Experiment<'_> {
             bytes: Some(classic.bytes().values().sum()),
             errors: Errors::of(&pictures, points.as_deref(), truth, self.loaded.exposure_stops)?,
             reference_noise: truth.noise,
-        })?;
-        Ok(pictures)
+        })
     }
 
-    fn bake(&mut self, settings: ClassicSettings) -> Result<Classic, Error> {
+    /// A bake, of the last patches if only receivers differ, and the seconds that it takes from the beginning.
+    fn bake(&mut self, settings: ClassicSettings) -> Result<(Classic, f64), Error> {
         // The note was given when the machine was described.
         let (executor, _) = open(&DeviceChoice::parse(&self.common.device))?;
-        let classic = Classic::bake(self.loaded, settings, executor, &mut self.progress)?;
-        if is_cancelled() { Err(Error::Cancelled) } else { Ok(classic) }
+        let (loaded, progress) = (self.loaded, &mut self.progress);
+        let start = progress.phases.len();
+        let seconds = |progress: &Progress| progress.phases[start..].iter().map(|(_, seconds)| seconds).sum::<f64>();
+        let (patches, before) = match self.patches.take().filter(|(patches, _)| patches.serve(&settings)) {
+            Some(known) => known,
+            None => {
+                let patches = Patches::new(loaded, settings, progress)?;
+                (patches, seconds(progress))
+            }
+        };
+        let first = progress.phases.len();
+        let bake = patches.clone().with_receivers(settings, progress)?;
+        let classic = bake.load(settings.transport, executor, progress)?;
+        let own: f64 = progress.phases[first..].iter().map(|(_, seconds)| seconds).sum();
+        self.patches = Some((patches, before));
+        if is_cancelled() { Err(Error::Cancelled) } else { Ok((classic, before + own)) }
     }
 
     /// The first frame under these lights, and the median times of all: passes but shading, shading, ms.
@@ -215,10 +275,7 @@ impl Experiment<'_> {
                 let settings = self.settings(kind, count as usize, truth.size());
                 for &receiver_density in &self.args.densities {
                     let settings = ClassicSettings { receiver_density, ..settings };
-                    let pictures = self.measure(Part::Patches, kind.name(), settings, truth)?;
-                    if settings == self.main_settings(truth) {
-                        self.main = self.rows.last().cloned().map(|row| (row, pictures));
-                    }
+                    self.measure(Part::Patches, kind.name(), settings, truth)?;
                 }
                 if kind.has_voxels() {
                     let settings = ClassicSettings { receivers: ReceiverKind::SelfReceivers, ..settings };
@@ -229,16 +286,26 @@ impl Experiment<'_> {
         Ok(())
     }
 
-    /// The voxelisation proxy with about as many faces; returns the picture of that with about the main number.
-    fn proxies(&mut self, truth: &Truth) -> Result<Option<Picture>, Error> {
+    /// The voxelisation proxy with about as many faces.
+    fn proxies(&mut self, truth: &Truth) -> Result<(), Error> {
         let (width, height) = truth.size();
         let camera = self.loaded.view.camera(width, height);
         let scale = indirect_scale(&truth.pictures.indirect);
-        let mut shown = None;
+        const LOOKUPS: [(ProxyLookup, &str); 2] =
+            [(ProxyLookup::Face, "voxel proxy"), (ProxyLookup::Bilinear, "voxel proxy, bilinear")];
         for &count in self.args.counts.iter().filter(|&&count| count <= MOST_PROXY_FACES) {
+            let (is_main, count) = (count as usize == self.main_count, count as usize);
+            let keys = LOOKUPS.map(|(_, what)| (self.loaded.name.as_str(), Part::Patches, what, None, None, count));
+            let are_known = keys.iter().all(|key| self.known.iter().any(|row| row.key() == *key));
+            if are_known && (!is_main || self.has_picture(PROXY)) {
+                for key in keys {
+                    self.take_known(key)?;
+                }
+                continue;
+            }
             self.progress.note(&format!("{}: voxel proxy, {count} faces", self.loaded.name));
             let settings = ProxySettings {
-                patch_count: count as usize,
+                patch_count: count,
                 rays: self.args.rays,
                 point_rays: ClassicSettings::default().sample_rays,
                 seed: self.common.seed,
@@ -246,8 +313,7 @@ impl Experiment<'_> {
             let phases = self.progress.phases.len();
             let proxy = ProxyRadiosity::bake(&self.loaded.scene, settings, &mut self.progress)?;
             let bake_s = self.progress.phases[phases..].iter().map(|(_, seconds)| seconds).sum();
-            for (lookup, what) in [(ProxyLookup::Face, "voxel proxy"), (ProxyLookup::Bilinear, "voxel proxy, bilinear")]
-            {
+            for (lookup, what) in LOOKUPS {
                 let picture = proxy.indirect(&camera, self.args.sub_frames, lookup)?;
                 let errors = compare_pictures(&picture, &truth.pictures.indirect, scale, None)?;
                 let points = match truth.points.is_empty() {
@@ -257,11 +323,11 @@ impl Experiment<'_> {
                 self.add(Row {
                     scene: self.loaded.name.clone(),
                     part: Part::Patches,
-                    method: "voxel proxy",
+                    method: "voxel proxy".to_owned(),
                     what: what.to_owned(),
                     receivers_at: None,
                     receiver_density: None,
-                    patch_count: count as usize,
+                    patch_count: count,
                     patches: proxy.patch_count(),
                     receivers: None,
                     bake_s: Some(bake_s),
@@ -271,34 +337,38 @@ impl Experiment<'_> {
                     errors: Errors::of_indirect(&errors, points),
                     reference_noise: truth.noise,
                 })?;
-                if count as usize == self.main_count {
-                    shown = Some(picture);
+                if is_main && lookup == ProxyLookup::Bilinear {
+                    self.write_pictures(PROXY, &picture, truth)?;
                 }
             }
             if is_cancelled() {
                 return Err(Error::Cancelled);
             }
         }
-        Ok(shown)
+        Ok(())
     }
 
-    /// Clusters with one thing at a time more exact; returns the pictures as they are.
-    fn break_down(&mut self, truth: &Truth) -> Result<Pictures, Error> {
+    /// Clusters with one thing at a time more exact.
+    fn break_down(&mut self, truth: &Truth) -> Result<(), Error> {
         let base = self.main_settings(truth);
         let (rays, samples) = (self.args.rays, base.samples);
         let what = "as they are";
-        let ours = match self.main.take() {
-            Some((row, pictures)) => {
-                self.add(Row { part: Part::BreakDown, what: what.into(), ..row })?;
-                pictures
-            }
+        let scene = self.loaded.name.as_str();
+        let density = Some(base.receiver_density);
+        let main = (scene, Part::Patches, base.patches.name(), Some("mesh"), density, base.patch_count);
+        match self.rows.iter().find(|row| row.key() == main).cloned() {
+            Some(row) => self.add(Row { part: Part::BreakDown, what: what.into(), ..row })?,
             None => self.measure(Part::BreakDown, what, base, truth)?,
-        };
+        }
         let more = (MORE_PATCHES * base.patch_count).min(MOST_PATCHES);
         let cases = [
             (
                 format!("receivers at all pixels ({PIXEL_SUB_FRAMES} sub-frames)"),
                 ClassicSettings { receivers: ReceiverKind::Pixels, sub_frames: PIXEL_SUB_FRAMES, ..base },
+            ),
+            (
+                format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
+                ClassicSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..base },
             ),
             (
                 format!("senders × {MORE_PATCHES}, as many receivers"),
@@ -307,10 +377,6 @@ impl Experiment<'_> {
             (
                 format!("rays of F × {MORE_RAYS}"),
                 ClassicSettings { estimator: Estimator::Hemisphere { rays: MORE_RAYS * rays }, ..base },
-            ),
-            (
-                format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
-                ClassicSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..base },
             ),
             (
                 format!("E by samples and rays × {MORE_SAMPLES}"),
@@ -324,7 +390,7 @@ impl Experiment<'_> {
         for (what, settings) in cases {
             self.measure(Part::BreakDown, &what, settings, truth)?;
         }
-        Ok(ours)
+        Ok(())
     }
 
     /// One bake with the scene's own lights, frames with others.
@@ -332,11 +398,21 @@ impl Experiment<'_> {
         let size = self.args.size;
         let settings = self.settings(PatchKind::Cluster, self.main_count, size);
         self.progress.note(&format!("{}: lights that the bake has not seen", self.loaded.name));
-        let mut classic = self.bake(settings)?;
+        let mut baked = None;
         let own = ("the scene's own".to_owned(), self.loaded.scene.lights.clone());
         for (what, lights) in std::iter::once(own).chain(other_lights(self.loaded)) {
+            let density = Some(settings.receiver_density);
+            let key =
+                (self.loaded.name.as_str(), Part::Lights, what.as_str(), Some("mesh"), density, settings.patch_count);
+            if self.take_known(key)? {
+                continue;
+            }
+            let classic = match &mut baked {
+                Some(classic) => classic,
+                None => baked.insert(self.bake(settings)?.0),
+            };
             self.progress.note(&format!("{}: {what}", self.loaded.name));
-            let (pictures, light_ms, shade_ms) = self.frames(&mut classic, &lights, size, 1)?;
+            let (pictures, light_ms, shade_ms) = self.frames(classic, &lights, size, 1)?;
             let is_known = lights == self.loaded.scene.lights && truth.noise.is_some();
             let traced = match is_known {
                 true => None,
@@ -349,9 +425,9 @@ impl Experiment<'_> {
             self.add(Row {
                 scene: self.loaded.name.clone(),
                 part: Part::Lights,
-                method: "classic",
+                method: "classic".to_owned(),
                 what,
-                receivers_at: Some("mesh"),
+                receivers_at: Some("mesh".to_owned()),
                 receiver_density: Some(settings.receiver_density),
                 patch_count: settings.patch_count,
                 patches: classic.patch_count(),
@@ -367,31 +443,49 @@ impl Experiment<'_> {
         Ok(())
     }
 
-    /// Writes and reads the pictures of indirect light: ours, the reference, the proxy, and differences.
-    fn figures(&self, truth: &Truth, ours: Option<&Pictures>, proxy: Option<&Picture>) -> Result<Vec<Figure>, Error> {
+    /// Whether a picture is there, from this run or the one that it goes on from.
+    fn has_picture(&self, name: &str) -> bool {
+        self.written.contains(&name) || (self.args.resume && self.out.join(format!("{name}.png")).exists())
+    }
+
+    /// Writes the reference's indirect light as a picture.
+    fn reference_picture(&mut self, truth: &Truth) -> Result<(), Error> {
         output::make_folder(&self.out)?;
         let expected = &truth.pictures.indirect;
         let stops = scale_to_stops(indirect_scale(expected));
-        let blocks = expected.block_means(8);
-        let mut figures = Vec::new();
-        let mut add = |name: &str, picture: &Picture, stops: f32, caption: String| -> Result<(), Error> {
-            let name = format!("{name}.png");
-            picture.write_png(&self.out.join(&name), stops)?;
-            figures.push(Figure::read(&self.out, &name, caption)?);
-            Ok(())
-        };
-        let difference = |picture: &Picture| difference_picture(&picture.block_means(8), &blocks, RANGE);
+        expected.write_png(&self.out.join(format!("{REFERENCE}.png")), stops)?;
+        self.written.push(REFERENCE);
+        Ok(())
+    }
+
+    /// Writes a picture of indirect light, and its difference from the reference.
+    fn write_pictures(&mut self, name: &'static str, picture: &Picture, truth: &Truth) -> Result<(), Error> {
+        let expected = &truth.pictures.indirect;
+        let stops = scale_to_stops(indirect_scale(expected));
+        let difference = difference_picture(&picture.block_means(8), &expected.block_means(8), RANGE)?;
+        picture.write_png(&self.out.join(format!("{name}.png")), stops)?;
+        difference.write_png(&self.out.join(format!("{name}-difference.png")), 0.0)?;
+        self.written.push(name);
+        Ok(())
+    }
+
+    /// Reads the pictures that there are.
+    fn figures(&self) -> Result<Vec<Figure>, Error> {
         let count = self.main_count;
-        add("reference", expected, stops, "Indirect light, reference".into())?;
         let colours = format!("red brighter, blue darker, full colour at {:.0} %", 100.0 * RANGE);
-        if let Some(Pictures { indirect, .. }) = ours {
-            add("clusters", indirect, stops, format!("Indirect light, {count} clusters, receivers on the mesh"))?;
-            add("clusters-difference", &difference(indirect)?, 0.0, format!("Clusters: {colours}"))?;
-        }
-        if let Some(proxy) = proxy {
-            let caption = format!("Indirect light, voxelisation proxy of about {count} faces, bilinear");
-            add("proxy", proxy, stops, caption)?;
-            add("proxy-difference", &difference(proxy)?, 0.0, format!("Proxy: {colours}"))?;
+        let mut figures = Vec::new();
+        for (name, caption, difference) in [
+            (REFERENCE, "Indirect light, reference".to_owned(), None),
+            (CLUSTERS, format!("Indirect light, {count} clusters, receivers on the mesh"), Some("Clusters")),
+            (PROXY, format!("Indirect light, voxelisation proxy of about {count} faces, bilinear"), Some("Proxy")),
+        ] {
+            if self.has_picture(name) {
+                figures.push(Figure::read(&self.out, &format!("{name}.png"), caption)?);
+                if let Some(whose) = difference {
+                    let file = format!("{name}-difference.png");
+                    figures.push(Figure::read(&self.out, &file, format!("{whose}: {colours}"))?);
+                }
+            }
         }
         Ok(figures)
     }
@@ -452,7 +546,7 @@ fn over_patches(rows: &[Row], densities: &[f32]) -> Plot {
         .iter()
         .filter(|r| r.part == Part::Patches && (r.receiver_density.is_none() || r.receiver_density == density))
     {
-        let name = match row.receivers_at {
+        let name = match row.receivers_at.as_deref() {
             Some("self") => format!("{}, self", row.what),
             _ => row.what.clone(),
         };

@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use reference::metrics::compare_points;
 use reference::{PictureErrors, PointErrors};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::truth::{Noise, Truth};
 use crate::cli::compare::picture_errors;
@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::render::Pictures;
 
 /// Which table a row belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Part {
     /// Kinds, numbers of patches, receivers.
@@ -25,16 +25,16 @@ pub enum Part {
 }
 
 /// One measurement. What was not measured is left out.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
     pub scene: String,
     pub part: Part,
-    pub method: &'static str,
+    pub method: String,
     /// In words: the kind of patches, what is more exact, the light.
     pub what: String,
     /// Receivers: where they are, and how many for each that there is by default.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub receivers_at: Option<&'static str>,
+    pub receivers_at: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub receiver_density: Option<f32>,
     /// Patches asked for.
@@ -59,8 +59,19 @@ pub struct Row {
     pub reference_noise: Option<Noise>,
 }
 
+/// What a row is of: scene, part, what, receivers and how many for each, patches.
+pub type Key<'a> = (&'a str, Part, &'a str, Option<&'a str>, Option<f32>, usize);
+
+impl Row {
+    /// What it is of. Rows with the same are measurements of the same.
+    pub fn key(&self) -> Key<'_> {
+        let Self { scene, part, what, receivers_at, receiver_density, patch_count, .. } = self;
+        (scene, *part, what, receivers_at.as_deref(), *receiver_density, *patch_count)
+    }
+}
+
 /// Errors of pictures and points.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Errors {
     #[serde(skip_serializing_if = "Option::is_none")]
     psnr_db: Option<f64>,
@@ -131,7 +142,7 @@ fn table(caption: &str, head: &[&str], rows: Vec<Vec<String>>) -> Table {
 /// Errors over kinds and numbers.
 pub fn patches_table(rows: &[Row]) -> Table {
     let row = |r: &Row| {
-        let at = match (r.receivers_at, r.receiver_density) {
+        let at = match (r.receivers_at.as_deref(), r.receiver_density) {
             (Some(at), Some(density)) => format!("{at} × {density}"),
             (at, _) => at.unwrap_or("–").to_owned(),
         };

@@ -9,7 +9,7 @@ use reference::path::{PathSettings, PathTracer};
 use reference::{Picture, ReferenceData};
 use scene::math::luminance;
 use scene::{Light, NONE, SurfacePoint};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::import::LoadedScene;
@@ -39,7 +39,7 @@ pub struct Truth {
 
 /// Errors of a path-traced picture of indirect light: those of one of two independent halves against the mean of both,
 /// which differs from the truth as much.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Noise {
     pub block_median_relative_error: f64,
     pub block_psnr_db: f64,

@@ -1,0 +1,115 @@
+//! Experiments as a user meets them.
+
+mod program;
+
+use program::{fails, leftovers, succeeds};
+
+#[test]
+fn the_bench_of_patches_writes_its_tables_plots_and_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["bench", "patches", "cornell", "--out", out, "--device", "cpu", "--quiet"];
+    arguments.extend(["--size", "160x120", "--spp", "8", "--sub-frames", "1", "--frames", "1", "--counts", "200,400"]);
+    arguments.extend(["--densities", "1", "--rays", "64", "--receiver-rays", "32", "--kinds", "axis,cluster"]);
+    let markdown = succeeds(&arguments);
+    assert!(markdown.contains("## cornell") && markdown.contains("| voxel proxy |"), "{markdown}");
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(summary["name"], "patches");
+    assert!(summary["machine"]["cpu"].is_string() && summary["machine"]["stream_gb_s"].as_f64().unwrap() > 0.1);
+    let rows = summary["rows"].as_array().unwrap();
+    let of = |part: &str| rows.iter().filter(|r| r["part"] == part).collect::<Vec<_>>();
+    // Two kinds of two sizes, one of them also as its own receivers, the proxy with two lookups.
+    assert_eq!(of("patches").len(), 2 * 2 + 2 + 2 * 2);
+    assert_eq!((of("break-down").len(), of("lights").len()), (6, 3));
+    for row in rows {
+        let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
+        let is_proxy = row["method"] == "voxel proxy";
+        let (ratio, bound) = (number("indirect_mean_ratio"), if is_proxy { 4.0 } else { 1.25 });
+        assert!((1.0 / bound..bound).contains(&ratio), "{row}");
+        assert!(number("indirect_block_median") > 0.0 && number("indirect_psnr_db") > 5.0);
+        assert_eq!(row.get("bytes").is_some(), !is_proxy);
+        assert!(row["reference_noise"]["block_psnr_db"].as_f64().unwrap() > 10.0);
+    }
+    // Far from the truth, where patches of the true surface are near.
+    let median = |method: &str| {
+        let of_method = of("patches").into_iter().filter(|r| r["method"] == method);
+        of_method.map(|r| r["indirect_block_median"].as_f64().unwrap()).fold(f64::INFINITY, f64::min)
+    };
+    assert!(median("voxel proxy") > 2.0 * median("classic"));
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(report.contains("data:image/png;base64,") && report.contains("polyline") && !report.contains("http"));
+    for name in ["cornell-patches.svg", "cornell-receivers.svg"] {
+        assert!(std::fs::read_to_string(folder.path().join(name)).unwrap().starts_with("<svg xmlns="), "{name}");
+    }
+    assert!(leftovers(folder.path()).is_empty() && leftovers(&folder.path().join("cornell")).is_empty());
+
+    // A run that goes on measures nothing twice, but what is missing; it does not go on from other settings.
+    let missing = rows.iter().filter(|row| row["what"] != "axis").collect::<Vec<_>>();
+    let mut less = summary.clone();
+    less["rows"] = serde_json::json!(missing);
+    std::fs::write(folder.path().join("summary.json"), less.to_string()).unwrap();
+    succeeds(&[&arguments[..], &["--resume"]].concat());
+    let again = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let again: serde_json::Value = serde_json::from_str(&again).unwrap();
+    let seconds = |rows: &serde_json::Value, is_axis: bool| {
+        let of_kind = rows.as_array().unwrap().iter().filter(|row| (row["what"] == "axis") == is_axis);
+        of_kind.map(|row| row["bake_s"].clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(seconds(&again["rows"], false), seconds(&summary["rows"], false));
+    assert_ne!(seconds(&again["rows"], true), seconds(&summary["rows"], true));
+    assert_eq!(again["rows"].as_array().unwrap().len(), rows.len());
+    let again = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert_eq!(again.matches("data:image").count(), report.matches("data:image").count());
+    let message = fails(1, &[&arguments[..], &["--resume", "--seed", "5"]].concat());
+    assert!(message.contains("summary.json") && message.contains("--resume"), "{message}");
+
+    // A part alone: its rows and its table, and no more.
+    arguments.extend(["--parts", "lights"]);
+    let markdown = succeeds(&arguments);
+    assert!(markdown.contains("moved lamp") && !markdown.contains("voxel proxy |"), "{markdown}");
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let parts = summary["rows"].as_array().unwrap().iter().map(|row| row["part"].clone()).collect::<Vec<_>>();
+    assert_eq!(parts, ["lights"; 3]);
+}
+
+#[test]
+fn bench_firstshot_compares_both_ways_to_shoot() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    succeeds(&["bench", "firstshot", "atrium:3000", "--counts", "100", "--error", "0.05", "--quiet", "--out", out]);
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let rows = summary["rows"].as_array().unwrap();
+    assert_eq!((rows.len(), summary["rates"].as_array().unwrap().len()), (5, 2));
+    for row in rows {
+        let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
+        assert!(number("error") <= 0.05 && number("photons") > 0.0 && number("registered") > 0.0);
+        assert!(row["curve"].as_array().unwrap().len() > 1);
+        if row["method"] == "first shot" {
+            // Both find the same light.
+            assert!(number("difference") < 2.0 * number("expected_difference"), "{row}");
+        }
+    }
+    let photons = |k: usize| rows[k]["photons"].as_f64().unwrap();
+    assert!(photons(1) > photons(3), "first shot takes fewer photons: {summary}");
+    for name in ["report.md", "report.html", "error-photons.svg", "error-seconds.svg"] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+    assert!(leftovers(folder.path()).is_empty());
+}
+
+#[test]
+fn a_bench_that_is_not_known_is_wrong_usage() {
+    let message = fails(2, &["bench", "chairs"]);
+    assert!(message.contains("chairs") && message.contains("patches"), "{message}");
+    fails(2, &["bench"]);
+    for wrong in [["--counts", "0"], ["--densities", "-1"], ["--kinds", "hexagon"], ["--spp", "1"]] {
+        fails(2, &["bench", "patches", "cornell", wrong[0], wrong[1]]);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let message = fails(1, &["bench", "patches", "no/such/scene.toml", "--quiet", "--out", out]);
+    assert!(message.contains("no/such/scene.toml"), "{message}");
+}
