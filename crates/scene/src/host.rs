@@ -76,7 +76,6 @@ pub struct Scene {
     /// Distance by which rays start above a surface: 2·10⁻⁵ of the bounds' diagonal, m.
     pub ray_offset: f32,
     wide: WideBvh,
-    has_masks: bool,
 }
 
 impl Scene {
@@ -109,7 +108,9 @@ impl Scene {
         let uvs = order.iter().map(|&k| parts.uvs[k as usize]).collect();
         parts.uvs = Vec::new();
         drop(order);
-        let wide = WideBvh::new(&nodes, &triangles).ok_or(Error::HierarchyDepth { depth, limit: STACK_SIZE })?;
+        let masked = |t: &Triangle| parts.materials[t.material as usize].mask_texture != NONE;
+        let wide =
+            WideBvh::new(&nodes, &triangles, masked).ok_or(Error::HierarchyDepth { depth, limit: STACK_SIZE })?;
 
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for t in &triangles {
@@ -118,7 +119,6 @@ impl Scene {
                 high = high.max(p);
             }
         }
-        let has_masks = parts.materials.iter().any(|m| m.mask_texture != NONE);
         let mut scene = Self {
             triangles,
             uvs,
@@ -133,7 +133,6 @@ impl Scene {
             bounds: (low, high),
             ray_offset: 2e-5 * (high - low).length(),
             wide,
-            has_masks,
         };
         scene.emitters = scene.collect_emitters();
         Ok(scene)
@@ -216,12 +215,8 @@ impl Scene {
 
     #[inline]
     fn traverse<const ANY: bool>(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
-        if self.has_masks {
-            let geometry = self.geometry();
-            self.wide.traverse::<ANY>(origin, direction, t_max, |triangle, u, v| geometry.is_hole(triangle, u, v))
-        } else {
-            self.wide.traverse::<ANY>(origin, direction, t_max, |_, _, _| false)
-        }
+        let geometry = self.geometry();
+        self.wide.traverse::<ANY>(origin, direction, t_max, |triangle, u, v| geometry.is_hole(triangle, u, v))
     }
 
     /// Direct irradiance at many points, W/m², on all cores: [`direct_irradiance`] with this scene's rays.

@@ -1,25 +1,31 @@
-//! Rays on the host: the binary hierarchy folded four wide, boxes and triangles tested four at a time in SIMD registers
+//! Rays on the host: the binary hierarchy folded eight wide, boxes tested eight and triangles four at a time in SIMD registers
 //! (glam's `Vec4`). The arithmetic of each lane is that of the kernels' bodies, so both give the same bits.
 
 use std::vec::Vec;
 
+use arrayvec::ArrayVec;
 use glam::{Vec3, Vec4};
 
 use crate::kernel::bvh::safe_inverse;
 use crate::types::{BvhNode, Hit, NONE, Triangle};
 
-/// Entries of the traversal stack: three a level at most.
-const STACK_SIZE: usize = 160;
+/// Children of a node.
+const WIDTH: usize = 8;
+/// Entries of the traversal stack: one less than [`WIDTH`] a level at most.
+const STACK_SIZE: usize = 320;
 /// Marks a child that is a packet of triangles.
 const LEAF: u32 = 1 << 31;
 
-/// Four children: their boxes by axis, and where they stand.
+/// A number for each child.
+type Lanes = [Vec4; 2];
+
+/// Eight children: their boxes by axis, and where they stand.
 #[derive(Clone, Debug)]
 struct Node {
     /// Least and greatest x, y, z of each child; an empty child has an inverted box.
-    bounds: [Vec4; 6],
+    bounds: [Lanes; 6],
     /// Index of a node, or of a packet with [`LEAF`].
-    children: [u32; 4],
+    children: [u32; WIDTH],
 }
 
 /// Up to four triangles that follow each other in leaf order; missing ones have no edges, which no ray meets.
@@ -31,16 +37,18 @@ struct Packet {
     first: u32,
     /// Whether the leaf goes on in the next packet.
     more: bool,
+    /// A bit for each triangle that may have holes.
+    masked: u8,
 }
 
-/// The hierarchy four wide.
+/// The hierarchy eight wide.
 #[derive(Clone, Debug)]
 pub(super) struct WideBvh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
 }
 
-/// A ray as the four-wide tests want it.
+/// A ray as the tests of several lanes want it.
 struct WideRay {
     origin: [Vec4; 3],
     inverse: [Vec4; 3],
@@ -65,14 +73,18 @@ impl WideRay {
 
     /// Which children the ray enters before `t_max` (a bit each), and where.
     #[inline]
-    fn enter(&self, node: &Node, t_max: f32) -> (u32, Vec4) {
-        let at = |axis: usize, row: usize| (node.bounds[row] - self.origin[axis]) * self.inverse[axis];
-        let [x, y, z] = self.near;
-        let near = at(0, x).max(at(1, y)).max(at(2, z));
-        let far = at(0, x ^ 1).min(at(1, y ^ 1)).min(at(2, z ^ 1));
-        // As in the kernels: rounding must not lose a flat box that holds an axis-parallel triangle.
-        let inside = (far * 1.000_001).cmpge(near) & far.cmpge(Vec4::ZERO) & near.cmplt(Vec4::splat(t_max));
-        (inside.bitmask(), near)
+    fn enter(&self, node: &Node, t_max: f32) -> (u32, [f32; WIDTH]) {
+        let half = |k: usize| {
+            let at = |axis: usize, row: usize| (node.bounds[row][k] - self.origin[axis]) * self.inverse[axis];
+            let [x, y, z] = self.near;
+            let near = at(0, x).max(at(1, y)).max(at(2, z));
+            let far = at(0, x ^ 1).min(at(1, y ^ 1)).min(at(2, z ^ 1));
+            // As in the kernels: rounding must not lose a flat box that holds an axis-parallel triangle.
+            let inside = (far * 1.000_001).cmpge(near) & far.cmpge(Vec4::ZERO) & near.cmplt(Vec4::splat(t_max));
+            (inside.bitmask(), near)
+        };
+        let [first, second] = [half(0), half(1)];
+        (first.0 | second.0 << 4, bytemuck::cast([first.1, second.1]))
     }
 
     /// Möller and Trumbore's test on four triangles: a bit for each that is met in (0, t_max), and u, v, t.
@@ -108,27 +120,28 @@ fn cross(a: &[Vec4; 3], b: &[Vec4; 3]) -> [Vec4; 3] {
 
 impl WideBvh {
     /// Folds a binary hierarchy over triangles in its leaf order: an inner child with the largest box is replaced by its
-    /// two children until there are four. Nothing when the result would be too deep for the traversal stack.
-    pub(super) fn new(nodes: &[BvhNode], triangles: &[Triangle]) -> Option<Self> {
+    /// two children until there are eight. Nothing when the result would be too deep for the traversal stack. Triangles that
+    /// are not `masked` have no holes.
+    pub(super) fn new(nodes: &[BvhNode], triangles: &[Triangle], masked: impl Fn(&Triangle) -> bool) -> Option<Self> {
         // The packets take most of a scene's memory: no room for more of them than there are.
         let packets = nodes.iter().map(|node| node.prim_count.div_ceil(4) as usize).sum();
         let mut wide = Self { nodes: Vec::new(), packets: Vec::with_capacity(packets) };
         let root = &nodes[0];
         if root.prim_count > 0 {
             // A single leaf: one node with one child.
-            let child = wide.add_leaf(root, triangles);
+            let child = wide.add_leaf(root, triangles, &masked);
             wide.nodes.push(Node::of(&[(root, child)]));
             return Some(wide);
         }
         wide.nodes.push(Node::of(&[]));
         let mut waiting = std::vec![(0usize, 0u32, 1usize)];
         while let Some((place, binary, level)) = waiting.pop() {
-            if 3 * level + 1 > STACK_SIZE {
+            if (WIDTH - 1) * level + 1 > STACK_SIZE {
                 return None;
             }
             let first = nodes[binary as usize].first_index;
             let mut children = std::vec![first, first + 1];
-            while children.len() < 4 {
+            while children.len() < WIDTH {
                 let area = |k: u32| {
                     let size = nodes[k as usize].max - nodes[k as usize].min;
                     size.x * size.y + size.y * size.z + size.z * size.x
@@ -146,7 +159,7 @@ impl WideBvh {
                 .map(|&k| {
                     let node = &nodes[k as usize];
                     if node.prim_count > 0 {
-                        return (node, wide.add_leaf(node, triangles));
+                        return (node, wide.add_leaf(node, triangles, &masked));
                     }
                     wide.nodes.push(Node::of(&[]));
                     waiting.push((wide.nodes.len() - 1, k, level + 1));
@@ -158,13 +171,14 @@ impl WideBvh {
         Some(wide)
     }
 
-    fn add_leaf(&mut self, leaf: &BvhNode, triangles: &[Triangle]) -> u32 {
+    fn add_leaf(&mut self, leaf: &BvhNode, triangles: &[Triangle], masked: &impl Fn(&Triangle) -> bool) -> u32 {
         let index = self.packets.len() as u32;
         let end = leaf.first_index + leaf.prim_count;
         for first in (leaf.first_index..end).step_by(4) {
             let mut packet = Packet { first, more: first + 4 < end, ..Packet::default() };
             for lane in 0..4.min(end - first) as usize {
                 let t = &triangles[first as usize + lane];
+                packet.masked |= u8::from(masked(t)) << lane;
                 for axis in 0..3 {
                     packet.corner[axis][lane] = t.corner[axis];
                     packet.edge_a[axis][lane] = t.edge_a[axis];
@@ -187,8 +201,7 @@ impl WideBvh {
     ) -> Hit {
         let ray = WideRay::new(origin, direction);
         let mut best = Hit { triangle: NONE, u: 0.0, v: 0.0, t: t_max };
-        let mut stack = [(0u32, 0.0f32); STACK_SIZE];
-        let mut depth = 0;
+        let mut waiting = ArrayVec::<(u32, f32), STACK_SIZE>::new();
         let mut current = 0u32;
         loop {
             if current & LEAF != 0 {
@@ -200,7 +213,8 @@ impl WideBvh {
                         let lane = mask.trailing_zeros() as usize;
                         mask &= mask - 1;
                         let triangle = packet.first + lane as u32;
-                        if t[lane] < best.t && !is_hole(triangle, u[lane], v[lane]) {
+                        let may_pass = packet.masked >> lane & 1 == 1;
+                        if t[lane] < best.t && !(may_pass && is_hole(triangle, u[lane], v[lane])) {
                             best = Hit { triangle, u: u[lane], v: v[lane], t: t[lane] };
                             if ANY {
                                 return best;
@@ -217,24 +231,25 @@ impl WideBvh {
                 let (mut mask, near) = ray.enter(node, best.t);
                 if mask != 0 {
                     // The nearest child goes on, the others wait in order, the farthest lowest.
-                    let mut lane = mask.trailing_zeros() as usize;
-                    mask &= mask - 1;
-                    let mut next = (node.children[lane], near[lane]);
-                    let base = depth;
-                    while mask != 0 {
-                        lane = mask.trailing_zeros() as usize;
+                    let mut take = || {
+                        let lane = mask.trailing_zeros() as usize;
                         mask &= mask - 1;
-                        let mut entry = (node.children[lane], near[lane]);
+                        ((node.children[lane], near[lane]), mask != 0)
+                    };
+                    let (mut next, mut more) = take();
+                    let base = waiting.len();
+                    while more {
+                        let mut entry;
+                        (entry, more) = take();
                         if !ANY && entry.1 < next.1 {
                             core::mem::swap(&mut entry, &mut next);
                         }
-                        let mut place = depth;
-                        while !ANY && place > base && stack[place - 1].1 < entry.1 {
-                            stack[place] = stack[place - 1];
+                        let mut place = waiting.len();
+                        waiting.push(entry);
+                        while !ANY && place > base && waiting[place - 1].1 < entry.1 {
+                            waiting.swap(place - 1, place);
                             place -= 1;
                         }
-                        stack[place] = entry;
-                        depth += 1;
                     }
                     current = next.0;
                     continue;
@@ -242,15 +257,14 @@ impl WideBvh {
             }
             // Back to the nearest waiting child that may still hold something nearer.
             loop {
-                if depth == 0 {
+                let Some((child, near)) = waiting.pop() else {
                     if best.triangle == NONE {
                         best.t = f32::INFINITY;
                     }
                     return best;
-                }
-                depth -= 1;
-                if stack[depth].1 < best.t {
-                    current = stack[depth].0;
+                };
+                if near < best.t {
+                    current = child;
                     break;
                 }
             }
@@ -260,12 +274,12 @@ impl WideBvh {
 
 impl Node {
     fn of(children: &[(&BvhNode, u32)]) -> Self {
-        let (low, high) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
-        let mut node = Self { bounds: [low, high, low, high, low, high], children: [0; 4] };
+        let (low, high) = ([Vec4::INFINITY; 2], [Vec4::NEG_INFINITY; 2]);
+        let mut node = Self { bounds: [low, high, low, high, low, high], children: [0; WIDTH] };
         for (lane, (child, index)) in children.iter().enumerate() {
             for axis in 0..3 {
-                node.bounds[2 * axis][lane] = child.min[axis];
-                node.bounds[2 * axis + 1][lane] = child.max[axis];
+                node.bounds[2 * axis][lane / 4][lane % 4] = child.min[axis];
+                node.bounds[2 * axis + 1][lane / 4][lane % 4] = child.max[axis];
             }
             node.children[lane] = *index;
         }
