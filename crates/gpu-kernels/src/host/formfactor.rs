@@ -1,7 +1,7 @@
 //! Host forms of the form-factor kernels and of the products.
 
 use ::formfactor::kernel::hemisphere::{self, EXTRA_COLUMNS};
-use ::formfactor::kernel::hits::{self, WORD_COUNTS};
+use ::formfactor::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, WORD_COUNTS};
 use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums, VECTOR_IMAGE_WIDTH};
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams};
 use ::scene::kernel::bvh;
@@ -14,6 +14,9 @@ use super::{Bound, HostCall, HostError, agreed, fill};
 use crate::half::unpack_half4;
 use crate::params::CountParams;
 use crate::table::Kernel;
+
+/// Numbers of 16 bits.
+const MOST_COLUMNS: usize = MOST_HIT_COLUMNS as usize;
 
 pub(crate) fn hemisphere_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
@@ -159,7 +162,12 @@ pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), Hos
     let entries = row_start[n] as usize;
     let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
     let exitance = exitance.read::<Rgb>(0)?;
-    fill(irradiance.write(n)?, |k| product::gather_row_sparse(k, row_start, columns, values, exitance));
+    // `gather_row_sparse` with what is known of a row checked once.
+    fill(irradiance.write(n)?, |k| {
+        let own = row_start[k as usize] as usize..row_start[k as usize + 1] as usize;
+        let entries = columns[own.clone()].iter().zip(&values[own]);
+        entries.fold(Vec4::ZERO, |sum, (&column, &value)| sum + exitance[column as usize] * value)
+    });
     Ok(())
 }
 
@@ -172,7 +180,22 @@ pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
     let quads = quads.read::<UVec2>(bound as usize)?;
     let counts = counts.read::<u32>(bound.div_ceil(WORD_COUNTS) as usize)?;
     let (scales, exitance) = (scales.read::<f32>(n)?, exitance.read::<Rgb>(0)?);
-    fill(irradiance.write(n)?, |k| hits::gather_row_hits(k, p.first_quad, row_start, quads, counts, scales, exitance));
+    // `gather_row_hits` with what is known of a row checked once, and an entry for every number of 16 bits.
+    let counts: &[u8] = bytemuck::cast_slice(counts);
+    let known = exitance.len().min(MOST_COLUMNS);
+    let mut table = std::vec![Vec4::ZERO; MOST_COLUMNS];
+    table[..known].copy_from_slice(&exitance[..known]);
+    let Some(table) = table.first_chunk::<MOST_COLUMNS>() else { return Ok(()) };
+    fill(irradiance.write(n)?, |k| {
+        let quad = |k: usize| (row_start[k] - p.first_quad) as usize;
+        let own = quad(k as usize)..quad(k as usize + 1);
+        let mut sum = Vec4::ZERO;
+        for (four, &count) in quads[own.clone()].iter().zip(&counts[own]) {
+            let b = |column: u32| table[(column & 0xffff) as usize];
+            sum += ((b(four.x) + b(four.x >> 16)) + (b(four.y) + b(four.y >> 16))) * f32::from(count);
+        }
+        (sum * (COUNT_STEP * scales[k as usize])).truncate().extend(0.0)
+    });
     Ok(())
 }
 
