@@ -219,29 +219,13 @@ impl<'a> Patches<'a> {
         Ok(Self { sampler, bake })
     }
 
-    /// Whether these are the patches of such settings: they differ at most in receivers and in pictures.
-    pub fn serve(&self, settings: &ClassicSettings) -> bool {
-        let ClassicSettings {
-            receivers,
-            receiver_edge,
-            most_receivers,
-            receiver_density,
-            receiver_rays,
-            sub_frames,
-            size,
-            ..
-        } = self.bake.settings;
-        let like = ClassicSettings {
-            receivers,
-            receiver_edge,
-            most_receivers,
-            receiver_density,
-            receiver_rays,
-            sub_frames,
-            size,
-            ..*settings
+    /// Whether these are the patches of such settings: they differ at most in receivers, transport and pictures.
+    pub fn are_of(&self, settings: &ClassicSettings) -> bool {
+        let what = |s: &ClassicSettings| {
+            let sides = (s.patches, s.patch_count, s.voxel_size, s.samples, s.seed);
+            (sides, s.sample_rays, s.estimator, s.bounces)
         };
-        like == self.bake.settings
+        what(&self.bake.settings) == what(settings)
     }
 
     /// Places receivers: of these settings only what says where and with how many rays counts, with the patches as they are.

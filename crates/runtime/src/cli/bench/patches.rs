@@ -226,7 +226,7 @@ impl Experiment<'_> {
         let (loaded, progress) = (self.loaded, &mut self.progress);
         let start = progress.phases.len();
         let seconds = |progress: &Progress| progress.phases[start..].iter().map(|(_, seconds)| seconds).sum::<f64>();
-        let (patches, before) = match self.patches.take().filter(|(patches, _)| patches.serve(&settings)) {
+        let (patches, before) = match self.patches.take().filter(|(patches, _)| patches.are_of(&settings)) {
             Some(known) => known,
             None => {
                 let patches = Patches::new(loaded, settings, progress)?;
