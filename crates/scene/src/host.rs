@@ -78,6 +78,16 @@ pub struct Scene {
     wide: WideBvh,
 }
 
+/// What was in the way of a ray, if anything has been yet.
+#[derive(Clone, Copy, Debug)]
+pub struct Occluder(u32);
+
+impl Default for Occluder {
+    fn default() -> Self {
+        Self(NONE)
+    }
+}
+
 impl Scene {
     /// Checks the parts, builds the hierarchy and sorts the triangles into its leaf order.
     ///
@@ -176,6 +186,15 @@ impl Scene {
     #[inline]
     pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
         self.traverse::<true>(origin, direction, t_max).triangle != NONE
+    }
+
+    /// [`Scene::occluded`] for rays that follow each other from near by to one light: what was in the way of the `last` one is
+    /// asked first.
+    #[inline]
+    pub fn occluded_again(&self, origin: Vec3, direction: Vec3, t_max: f32, last: &mut Occluder) -> bool {
+        let geometry = self.geometry();
+        let is_hole = |triangle, u, v| geometry.is_hole(triangle, u, v);
+        self.wide.occluded_again(origin, direction, t_max, is_hole, &mut last.0)
     }
 
     /// Longest edge of a triangle, m.

@@ -47,7 +47,7 @@ pub use kernel::light::Lights;
 pub use types::*;
 
 #[cfg(feature = "std")]
-pub use host::{POINT_WALKS, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, find_sides, is_open};
+pub use host::{Occluder, POINT_WALKS, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, find_sides, is_open};
 
 use glam::Vec3;
 

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use scene::kernel::bvh::{FAR, any_hit, closest_hit, intersect_triangle};
 use scene::sampling::{hash3, unit};
-use scene::{Hit, Material, NONE, Scene, SceneParts, Texture, Triangle, TriangleUv};
+use scene::{Hit, Material, NONE, Occluder, Scene, SceneParts, Texture, Triangle, TriangleUv};
 
 fn random(k: u32, slot: u32) -> Vec3 {
     Vec3::new(unit(hash3(k, slot, 1)), unit(hash3(k, slot, 2)), unit(hash3(k, slot, 3)))
@@ -96,6 +96,31 @@ fn rays_pass_holes() {
         passed += u32::from(solid.closest_before(origin, direction, FAR).t < expected.t);
     }
     assert!(passed > 200, "{passed}");
+}
+
+/// Rays to one lamp from places that follow each other: what was in the way of the last changes no answer, through holes
+/// and with what another scene left behind neither.
+#[test]
+fn the_last_occluder_changes_no_answer() {
+    let mut parts = soup(200);
+    parts.textures = vec![Texture { offset: 0, width: 2, height: 1, levels: 1 }];
+    parts.texels = vec![0xffff_ffff, 0x0000_ffff, 0xffff_ffff, 0xffff_ffff];
+    parts.materials[0].mask_texture = 0;
+    let (masked, solid) = (Scene::new(parts).unwrap(), Scene::new(soup(100)).unwrap());
+    let lamp = Vec3::new(2.0, 5.0, 1.0);
+    let mut last = Occluder::default();
+    for scene in [&solid, &masked, &solid] {
+        let mut dark = 0;
+        for k in 0..4000 {
+            // A walk in small steps, so that the same triangle is in the way again and again.
+            let t = k as f32 / 4000.0;
+            let origin = Vec3::new(4.0 * t, 1.0 + (40.0 * t).sin(), 2.0 + (17.0 * t).cos());
+            let blocked = brute_force(scene, origin, lamp - origin).t < 1.0;
+            assert_eq!(scene.occluded_again(origin, lamp - origin, 1.0, &mut last), blocked, "ray {k}");
+            dark += u32::from(blocked);
+        }
+        assert!((400..3980).contains(&dark), "{dark} rays in the dark");
+    }
 }
 
 #[test]

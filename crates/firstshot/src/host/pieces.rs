@@ -1,5 +1,6 @@
 //! Adaptive direct illumination: each triangle that a light may fall on is split until the light is linear on its pieces.
 
+use std::cell::Cell;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::vec::Vec;
@@ -8,7 +9,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene::kernel::light::{Arrival, unoccluded};
 use scene::math::luminance;
-use scene::{LIGHT_RECT, Scene};
+use scene::{LIGHT_RECT, Occluder, Scene};
 
 use super::Proceed;
 use crate::error::{Error, check_setting};
@@ -89,6 +90,13 @@ fn inwards(at: Vec2) -> Vec2 {
     at + (Vec2::splat(1.0 / 3.0) - at) * INWARDS
 }
 
+/// A piece that may be cut further.
+struct Cut {
+    piece: Piece,
+    /// Power that it would reflect for each unit of the light's colour, were it white and nothing in the way of its middle.
+    potential: f32,
+}
+
 /// Light of one lamp at places of one side of a triangle.
 struct Side<'a> {
     scene: &'a Scene,
@@ -97,6 +105,8 @@ struct Side<'a> {
     normal: Vec3,
     edges: (Vec3, Vec3),
     area: f32,
+    /// What was in the way last.
+    last: Cell<Occluder>,
 }
 
 impl<'a> Side<'a> {
@@ -115,7 +125,7 @@ impl<'a> Side<'a> {
         let towards = unoccluded(lamp, centre, front).to_light.dot(front);
         (towards != 0.0 && towards.is_finite()).then(|| {
             let normal = if towards > 0.0 { front } else { -front };
-            Self { scene, triangle, light, normal, edges: (t.edge_a, t.edge_b), area }
+            Self { scene, triangle, light, normal, edges: (t.edge_a, t.edge_b), area, last: Cell::default() }
         })
     }
 
@@ -138,11 +148,17 @@ impl<'a> Side<'a> {
     /// Irradiance over the light's colour at shares (u, v).
     fn light_at(&self, at: Vec2) -> f32 {
         let (origin, arrival) = self.arrival(at);
-        if arrival.share > 0.0 && !self.scene.occluded(origin, arrival.to_light, arrival.t_max) {
-            arrival.share
-        } else {
-            0.0
+        if self.is_lit(origin, &arrival) { arrival.share } else { 0.0 }
+    }
+
+    fn is_lit(&self, origin: Vec3, arrival: &Arrival) -> bool {
+        if arrival.share <= 0.0 {
+            return false;
         }
+        let mut last = self.last.get();
+        let is_dark = self.scene.occluded_again(origin, arrival.to_light, arrival.t_max, &mut last);
+        self.last.set(last);
+        !is_dark
     }
 
     /// The same at a corner of a piece, which may lie on the edge of the triangle.
@@ -150,25 +166,19 @@ impl<'a> Side<'a> {
         self.light_at(inwards(at))
     }
 
-    fn piece(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, albedo: Vec3) -> Piece {
-        let middle = self.light_at((corners[0] + corners[1] + corners[2]) / 3.0);
+    fn piece(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, albedo: Vec3) -> Cut {
+        let (origin, arrival) = self.arrival((corners[0] + corners[1] + corners[2]) / 3.0);
+        let middle = if self.is_lit(origin, &arrival) { arrival.share } else { 0.0 };
         let share = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
         let area = share * self.area;
         let (triangle, light, is_back) = (self.triangle, self.light, self.is_back());
-        Piece { triangle, light, is_back, corners, values, middle, around, area, albedo, seen: 1.0 }
+        let piece = Piece { triangle, light, is_back, corners, values, middle, around, area, albedo, seen: 1.0 };
+        Cut { piece, potential: area * arrival.share }
     }
 
     /// The triangle as a piece, with this light in its corners.
-    fn whole(&self, albedo: Vec3) -> Piece {
+    fn whole(&self, albedo: Vec3) -> Cut {
         self.piece(WHOLE, WHOLE.map(|at| self.light_at_corner(at)), 0.0, albedo)
-    }
-
-    /// Power that a piece would reflect for each unit of the light's colour, were it white and nothing in the way.
-    fn potential(&self, piece: &Piece) -> f32 {
-        let [a, b, c] = piece.corners;
-        let share = |at: Vec2| self.arrival(at).1.share;
-        let corners = share(inwards(a)) + share(inwards(b)) + share(inwards(c));
-        piece.area * 0.25 * (corners + share((a + b + c) / 3.0))
     }
 
     /// Squared lengths of the edges opposite to the corners, m².
@@ -183,7 +193,7 @@ impl<'a> Side<'a> {
 
     /// Two, three or four children: an obtuse piece is cut across its longest edge, another across those of its edges on
     /// which light is not linear; across all where that is so in its middle only.
-    fn split(&self, piece: &Piece, tolerance: f32, children: &mut Vec<Piece>) {
+    fn split(&self, piece: &Piece, tolerance: f32, children: &mut Vec<Cut>) {
         let (c, v) = (piece.corners, piece.values);
         let squared = self.edges_squared(&c);
         let longest = (0..3).max_by(|&a, &b| squared[a].total_cmp(&squared[b])).unwrap_or(0);
@@ -266,12 +276,13 @@ struct Refining<'s, 'a> {
 impl Refining<'_, '_> {
     /// Adds the leaves of a piece that may be split `levels` times more; whether that is the piece as a whole. A piece that
     /// matters is split to look for shadows, or for light, but stays whole where there are none.
-    fn refine(&self, piece: Piece, levels: u32, leaves: &mut Vec<Piece>) -> bool {
+    fn refine(&self, cut: Cut, levels: u32, leaves: &mut Vec<Piece>) -> bool {
+        let Cut { piece, potential } = cut;
         let (side, top) = (self.side, piece.top());
         let is_even = piece.is_linear(self.tolerance);
         let before = leaves.len();
         let mut is_whole = true;
-        if levels > 0 && (side.is_longer(&piece.corners, self.longest) || side.potential(&piece) > self.least) {
+        if levels > 0 && (potential > self.least || side.is_longer(&piece.corners, self.longest)) {
             let mut children = Vec::with_capacity(4);
             side.split(&piece, self.tolerance, &mut children);
             for child in children {
@@ -331,12 +342,16 @@ impl Group {
         self.members.len() >= neighbours as usize || self.power.last().is_some_and(|&power| power >= least)
     }
 
-    /// Asks the members in the middles of equal shares of the power.
-    fn look(&mut self, scene: &Scene, light: u32) {
+    /// Asks the members in the middles of equal shares of the power; `last` is what was in the way of a group before.
+    fn look(&mut self, scene: &Scene, light: u32, last: &Cell<Occluder>) {
         let all = self.power.last().copied().unwrap_or(0.0);
         let is_seen = |member: usize| {
-            let side = Side::new(scene, self.members[member].0, light);
-            side.is_some_and(|side| side.light_at(Vec2::splat(1.0 / 3.0)) > 0.0)
+            Side::new(scene, self.members[member].0, light).is_some_and(|side| {
+                side.last.swap(last);
+                let is_seen = side.light_at(Vec2::splat(1.0 / 3.0)) > 0.0;
+                side.last.swap(last);
+                is_seen
+            })
         };
         let asked = |k: usize| {
             let at = (k as f32 + 0.5) / LOOKS as f32 * all;
@@ -393,7 +408,8 @@ impl Search<'_> {
         };
         let mut found = large.into_par_iter().map(refined).collect::<Vec<_>>().concat();
         for (is_back, mut groups) in [false, true].into_iter().zip(groups) {
-            groups.iter_mut().for_each(|group| group.look(scene, light));
+            let last = Cell::default();
+            groups.iter_mut().for_each(|group| group.look(scene, light, &last));
             let seen: Vec<f32> = groups.iter().map(|group| group.seen).collect();
             let at = |k: usize| seen.get(k).copied().unwrap_or(0.0);
             for (k, group) in groups.into_iter().enumerate() {

@@ -190,6 +190,36 @@ impl WideBvh {
         index | LEAF
     }
 
+    /// Whether anything is in the way in (0, t_max) that `is_hole(triangle, u, v)` does not let pass. The packet `last` is asked
+    /// first, if there is one; it becomes the one that is in the way.
+    #[inline]
+    pub(super) fn occluded_again(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        t_max: f32,
+        is_hole: impl Fn(u32, f32, f32) -> bool,
+        last: &mut u32,
+    ) -> bool {
+        let ray = WideRay::new(origin, direction);
+        if let Some(packet) = self.packets.get(*last as usize) {
+            let (mut mask, u, v, _) = ray.meet(packet, t_max);
+            while mask != 0 {
+                let lane = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                if packet.masked >> lane & 1 == 0 || !is_hole(packet.first + lane as u32, u[lane], v[lane]) {
+                    return true;
+                }
+            }
+        }
+        let (hit, packet) = self.search::<true>(&ray, t_max, is_hole);
+        if hit.triangle == NONE {
+            return false;
+        }
+        *last = packet;
+        true
+    }
+
     /// The nearest triangle in (0, t_max), or any one when `ANY`, that `is_hole(triangle, u, v)` does not let pass.
     #[inline]
     pub(super) fn traverse<const ANY: bool>(
@@ -199,8 +229,19 @@ impl WideBvh {
         t_max: f32,
         is_hole: impl Fn(u32, f32, f32) -> bool,
     ) -> Hit {
-        let ray = WideRay::new(origin, direction);
+        self.search::<ANY>(&WideRay::new(origin, direction), t_max, is_hole).0
+    }
+
+    /// [`WideBvh::traverse`], and the packet of the triangle.
+    #[inline]
+    fn search<const ANY: bool>(
+        &self,
+        ray: &WideRay,
+        t_max: f32,
+        is_hole: impl Fn(u32, f32, f32) -> bool,
+    ) -> (Hit, u32) {
         let mut best = Hit { triangle: NONE, u: 0.0, v: 0.0, t: t_max };
+        let mut holder = NONE;
         let mut waiting = ArrayVec::<(u32, f32), STACK_SIZE>::new();
         let mut current = 0u32;
         loop {
@@ -216,8 +257,9 @@ impl WideBvh {
                         let may_pass = packet.masked >> lane & 1 == 1;
                         if t[lane] < best.t && !(may_pass && is_hole(triangle, u[lane], v[lane])) {
                             best = Hit { triangle, u: u[lane], v: v[lane], t: t[lane] };
+                            holder = index as u32;
                             if ANY {
-                                return best;
+                                return (best, holder);
                             }
                         }
                     }
@@ -261,7 +303,7 @@ impl WideBvh {
                     if best.triangle == NONE {
                         best.t = f32::INFINITY;
                     }
-                    return best;
+                    return (best, holder);
                 };
                 if near < best.t {
                     current = child;
