@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use scene::kernel::bvh::{FAR, any_hit, closest_hit, intersect_triangle};
+use scene::math::sin_cos_turn;
 use scene::sampling::{hash3, unit};
 use scene::{Hit, Material, NONE, Occluder, Scene, SceneParts, Texture, Triangle, TriangleUv};
 
@@ -114,7 +115,8 @@ fn the_last_occluder_changes_no_answer() {
         for k in 0..4000 {
             // A walk in small steps, so that the same triangle is in the way again and again.
             let t = k as f32 / 4000.0;
-            let origin = Vec3::new(4.0 * t, 1.0 + (40.0 * t).sin(), 2.0 + (17.0 * t).cos());
+            let (s, c) = sin_cos_turn(5.0 * t);
+            let origin = Vec3::new(4.0 * t, 1.0 + s, 2.0 + c);
             let blocked = brute_force(scene, origin, lamp - origin).t < 1.0;
             assert_eq!(scene.occluded_again(origin, lamp - origin, 1.0, &mut last), blocked, "ray {k}");
             dark += u32::from(blocked);
