@@ -147,7 +147,7 @@ fn still_light_does_not_pop_on_a_flight() {
     let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
     bake("atrium:3000", Path::new(&name("a.bake")), &[]);
     // Greatest change of displayed values, and nodes that came.
-    let fly = |fade: &str| {
+    let fly = |out: &str, more: &[&str]| {
         let shared = [
             "--animate",
             "still",
@@ -162,19 +162,24 @@ fn still_light_does_not_pop_on_a_flight() {
             "--size",
             "48x32",
         ];
-        let (file, out) = (name("a.bake"), name(fade));
-        let own = ["render", &file, "--fade", fade, "--out", &out];
-        succeeds(&[&own[..], &shared].concat());
-        let csv = fs::read_to_string(folder.path().join(fade).join("frames.csv")).unwrap();
+        let (file, folder) = (name("a.bake"), name(out));
+        let own = ["render", &file, "--out", &folder];
+        succeeds(&[&own[..], more, &shared].concat());
+        let csv = fs::read_to_string(Path::new(&folder).join("frames.csv")).unwrap();
         let head: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
         let column = |name: &str| {
             let at = head.iter().position(|one| *one == name).unwrap();
             csv.lines().skip(2).map(|line| line.split(',').nth(at).unwrap().parse::<f64>().unwrap()).collect::<Vec<_>>()
         };
-        (column("change_255").into_iter().fold(0.0, f64::max), column("entered").iter().sum::<f64>())
+        let greatest = |name: &str| column(name).into_iter().fold(0.0, f64::max);
+        (greatest("change_255"), column("entered").iter().sum::<f64>(), greatest("later") + greatest("behind_255"))
     };
-    let ((smooth, came), (at_once, _)) = (fly("16"), fly("1"));
+    let ((smooth, came, late), (at_once, ..)) = (fly("16", &["--fade", "16"]), fly("1", &["--fade", "1"]));
     println!("{smooth} of 255 a frame at most, {at_once} at once; {came} nodes came");
     assert!(came > 20.0 && smooth <= 2.0, "{smooth}, {came}");
     assert!(at_once > 4.0, "{at_once}");
+    // At rest nothing is late, whatever the budget.
+    let (_, all, nothing) = fly("rest", &["--at-rest", "--budget", "4"]);
+    println!("{all} nodes came at rest; {late} and {nothing} late");
+    assert!(all > 20.0 && late > 1.0 && nothing == 0.0, "{all}, {late}, {nothing}");
 }

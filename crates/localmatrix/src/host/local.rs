@@ -127,6 +127,20 @@ pub struct Step {
     pub lost: Vec<Error>,
 }
 
+impl Step {
+    /// Both together, where `before` came first: counts of what is left to do are those of the later.
+    pub fn after(self, before: Step) -> Step {
+        Step {
+            entered: before.entered + self.entered,
+            left: before.left + self.left,
+            work: before.work + self.work,
+            residual: self.residual.or(before.residual),
+            lost: before.lost.into_iter().chain(self.lost).collect(),
+            ..self
+        }
+    }
+}
+
 /// All bounces of light in a world of any size, between the nodes that stand for it about a camera.
 ///
 /// The nodes in the matrix are a *cut* of the world's forest, at most M nodes, fine where they look large from the way of the
@@ -461,14 +475,10 @@ impl Local {
             let changes = self.choose_some(world, view, self.settings.slots);
             let (is_done, is_idle) = (changes.is_empty() && changes.waiting == 0, changes.is_empty());
             let step = self.apply(world, changes)?;
-            whole.entered += step.entered;
-            whole.left += step.left;
-            whole.work += step.work;
-            whole.residual = step.residual.or(whole.residual);
-            let has_lost = !step.lost.is_empty();
-            whole.lost.extend(step.lost);
+            let (has_lost, is_waiting) = (!step.lost.is_empty(), step.waiting > 0);
+            whole = step.after(whole);
             // Hysteresis has a cut stay as it is; should two take turns nevertheless, either will do.
-            rounds += usize::from(step.waiting == 0);
+            rounds += usize::from(!is_waiting);
             if (is_done && !has_lost) || rounds > MOST_ROUNDS {
                 return Ok(whole);
             }

@@ -87,6 +87,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
             ..LocalSettings::default()
         },
         look_ahead: options.look_ahead,
+        at_rest: options.at_rest,
         cache: CACHE,
         sub_frames: args.spp.unwrap_or(SUB_FRAMES),
         size: args.size.unwrap_or(SIZE),

@@ -9,7 +9,7 @@ use localmatrix::{Changes, Local, LocalSettings, Step, Surface, Table, View, Wor
 
 use super::senders::Senders;
 use crate::error::Error;
-use crate::progress::Progress;
+use crate::progress::{Progress, is_cancelled};
 
 /// Slots are so many at a time: rows of the matrix on a device are whole vectors.
 const SLOT_STEP: usize = 4;
@@ -27,11 +27,14 @@ pub struct LocalOptions {
     pub fade: u32,
     /// Irradiance that is displayed as white, W/m², see [`white`]: those changes alter no displayed value by more than two 255ths a frame.
     pub white: f32,
+    /// Whether each frame waits for all changes, whatever the budget.
+    pub at_rest: bool,
 }
 
 impl LocalOptions {
     /// 4,096 slots, 64 changes a frame, 8 frames ahead, 16 frames to fade, no white.
-    pub const DEFAULT: Self = Self { slots: 4096, budget: 64, look_ahead: 8.0, fade: 16, white: f32::INFINITY };
+    pub const DEFAULT: Self =
+        Self { slots: 4096, budget: 64, look_ahead: 8.0, fade: 16, white: f32::INFINITY, at_rest: false };
 }
 
 /// Albedo of the surface whose displayed value tells how much frames differ.
@@ -71,6 +74,9 @@ pub struct LocalLight {
     eye: Vec3,
     ahead: Vec3,
     is_first: bool,
+    at_rest: bool,
+    /// What [`Self::choose`] has done at rest.
+    done: Step,
     last: LocalFrame,
 }
 
@@ -128,7 +134,8 @@ impl LocalLight {
             Ok(_) => {}
         }
         let (look_ahead, last) = (options.look_ahead, LocalFrame::default());
-        Ok(Self { local, world, look_ahead, eye, ahead: eye, is_first: true, last })
+        let (at_rest, done) = (options.at_rest, Step::default());
+        Ok(Self { local, world, look_ahead, eye, ahead: eye, is_first: true, at_rest, done, last })
     }
 
     /// Where the camera is in the next frame, m; it is taken to go on as it came.
@@ -158,18 +165,28 @@ impl LocalLight {
         self.world.order()
     }
 
-    /// What this frame is to change. Before the first one all is made ready.
+    /// Whether each frame begins with all changes made, none of which [`Self::choose`] tells.
+    pub(super) fn is_at_rest(&self) -> bool {
+        self.at_rest
+    }
+
+    /// What this frame is to change. Before the first one all is made ready, at rest before each.
     pub(super) fn choose(&mut self) -> Result<Changes, Error> {
         let view = View { eye: self.eye, ahead: self.ahead };
         if std::mem::take(&mut self.is_first) {
             self.local.settle(&mut self.world, view, &|_| true)?;
+        } else if self.at_rest {
+            self.done = match self.local.settle(&mut self.world, view, &|_| !is_cancelled()) {
+                Err(localmatrix::Error::Cancelled) => return Err(Error::Cancelled),
+                other => other?,
+            };
         }
         Ok(self.local.choose(&mut self.world, view))
     }
 
     /// Changes the matrix.
     pub(super) fn apply(&mut self, changes: Changes) -> Result<(), Error> {
-        let step = self.local.apply(&self.world, changes)?;
+        let step = self.local.apply(&self.world, changes)?.after(std::mem::take(&mut self.done));
         let patches = self.local.cut().len();
         let bytes = self.local.bytes().iter().map(|(_, bytes)| bytes).sum();
         // Cholesky, inverse and product: n³ in all, for each channel.

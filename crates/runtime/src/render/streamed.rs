@@ -43,6 +43,8 @@ pub struct StreamSettings {
     pub local: LocalSettings,
     /// Frames that the camera's way is looked ahead.
     pub look_ahead: f32,
+    /// Whether each frame waits for all changes, whatever their number and the disk.
+    pub at_rest: bool,
     /// Bytes of blocks of rows that stay in memory.
     pub cache: usize,
     /// Sub-frames a picture.
@@ -279,9 +281,10 @@ impl Streamed {
             timed(&mut done.lookup_ms, start);
         }
         let start = Instant::now();
+        let all = if self.settings.at_rest { self.settle(eye, &|_| true)? } else { Step::default() };
         let changes = self.local.choose(&mut self.rows, Way { eye, ahead });
-        let has_changes = !changes.is_empty();
-        done.step = self.local.apply(&self.rows, changes)?;
+        let has_changes = !changes.is_empty() || all.entered + all.left > 0;
+        done.step = self.local.apply(&self.rows, changes)?.after(all);
         timed(&mut done.update_ms, start);
         let start = Instant::now();
         self.light_nodes();

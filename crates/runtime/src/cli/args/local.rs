@@ -43,14 +43,19 @@ pub struct LocalArgs {
     /// frame; 1 for at once (local).
     #[arg(long, default_value_t = LocalOptions::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub fade: u32,
+    /// Make all changes that suit the camera in each frame, wait for the disk, and let nothing fade: pictures as of a camera at rest, to
+    /// compare those of a moving one with. --budget, --look-ahead and --fade make no difference then (local).
+    #[arg(long)]
+    pub at_rest: bool,
 }
 
 impl LocalArgs {
     /// The settings, for pictures that are exposed so.
     pub fn options(&self, exposure_stops: f32) -> LocalOptions {
-        let Self { slots, budget, look_ahead, fade } = *self;
+        let Self { slots, budget, at_rest, .. } = *self;
+        let (look_ahead, fade) = if at_rest { (0.0, 1) } else { (self.look_ahead, self.fade) };
         let white = if fade == 1 { f32::INFINITY } else { white(exposure_stops) };
-        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade, white }
+        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade, white, at_rest }
     }
 }
 

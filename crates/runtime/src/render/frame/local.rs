@@ -232,9 +232,10 @@ impl Copied {
         let mut times = executor.run_passes(&[self.order])?;
         let start = Instant::now();
         let changes = light.choose()?;
-        if !self.is_there {
+        if !self.is_there || light.is_at_rest() {
             // All of it, as it is before the first frame; from then on what changes.
             light.local().matrix_mut().record();
+            light.local().matrix_mut().take_updates();
             self.upload(executor, light)?;
             self.upload_places(executor, light)?;
             let dark = vec![Vec4::ZERO; light.order().len()];
@@ -348,12 +349,18 @@ mod tests {
         Table::new(&surfaces, starts, columns, values).unwrap()
     }
 
+    const FLYING: LocalOptions = LocalOptions { slots: 48, budget: 12, fade: 8, ..LocalOptions::DEFAULT };
+
+    /// Greatest difference.
+    fn apart(a: &[Vec<Vec4>], b: &[Vec<Vec4>]) -> f32 {
+        a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
+    }
+
     /// Irradiance frame by frame while the camera goes along the line and the light flickers.
-    fn frames(on_device: bool, fade: u32) -> (Vec<Vec<Vec4>>, usize) {
+    fn frames(on_device: bool, options: LocalOptions) -> (Vec<Vec<Vec4>>, usize) {
         let (mut plan, mut uploads) = (Plan::new(), Uploads::default());
         let [source, irradiance] =
             ["source", "irradiance"].map(|name| plan.storage(name, (PATCHES * size_of::<Vec4>()) as u64));
-        let options = LocalOptions { slots: 48, budget: 12, fade, ..LocalOptions::DEFAULT };
         let light = LocalLight::of(world(), options, Vec3::ZERO, &|_| true).unwrap();
         let mut stage = LocalStage::new(&mut plan, &mut uploads, light, (source, irradiance), on_device).unwrap();
         // The host's way needs a pass to be a plan.
@@ -383,15 +390,26 @@ mod tests {
 
     #[test]
     fn a_copy_on_a_device_gives_the_light_of_the_host() {
-        let ((host, moved), (device, _)) = (frames(false, 8), frames(true, 8));
+        let ((host, moved), (device, _)) = (frames(false, FLYING), frames(true, FLYING));
         assert!(moved > 100, "{moved}");
-        let distance =
-            |a: &[Vec4], b: &[Vec4]| a.iter().zip(b).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max);
-        let worst = host.iter().zip(&device).map(|(a, b)| distance(a, b)).fold(0.0, f32::max);
+        let worst = apart(&host, &device);
         println!("{moved} entered; apart by {worst:e}");
         assert!(worst < 1e-4, "{worst}");
-        let other = frames(true, 1).0;
-        let differs = host.iter().zip(&other).map(|(a, b)| distance(a, b)).fold(0.0, f32::max);
+        let differs = apart(&host, &frames(true, LocalOptions { fade: 1, ..FLYING }).0);
         assert!(differs > 1e-3, "what fades must be seen: {differs}");
+    }
+
+    #[test]
+    fn at_rest_the_budget_makes_no_difference() {
+        let at_rest = LocalOptions { look_ahead: 0.0, fade: 1, at_rest: true, ..FLYING };
+        let (all, moved) = frames(false, at_rest);
+        assert!(moved > 100, "{moved}");
+        let few = LocalOptions { budget: 2, ..at_rest };
+        let (host, device) = (apart(&all, &frames(false, few).0), apart(&all, &frames(true, few).0));
+        println!("{moved} entered; apart by {host:e} on the host, {device:e} on a device");
+        assert!(host < 1e-4 && device < 1e-4, "{host} {device}");
+        // On the way, with such a budget, the light is that of other nodes.
+        let late = apart(&all, &frames(false, LocalOptions { at_rest: false, ..few }).0);
+        assert!(late > 1e-2, "{late}");
     }
 }
