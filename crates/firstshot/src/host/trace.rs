@@ -1,11 +1,12 @@
 //! Photons on all cores: the kernels' bodies over whole paths, with the scene's wide hierarchy.
 
+use std::cell::Cell;
 use std::vec::Vec;
 
 use glam::Vec3;
 use rayon::prelude::*;
-use scene::Scene;
 use scene::kernel::bvh::FAR;
+use scene::{Occluder, Scene};
 
 use super::emission::Emission;
 use crate::kernel::segment::{land, reflect};
@@ -28,8 +29,15 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
     let element = |k: u32| pick(&emission.alias, p.element_count, Sequence::of(p, k).element());
     let mut order: Vec<(u32, u32)> = (0..p.count).into_par_iter().map(|k| (element(k), k)).collect();
     order.par_sort_unstable();
-    let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let chunk = |chunk: &[(u32, u32)]| {
+        // Places on one element are often in the shadow of one thing.
+        let last = Cell::new(Occluder::default());
+        let occluded = |origin: Vec3, direction: Vec3, t_max: f32| {
+            let mut occluder = last.get();
+            let is_occluded = scene.occluded_again(origin, direction, t_max, &mut occluder);
+            last.set(occluder);
+            is_occluded
+        };
         let mut landings = Vec::with_capacity(3 * CHUNK);
         for &(chosen, k) in chunk {
             let element = emission.elements[chosen as usize];
