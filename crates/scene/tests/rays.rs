@@ -25,6 +25,15 @@ fn soup(count: u32) -> SceneParts {
     SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() }
 }
 
+/// The same with a picture that has one texel opaque and one not: its left half is a hole.
+fn with_holes(count: u32) -> SceneParts {
+    let mut parts = soup(count);
+    parts.textures = vec![Texture { offset: 0, width: 2, height: 1, levels: 1 }];
+    parts.texels = vec![0xffff_ffff, 0x0000_ffff, 0xffff_ffff, 0xffff_ffff];
+    parts.materials[0].mask_texture = 0;
+    parts
+}
+
 fn brute_force(scene: &Scene, origin: Vec3, direction: Vec3) -> Hit {
     let mut best = Hit::MISS;
     for (k, t) in scene.triangles.iter().enumerate() {
@@ -78,12 +87,7 @@ fn a_lost_triangle_is_noticed() {
 
 #[test]
 fn rays_pass_holes() {
-    // One texel opaque, one not: left half of the picture is a hole.
-    let mut parts = soup(800);
-    parts.textures = vec![Texture { offset: 0, width: 2, height: 1, levels: 1 }];
-    parts.texels = vec![0xffff_ffff, 0x0000_ffff, 0xffff_ffff, 0xffff_ffff];
-    parts.materials[0].mask_texture = 0;
-    let masked = Scene::new(parts).unwrap();
+    let masked = Scene::new(with_holes(800)).unwrap();
     let solid = Scene::new(soup(800)).unwrap();
     let mut passed = 0;
     for k in 0..4000 {
@@ -103,11 +107,7 @@ fn rays_pass_holes() {
 /// and with what another scene left behind neither.
 #[test]
 fn the_last_occluder_changes_no_answer() {
-    let mut parts = soup(200);
-    parts.textures = vec![Texture { offset: 0, width: 2, height: 1, levels: 1 }];
-    parts.texels = vec![0xffff_ffff, 0x0000_ffff, 0xffff_ffff, 0xffff_ffff];
-    parts.materials[0].mask_texture = 0;
-    let (masked, solid) = (Scene::new(parts).unwrap(), Scene::new(soup(100)).unwrap());
+    let (masked, solid) = (Scene::new(with_holes(200)).unwrap(), Scene::new(soup(100)).unwrap());
     let lamp = Vec3::new(2.0, 5.0, 1.0);
     let mut last = Occluder::default();
     for scene in [&solid, &masked, &solid] {
