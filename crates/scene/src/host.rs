@@ -1,5 +1,6 @@
 //! The scene on the host: tables, the hierarchy (built by obvhs), fast rays.
 
+use std::cell::Cell;
 use std::vec::Vec;
 
 use glam::{Vec3, Vec4};
@@ -191,10 +192,13 @@ impl Scene {
     /// [`Scene::occluded`] for rays that follow each other from near by to one light: what was in the way of the `last` one is
     /// asked first.
     #[inline]
-    pub fn occluded_again(&self, origin: Vec3, direction: Vec3, t_max: f32, last: &mut Occluder) -> bool {
+    pub fn occluded_again(&self, origin: Vec3, direction: Vec3, t_max: f32, last: &Cell<Occluder>) -> bool {
         let geometry = self.geometry();
         let is_hole = |triangle, u, v| geometry.is_hole(triangle, u, v);
-        self.wide.occluded_again(origin, direction, t_max, is_hole, &mut last.0)
+        let Occluder(mut packet) = last.get();
+        let is_occluded = self.wide.occluded_again(origin, direction, t_max, is_hole, &mut packet);
+        last.set(Occluder(packet));
+        is_occluded
     }
 
     /// Longest edge of a triangle, m.

@@ -152,13 +152,7 @@ impl<'a> Side<'a> {
     }
 
     fn is_lit(&self, origin: Vec3, arrival: &Arrival) -> bool {
-        if arrival.share <= 0.0 {
-            return false;
-        }
-        let mut last = self.last.get();
-        let is_dark = self.scene.occluded_again(origin, arrival.to_light, arrival.t_max, &mut last);
-        self.last.set(last);
-        !is_dark
+        arrival.share > 0.0 && !self.scene.occluded_again(origin, arrival.to_light, arrival.t_max, &self.last)
     }
 
     /// The same at a corner of a piece, which may lie on the edge of the triangle.

@@ -32,12 +32,8 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
     let chunk = |chunk: &[(u32, u32)]| {
         // Places on one element are often in the shadow of one thing.
         let last = Cell::new(Occluder::default());
-        let occluded = |origin: Vec3, direction: Vec3, t_max: f32| {
-            let mut occluder = last.get();
-            let is_occluded = scene.occluded_again(origin, direction, t_max, &mut occluder);
-            last.set(occluder);
-            is_occluded
-        };
+        let occluded =
+            |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded_again(origin, direction, t_max, &last);
         let mut landings = Vec::with_capacity(3 * CHUNK);
         for &(chosen, k) in chunk {
             let element = emission.elements[chosen as usize];
