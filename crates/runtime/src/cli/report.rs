@@ -166,7 +166,10 @@ const MOST_MARKS: usize = 6;
 
 fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
     const COLORS: [&str; 8] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633"];
-    let (width, height, left, right, bottom, top) = (760.0, 240.0, 60.0, 170.0, 28.0, 26.0);
+    // Room for the names, some seven pixels a letter.
+    let longest = p.series.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
+    let right = (12.0 + 7.0 * longest as f64).max(170.0);
+    let (width, height, left, bottom, top) = (590.0 + right, 240.0, 60.0, 28.0, 26.0);
     let points = || p.series.iter().flat_map(|s| &s.points);
     let scale = |x: f64| if p.logarithmic { x.max(f64::MIN_POSITIVE).ln() } else { x };
     let mut marks: Vec<f64> = points().map(|point| point.0).collect();
@@ -197,7 +200,11 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
                 }
             }
             @for mark in &marks {
-                text x=(x(*mark)) y=(height - 8.0) font-size="11" text-anchor="middle" fill="currentColor" { (mark) }
+                // The last one must not run into what x is.
+                @let anchor = if *mark == last { "end" } else { "middle" };
+                text x=(x(*mark)) y=(height - 8.0) font-size="11" text-anchor=(anchor) fill="currentColor" {
+                    (if mark.fract() == 0.0 { mark.to_string() } else { significant(*mark) })
+                }
             }
             text x=(width - right + 6.0) y=(height - 8.0) font-size="11" fill="currentColor" { (p.x) }
             @for (k, s) in p.series.iter().enumerate() {
