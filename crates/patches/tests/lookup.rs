@@ -151,8 +151,9 @@ fn places_without_light_are_dark_and_make_no_others_so() {
     };
     let (lit, dark) = (patches(&is_lit), patches(&|s| !is_lit(s)));
     let settings = LookupSettings::default();
-    let (with, without) =
-        (Lookup::with_dark(&grid, &lit, &dark, settings).unwrap(), Lookup::new(&grid, &lit, settings).unwrap());
+    let (ours, theirs) = ((lit.len(), |k: usize| lit.patches[k]), (dark.len(), |k: usize| dark.patches[k]));
+    let with = Lookup::with_dark(&grid.shape, ours, theirs, settings).unwrap();
+    let without = Lookup::new(&grid, &lit, settings).unwrap();
     assert_eq!((with.values, without.values), (lit.len() + 1, lit.len()));
     let light = vec![Vec4::ONE; lit.len()];
     let all = [light.clone(), vec![Vec4::ZERO]].concat();

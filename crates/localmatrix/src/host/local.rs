@@ -17,7 +17,7 @@ use crate::kernel::{fade, is_some, mean, spread};
 use crate::types::FadeParams;
 
 /// Nodes that enter as one border: more take more memory, fewer more time.
-const TOGETHER: usize = 128;
+const TOGETHER: usize = 64;
 /// Distances below so many edges of a patch are all alike.
 const NEAR: f32 = 2.0;
 /// Rounds of [`Local::settle`] in which no row is missing: each goes all the way but for what has no room at once.
@@ -506,14 +506,22 @@ impl Local {
         }
         let (slot_of, runs) = self.places();
         let light: Vec<Vec4> = runs.par_iter().map(|run| mean(run[0], run[1], &self.leaf_area, exitance)).collect();
+        let (at_slots, lit) = self.slot_product(&light, is_seen)?;
+        irradiance.par_iter_mut().zip(&slot_of).for_each(|(h, &slot)| *h = spread(slot, &at_slots));
+        Ok(lit)
+    }
+
+    /// As [`Self::product`], from the exitance of each slot to its irradiance, W/m², `[M]`, where the light of leaves is that of their node.
+    ///
+    /// # Errors
+    /// [`Error::Length`] unless there is one element a slot.
+    pub fn slot_product(&self, exitance: &[Vec4], is_seen: impl Fn(u32) -> bool) -> Result<(Vec<Vec4>, usize), Error> {
         let visible: Vec<u32> =
             self.matrix.patches().filter(|&(_, node)| is_seen(node)).map(|(slot, _)| slot).collect();
-        let is_lit = |&slot: &u32| is_some(light[slot as usize]);
-        let lit: Vec<u32> = (0..light.len() as u32).filter(is_lit).collect();
-        let mut at_slots = vec![Vec4::ZERO; light.len()];
-        self.matrix.product(&visible, &lit, &light, &mut at_slots)?;
-        irradiance.par_iter_mut().zip(&slot_of).for_each(|(h, &slot)| *h = spread(slot, &at_slots));
-        Ok(lit.len())
+        let lit: Vec<u32> = (0..).zip(exitance).filter(|&(_, light)| is_some(*light)).map(|(slot, _)| slot).collect();
+        let mut irradiance = vec![Vec4::ZERO; exitance.len()];
+        self.matrix.product(&visible, &lit, exitance, &mut irradiance)?;
+        Ok((irradiance, lit.len()))
     }
 
     /// A frame: a step, and the irradiance of the leaves from their exitance, W/m², both in the leaves' order. What the step changes of the

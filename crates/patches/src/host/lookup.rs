@@ -57,60 +57,66 @@ impl Lookup {
     /// [`Error::Setting`] for a limit that is not positive, [`Error::Value`] for a patch without a voxel of the grid,
     /// [`Error::NoSamples`] without patches.
     pub fn new(grid: &Grid, set: &PatchSet, settings: LookupSettings) -> Result<Self, Error> {
-        Self::with_dark(grid, set, &PatchSet::default(), settings)
+        Self::with_dark(&grid.shape, (set.len(), |k| set.patches[k]), (0, |_| VirtualPatch::default()), settings)
     }
 
-    /// As [`Lookup::new`], with patches of the places that no light comes to, so that such a place is dark and does not show
-    /// what lies behind its wall. A dark patch is left out where the voxels beside its own hold a patch of the set in its
+    /// As [`Lookup::new`], for a number of patches and what tells one of them, so that they need no table; and with patches of the places
+    /// that no light comes to, so that such a place is dark and does not show
+    /// what lies behind its wall. A dark patch is left out where the voxels beside its own hold one of the others in its
     /// plane that looks its way: no place that light comes to becomes darker. The value of all dark patches is the last of
     /// the table of values, which then has one more than there are patches and must end with 0.
     ///
     /// # Errors
     /// As [`Lookup::new`].
-    pub fn with_dark(grid: &Grid, set: &PatchSet, dark: &PatchSet, settings: LookupSettings) -> Result<Self, Error> {
+    pub fn with_dark(
+        shape: &GridShape,
+        (count, patch): (usize, impl Fn(usize) -> VirtualPatch + Sync),
+        (dark_count, dark): (usize, impl Fn(usize) -> VirtualPatch + Sync),
+        settings: LookupSettings,
+    ) -> Result<Self, Error> {
         let limit = settings.plane_limit;
         if limit.is_nan() || limit <= 0.0 {
             return Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" });
         }
-        if set.is_empty() {
+        if count == 0 {
             return Err(Error::NoSamples);
         }
-        let counts = grid.shape.counts();
+        let counts = shape.counts();
         let voxels = counts.x as usize * counts.y as usize * counts.z as usize;
-        for (index, patch) in set.patches.iter().chain(&dark.patches).enumerate() {
-            if patch.voxel as usize >= voxels {
-                let value = f64::from(patch.voxel);
+        let dark_voxels = (0..dark_count).map(|d| dark(d).voxel);
+        for (index, voxel) in (0..count).map(|k| patch(k).voxel).chain(dark_voxels).enumerate() {
+            if voxel as usize >= voxels {
+                let value = f64::from(voxel);
                 return Err(Error::Value { name: "patches.voxel", index, value, rule: "in the grid" });
             }
         }
-        let entry = |patch: &VirtualPatch, index: usize| {
-            let (position, direction) = (patch.position, patch.normal);
-            (patch.voxel, LookupPatch { position, patch: index as u32, direction, reserved: 0 })
-        };
-        let mut placed: Vec<_> = set.patches.iter().enumerate().map(|(index, patch)| entry(patch, index)).collect();
-        placed.sort_by_key(|p| p.0);
-        let apart = |d: &&VirtualPatch| !has_like(&grid.shape, &placed, d, limit);
-        let apart: Vec<_> = dark.patches.par_iter().filter(apart).map(|d| entry(d, set.len())).collect();
-        let values = set.len() + usize::from(!apart.is_empty());
-        placed.extend(apart);
-        placed.sort_by_key(|p| p.0);
+        // Voxel by voxel, dark ones behind the others.
+        let mut order: Vec<(u32, u32)> = (0..count).map(|k| (patch(k).voxel, k as u32)).collect();
+        order.sort_unstable();
+        let is_apart = |&d: &u32| !has_like(shape, &order, &patch, &dark(d as usize), limit);
+        let apart: Vec<u32> = (0..dark_count as u32).into_par_iter().filter(is_apart).collect();
+        let values = count + usize::from(!apart.is_empty());
+        order.extend(apart.iter().map(|&d| (dark(d as usize).voxel, count as u32 + d)));
+        order.sort_unstable();
         let (mut cells, mut offsets) = (std::vec![u32::MAX; voxels], Vec::new());
-        let mut entries = Vec::with_capacity(placed.len());
+        let mut entries = Vec::with_capacity(order.len());
         let mut full = Vec::new();
-        for (voxel, entry) in placed {
+        for &(voxel, k) in &order {
             let cell = &mut cells[voxel as usize];
             if *cell == u32::MAX {
                 *cell = full.len() as u32;
                 full.push(voxel);
                 offsets.push(entries.len() as u32);
             }
-            entries.push(entry);
+            let of = (k as usize).checked_sub(count).map_or_else(|| patch(k as usize), &dark);
+            let (position, direction) = (of.position, of.normal);
+            entries.push(LookupPatch { position, patch: k.min(count as u32), direction, reserved: 0 });
         }
         offsets.push(entries.len() as u32);
         fill_empty(&mut cells, full, counts);
         // The kernel divides by the limit: infinity as a number that it can square.
         let params = LookupParams {
-            shape: grid.shape,
+            shape: *shape,
             plane_limit: limit.min(1e15),
             walls: u32::from(settings.walls),
             count: 0,
@@ -154,19 +160,26 @@ impl Lookup {
     }
 }
 
-/// Whether the voxels round that of a patch hold one in its plane that looks its way. `placed` rises by voxel.
-fn has_like(shape: &GridShape, placed: &[(u32, LookupPatch)], patch: &VirtualPatch, limit: f32) -> bool {
-    let own = shape.coordinates(patch.voxel);
+/// Whether the voxels round that of a dark patch hold one of the others in its plane that looks its way. `order` has their voxels and
+/// numbers, and rises.
+fn has_like(
+    shape: &GridShape,
+    order: &[(u32, u32)],
+    patch: &impl Fn(usize) -> VirtualPatch,
+    dark: &VirtualPatch,
+    limit: f32,
+) -> bool {
+    let own = shape.coordinates(dark.voxel);
     let (low, high) = (own.saturating_sub(UVec3::ONE), (own + UVec3::ONE).min(shape.counts() - UVec3::ONE));
-    let is_like = |other: &LookupPatch| {
-        let off = ((other.position - patch.position) / shape.edges).dot(patch.normal).abs();
-        other.direction.dot(patch.normal) > LIKE_COSINE && off < limit
+    let is_like = |other: VirtualPatch| {
+        let off = ((other.position - dark.position) / shape.edges).dot(dark.normal).abs();
+        other.normal.dot(dark.normal) > LIKE_COSINE && off < limit
     };
     (low.z..=high.z).any(|z| {
         (low.y..=high.y).any(|y| {
             let (from, to) = (shape.voxel_at(UVec3::new(low.x, y, z)), shape.voxel_at(UVec3::new(high.x, y, z)));
-            let first = placed.partition_point(|p| p.0 < from);
-            placed[first..].iter().take_while(|p| p.0 <= to).any(|p| is_like(&p.1))
+            let first = order.partition_point(|o| o.0 < from);
+            order[first..].iter().take_while(|o| o.0 <= to).any(|o| is_like(patch(o.1 as usize)))
         })
     })
 }

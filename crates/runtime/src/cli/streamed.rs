@@ -19,7 +19,7 @@ const SIZE: (u32, u32) = (640, 360);
 /// Sub-frames when none are given.
 const SUB_FRAMES: u32 = 2;
 /// Bytes of blocks of rows that stay in memory.
-const CACHE: usize = 8 << 20;
+const CACHE: usize = 4 << 20;
 
 #[derive(Serialize)]
 struct Report {

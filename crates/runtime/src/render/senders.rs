@@ -253,7 +253,8 @@ impl Senders {
                 Err(patches::Error::NoSamples) => PatchSet::default(),
                 Err(error) => return Err(error),
             };
-            let lookup = Lookup::with_dark(&grid, &set, &dark, LookupSettings::default())?;
+            let (ours, theirs) = ((set.len(), |k: usize| set.patches[k]), (dark.len(), |k: usize| dark.patches[k]));
+            let lookup = Lookup::with_dark(&grid.shape, ours, theirs, LookupSettings::default())?;
             Ok((set, lookup))
         };
         let (set, lookup) = made().map_err(|error| match error {

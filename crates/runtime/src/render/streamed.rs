@@ -7,11 +7,11 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use glam::{UVec3, Vec3, Vec4};
-use localmatrix::kernel::fade;
+use localmatrix::kernel::{fade, spread as at_slot};
 use localmatrix::{
-    BakeFile, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as Way, World,
+    BakeFile, FadeParams, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as Way, World,
 };
-use patches::{Grid, GridShape, Lookup, LookupSettings, PatchSet, VirtualPatch};
+use patches::{GridShape, Lookup, LookupSettings, VirtualPatch};
 use rayon::prelude::*;
 use reference::Picture;
 use scene::kernel::camera::primary_direction;
@@ -22,7 +22,7 @@ use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
 
 use super::classic::direct_params;
 use super::local::SHOWN_ALBEDO;
-use crate::bake::{BakeSettings, Extra, POINTS};
+use crate::bake::{BakeSettings, DarkPatch, Extra, POINTS};
 use crate::error::Error;
 use crate::progress::is_cancelled;
 
@@ -30,7 +30,7 @@ use crate::progress::is_cancelled;
 const AREA_RAYS: u32 = 4;
 const SKY_RAYS: u32 = 8;
 /// Nodes that are in no cut, but whose points are kept: they are about to be.
-const SPARE_POINTS: usize = 4096;
+const SPARE_POINTS: usize = 1024;
 /// How long the first frame waits for a disk from which nothing comes.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Light is taken from levels so much coarser than the nodes that stand there, so that none shows its edges.
@@ -120,20 +120,16 @@ pub struct Streamed {
     indoors: Vec<bool>,
     /// Levels above the leaves.
     levels: Vec<Level>,
-    /// Place of each leaf in the matrix's order.
-    place: Vec<u32>,
     emission: HashMap<u32, Vec3>,
-    /// Of the leaves, in the matrix's order.
-    exitance: Vec<Vec4>,
+    /// First exitance of the nodes of the cut, for these lights, W/m².
+    exitance: HashMap<u32, Vec4>,
+    /// Slot of each leaf's node in the matrix, and the irradiance of the slots, W/m².
+    slot_of: Vec<u32>,
     irradiance: Vec<Vec4>,
-    /// Light that the leaves are to have, and what is still left of its jumps.
-    target: Vec<Vec4>,
-    offset: Vec<Vec4>,
-    /// Light as the leaves are shown, and as they were in the frame before.
+    /// Light as the leaves are shown; the fourth component is the luminance with which they were in the frame before.
     shown: Vec<Vec4>,
-    shown_before: Vec<Vec4>,
-    /// Nodes whose exitance is known, for these lights.
-    known: HashSet<u32>,
+    /// What `shown` has beyond the light that the leaves are to have: what is left of its jumps.
+    offset: Vec<Vec4>,
     /// How large nodes look at most.
     looks: f32,
     edge: f32,
@@ -162,42 +158,39 @@ impl Streamed {
     ///
     /// # Errors
     /// [`Error::OtherScene`] for a bake of another one; what the file and the matrix say.
-    pub fn new(scene: Scene, hash: [u8; 32], file: BakeFile, settings: StreamSettings) -> Result<Self, Error> {
+    pub fn new(scene: Scene, hash: [u8; 32], mut file: BakeFile, settings: StreamSettings) -> Result<Self, Error> {
         if file.head.scene != hash {
             let named = scene_of(&file)?;
             return Err(Error::OtherScene { path: file.path().to_path_buf(), scene: named });
         }
         let extra = Extra::decode(&file.extra).ok_or_else(|| not_a_bake(file.path(), "its voxels are wrong"))?;
+        // Each table goes as soon as the next is made of it: they are as large as what stays.
+        file.extra = Vec::new();
         if extra.voxels.len() != file.head.leaves as usize {
             return Err(not_a_bake(file.path(), "it has another number of patches than voxels"));
         }
         let local = Local::new(&file.nodes, settings.local)?;
         let (lookup, levels) = lookups(&file.nodes, &extra)?;
-        let mut place = vec![0; extra.voxels.len()];
-        for (at, &leaf) in (0..).zip(local.forest().leaves()) {
-            place[leaf as usize] = at;
-        }
         let emission = emission_of_nodes(&file.nodes, &extra.emission);
-        let leaves = place.len();
+        let leaves = extra.voxels.len();
         let area: f64 = local.leaf_area().iter().map(|&a| f64::from(a)).sum();
         let edge = scene::math::sqrt((area / leaves as f64) as f32);
+        let indoors = extra.indoors;
+        drop((extra.voxels, extra.dark));
         let store = Store::new(file, settings.cache)?;
         Ok(Self {
             scene,
             rows: Rows { store, points: HashMap::new() },
             local,
-            indoors: extra.indoors,
+            indoors,
             levels,
-            place,
             emission,
-            exitance: vec![Vec4::ZERO; leaves],
-            irradiance: vec![Vec4::ZERO; leaves],
-            target: vec![Vec4::ZERO; lookup.values],
-            offset: vec![Vec4::ZERO; leaves],
+            exitance: HashMap::new(),
+            slot_of: vec![NO_NODE; leaves],
+            irradiance: Vec::new(),
             shown: vec![Vec4::ZERO; lookup.values],
-            shown_before: vec![Vec4::ZERO; lookup.values],
+            offset: vec![Vec4::ZERO; lookup.values],
             lookup,
-            known: HashSet::new(),
             looks: 0.0,
             edge,
             settings,
@@ -208,7 +201,7 @@ impl Streamed {
 
     /// Patches of the world.
     pub fn patch_count(&self) -> usize {
-        self.place.len()
+        self.slot_of.len()
     }
 
     /// Bytes of the parts: of the matrix, its rows, the nodes, lookups, and the cache at most.
@@ -217,11 +210,11 @@ impl Streamed {
         let merged =
             |l: &Level| l.lookups.iter().flatten().map(Lookup::bytes).sum::<usize>() + size_of_val(&l.light[..]);
         let lookups = self.lookup.bytes() + self.levels.iter().map(merged).sum::<usize>();
-        let light = [&self.exitance, &self.irradiance, &self.target, &self.offset, &self.shown, &self.shown_before];
+        let light = [&self.irradiance, &self.shown, &self.offset];
         let light: usize = light.iter().map(|values| size_of_val(&values[..])).sum();
         parts.push(("nodes", size_of_val(self.rows.nodes()) as u64));
         parts.push(("lookup", lookups as u64));
-        parts.push(("light", (light + 5 * self.place.len()) as u64));
+        parts.push(("light", (light + 5 * self.slot_of.len()) as u64));
         parts.push(("cache", self.settings.cache as u64));
         parts
     }
@@ -258,14 +251,14 @@ impl Streamed {
         let is_relit = self.scene.lights != lights;
         if is_relit {
             self.scene.lights = lights.to_vec();
-            self.known.clear();
+            self.exitance.clear();
         }
         let eye = camera.eye;
         let last = self.eye.unwrap_or(eye);
         let ahead = eye + (eye - last) * self.settings.look_ahead;
         self.eye = Some(eye);
         let is_first = self.frames == 0;
-        std::mem::swap(&mut self.shown, &mut self.shown_before);
+        self.shown.par_iter_mut().for_each(|shown| shown.w = luminance(shown.truncate()));
 
         let start = Instant::now();
         self.light_nodes();
@@ -273,11 +266,10 @@ impl Streamed {
         if is_relit && !is_first {
             // Jumps are those of the matrix: what the lights do is there at once.
             let start = Instant::now();
-            self.local.product(&self.exitance, &mut self.irradiance, |_| true)?;
+            self.product()?;
             timed(&mut done.method_ms, start);
             let start = Instant::now();
-            self.spread(last);
-            self.target.copy_from_slice(&self.shown);
+            self.spread(last, None);
             timed(&mut done.lookup_ms, start);
         }
         let start = Instant::now();
@@ -291,14 +283,13 @@ impl Streamed {
         timed(&mut done.direct_ms, start);
         if has_changes || is_first {
             let start = Instant::now();
-            self.local.product(&self.exitance, &mut self.irradiance, |_| true)?;
+            self.product()?;
             timed(&mut done.method_ms, start);
         }
 
         let start = Instant::now();
         self.look(eye);
-        self.spread(eye);
-        self.fade(!is_first);
+        self.spread(eye, Some(self.local.fade_params(!is_first)));
         timed(&mut done.lookup_ms, start);
         let start = Instant::now();
         let (picture, change, behind) = self.shade(camera, stops)?;
@@ -315,7 +306,7 @@ impl Streamed {
     /// the lights and of the constant sky.
     fn light_nodes(&mut self) {
         let cut = self.local.cut();
-        let new: Vec<u32> = cut.iter().copied().filter(|node| !self.known.contains(node)).collect();
+        let new: Vec<u32> = cut.iter().copied().filter(|node| !self.exitance.contains_key(node)).collect();
         let params = DirectParams {
             emitter_count: 0,
             area_rays: AREA_RAYS,
@@ -340,15 +331,26 @@ impl Streamed {
             (shone + emitted + reflected / points.len() as f32).extend(0.0)
         };
         let lit: Vec<Vec4> = new.par_iter().map(light).collect();
-        for (&node, light) in new.iter().zip(lit) {
-            let [first, end] = self.local.forest().run(node);
-            self.exitance[first as usize..end as usize].fill(light);
-        }
         let in_cut: HashSet<u32> = cut.iter().copied().collect();
-        self.known = in_cut.clone();
+        self.exitance.retain(|node, _| in_cut.contains(node));
+        self.exitance.extend(new.into_iter().zip(lit));
         if self.rows.points.len() > in_cut.len() + SPARE_POINTS {
             self.rows.points.retain(|node, _| in_cut.contains(node));
         }
+    }
+
+    /// Irradiance of the slots, and where the leaves find theirs.
+    fn product(&mut self) -> Result<(), Error> {
+        let mut exitance = vec![Vec4::ZERO; self.settings.local.slots];
+        let forest = self.local.forest();
+        self.slot_of.fill(NO_NODE);
+        for (slot, node) in self.local.matrix().patches() {
+            exitance[slot as usize] = self.exitance.get(&node).copied().unwrap_or(Vec4::ZERO);
+            let [first, end] = forest.run(node);
+            forest.leaves()[first as usize..end as usize].iter().for_each(|&leaf| self.slot_of[leaf as usize] = slot);
+        }
+        self.irradiance = self.local.slot_product(&exitance, |_| true)?.0;
+        Ok(())
     }
 
     /// Irradiance of a hemisphere that sees nothing but a constant sky, W/m².
@@ -357,12 +359,13 @@ impl Streamed {
         if sky.map_width == 0 { sky.radiance * std::f32::consts::PI } else { Vec3::ZERO }
     }
 
-    /// Light of the leaves as a camera is to see them, in `shown`, from that of the matrix and the sky: its own for what is near, further off
-    /// that of merged nodes, between their places and between two levels, so that none of them shows its edges.
-    fn spread(&mut self, eye: Vec3) {
+    /// Light of the leaves as a camera is to see them, from that of the matrix and the sky: its own for what is near, further off
+    /// that of merged nodes, between their places and between two levels, so that none of them shows its edges. In `shown` then is what is
+    /// shown of it: its jumps fade; without `jumps` it is there at once, and what is left of earlier jumps stays.
+    fn spread(&mut self, eye: Vec3, jumps: Option<FadeParams>) {
         let (sky, factors, nodes) = (self.constant_sky().extend(0.0), self.rows.store.sky(), self.rows.nodes());
-        let (place, irradiance, indoors) = (&self.place, &self.irradiance, &self.indoors);
-        let own = |leaf: usize| irradiance[place[leaf] as usize] + sky * factors[leaf];
+        let (slot_of, irradiance, indoors) = (&self.slot_of, &self.irradiance, &self.indoors);
+        let own = |leaf: usize| at_slot(slot_of[leaf], irradiance) + sky * factors[leaf];
         for k in 0..self.levels.len() {
             let (below, rest) = self.levels.split_at_mut(k);
             let Level { first, light, .. } = &mut rest[0];
@@ -394,17 +397,13 @@ impl Streamed {
             };
             if share == 0.0 { at(low) } else { at(low).lerp(at(low + 1), share) }
         };
-        self.shown[..place.len()].par_iter_mut().enumerate().for_each(|(leaf, shown)| *shown = value(leaf));
-    }
-
-    /// Takes the light that the leaves are to have from `shown`, and leaves there what is shown of it: jumps fade.
-    fn fade(&mut self, has_jump: bool) {
-        let params = self.local.fade_params(has_jump);
-        let leaves = self.offset.par_iter_mut().zip(&mut self.target).zip(&mut self.shown);
-        leaves.for_each(|((offset, target), shown)| {
-            *offset = fade(*offset, *target, *shown, &params);
-            *target = *shown;
-            *shown += *offset;
+        let leaves = self.shown.par_iter_mut().zip(&mut self.offset).take(slot_of.len()).enumerate();
+        leaves.for_each(|(leaf, (shown, offset))| {
+            let light = value(leaf);
+            if let Some(params) = &jumps {
+                *offset = fade(Vec4::ZERO, *shown, light, params);
+            }
+            *shown = (light + *offset).truncate().extend(shown.w);
         });
     }
 
@@ -435,9 +434,7 @@ impl Streamed {
             ..direct_params(&self.scene)
         };
         let scale = reference::stops_to_scale(stops);
-        let shown = |h: Vec4| {
-            255.0 * encode_srgb((luminance(h.truncate()) * SHOWN_ALBEDO / std::f32::consts::PI * scale).clamp(0.0, 1.0))
-        };
+        let shown = |h: f32| 255.0 * encode_srgb((h * SHOWN_ALBEDO / std::f32::consts::PI * scale).clamp(0.0, 1.0));
         let (width, height) = self.settings.size;
         let pixel = |index: u32| {
             let (mut sum, mut change, mut behind) = (Vec4::ZERO, 0.0f32, 0.0f32);
@@ -455,8 +452,9 @@ impl Streamed {
                     let now = at(&self.shown);
                     irradiance = direct_at(&self.scene, &own, point) + now.truncate();
                     if sub == 0 {
-                        change = (shown(now) - shown(at(&self.shown_before))).abs();
-                        behind = (shown(now) - shown(at(&self.target))).abs();
+                        let (seen, rest) = (luminance(now.truncate()), luminance(at(&self.offset).truncate()));
+                        change = (shown(seen) - shown(now.w)).abs();
+                        behind = (shown(seen) - shown(seen - rest)).abs();
                     }
                 }
                 let radiance = pixel_radiance(&geometry, &lights, light_count, camera, direction, hit, irradiance);
@@ -492,31 +490,20 @@ fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error>
         albedo: node.albedo,
         reserved: 0,
     };
-    let grid = |shape: GridShape| Grid {
-        shape,
-        occupied: Vec::new(),
-        offsets: vec![0],
-        triangles: Vec::new(),
-        areas: Vec::new(),
-    };
-    let set = |own: &[Node], shape: &GridShape, coordinates: &[UVec3], chosen: &[u32]| {
-        let patch = |&k: &u32| virtual_patch(&own[k as usize], shape.voxel_at(coordinates[k as usize]));
-        PatchSet { patches: chosen.iter().map(patch).collect(), ..PatchSet::default() }
-    };
-    let dark = extra.dark.iter().map(|d| VirtualPatch {
+    let settings = LookupSettings::default();
+    let dark = |d: DarkPatch| VirtualPatch {
         position: d.position,
         area: 1.0,
         normal: d.normal.normalize_or(Vec3::Y),
         voxel: d.voxel,
         ..VirtualPatch::default()
-    });
-    let dark = PatchSet { patches: dark.collect(), ..PatchSet::default() };
+    };
     let (mut shape, mut own) = (extra.shape, 0..extra.voxels.len());
     let mut coordinates: Vec<UVec3> = extra.voxels.iter().map(|&voxel| shape.coordinates(voxel)).collect();
     let mut indoors = extra.indoors.clone();
-    let all: Vec<u32> = (0..own.len() as u32).collect();
-    let leaves = set(&nodes[own.clone()], &shape, &coordinates, &all);
-    let lookup = Lookup::with_dark(&grid(shape), &leaves, &dark, LookupSettings::default())?;
+    let leaf = |k: usize| virtual_patch(&nodes[k], extra.voxels[k]);
+    let dark = |k: usize| dark(extra.dark[k]);
+    let lookup = Lookup::with_dark(&shape, (own.len(), leaf), (extra.dark.len(), dark), settings)?;
     let mut levels = Vec::new();
     while nodes[own.clone()].iter().all(|node| node.parent != NO_NODE) {
         let merged = nodes[own.end..].iter().take_while(|node| own.contains(&(node.first_child as usize))).count();
@@ -535,8 +522,12 @@ fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error>
             if chosen.is_empty() {
                 return Ok::<_, Error>(None);
             }
-            let set = set(&nodes[above.clone()], &shape, &coordinates, &chosen);
-            let mut lookup = Lookup::new(&grid(shape), &set, LookupSettings::default())?;
+            let merged = |k: usize| {
+                let k = chosen[k] as usize;
+                virtual_patch(&nodes[above.start + k], shape.voxel_at(coordinates[k]))
+            };
+            let mut lookup =
+                Lookup::with_dark(&shape, (chosen.len(), merged), (0, |_| VirtualPatch::default()), settings)?;
             // Values are those of the whole level.
             lookup.entries.iter_mut().for_each(|entry| entry.patch = chosen[entry.patch as usize]);
             lookup.values = above.len();

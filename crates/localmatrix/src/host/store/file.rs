@@ -80,12 +80,14 @@ impl BakeFile {
             let reason = std::format!("{} bytes are there, and it has {}", size - at, world.0);
             return Err(damaged("the world", at, reason));
         }
-        let bytes = bytes_at(&*source, at, world.0 as usize).map_err(io)?;
-        if crc32fast::hash(&bytes) != world.1 {
-            return Err(damaged("the world", at, "its checksum is wrong".to_string()));
-        }
-        let (text, nodes, extra) = decode_world(&head, &bytes).map_err(|reason| damaged("the world", at, reason))?;
-        drop(bytes);
+        // Read where it is: a copy would be as large as all nodes.
+        let mut read = Err("it is not there".to_string());
+        let decode = &mut |bytes: &[u8]| {
+            let is_whole = crc32fast::hash(bytes) == world.1;
+            read = if is_whole { decode_world(&head, bytes) } else { Err("its checksum is wrong".to_string()) };
+        };
+        source.with(at, world.0 as usize, decode).map_err(io)?;
+        let (text, nodes, extra) = read.map_err(|reason| damaged("the world", at, reason))?;
         let mut file = Self {
             path: path.to_path_buf(),
             source,

@@ -74,8 +74,8 @@ impl Source for Mapped {
             use_bytes(&[]);
             return Ok(());
         }
-        // SAFETY: The map is read only, lies within the file as it is now, and lives for this call, in which its bytes are copied
-        // or summed once. Who shortens the file in that instant ends this process by a signal; who writes into it spoils a block,
+        // SAFETY: The map is read only, lies within the file as it is now, and lives for this call, in which its bytes are copied,
+        // summed or decoded. Who shortens the file in that instant ends this process by a signal; who writes into it spoils a block,
         // which its checksum tells.
         let map = unsafe { MmapOptions::new().offset(offset).len(length).map(&self.file)? };
         use_bytes(&map);

@@ -75,7 +75,7 @@ pub struct Store {
     sky: Vec<f32>,
     head: WorldHead,
     path: PathBuf,
-    places: Vec<Result<(u64, u32), BakeError>>,
+    places: Arc<[Result<(u64, u32), BakeError>]>,
     limit: usize,
     shared: Arc<Shared>,
     reader: Option<JoinHandle<()>>,
@@ -94,18 +94,19 @@ impl Store {
         let shared =
             Arc::new(Shared { cache: Mutex::new(Cache::default()), work: Condvar::new(), came: Condvar::new() });
         let source = file.source.again().map_err(|e| file_error(&file.path, &e))?;
-        let (theirs, path, head, places) = (Arc::clone(&shared), file.path.clone(), file.head, file.blocks.clone());
+        let places: Arc<[_]> = file.blocks.into();
+        let (theirs, path, head, known) = (Arc::clone(&shared), file.path.clone(), file.head, Arc::clone(&places));
         let read = move |block: u32| {
-            let place = places.get(block as usize).cloned().unwrap_or_else(|| {
+            let place = known.get(block as usize).cloned().unwrap_or_else(|| {
                 Err(BakeError::Setting { name: "block", found: u64::from(block), rule: "one of the file's" })
             })?;
             read_block(&*source, &path, &head, block, place)
         };
         let reader = std::thread::Builder::new().name("bake reader".to_string());
         let reader = reader.spawn(move || read_ahead(&theirs, limit, read)).map_err(|e| file_error(&file.path, &e))?;
-        let BakeFile { nodes, sky, head, path, blocks, .. } = file;
+        let BakeFile { nodes, sky, head, path, .. } = file;
         let sky = if sky.is_empty() { vec![0.0; nodes.len()] } else { sky };
-        Ok(Self { nodes, sky, head, path, places: blocks, limit, shared, reader: Some(reader) })
+        Ok(Self { nodes, sky, head, path, places, limit, shared, reader: Some(reader) })
     }
 
     /// Sky factor of each node; 0 where the file's tail was lost.
