@@ -17,7 +17,7 @@ use crate::kernel::{fade, is_some, mean, spread};
 use crate::types::FadeParams;
 
 /// Nodes that enter as one border: more take more memory, fewer more time.
-const TOGETHER: usize = 64;
+const TOGETHER: usize = 32;
 /// Distances below so many edges of a patch are all alike.
 const NEAR: f32 = 2.0;
 /// Rounds of [`Local::settle`] in which no row is missing: each goes all the way but for what has no room at once.
