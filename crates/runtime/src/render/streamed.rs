@@ -460,16 +460,16 @@ impl Streamed {
                 let radiance = pixel_radiance(&geometry, &lights, light_count, camera, direction, hit, irradiance);
                 sum += radiance.extend(1.0);
             }
-            (sum / self.settings.sub_frames as f32, [change, behind])
+            ((sum / self.settings.sub_frames as f32).truncate(), [change, behind])
         };
-        let found: Vec<(Vec4, [f32; 2])> = (0..width * height).into_par_iter().map(pixel).collect();
-        let all_but = |which: usize, one_of: usize| {
-            let mut values: Vec<f32> = found.iter().map(|f| f.1[which]).collect();
-            values.sort_by(f32::total_cmp);
-            values.get(values.len() - values.len() / one_of - 1).map(|&value| f64::from(value))
+        let (mut pixels, mut moves): (Vec<Vec3>, Vec<[f32; 2]>) = (Vec::new(), Vec::new());
+        (0..width * height).into_par_iter().map(pixel).unzip_into_vecs(&mut pixels, &mut moves);
+        let mut all_but = |which: usize, one_of: usize| {
+            let place = moves.len().checked_sub(moves.len() / one_of + 1)?;
+            let found = moves.select_nth_unstable_by(place, |a, b| a[which].total_cmp(&b[which])).1;
+            Some(f64::from(found[which]))
         };
         let (change, behind) = (all_but(0, 1000), all_but(1, 100).unwrap_or(0.0));
-        let pixels = found.into_iter().map(|f| f.0.truncate()).collect();
         Ok((Picture::from_pixels(width, height, pixels)?, change, behind))
     }
 }
