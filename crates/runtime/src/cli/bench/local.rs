@@ -1,8 +1,8 @@
 //! `bench local`: the matrix round a camera that moves, beside full radiosity: work, time, memory, pictures.
 
-use reference::PictureErrors;
+use glam::Vec3;
 use reference::metrics::compare_pictures;
-use reference::stops_to_scale;
+use reference::{Picture, PictureErrors, stops_to_scale};
 use serde::Serialize;
 
 use super::truth::Truth;
@@ -18,7 +18,7 @@ use crate::import::LoadedScene;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, Classic, ClassicSettings, Estimator, PatchKind};
 use crate::render::local::{LocalOptions, white};
-use crate::render::operator::Transport;
+use crate::render::operator::{Codec, Transport};
 use crate::summary::PassTimes;
 
 /// Patches of a scene, unless it is said.
@@ -50,12 +50,32 @@ struct Row {
     longest: f64,
     /// The matrix, and all that goes with it.
     bytes: u64,
-    /// Least SSIM of pictures against those of full radiosity.
-    ssim: f64,
-    /// Relative L2 distance of the surface's irradiance from full radiosity, the greatest.
-    error: f64,
+    /// Beside full radiosity.
+    classic: Distance,
+    /// Beside all bounces of all patches with the form factors that the matrix has, which are reciprocal.
+    reciprocal: Distance,
     /// Change of displayed values from frame to frame that at most one of a thousand exceeds, the greatest, in 255ths.
     flicker_255: f64,
+}
+
+/// How far from light that is computed otherwise.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct Distance {
+    /// Least SSIM of pictures.
+    ssim: f64,
+    /// Relative L2 distance of the surface's irradiance, the greatest.
+    error: f64,
+}
+
+impl Distance {
+    const NONE: Self = Self { ssim: 1.0, error: 0.0 };
+
+    /// The worse of this and what a frame shows.
+    fn with(self, scale: f32, ours: (&Picture, &[Vec3]), theirs: (&Picture, &[Vec3])) -> Self {
+        // Nothing to compare where the camera sees only black.
+        let ssim = compare_pictures(ours.0, theirs.0, scale, None).map_or(1.0, |errors| errors.ssim);
+        Self { ssim: self.ssim.min(ssim), error: self.error.max(distance(ours.1, theirs.1)) }
+    }
 }
 
 /// Pictures from the scene's own view against the reference.
@@ -152,6 +172,7 @@ impl Measuring<'_> {
         if let Some(shown) = self.view("classic".into(), &mut classic)? {
             keep(None, Some(shown))?;
         }
+        let mut all = load(Transport::Operator(Codec::Dense), progress)?.0;
         let patches = classic.patch_count();
         for slots in SLOTS.into_iter().filter(|slots| *slots < patches) {
             let transport =
@@ -167,7 +188,7 @@ impl Measuring<'_> {
                     (light, _) = load(transport, progress)?;
                 }
                 progress.note(&format!("{slots} slots, {name}:"));
-                let row = self.path(&mut light, &mut classic, settings.size, path)?;
+                let row = self.path(&mut light, [&mut classic, &mut all], settings.size, path)?;
                 keep(Some(Row { scene: loaded.name.clone(), device, path: name, slots, ..row }), None)?;
             }
         }
@@ -185,11 +206,17 @@ impl Measuring<'_> {
     }
 
     /// The frames of a path.
-    fn path(&self, light: &mut Classic, exact: &mut Classic, size: (u32, u32), path: CameraPath) -> Result<Row, Error> {
+    fn path(
+        &self,
+        light: &mut Classic,
+        mut full: [&mut Classic; 2],
+        size: (u32, u32),
+        path: CameraPath,
+    ) -> Result<Row, Error> {
         let loaded = self.loaded;
         let (camera, lights) = (path.animation(loaded), &loaded.scene.lights);
         let scale = stops_to_scale(loaded.exposure_stops);
-        let (mut before, mut ssim, mut error, mut flickers) = (Vec::new(), 1.0f64, 0.0f64, 0.0f64);
+        let (mut before, mut apart, mut flickers) = (Vec::new(), [Distance::NONE; 2], 0.0f64);
         let (mut work, mut anew, mut product, mut moved, mut bytes) = (0u64, 0u64, 0u64, 0, 0);
         let (mut updates, mut products, mut both) = (Vec::new(), Vec::new(), Vec::new());
         for frame in 0..FRAMES {
@@ -200,12 +227,11 @@ impl Measuring<'_> {
             let times = if frame % COMPARED == 0 {
                 let camera = view.camera(size.0, size.1);
                 let ours = light.frame(lights, &camera, frame)?;
-                let theirs = exact.frame(lights, &camera, frame)?.pictures.full;
-                // Nothing to compare where the camera sees only black.
-                if let Ok(errors) = compare_pictures(&ours.pictures.full, &theirs, scale, None) {
-                    ssim = ssim.min(errors.ssim);
+                let light = light.surface_irradiance()?;
+                for (one, apart) in full.iter_mut().zip(&mut apart) {
+                    let theirs = one.frame(lights, &camera, frame)?.pictures.full;
+                    *apart = apart.with(scale, (&ours.pictures.full, &light), (&theirs, &one.surface_irradiance()?));
                 }
-                error = error.max(distance(&light.surface_irradiance()?, &exact.surface_irradiance()?));
                 ours.times
             } else {
                 light.look(view.eye);
@@ -244,8 +270,8 @@ impl Measuring<'_> {
             median_ms: median(&products).median_ms,
             longest: median(&both).max_ms / median(&both).median_ms.max(f64::MIN_POSITIVE),
             bytes,
-            ssim,
-            error,
+            classic: apart[0],
+            reciprocal: apart[1],
             flicker_255: flickers,
         })
     }
@@ -264,7 +290,9 @@ fn tables(rows: &[Row], views: &[Shown]) -> Vec<Table> {
         "product ms",
         "longest / median",
         "memory",
-        "SSIM",
+        "full radiosity: SSIM",
+        "error",
+        "with like form factors: SSIM",
         "error",
         "flicker",
     ];
@@ -281,13 +309,15 @@ fn tables(rows: &[Row], views: &[Shown]) -> Vec<Table> {
             format!("{:.2}", row.median_ms),
             format!("{:.2}", row.longest),
             output::bytes(row.bytes),
-            format!("{:.4}", row.ssim),
-            format!("{:.2} %", 100.0 * row.error),
+            format!("{:.4}", row.classic.ssim),
+            format!("{:.2} %", 100.0 * row.classic.error),
+            format!("{:.4}", row.reciprocal.ssim),
+            format!("{:.2} %", 100.0 * row.reciprocal.error),
             format!("{:.2}/255", row.flicker_255),
         ]
     };
     let mut tables = vec![Table {
-        caption: "Beside a new matrix in every frame, products with all patches, and pictures of full radiosity".into(),
+        caption: "Beside a new matrix in every frame, products with all patches, and full radiosity; like form factors are reciprocal".into(),
         head: head.map(String::from).to_vec(),
         rows: rows.iter().map(cells).collect(),
     }];
