@@ -52,8 +52,8 @@ struct Row {
     bytes: u64,
     /// Beside full radiosity.
     classic: Distance,
-    /// Beside all bounces of all patches with the form factors that the matrix has, which are reciprocal.
-    reciprocal: Distance,
+    /// Beside all bounces between all patches, none merged, by the form factors that the matrix has, which are reciprocal.
+    unmerged: Distance,
     /// Change of displayed values from frame to frame that at most one of a thousand exceeds, the greatest, in 255ths.
     flicker_255: f64,
 }
@@ -271,7 +271,7 @@ impl Measuring<'_> {
             longest: median(&both).max_ms / median(&both).median_ms.max(f64::MIN_POSITIVE),
             bytes,
             classic: apart[0],
-            reciprocal: apart[1],
+            unmerged: apart[1],
             flicker_255: flickers,
         })
     }
@@ -292,7 +292,7 @@ fn tables(rows: &[Row], views: &[Shown]) -> Vec<Table> {
         "memory",
         "full radiosity: SSIM",
         "error",
-        "with like form factors: SSIM",
+        "unmerged: SSIM",
         "error",
         "flicker",
     ];
@@ -311,13 +311,13 @@ fn tables(rows: &[Row], views: &[Shown]) -> Vec<Table> {
             output::bytes(row.bytes),
             format!("{:.4}", row.classic.ssim),
             format!("{:.2} %", 100.0 * row.classic.error),
-            format!("{:.4}", row.reciprocal.ssim),
-            format!("{:.2} %", 100.0 * row.reciprocal.error),
+            format!("{:.4}", row.unmerged.ssim),
+            format!("{:.2} %", 100.0 * row.unmerged.error),
             format!("{:.2}/255", row.flicker_255),
         ]
     };
     let mut tables = vec![Table {
-        caption: "Beside a new matrix in every frame, products with all patches, and full radiosity; like form factors are reciprocal".into(),
+        caption: "Beside a new matrix in every frame, products with all patches, full radiosity, and all patches unmerged with the form factors of the matrix".into(),
         head: head.map(String::from).to_vec(),
         rows: rows.iter().map(cells).collect(),
     }];
