@@ -223,8 +223,9 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "starts" | "list" | "lit_starts" | "lit" | "visible_starts" | "visible" | "slot_of" | "leaf_of" => {
             layout::<u32>()
         }
+        "light" | "factors" if kernel.starts_with("multibounce_tiles_") => layout::<u32>(),
         "quads" if kernel.starts_with("multibounce_tiles_") => layout::<TileQuad>(),
-        "order" | "place" | "words" | "quad_start" | "partner" | "entries" => layout::<u32>(),
+        "order" | "place" | "words" | "run_start" | "runs" | "partner" | "entries" => layout::<u32>(),
         "root" | "steps" => layout::<f32>(),
         "ordered" | "sums" | "rows" => layout::<Vec4>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"

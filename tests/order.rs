@@ -113,7 +113,9 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
             [(6, photon_bytes), (7, landing_bytes)].into()
         }
         "multibounce_tiles_enter" => entry!(ti::tiles_enter, EnterParams, Vec4, [0, 1, 2]),
+        "multibounce_tiles_round" => entry!(ti::tiles_round, CountParams, u32, [0]),
         "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2, 3]),
+        "multibounce_tiles_weigh" => entry!(ti::tiles_weigh, CountParams, u32, [0, 1, 2]),
         "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8]),
         "multibounce_tiles_leave" => entry!(ti::tiles_leave, CountParams, Vec4, [0, 1, 2]),
         "multibounce_feedback" => {

@@ -82,7 +82,9 @@ pub static KERNELS: &[&Kernel] = &[
     &PATCHES_VOLUME_LOOKUP,
     &PATCHES_VOLUME_LOOKUP_SH,
     &MULTIBOUNCE_TILES_ENTER,
+    &MULTIBOUNCE_TILES_ROUND,
     &MULTIBOUNCE_TILES_PROJECT,
+    &MULTIBOUNCE_TILES_WEIGH,
     &MULTIBOUNCE_TILES_EXPAND,
     &MULTIBOUNCE_TILES_LEAVE,
     &MULTIBOUNCE_FEEDBACK,
@@ -579,6 +581,17 @@ pub static MULTIBOUNCE_TILES_ENTER: Kernel = Kernel {
     host: host::tiles::enter,
 };
 
+/// Exitance of the blocks of tiles in whole numbers. An element is a lane of a block.
+pub static MULTIBOUNCE_TILES_ROUND: Kernel = Kernel {
+    name: "multibounce_tiles_round",
+    spv: spv!("multibounce_tiles_round"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[read::<Rgb>("ordered"), write::<u32>("light")],
+    host: host::tiles::round,
+};
+
 /// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a quad of slots.
 pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     name: "multibounce_tiles_project",
@@ -590,10 +603,21 @@ pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
         read::<TileQuad>("quads"),
         read::<u32>("words"),
         read::<f32>("scales"),
-        read::<Rgb>("ordered"),
+        read::<u32>("light"),
         write::<Rgb>("sums"),
     ],
     host: host::tiles::project,
+};
+
+/// What the vectors of tiles are multiplied by, in whole numbers. An element is a run of quads.
+pub static MULTIBOUNCE_TILES_WEIGH: Kernel = Kernel {
+    name: "multibounce_tiles_weigh",
+    spv: spv!("multibounce_tiles_weigh"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[read::<u32>("runs"), read::<u32>("partner"), read::<Rgb>("sums"), write::<u32>("factors")],
+    host: host::tiles::weigh,
 };
 
 /// Rows of the tiles, those of a block's splits one after another. An element is a lane of a split of a block: a row of each
@@ -605,11 +629,11 @@ pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
     elements_per_group: WORKGROUP,
     push_bytes: size_of::<CountParams>() as u32,
     bindings: &[
-        read::<u32>("quad_start"),
+        read::<u32>("run_start"),
+        read::<u32>("runs"),
         read::<TileQuad>("quads"),
         read::<u32>("words"),
-        read::<u32>("partner"),
-        read::<Rgb>("sums"),
+        read::<u32>("factors"),
         read::<u32>("row_start"),
         read::<u32>("entries"),
         read::<f32>("steps"),

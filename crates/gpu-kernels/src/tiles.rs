@@ -1,4 +1,5 @@
-//! Entry points of the product with tiles: the exitance in their order, the sums of their vectors, the rows.
+//! Entry points of the product with tiles: the exitance in their order and in whole numbers, the sums of their vectors, those
+//! in whole numbers, the rows.
 
 use ::multibounce::TileQuad;
 use ::multibounce::kernel::tiles;
@@ -27,6 +28,22 @@ pub fn tiles_enter(
     }
 }
 
+/// Exitance of a block in whole numbers: [`tiles::round`].
+#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_round"))]
+#[inline(never)]
+pub fn tiles_round(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(push_constant)] p: &CountParams,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] ordered: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] light: &mut [u32],
+) {
+    let k = element(id, groups);
+    if k < p.count {
+        tiles::round(k, ordered, light);
+    }
+}
+
 /// Sums of the slots of a quad: [`tiles::project`].
 #[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_project"))]
 #[inline(never)]
@@ -37,17 +54,35 @@ pub fn tiles_project(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] quads: &[TileQuad],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] words: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] scales: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] ordered: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] light: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] sums: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let four = tiles::project(k, quads, words, scales, ordered);
+        let four = tiles::project(k, quads, words, scales, light);
         let first = (tiles::QUAD * k) as usize;
         sums[first] = four[0];
         sums[first + 1] = four[1];
         sums[first + 2] = four[2];
         sums[first + 3] = four[3];
+    }
+}
+
+/// What the vectors of a run are multiplied by, in whole numbers: [`tiles::weigh`].
+#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_weigh"))]
+#[inline(never)]
+pub fn tiles_weigh(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(push_constant)] p: &CountParams,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] runs: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] partner: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] sums: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] factors: &mut [u32],
+) {
+    let k = element(id, groups);
+    if k < p.count {
+        tiles::weigh(k, runs, partner, sums, factors);
     }
 }
 
@@ -58,11 +93,11 @@ pub fn tiles_expand(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(num_workgroups)] groups: UVec3,
     #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] quad_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] quads: &[TileQuad],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] words: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] partner: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] sums: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] run_start: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] runs: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] quads: &[TileQuad],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] factors: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] row_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] entries: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] steps: &[f32],
@@ -71,7 +106,7 @@ pub fn tiles_expand(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let eight = tiles::expand(k, quad_start, quads, words, partner, sums, row_start, entries, steps, ordered);
+        let eight = tiles::expand(k, run_start, runs, quads, words, factors, row_start, entries, steps, ordered);
         rows[tiles::row_at(k, 0) as usize] = eight[0];
         rows[tiles::row_at(k, 1) as usize] = eight[1];
         rows[tiles::row_at(k, 2) as usize] = eight[2];

@@ -83,7 +83,7 @@ impl TileQuad {
         2 - (self.tag >> 18 & 1)
     }
 
-    /// One of the vectors.
+    /// One of the vectors; beyond the four, one of those of the quads that follow in a run.
     #[inline]
     pub fn vector(self, k: u32) -> TileVector {
         TileVector { group: self.group + k * self.groups(), is_short: self.is_short() }

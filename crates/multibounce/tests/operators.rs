@@ -4,7 +4,7 @@ use faer::Mat;
 use glam::{Vec3, Vec4};
 use multibounce::{
     Channels, Error, Factors, Proceed, Tiles, all_bounces, all_bounces_lu, enter_all, expand_all, halving_order,
-    kernel, project_all, some_bounces,
+    kernel, project_all, round_all, some_bounces, weigh_all,
 };
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
@@ -287,23 +287,34 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
 fn like_the_bodies(tiles: &Tiles, light: &[Vec4]) {
     let mut ordered = vec![Vec4::ZERO; kernel::tiles::PLACES];
     enter_all(&tiles.order, &tiles.root, light, &mut ordered[..tiles.steps.len()]);
+    let mut light = vec![0; tiles.blocks() * kernel::tiles::LIGHT_WORDS as usize];
+    let mut body = light.clone();
+    round_all(&ordered[..tiles.steps.len()], &mut light);
+    (0..tiles.blocks() as u32 * kernel::tiles::LANES).for_each(|k| kernel::tiles::round(k, &ordered, &mut body));
+    assert_eq!(light, body);
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
-    project_all(&tiles.quads, &tiles.words, &tiles.scale, &ordered, &mut sums);
+    project_all(&tiles.quads, &tiles.words, &tiles.scale, &light, &mut sums);
     for (k, four) in sums.chunks(4).enumerate() {
-        let body = kernel::tiles::project(k as u32, &tiles.quads, &tiles.words, &tiles.scale, &ordered);
+        let body = kernel::tiles::project(k as u32, &tiles.quads, &tiles.words, &tiles.scale, &light);
         assert_eq!(four, body, "quad {k}");
     }
+    let runs = tiles.runs.len() - 1;
+    let mut factors = vec![0; runs * kernel::tiles::FACTOR_WORDS as usize];
+    let mut body = factors.clone();
+    weigh_all(&tiles.runs, &tiles.partner, &sums, &mut factors);
+    (0..runs as u32).for_each(|k| kernel::tiles::weigh(k, &tiles.runs, &tiles.partner, &sums, &mut body));
+    assert_eq!(factors, body);
     let mut rows = vec![Vec4::ZERO; kernel::tiles::SPLITS as usize * tiles.steps.len()];
     let t = tiles.expand_tables();
-    expand_all(&t, &sums, &ordered, &mut rows);
+    expand_all(&t, &factors, &ordered, &mut rows);
     for k in 0..rows.len() as u32 / kernel::tiles::PARTS {
         let body = kernel::tiles::expand(
             k,
-            t.quad_start,
+            t.run_start,
+            t.runs,
             t.quads,
             t.words,
-            t.partner,
-            &sums,
+            &factors,
             t.row_start,
             t.entries,
             t.steps,

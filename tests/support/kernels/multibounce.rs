@@ -1,24 +1,45 @@
 //! Inputs of the kernels of operators.
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use ::multibounce::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, SPLITS, TILE, masked};
-use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileQuad};
+use ::multibounce::kernel::tiles::{
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PLACES, QUAD, RUN_QUADS, SPLITS, TILE, masked,
+};
+use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileQuad, round_all, weigh_all};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::ImageFormat;
 
 use super::{Bytes, Data, Random, Tables, buffer, call, offsets, room};
 
-/// Quads of two blocks, for one channel or for all, of short and long elements, and their words.
-fn tile_quads(r: &mut Random, n: u32) -> (Vec<TileQuad>, Vec<u32>) {
-    let mut groups = 0;
+/// Quads of two blocks, for one channel or for all, of short and long elements, and their words: those of the runs of
+/// [`TILE_RUNS`] are alike.
+fn tile_quads(r: &mut Random) -> (Vec<TileQuad>, Vec<u32>) {
+    let (mut groups, n) = (0, TILE_RUNS[TILE_RUNS.len() - 1]);
     let quads = (0..n).map(|k| {
-        let quad = TileQuad::new(groups, 2 * k / n, k % 4, r.below(2) == 0);
+        let run = TILE_RUNS.partition_point(|&first| first <= k) as u32;
+        let quad = TileQuad::new(groups, 2 * k / n, run % 4, run.is_multiple_of(3));
         groups += QUAD * quad.groups();
         quad
     });
     let quads = quads.collect();
     (quads, r.words(groups * LANES))
+}
+
+/// First quads of runs, half of them of the first block.
+const TILE_RUNS: [u32; 13] = [0, 8, 9, 12, 16, 18, 20, 28, 29, 30, 34, 37, 40];
+
+/// The partner of each slot and sums for its channels.
+fn tile_sums(r: &mut Random, quads: &[TileQuad]) -> (Vec<u32>, Vec<Vec4>) {
+    // Partners are for the same channel, and so are their sums.
+    let (n, slots) = (quads.len() as u32, QUAD * quads.len() as u32);
+    let other = |k: u32| {
+        let alike = |quad: &u32| quads[*quad as usize].channel() == quads[(k / QUAD) as usize].channel();
+        (0..n).map(|d| (k / QUAD + 5 + d) % n).find(alike).unwrap() * QUAD + k * 3 % QUAD
+    };
+    let partner = (0..slots).map(|k| if k % 7 == 3 { NO_SLOT } else { other(k) }).collect();
+    let colors = r.colors(slots as usize);
+    let sum = |k: usize| masked(colors[k].truncate() - 0.4, quads[k / QUAD as usize].channel()).extend(0.0);
+    (partner, (0..slots as usize).map(sum).collect())
 }
 
 pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
@@ -98,39 +119,64 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(places, EnterParams { count: places, patches }, tables)
         }
+        "multibounce_tiles_round" => {
+            let count = 2 * LANES;
+            let dark = |mut colors: Vec<Vec4>| {
+                // One channel of a block is dark, and what is below 0 is rounded, too.
+                colors[..TILE as usize].iter_mut().for_each(|x| x.y = 0.0);
+                colors.iter_mut().step_by(3).for_each(|x| *x = -*x);
+                colors
+            };
+            let tables = vec![
+                buffer("ordered", &dark(r.colors(2 * TILE as usize))),
+                room::<u32>("light", 2 * LIGHT_WORDS as usize),
+            ];
+            call(count, CountParams { count }, tables)
+        }
+        "multibounce_tiles_weigh" => {
+            let (quads, _) = tile_quads(r);
+            let (partner, sums) = tile_sums(r, &quads);
+            let count = TILE_RUNS.len() as u32 - 1;
+            let tables = vec![
+                buffer("runs", &TILE_RUNS),
+                buffer("partner", &partner),
+                buffer("sums", &sums),
+                room::<u32>("factors", (count * FACTOR_WORDS) as usize),
+            ];
+            call(count, CountParams { count }, tables)
+        }
         "multibounce_tiles_project" => {
-            let n = 40u32;
-            let (quads, words) = tile_quads(r, n);
+            let (quads, words) = tile_quads(r);
+            let n = quads.len() as u32;
+            let mut light = vec![0; 2 * LIGHT_WORDS as usize];
+            round_all(&r.colors(2 * TILE as usize), &mut light);
             let scale: Vec<f32> = (0..QUAD * n).map(|_| r.unit() - 0.3).collect();
             let tables = vec![
                 buffer("quads", &quads),
                 buffer("words", &words),
                 buffer("scales", &scale),
-                buffer("ordered", &r.colors(2 * TILE as usize)),
+                buffer("light", &light),
                 room::<Vec4>("sums", (QUAD * n) as usize),
             ];
             call(n, CountParams { count: n }, tables)
         }
         "multibounce_tiles_expand" => {
-            let (n, places) = (40u32, 2 * TILE);
+            let (places, runs) = (2 * TILE, TILE_RUNS.len() as u32 - 1);
             let row_start = offsets(r, places as usize);
             let entries: Vec<u32> =
                 (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(PLACES as u32)).collect();
-            let (quads, words) = tile_quads(r, n);
-            // Partners are for the same channel, and so are their sums.
-            let slots = QUAD * n;
-            let other = |k: u32| (k / QUAD + 12) % n * QUAD + k * 3 % QUAD;
-            let partner: Vec<u32> = (0..slots).map(|k| if k % 7 == 3 { NO_SLOT } else { other(k) }).collect();
-            let colors = r.colors(slots as usize);
-            let sum = |k: usize| masked(colors[k].truncate(), quads[k / QUAD as usize].channel()).extend(0.0);
-            let sums: Vec<Vec4> = (0..slots as usize).map(sum).collect();
+            let (quads, words) = tile_quads(r);
+            let (partner, sums) = tile_sums(r, &quads);
+            assert!(TILE_RUNS.windows(2).all(|run| run[1] - run[0] <= RUN_QUADS));
+            let mut factors = vec![0; (runs * FACTOR_WORDS) as usize];
+            weigh_all(&TILE_RUNS, &partner, &sums, &mut factors);
             let count = 2 * LANES * SPLITS;
             let tables = vec![
-                buffer("quad_start", &[0, n / 2, n]),
+                buffer("run_start", &[0, runs / 2, runs]),
+                buffer("runs", &TILE_RUNS),
                 buffer("quads", &quads),
                 buffer("words", &words),
-                buffer("partner", &partner),
-                buffer("sums", &sums),
+                buffer("factors", &factors),
                 buffer("row_start", &row_start),
                 buffer("entries", &entries),
                 buffer("steps", &r.floats(places as usize)),

@@ -1,7 +1,9 @@
 //! Host forms of the kernels of tiles: on all cores, in vectors where the bodies allow it, bit for bit.
 
-use ::multibounce::kernel::tiles::{LANES, NO_SLOT, PARTS, PLACES, QUAD, SPLITS, TILE};
-use ::multibounce::{ExpandTables, TileQuad, enter_all, expand_all, leave_all, project_all};
+use ::multibounce::kernel::tiles::{
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SPLITS, TILE,
+};
+use ::multibounce::{ExpandTables, TileQuad, enter_all, expand_all, leave_all, project_all, round_all, weigh_all};
 use ::scene::Rgb;
 
 use super::{HostCall, HostError, agreed};
@@ -34,35 +36,64 @@ pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
     Ok(())
 }
 
+pub(crate) fn round(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [ordered, light]) = call.parts::<CountParams, 2>(kernel)?;
+    let blocks = agreed(elements, p.count)? / LANES as usize;
+    let places = blocks * TILE as usize;
+    round_all(&ordered.read::<Rgb>(places)?[..places], light.write(blocks * LIGHT_WORDS as usize)?);
+    Ok(())
+}
+
 pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [quads, words, scale, ordered, sums]) = call.parts::<CountParams, 5>(kernel)?;
+    let (p, [quads, words, scale, light, sums]) = call.parts::<CountParams, 5>(kernel)?;
     let n = agreed(elements, p.count)?;
     let quads = &quads.read::<TileQuad>(n)?[..n];
     let words = words.read::<u32>(words_of(quads))?;
     let blocks = quads.iter().map(|quad| quad.block() as usize + 1).max().unwrap_or(0);
-    let (slots, ordered) = (QUAD as usize * n, ordered.read::<Rgb>(blocks * TILE as usize)?);
-    project_all(quads, words, scale.read(slots)?, ordered, sums.write(slots)?);
+    let (slots, light) = (QUAD as usize * n, light.read::<u32>(blocks * LIGHT_WORDS as usize)?);
+    project_all(quads, words, scale.read(slots)?, light, sums.write(slots)?);
+    Ok(())
+}
+
+/// The first quads of so many runs, each of at most [`RUN_QUADS`], and how many quads they have in all; more than any table
+/// has when they are not that.
+fn runs_of(runs: &[u32]) -> usize {
+    let few = |run: &[u32]| run[1].checked_sub(run[0]).is_some_and(|quads| quads <= RUN_QUADS);
+    if runs.windows(2).all(few) { runs.last().map_or(0, |&k| k as usize) } else { usize::MAX / QUAD as usize }
+}
+
+pub(crate) fn weigh(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [runs, partner, sums, factors]) = call.parts::<CountParams, 4>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let runs = &runs.read::<u32>(n + 1)?[..n + 1];
+    let slots = QUAD as usize * runs_of(runs);
+    let partner = &partner.read::<u32>(slots)?[..slots];
+    let others = partner.iter().filter(|&&slot| slot != NO_SLOT).map(|&slot| slot as usize + 1);
+    let sums = sums.read::<Rgb>(others.max().unwrap_or(0))?;
+    weigh_all(runs, partner, sums, factors.write(n * FACTOR_WORDS as usize)?);
     Ok(())
 }
 
 pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [quad_start, quads, words, partner, sums, row_start, entries, steps, ordered, rows]) =
+    let (p, [run_start, runs, quads, words, factors, row_start, entries, steps, ordered, rows]) =
         call.parts::<CountParams, 10>(kernel)?;
     let n = agreed(elements, p.count)?;
     let blocks = n / (LANES * SPLITS) as usize;
     let places = blocks * TILE as usize;
-    let quad_start = &quad_start.read::<u32>(blocks + 1)?[..blocks + 1];
+    let run_start = &run_start.read::<u32>(blocks + 1)?[..blocks + 1];
+    let count = end(run_start);
+    let runs = &runs.read::<u32>(count.saturating_add(1))?[..count + 1];
+    let factors = factors.read::<u32>(count * FACTOR_WORDS as usize)?;
     let row_start = &row_start.read::<u32>(places + 1)?[..places + 1];
-    let (quads, entries) = (quads.read::<TileQuad>(end(quad_start))?, entries.read::<u32>(end(row_start))?);
-    let quads = &quads[..end(quad_start)];
-    let partner = &partner.read::<u32>(QUAD as usize * quads.len())?[..QUAD as usize * quads.len()];
-    let others = partner.iter().filter(|&&slot| slot != NO_SLOT).map(|&slot| slot as usize + 1);
-    let sums = sums.read::<Rgb>(others.max().unwrap_or(0))?;
+    let entries = entries.read::<u32>(end(row_start))?;
+    let quads = &quads.read::<TileQuad>(runs_of(runs))?[..runs_of(runs)];
     let words = words.read::<u32>(words_of(quads))?;
-    let tables = ExpandTables { quad_start, quads, words, partner, row_start, entries, steps: steps.read(places)? };
-    expand_all(&tables, sums, &ordered.read::<Rgb>(PLACES)?[..PLACES], rows.write(PARTS as usize * n)?);
+    let tables = ExpandTables { run_start, runs, quads, words, row_start, entries, steps: steps.read(places)? };
+    expand_all(&tables, factors, &ordered.read::<Rgb>(PLACES)?[..PLACES], rows.write(PARTS as usize * n)?);
     Ok(())
 }
 

@@ -1,6 +1,7 @@
 //! Symmetric operators in tiles of low rank and single entries.
 
 mod encode;
+mod lanes;
 mod product;
 mod reduce;
 mod source;
@@ -11,10 +12,10 @@ use faer::Mat;
 
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
-use crate::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, TILE};
+use crate::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, RUN_QUADS, TILE};
 use crate::types::TileQuad;
 
-pub use product::{ExpandTables, TileRoom, enter_all, expand_all, leave_all, project_all};
+pub use product::{ExpandTables, TileRoom, enter_all, expand_all, leave_all, project_all, round_all, weigh_all};
 
 /// Most patches: entries name columns by 16 bits.
 pub const MOST_TILE_PATCHES: usize = PLACES - TILE as usize;
@@ -47,8 +48,10 @@ pub struct Tiles {
     pub place: Vec<u32>,
     /// `√a` of each patch, m.
     pub root: Vec<f32>,
-    /// Quads of block b: `quads[quad_start[b]..quad_start[b + 1]]`.
-    pub quad_start: Vec<u32>,
+    /// Runs of block b: `run_start[b]..run_start[b + 1]`.
+    pub run_start: Vec<u32>,
+    /// Quads of run k, which are alike: `quads[runs[k]..runs[k + 1]]`, at most [`RUN_QUADS`].
+    pub runs: Vec<u32>,
     /// Vectors by fours, block by block, alike ones together; where there are no four, zeros fill up. Slot `4 k + m` is
     /// vector m of quad k.
     pub quads: Vec<TileQuad>,
@@ -98,7 +101,8 @@ impl Tiles {
     /// Bytes of each part that a product reads.
     pub fn bytes(&self) -> [(&'static str, u64); 3] {
         let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
-        let quads = size_of_val(&self.quads[..]) + size_of_val(&self.quad_start[..]);
+        let runs = size_of_val(&self.runs[..]) + size_of_val(&self.run_start[..]);
+        let quads = size_of_val(&self.quads[..]) + runs;
         let vectors = size_of_val(&self.words[..]) + slots + quads;
         let entries = size_of_val(&self.entries[..]) + size_of_val(&self.row_start[..]) + size_of_val(&self.steps[..]);
         let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
@@ -125,12 +129,14 @@ impl Tiles {
         let slots = QUAD as usize * self.quads.len();
         check_length("scale", slots, self.scale.len())?;
         check_length("partner", slots, self.partner.len())?;
-        check_length("quad_start", self.blocks() + 1, self.quad_start.len())?;
+        check_length("run_start", self.blocks() + 1, self.run_start.len())?;
+        check_length("runs", self.run_start.last().map_or(1, |&k| k as usize + 1), self.runs.len())?;
         let groups: usize = self.quads.iter().map(|quad| (QUAD * quad.groups()) as usize).sum();
         check_length("words", groups * LANES as usize, self.words.len())?;
         check_length("row_start", rows + 1, self.row_start.len())?;
         check_length("steps", rows, self.steps.len())?;
-        check_starts("quad_start", &self.quad_start, self.quads.len())?;
+        check_starts("run_start", &self.run_start, self.runs.len() - 1)?;
+        check_starts("runs", &self.runs, self.quads.len())?;
         check_starts("row_start", &self.row_start, self.entries.len())?;
         let below = |name, table: &[u32], limit: usize| match table.iter().position(|&k| k as usize >= limit) {
             Some(index) => Err(Error::Value { name, index, value: f64::from(table[index]), rule: "in its range" }),
@@ -143,6 +149,15 @@ impl Tiles {
         below("quads", &self.quads.iter().map(|quad| quad.block()).collect::<Vec<u32>>(), self.blocks())?;
         let last = self.quads.iter().map(|quad| quad.group.saturating_add(QUAD * quad.groups() - 1));
         below("quads", &last.collect::<Vec<u32>>(), groups)?;
+        for (k, run) in self.runs.windows(2).enumerate() {
+            let quads = &self.quads[run[0] as usize..run[1] as usize];
+            let follow =
+                quads.windows(2).all(|w| w[0].tag == w[1].tag && w[0].group + QUAD * w[0].groups() == w[1].group);
+            if quads.len() > RUN_QUADS as usize || !follow {
+                let rule = "the first of a few quads that are alike, one after another";
+                return Err(Error::Value { name: "runs", index: k, value: f64::from(run[0]), rule });
+            }
+        }
         let columns: Vec<u32> = self.entries.iter().map(|entry| entry & 0xffff).collect();
         below("entries", &columns, rows)?;
         let finite = |name, mut table: std::boxed::Box<dyn Iterator<Item = f32> + '_>| match table

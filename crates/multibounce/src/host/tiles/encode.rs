@@ -11,7 +11,7 @@ use super::source::{Source, twice};
 use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, SHORT_BIAS};
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, RUN_QUADS, SHORT_BIAS};
 use crate::types::TileQuad;
 
 /// The error is at least this share of what was asked for, when it can be.
@@ -152,13 +152,17 @@ impl Tiles {
         for (error, norm) in report.error.iter_mut().zip(norms) {
             *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
         }
-        let (mut quads, mut quad_start, mut words) = (Vec::new(), vec![0], Vec::new());
+        let (mut quads, mut words) = (Vec::new(), Vec::new());
+        let (mut runs, mut run_start) = (Vec::new(), vec![0]);
         let mut slots: Vec<Option<&Vector>> = Vec::new();
         for (block, vectors) in (0u32..).zip(&mut vectors) {
             vectors.sort_by_key(|vector| (vector.alike, vector.is_multiplied));
             for alike in vectors.chunk_by(|a, b| a.alike == b.alike) {
                 let (channel, is_short) = alike[0].alike;
-                for four in alike.chunks(QUAD as usize) {
+                for (k, four) in alike.chunks(QUAD as usize).enumerate() {
+                    if k.is_multiple_of(RUN_QUADS as usize) {
+                        runs.push(quads.len() as u32);
+                    }
                     let quad = TileQuad::new(words.len() as u32 / LANES, block, channel, is_short);
                     for vector in four {
                         let component = components[vector.component];
@@ -171,8 +175,9 @@ impl Tiles {
                     words.resize(((quad.group + QUAD * quad.groups()) * LANES) as usize, zero);
                 }
             }
-            quad_start.push(quads.len() as u32);
+            run_start.push(runs.len() as u32);
         }
+        runs.push(quads.len() as u32);
         let scale = slots.iter().map(|slot| slot.map_or(0.0, |vector| components[vector.component].scale)).collect();
         let mut slot_of = vec![[NO_SLOT; 2]; components.len()];
         for (slot, vector) in (0u32..).zip(&slots) {
@@ -190,7 +195,8 @@ impl Tiles {
             order: order.to_vec(),
             place,
             root: area.iter().map(|&a| scene::math::sqrt(a)).collect(),
-            quad_start,
+            run_start,
+            runs,
             quads,
             words,
             scale,

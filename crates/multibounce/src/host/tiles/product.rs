@@ -2,38 +2,38 @@
 
 use std::vec::Vec;
 
-use glam::{Mat4, Vec3, Vec4};
-use pulp::{Arch, Simd, WithSimd};
+use glam::{IVec4, Mat4, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::Tiles;
+use super::lanes::{Group, Lanes, WithLanes, dispatch};
 use crate::error::{Error, check_length};
 use crate::kernel::tiles::{
-    ALL_CHANNELS, BIAS, LANES, NO_SLOT, PARTS, PLACES, QUAD, SHORT_BIAS, SPLITS, TILE, element, enter, leave, masked,
-    split_of,
+    ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_PAIRS,
+    RUN_QUADS, SHORT_BIAS, SPLITS, TILE, TWOS, element, enter, inverse_of, leave, masked, split_of, step_of, whole,
 };
 use crate::types::TileQuad;
 
 const SIDE: usize = TILE as usize;
 const GROUP: usize = LANES as usize;
 const FOUR: usize = QUAD as usize;
-/// Quads that one task takes.
+const HALF: usize = TWOS as usize;
+/// Quads that one task takes, runs, blocks, and places.
 const TASK_QUADS: usize = 256;
-/// Parts of a block whose sums stay in registers together.
-const HALF: u32 = PARTS / 2;
-/// Vectors that are read for one half of the parts, then for the other: they stay in the first cache.
-const TURN: usize = 64;
+const TASK_RUNS: usize = 64;
+const TASK_BLOCKS: usize = 8;
+const TASK_PLACES: usize = TASK_BLOCKS * SIDE;
 
-/// Words of a lane each.
-type Group = [u32; GROUP];
-/// A colour channel of a block.
-type Plane = [f32; SIDE];
+/// Rows of a colour channel of a block, part by part.
+type Plane = [[f32; GROUP]; PARTS as usize];
 
 /// What a product keeps between its steps: one for products one after another.
 #[derive(Clone, Debug, Default)]
 pub struct TileRoom {
     ordered: Vec<Vec4>,
+    light: Vec<u32>,
     sums: Vec<Vec4>,
+    factors: Vec<u32>,
     rows: Vec<Vec4>,
 }
 
@@ -53,13 +53,17 @@ impl Tiles {
     pub fn product_in(&self, room: &mut TileRoom, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
         check_length("exitance", self.patches(), exitance.len())?;
         check_length("irradiance", self.patches(), irradiance.len())?;
-        let TileRoom { ordered, sums, rows } = room;
+        let TileRoom { ordered, light, sums, factors, rows } = room;
         ordered.resize(PLACES, Vec4::ZERO);
+        light.resize(self.blocks() * LIGHT_WORDS as usize, 0);
         sums.resize(self.scale.len(), Vec4::ZERO);
+        factors.resize(self.runs.len().saturating_sub(1) * FACTOR_WORDS as usize, 0);
         rows.resize(self.blocks() * SPLITS as usize * SIDE, Vec4::ZERO);
         enter_all(&self.order, &self.root, exitance, &mut ordered[..self.blocks() * SIDE]);
-        project_all(&self.quads, &self.words, &self.scale, ordered, sums);
-        expand_all(&self.expand_tables(), sums, ordered, rows);
+        round_all(&ordered[..self.blocks() * SIDE], light);
+        project_all(&self.quads, &self.words, &self.scale, light, sums);
+        weigh_all(&self.runs, &self.partner, sums, factors);
+        expand_all(&self.expand_tables(), factors, ordered, rows);
         leave_all(&self.place, &self.root, rows, irradiance);
         Ok(())
     }
@@ -75,18 +79,19 @@ impl Tiles {
         };
         let (p, r, block) = (place as usize, place % TILE, place as usize / SIDE);
         let mut places = vec![Vec3::ZERO; self.blocks() * SIDE];
-        for slot in QUAD * self.quad_start[block]..QUAD * self.quad_start[block + 1] {
+        let quad_start = |block: usize| self.runs[self.run_start[block] as usize];
+        for slot in QUAD * quad_start(block)..QUAD * quad_start(block + 1) {
             let partner = self.partner[slot as usize];
             if partner == NO_SLOT {
                 continue;
             }
             let vector = |slot: u32| self.quads[(slot / QUAD) as usize].vector(slot % QUAD);
             let quad = self.quads[(partner / QUAD) as usize];
-            let factor = self.scale[partner as usize] * element(&self.words, vector(slot), r);
+            let factor = self.scale[partner as usize] * element(&self.words, vector(slot), r) as f32;
             let factor = masked(Vec3::splat(factor), quad.channel());
             let first = quad.block() as usize * SIDE;
             for (c, sum) in places[first..first + SIDE].iter_mut().enumerate() {
-                *sum += factor * element(&self.words, vector(partner), c as u32);
+                *sum += factor * element(&self.words, vector(partner), c as u32) as f32;
             }
         }
         for &entry in &self.entries[self.row_start[p] as usize..self.row_start[p + 1] as usize] {
@@ -100,57 +105,126 @@ impl Tiles {
 
     /// The tables of [`expand_all`].
     pub fn expand_tables(&self) -> ExpandTables<'_> {
-        let Self { quad_start, quads, words, partner, row_start, entries, steps, .. } = self;
-        ExpandTables { quad_start, quads, words, partner, row_start, entries, steps }
+        let Self { run_start, runs, quads, words, row_start, entries, steps, .. } = self;
+        ExpandTables { run_start, runs, quads, words, row_start, entries, steps }
     }
 }
 
 /// [`enter`] for every place.
 pub fn enter_all(order: &[u32], root: &[f32], exitance: &[Vec4], ordered: &mut [Vec4]) {
     let patches = order.len() as u32;
-    ordered.iter_mut().enumerate().for_each(|(p, x)| *x = enter(p as u32, patches, order, root, exitance));
+    let tasks = ordered.par_iter_mut().enumerate().with_min_len(TASK_PLACES);
+    tasks.for_each(|(p, x)| *x = enter(p as u32, patches, order, root, exitance));
 }
 
 /// [`leave`] for every patch.
 pub fn leave_all(place: &[u32], root: &[f32], ordered: &[Vec4], irradiance: &mut [Vec4]) {
-    irradiance.iter_mut().enumerate().for_each(|(i, h)| *h = leave(i as u32, place, root, ordered));
+    let tasks = irradiance.par_iter_mut().enumerate().with_min_len(TASK_PLACES);
+    tasks.for_each(|(i, h)| *h = leave(i as u32, place, root, ordered));
+}
+
+/// [`crate::kernel::tiles::round`] for every lane, bit for bit.
+pub fn round_all(ordered: &[Vec4], light: &mut [u32]) {
+    let (blocks, _) = ordered.as_chunks::<SIDE>();
+    let tasks = blocks.par_iter().zip(light.par_chunks_mut(LIGHT_WORDS as usize)).with_min_len(TASK_BLOCKS);
+    tasks.for_each(|(block, light)| dispatch(Round { block, light }));
+}
+
+/// Makes whole numbers of a block.
+struct Round<'a> {
+    block: &'a [Vec4; SIDE],
+    light: &'a mut [u32],
+}
+
+impl WithLanes for Round<'_> {
+    #[inline(always)]
+    fn with<L: Lanes>(self, _: L) {
+        let (mut planes, mut most) = ([[0.0; SIDE]; 3], Vec4::ZERO);
+        for (r, x) in self.block.iter().enumerate() {
+            most = most.max(x.abs());
+            (planes[0][r], planes[1][r], planes[2][r]) = (x.x, x.y, x.z);
+        }
+        let (channels, steps) = self.light.split_at_mut(3 * CHANNEL_WORDS as usize);
+        steps.fill(0);
+        for ((words, plane), (step, &most)) in
+            channels.chunks_exact_mut(CHANNEL_WORDS as usize).zip(&planes).zip(steps.iter_mut().zip(most.as_ref()))
+        {
+            *step = step_of(most).to_bits();
+            let inverse = inverse_of(step_of(most));
+            let (first, second) = plane.split_at(SIDE / 2);
+            for (word, (a, b)) in words.iter_mut().zip(first.iter().zip(second)) {
+                *word = whole(*a, inverse) & 0xffff | whole(*b, inverse) << 16;
+            }
+        }
+    }
 }
 
 /// [`crate::kernel::tiles::project`] for every quad, bit for bit.
-pub fn project_all(quads: &[TileQuad], words: &[u32], scale: &[f32], ordered: &[Vec4], sums: &mut [Vec4]) {
+pub fn project_all(quads: &[TileQuad], words: &[u32], scale: &[f32], light: &[u32], sums: &mut [Vec4]) {
     let (groups, _) = words.as_chunks::<GROUP>();
-    let ((blocks, _), (scale, _)) = (ordered.as_chunks::<SIDE>(), scale.as_chunks::<FOUR>());
+    let ((light, _), (scale, _)) = (light.as_chunks::<GROUP>(), scale.as_chunks::<FOUR>());
     let (sums, _) = sums.as_chunks_mut::<FOUR>();
-    let arch = Arch::new();
     let tasks = quads.par_chunks(TASK_QUADS).zip(scale.par_chunks(TASK_QUADS)).zip(sums.par_chunks_mut(TASK_QUADS));
     tasks.for_each(|((quads, scale), sums)| {
         let mut done = 0;
         for alike in quads.chunk_by(|a, b| a.tag == b.tag) {
             let (first, end) = (done, done + alike.len());
             done = end;
-            let light = &blocks[alike[0].block() as usize];
+            let block = (LIGHT_WORDS / LANES) as usize * alike[0].block() as usize;
+            let light = &light[block..block + (LIGHT_WORDS / LANES) as usize];
+            let steps = steps_of(&light[light.len() - 1]);
             // Nothing comes of darkness.
-            if light.iter().all(|x| *x == Vec4::ZERO) {
+            if steps == [0.0; 3] {
                 sums[first..end].fill([Vec4::ZERO; FOUR]);
                 continue;
             }
             let (scale, sums) = (&scale[first..end], &mut sums[first..end]);
-            arch.dispatch(Project { quads: alike, groups, light, scale, sums });
+            dispatch(Project { quads: alike, groups, light, steps, scale, sums });
         }
     });
 }
 
-/// What [`expand_all`] reads beside the sums and the ordered exitance.
+/// Steps of the channels, from their bits.
+fn steps_of(words: &[u32]) -> [f32; 3] {
+    std::array::from_fn(|c| f32::from_bits(words[c]))
+}
+
+/// [`crate::kernel::tiles::weigh`] for every run, bit for bit.
+pub fn weigh_all(runs: &[u32], partner: &[u32], sums: &[Vec4], factors: &mut [u32]) {
+    let tasks = runs.par_windows(2).zip(factors.par_chunks_mut(FACTOR_WORDS as usize)).with_min_len(TASK_RUNS);
+    tasks.for_each(|(run, factors)| {
+        let slots = &partner[FOUR * run[0] as usize..FOUR * run[1] as usize];
+        let (mut own, mut most) = ([Vec4::ZERO; (RUN_QUADS * QUAD) as usize], Vec4::ZERO);
+        for (z, &other) in own.iter_mut().zip(slots) {
+            if other != NO_SLOT {
+                *z = sums[other as usize];
+                most = most.max(z.abs());
+            }
+        }
+        let steps = most.to_array().map(step_of);
+        let inverse = steps.map(inverse_of);
+        let (pairs, last) = factors.split_at_mut(3 * RUN_PAIRS as usize);
+        for (words, two) in pairs.chunks_exact_mut(3).zip(own.chunks_exact(2)) {
+            let (a, b) = (two[0].to_array(), two[1].to_array());
+            let both: [u32; 4] =
+                std::array::from_fn(|c| whole(a[c], inverse[c]) & 0xffff | whole(b[c], inverse[c]) << 16);
+            words.copy_from_slice(&both[..3]);
+        }
+        last.copy_from_slice(&[steps[0].to_bits(), steps[1].to_bits(), steps[2].to_bits(), 0]);
+    });
+}
+
+/// What [`expand_all`] reads beside the factors and the ordered exitance.
 #[derive(Clone, Copy, Debug)]
 pub struct ExpandTables<'a> {
-    /// Quads of block b: `quads[quad_start[b]..quad_start[b + 1]]`.
-    pub quad_start: &'a [u32],
-    /// Vectors by fours, block by block.
+    /// Runs of block b: `run_start[b]..run_start[b + 1]`.
+    pub run_start: &'a [u32],
+    /// Quads of run k: `quads[runs[k]..runs[k + 1]]`.
+    pub runs: &'a [u32],
+    /// Vectors by fours, block by block; those of a run are alike, and their words follow one another.
     pub quads: &'a [TileQuad],
     /// Their elements, in groups of [`LANES`] words.
     pub words: &'a [u32],
-    /// Slot by whose sum each is multiplied, or [`NO_SLOT`].
-    pub partner: &'a [u32],
     /// Entries of each place.
     pub row_start: &'a [u32],
     /// Column in the lower 16 bits, value in the upper.
@@ -163,208 +237,203 @@ pub struct ExpandTables<'a> {
 ///
 /// # Panics
 /// Unless `ordered` has [`PLACES`] elements, as many as entries can name.
-pub fn expand_all(tables: &ExpandTables, sums: &[Vec4], ordered: &[Vec4], rows: &mut [Vec4]) {
+pub fn expand_all(tables: &ExpandTables, factors: &[u32], ordered: &[Vec4], rows: &mut [Vec4]) {
     let ordered: &[Vec4; PLACES] = ordered.try_into().expect("PLACES elements");
-    let (groups, _) = tables.words.as_chunks::<GROUP>();
-    let (partner, _) = tables.partner.as_chunks::<FOUR>();
-    let arch = Arch::new();
     rows.par_chunks_mut(SPLITS as usize * SIDE).enumerate().for_each(|(block, rows)| {
-        let mut uses = Vec::new();
         for (split, rows) in rows.chunks_exact_mut(SIDE).enumerate() {
-            let (first, end) = split_of(split as u32, tables.quad_start[block], tables.quad_start[block + 1]);
-            let range = first as usize..end as usize;
-            let (quads, mut partner) = (&tables.quads[range.clone()], &partner[range]);
-            let mut planes = [[0.0f32; SIDE]; 3];
-            for alike in quads.chunk_by(|a, b| a.tag == b.tag) {
-                let (own, rest) = partner.split_at(alike.len());
-                partner = rest;
-                uses.clear();
-                for (quad, partner) in alike.iter().zip(own) {
-                    for (k, &other) in (0u32..).zip(partner) {
-                        let z = if other == NO_SLOT { Vec4::ZERO } else { sums[other as usize] };
-                        if z != Vec4::ZERO {
-                            uses.push((quad.vector(k).group, z));
-                        }
-                    }
-                }
-                let (is_short, channel) = (alike[0].is_short(), alike[0].channel());
-                arch.dispatch(Expand { groups, uses: &uses, is_short, channel, planes: &mut planes });
-            }
+            let (first, end) = split_of(split as u32, tables.run_start[block], tables.run_start[block + 1]);
+            let mut planes = [[[0.0; GROUP]; PARTS as usize]; 3];
+            dispatch(Expand { tables, factors, runs: first as usize..end as usize, planes: &mut planes });
+            let planes = planes.each_ref().map(|plane| plane.as_flattened());
             for (r, row) in rows.iter_mut().enumerate() {
                 *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
             }
             // The entries of two parts are this split's.
             let first = split * SIDE / SPLITS as usize;
             let rows = &mut rows[first..first + SIDE / SPLITS as usize];
-            arch.dispatch(Entries { tables, first: block * SIDE + first, ordered, rows });
+            dispatch(Entries { tables, first: block * SIDE + first, ordered, rows });
         }
     });
 }
 
-/// Elements of an even and an odd part come times so many powers of two, which undo their bits' place in the word.
-#[inline(always)]
-const fn shift(is_short: bool, part: usize) -> u32 {
-    if is_short { 4 * (part as u32 % 4) } else { 8 * (part as u32 % 2) }
+/// Calls a function for elements of 4 or 8 bits, of one channel or of all.
+macro_rules! for_kind {
+    ($quad:expr, $lanes:ty, $own:ident.$function:ident($($argument:expr),*)) => {
+        match ($quad.is_short(), $quad.channel()) {
+            (true, ALL_CHANNELS) => $own.$function::<$lanes, true, 1, 3>($($argument,)* [0, 1, 2]),
+            (true, channel) => $own.$function::<$lanes, true, 1, 1>($($argument,)* [channel as usize]),
+            (false, ALL_CHANNELS) => $own.$function::<$lanes, false, 2, 3>($($argument,)* [0, 1, 2]),
+            (false, channel) => $own.$function::<$lanes, false, 2, 1>($($argument,)* [channel as usize]),
+        }
+    };
 }
 
 #[inline(always)]
-const fn unshift(is_short: bool, part: usize) -> f32 {
-    1.0 / (1u32 << shift(is_short, part)) as f32
+const fn bias(is_short: bool) -> i32 {
+    if is_short { SHORT_BIAS } else { BIAS }
 }
 
-/// Elements of the parts of one half of a vector, lanes of register `k` of each, times `2^shift`: bits of a float of 2²³ and
-/// more are integers, so what is to be done is to leave the other bits out and to take off the bias.
+/// Elements of a vector with their bias, in twos of parts.
 #[inline(always)]
-fn half_of<S: Simd, const SHORT: bool>(simd: S, groups: &[Group], half: usize, k: usize) -> [S::f32s; HALF as usize] {
-    let words = S::as_simd_u32s(&groups[if SHORT { 0 } else { half }]).0[k];
-    let moved = simd.wrapping_dyn_shr_u32s(words, simd.splat_u32s(16));
-    let mut out = [simd.splat_f32s(0.0); HALF as usize];
-    for (part, out) in out.iter_mut().enumerate() {
-        let (most, bias) = if SHORT { (0xfu32, SHORT_BIAS) } else { (0xff, BIAS) };
-        let words = if if SHORT { half == 0 } else { part < 2 } { words } else { moved };
-        let shift = shift(SHORT, part);
-        let bits = simd.or_u32s(simd.and_u32s(words, simd.splat_u32s(most << shift)), simd.splat_u32s(0x4b00_0000));
-        let bias = simd.splat_f32s(8_388_608.0 + bias * (1u32 << shift) as f32);
-        *out = simd.sub_f32s(simd.transmute_f32s_u32s(bits), bias);
+fn twos<L: Lanes, const SHORT: bool>(l: L, vector: &[Group], k: usize) -> [L::Word; HALF] {
+    let word = l.load(&vector[0], k);
+    if SHORT {
+        return l.nibbles(word);
     }
-    out
+    let ([a, b], [c, d]) = (l.bytes(word), l.bytes(l.load(&vector[1], k)));
+    [a, b, c, d]
 }
 
-/// Rounded after the product, as the kernels do.
+/// Elements of two vectors with their bias, in pairs: the parts of the first or of the second half.
 #[inline(always)]
-fn add_product<S: Simd>(simd: S, sum: S::f32s, a: S::f32s, b: S::f32s) -> S::f32s {
-    simd.add_f32s(sum, simd.mul_f32s(a, b))
+fn pairs<L: Lanes, const SHORT: bool, const GROUPS: usize>(
+    l: L,
+    two: &[Group],
+    half: usize,
+    k: usize,
+) -> [L::Word; HALF] {
+    let word = merged(l, &two[0], &two[GROUPS], half, k);
+    if SHORT {
+        return l.nibbles(word);
+    }
+    let ([a, b], [c, d]) = (l.bytes(word), l.bytes(merged(l, &two[1], &two[GROUPS + 1], half, k)));
+    [a, b, c, d]
+}
+
+#[inline(always)]
+fn merged<L: Lanes>(l: L, a: &Group, b: &Group, half: usize, k: usize) -> L::Word {
+    let (a, b) = (l.load(a, k), l.load(b, k));
+    if half == 0 { l.low(a, b) } else { l.high(a, b) }
 }
 
 /// Sums of some quads that are alike.
 struct Project<'a> {
     quads: &'a [TileQuad],
     groups: &'a [Group],
-    light: &'a [Vec4; SIDE],
+    /// Of their block.
+    light: &'a [Group],
+    steps: [f32; 3],
     scale: &'a [[f32; FOUR]],
     sums: &'a mut [[Vec4; FOUR]],
 }
 
-impl WithSimd for Project<'_> {
-    type Output = ();
-
+impl WithLanes for Project<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        match (self.quads[0].is_short(), self.quads[0].channel()) {
-            (true, ALL_CHANNELS) => self.sums::<S, true, 1, 3>(simd, [0, 1, 2]),
-            (true, channel) => self.sums::<S, true, 1, 1>(simd, [channel as usize]),
-            (false, ALL_CHANNELS) => self.sums::<S, false, 2, 3>(simd, [0, 1, 2]),
-            (false, channel) => self.sums::<S, false, 2, 1>(simd, [channel as usize]),
-        }
+    fn with<L: Lanes>(self, l: L) {
+        for_kind!(self.quads[0], L, self.sums(l));
     }
 }
 
 impl Project<'_> {
     #[inline(always)]
-    fn sums<S: Simd, const SHORT: bool, const GROUPS: usize, const C: usize>(self, simd: S, channels: [usize; C]) {
-        let mut planes = [[0.0; SIDE]; C];
-        for (plane, c) in planes.iter_mut().zip(channels) {
-            let scaled = |(r, x): (usize, &Vec4)| x[c] * unshift(SHORT, r / GROUP);
-            plane.iter_mut().zip(self.light.iter().enumerate()).for_each(|(x, light)| *x = scaled(light));
+    fn sums<L: Lanes, const SHORT: bool, const GROUPS: usize, const C: usize>(self, l: L, channels: [usize; C]) {
+        let (mut light, mut biases, mut steps) = ([&self.light[..HALF]; C], [IVec4::ZERO; C], [0.0; C]);
+        for (k, c) in channels.into_iter().enumerate() {
+            light[k] = &self.light[c * HALF..(c + 1) * HALF];
+            let sum: i32 = light[k].as_flattened().iter().map(|&word| both(word)).sum();
+            (biases[k], steps[k]) = (IVec4::splat(bias(SHORT) * sum), self.steps[c]);
         }
         for ((quad, scale), sums) in self.quads.iter().zip(self.scale).zip(self.sums) {
             let first = quad.group as usize;
             let (vectors, _) = self.groups[first..first + FOUR * GROUPS].as_chunks::<GROUPS>();
-            for ((vector, scale), sum) in vectors.iter().zip(scale).zip(sums) {
-                let lanes = lanes::<S, SHORT, C>(simd, vector, &planes);
-                // As the kernel adds up lanes: by fours, and then the four.
-                let fours = lanes.map(|lanes| {
-                    let (fours, _) = lanes.as_chunks::<4>();
-                    fours.iter().fold(Vec4::ZERO, |sum, four| sum + Vec4::from_array(*four))
-                });
-                let mut columns = [Vec4::ZERO; 4];
-                channels.iter().zip(fours).for_each(|(&c, four)| columns[c] = four);
-                let rows = Mat4::from_cols(columns[0], columns[1], columns[2], columns[3]).transpose();
-                let z = ((rows.x_axis + rows.z_axis) + (rows.y_axis + rows.w_axis)) * *scale;
-                *sum = z.truncate().extend(0.0);
-            }
-        }
-    }
-}
-
-/// What the lanes of a vector add up.
-#[inline(always)]
-fn lanes<S: Simd, const SHORT: bool, const C: usize>(
-    simd: S,
-    vector: &[Group],
-    planes: &[Plane; C],
-) -> [[f32; GROUP]; C] {
-    let planes = planes.each_ref().map(|plane| S::as_simd_f32s(plane).0);
-    // Registers that make up a part.
-    let each = planes[0].len() / PARTS as usize;
-    let mut lanes = [[0.0f32; GROUP]; C];
-    for k in 0..each {
-        let mut sums = [simd.splat_f32s(0.0); C];
-        for half in 0..(PARTS / HALF) as usize {
-            for (part, x) in half_of::<S, SHORT>(simd, vector, half, k).into_iter().enumerate() {
-                let at = (half * HALF as usize + part) * each + k;
-                for (sum, plane) in sums.iter_mut().zip(planes) {
-                    *sum = add_product(simd, *sum, plane[at], x);
+            let mut lanes = [[[0; GROUP]; FOUR]; C];
+            for (v, vector) in vectors.iter().enumerate() {
+                for k in 0..L::EACH {
+                    let [a, b, c, d] = twos::<L, SHORT>(l, vector, k);
+                    for (lanes, light) in lanes.iter_mut().zip(light) {
+                        let (e, f) = (l.products(a, l.load(&light[0], k)), l.products(b, l.load(&light[1], k)));
+                        let (g, h) = (l.products(c, l.load(&light[2], k)), l.products(d, l.load(&light[3], k)));
+                        l.store(&mut lanes[v], k, l.add(l.add(e, f), l.add(g, h)));
+                    }
                 }
             }
-        }
-        for (lanes, sum) in lanes.iter_mut().zip(sums) {
-            S::as_mut_simd_f32s(lanes).0[k] = sum;
+            let (scale, mut columns) = (Vec4::from_array(*scale), [Vec4::ZERO; 4]);
+            for (k, c) in channels.into_iter().enumerate() {
+                let sum = IVec4::from_array(l.totals(&lanes[k])) - biases[k];
+                columns[c] = sum.as_vec4() * steps[k] * scale;
+            }
+            let z = Mat4::from_cols(columns[0], columns[1], columns[2], columns[3]).transpose();
+            *sums = [z.x_axis, z.y_axis, z.z_axis, z.w_axis];
         }
     }
-    lanes
 }
 
-/// Adds vectors that are alike to a block's rows, times their sums.
+/// The sum of the two numbers of a word.
+#[inline(always)]
+fn both(word: u32) -> i32 {
+    i32::from(word as i16) + ((word as i32) >> 16)
+}
+
+/// Adds some runs to the rows of their block.
 struct Expand<'a> {
-    groups: &'a [Group],
-    /// Their first groups, and what each is multiplied by.
-    uses: &'a [(u32, Vec4)],
-    is_short: bool,
-    channel: u32,
+    tables: &'a ExpandTables<'a>,
+    factors: &'a [u32],
+    runs: std::ops::Range<usize>,
     planes: &'a mut [Plane; 3],
 }
 
-impl WithSimd for Expand<'_> {
-    type Output = ();
-
+impl WithLanes for Expand<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let (short, channel) = (self.is_short, self.channel as usize);
-        match (short, self.channel) {
-            (true, ALL_CHANNELS) => self.add::<S, true, 1, 3>(simd, [0, 1, 2]),
-            (true, _) => self.add::<S, true, 1, 1>(simd, [channel]),
-            (false, ALL_CHANNELS) => self.add::<S, false, 2, 3>(simd, [0, 1, 2]),
-            (false, _) => self.add::<S, false, 2, 1>(simd, [channel]),
+    fn with<L: Lanes>(self, l: L) {
+        let Self { tables, factors, runs, planes } = self;
+        let (groups, _) = tables.words.as_chunks::<GROUP>();
+        let (factors, _) = factors.as_chunks::<{ FACTOR_WORDS as usize }>();
+        for k in runs {
+            let quads = &tables.quads[tables.runs[k] as usize..tables.runs[k + 1] as usize];
+            let (pairs, last) = factors[k].split_at(3 * RUN_PAIRS as usize);
+            let steps = steps_of(last);
+            // Nothing comes of darkness.
+            if steps != [0.0; 3] {
+                let run = Run { quads, groups, pairs: pairs.as_chunks::<3>().0, steps };
+                for_kind!(quads[0], L, run.add(l, planes));
+            }
         }
     }
 }
 
-impl Expand<'_> {
+/// Quads that are alike and what their vectors are multiplied by, in pairs.
+struct Run<'a> {
+    quads: &'a [TileQuad],
+    groups: &'a [Group],
+    pairs: &'a [[u32; 3]],
+    steps: [f32; 3],
+}
+
+impl Run<'_> {
     #[inline(always)]
-    fn add<S: Simd, const SHORT: bool, const GROUPS: usize, const C: usize>(self, simd: S, channels: [usize; C]) {
-        let [red, green, blue] = self.planes;
-        let planes = [S::as_mut_simd_f32s(red).0, S::as_mut_simd_f32s(green).0, S::as_mut_simd_f32s(blue).0];
-        let each = planes[0].len() / PARTS as usize;
-        for uses in self.uses.chunks(TURN) {
-            for (half, k) in (0..(PARTS / HALF) as usize).flat_map(|half| (0..each).map(move |k| (half, k))) {
-                let at = |part: usize| (half * HALF as usize + part) * each + k;
-                let mut sums = [[simd.splat_f32s(0.0); C]; HALF as usize];
-                for (part, sums) in sums.iter_mut().enumerate() {
-                    let scale = simd.splat_f32s((1u32 << shift(SHORT, part)) as f32);
-                    sums.iter_mut().zip(channels).for_each(|(s, c)| *s = simd.mul_f32s(planes[c][at(part)], scale));
-                }
-                for (group, z) in uses {
-                    let vector = &self.groups[*group as usize..*group as usize + GROUPS];
-                    let x = half_of::<S, SHORT>(simd, vector, half, k);
-                    let z = channels.map(|c| simd.splat_f32s(z[c]));
-                    for (sums, x) in sums.iter_mut().zip(x) {
-                        sums.iter_mut().zip(z).for_each(|(sum, z)| *sum = add_product(simd, *sum, x, z));
+    fn add<L: Lanes, const SHORT: bool, const GROUPS: usize, const C: usize>(
+        &self,
+        l: L,
+        planes: &mut [Plane; 3],
+        channels: [usize; C],
+    ) {
+        let first = self.quads[0].group as usize;
+        let vectors = &self.groups[first..first + self.quads.len() * FOUR * GROUPS];
+        let mut biases = [l.splat(0); C];
+        for (word, c) in biases.iter_mut().zip(channels) {
+            let sum: i32 = self.pairs.iter().map(|pair| both(pair[c])).sum();
+            *word = l.splat((bias(SHORT) * sum) as u32);
+        }
+        for half in 0..2 {
+            for k in 0..L::EACH {
+                let mut sums = [[l.splat(0); HALF]; C];
+                for (two, factors) in vectors.chunks_exact(2 * GROUPS).zip(self.pairs) {
+                    if *factors == [0; 3] {
+                        continue;
+                    }
+                    let [a, b, c, d] = pairs::<L, SHORT, GROUPS>(l, two, half, k);
+                    for (sums, channel) in sums.iter_mut().zip(channels) {
+                        let factor = l.splat(factors[channel]);
+                        sums[0] = l.add(sums[0], l.products(a, factor));
+                        sums[1] = l.add(sums[1], l.products(b, factor));
+                        sums[2] = l.add(sums[2], l.products(c, factor));
+                        sums[3] = l.add(sums[3], l.products(d, factor));
                     }
                 }
-                for (part, sums) in sums.iter().enumerate() {
-                    let scale = simd.splat_f32s(unshift(SHORT, part));
-                    sums.iter().zip(channels).for_each(|(s, c)| planes[c][at(part)] = simd.mul_f32s(*s, scale));
+                for ((sums, bias), c) in sums.into_iter().zip(biases).zip(channels) {
+                    for (sum, row) in sums.into_iter().zip(&mut planes[c][half * HALF..]) {
+                        l.add_scaled(row, k, l.sub(sum, bias), self.steps[c]);
+                    }
                 }
             }
         }
@@ -379,11 +448,9 @@ struct Entries<'a> {
     rows: &'a mut [Vec4],
 }
 
-impl WithSimd for Entries<'_> {
-    type Output = ();
-
+impl WithLanes for Entries<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with<L: Lanes>(self, _: L) {
         let Self { tables, first, ordered, rows } = self;
         for (p, row) in (first..).zip(rows) {
             let own = &tables.entries[tables.row_start[p] as usize..tables.row_start[p + 1] as usize];

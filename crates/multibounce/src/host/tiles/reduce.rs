@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use faer::Mat;
 
-use crate::kernel::tiles::{BIAS, LANES, PARTS, SHORT_BIAS, TILE};
+use crate::kernel::tiles::{BIAS, LANES, SHORT_BIAS, TILE, TWOS};
 use crate::types::TileQuad;
 
 /// Size of a tile.
@@ -213,12 +213,16 @@ impl Rounded {
 
 /// Groups of words of a vector, as [`crate::kernel::tiles::element`] reads them.
 fn pack(vector: &[f32], is_short: bool) -> Vec<u32> {
-    let lanes = LANES as usize;
-    let (parts_a_word, bits, bias) = if is_short { (PARTS, 4, SHORT_BIAS) } else { (PARTS / 2, 8, BIAS) };
-    let mut words = vec![0; lanes * (PARTS / parts_a_word) as usize];
+    let (lanes, half) = (LANES as usize, TWOS / 2);
+    let mut words = vec![0; if is_short { lanes } else { 2 * lanes }];
     for (r, x) in vector.iter().enumerate() {
         let (part, lane) = (r as u32 / LANES, r % lanes);
-        words[(part / parts_a_word) as usize * lanes + lane] |= ((x + bias) as u32) << (bits * (part % parts_a_word));
+        let (group, bits, bias) = if is_short {
+            (0, 4 * part, SHORT_BIAS)
+        } else {
+            (part % TWOS / half, 8 * (part % half + part / TWOS * half), BIAS)
+        };
+        words[group as usize * lanes + lane] |= ((*x as i32 + bias) as u32) << bits;
     }
     words
 }

@@ -6,7 +6,7 @@ use glam::{UVec2, UVec4, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::{self, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use multibounce::kernel::tiles::{PARTS, PLACES, SPLITS, TILE};
+use multibounce::kernel::tiles::{FACTOR_WORDS, LANES, LIGHT_WORDS, PARTS, PLACES, SPLITS, TILE};
 use multibounce::{BlockCodec, BlockMatrix, BlockParams, Tiles};
 
 use super::super::operator::{PatchOperator, apart};
@@ -283,20 +283,24 @@ struct Part {
 pub(super) struct TileTables {
     tables: Vec<(&'static str, Range)>,
     ordered: BufferId,
+    light: BufferId,
     sums: BufferId,
+    factors: BufferId,
     rows: BufferId,
     patches: u32,
     quads: u32,
+    runs: u32,
 }
 
 impl TileTables {
     fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a Tiles) -> Self {
-        let places = tiles.steps.len();
+        let (places, runs) = (tiles.steps.len(), tiles.runs.len().saturating_sub(1));
         let tables = vec![
             uploads.named(plan, "order", cast_slice(&tiles.order)),
             uploads.named(plan, "place", cast_slice(&tiles.place)),
             uploads.named(plan, "root", cast_slice(&tiles.root)),
-            uploads.named(plan, "quad_start", cast_slice(&tiles.quad_start)),
+            uploads.named(plan, "run_start", cast_slice(&tiles.run_start)),
+            uploads.named(plan, "runs", cast_slice(&tiles.runs)),
             uploads.named(plan, "quads", cast_slice(&tiles.quads)),
             uploads.named(plan, "words", cast_slice(&tiles.words)),
             uploads.named(plan, "scales", cast_slice(&tiles.scale)),
@@ -309,10 +313,13 @@ impl TileTables {
             tables,
             // Single entries name any of these.
             ordered: plan.storage("ordered", rgb(PLACES)),
+            light: plan.storage("light", u64::from(LIGHT_WORDS * 4) * tiles.blocks() as u64),
             sums: plan.storage("sums", rgb(tiles.scale.len())),
+            factors: plan.storage("factors", u64::from(FACTOR_WORDS * 4) * runs as u64),
             rows: plan.storage("rows", rgb(SPLITS as usize * places)),
             patches: tiles.order.len() as u32,
             quads: tiles.quads.len() as u32,
+            runs: runs as u32,
         }
     }
 
@@ -322,15 +329,19 @@ impl TileTables {
             ("exitance", Range::from(exitance)),
             ("irradiance", Range::from(irradiance)),
             ("ordered", Range::from(self.ordered)),
+            ("light", Range::from(self.light)),
             ("sums", Range::from(self.sums)),
+            ("factors", Range::from(self.factors)),
             ("rows", Range::from(self.rows)),
         ];
         let places = self.patches.next_multiple_of(TILE);
         let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
         let tables = &self.tables;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, places)?;
-        let lanes = SPLITS * places / PARTS;
+        let (block_lanes, lanes) = (places / TILE * LANES, SPLITS * places / PARTS);
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_ROUND, &own, tables, &count(block_lanes), block_lanes)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.quads), self.quads)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_WEIGH, &own, tables, &count(self.runs), self.runs)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(lanes), lanes)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
         Ok(())
