@@ -218,14 +218,14 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "columns" | "vectors" | "plane" | "area" | "red" | "green" | "blue" if kernel.starts_with("localmatrix_") => {
             layout::<f32>()
         }
+        "light" | "factors" | "runs" if kernel.starts_with("multibounce_tiles_") => layout::<u32>(),
         "light" | "before" | "now" | "offset" | "leaves" => layout::<Vec4>(),
         "runs" => layout::<UVec2>(),
         "starts" | "list" | "lit_starts" | "lit" | "visible_starts" | "visible" | "slot_of" | "leaf_of" => {
             layout::<u32>()
         }
-        "light" | "factors" if kernel.starts_with("multibounce_tiles_") => layout::<u32>(),
         "quads" if kernel.starts_with("multibounce_tiles_") => layout::<TileQuad>(),
-        "order" | "place" | "words" | "run_start" | "runs" | "partner" | "entries" => layout::<u32>(),
+        "order" | "place" | "words" | "run_start" | "partner" | "entries" => layout::<u32>(),
         "root" | "steps" => layout::<f32>(),
         "ordered" | "sums" | "rows" => layout::<Vec4>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"
