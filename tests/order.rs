@@ -165,7 +165,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 41 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 43 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

@@ -601,11 +601,13 @@ pub(super) mod tests {
         for (codec, _) in CODECS {
             let operator = made(codec, operators.each_ref(), &between);
             let (rows, expected) = (operator.rows(), product(&operator, &light));
+            // Products of tiles round the light of a block, and sums, to 15 bits of the greatest.
+            let limit = if matches!(codec, Codec::Tiles { .. }) { 1.0 / 32_768.0 } else { 1e-5 };
             for (i, right) in expected.iter().enumerate() {
                 rows(i, &mut row);
                 let sum: Vec3 = row.iter().zip(&light).map(|(t, b)| *t * b.truncate()).sum();
                 let right = right.truncate();
-                assert!((sum - right).abs().max_element() < 1e-5 * right.max_element(), "{codec:?}: {sum} {right}");
+                assert!((sum - right).abs().max_element() < limit * right.max_element(), "{codec:?}: {sum} {right}");
                 let other: Vec3 = row.iter().zip(&light[1..]).map(|(t, b)| *t * b.truncate()).sum();
                 assert!((other - right).abs().max_element() > 1e-3 * right.max_element(), "{codec:?}");
             }
