@@ -341,9 +341,11 @@ impl Project<'_> {
                 for k in 0..L::EACH {
                     let [a, b, c, d] = twos::<L, SHORT>(l, vector, k);
                     for (lanes, light) in lanes.iter_mut().zip(light) {
-                        let (e, f) = (l.products(a, l.load(&light[0], k)), l.products(b, l.load(&light[1], k)));
-                        let (g, h) = (l.products(c, l.load(&light[2], k)), l.products(d, l.load(&light[3], k)));
-                        l.store(&mut lanes[v], k, l.add(l.add(e, f), l.add(g, h)));
+                        let mut sum = l.products(a, l.load(&light[0], k));
+                        sum = l.add(sum, l.products(b, l.load(&light[1], k)));
+                        sum = l.add(sum, l.products(c, l.load(&light[2], k)));
+                        sum = l.add(sum, l.products(d, l.load(&light[3], k)));
+                        l.store(&mut lanes[v], k, sum);
                     }
                 }
             }
