@@ -8,7 +8,7 @@ use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
 use localmatrix::{FadeParams, SlotParams, UpdateParams};
-use multibounce::{BlockParams, FeedbackParams, TileQuad};
+use multibounce::{BlockParams, FeedbackParams, TileQuad, TileSquare};
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -158,6 +158,7 @@ structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
 structure!(FeedbackParams { count: u32, step: f32, momentum: f32 });
 structure!(TileQuad { group: u32, tag: u32 });
+structure!(TileSquare { column: u32, step: f32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
 structure!(ToneMapParams { count: u32, scale: f32 });
 structure!(SampleParams {
@@ -225,9 +226,11 @@ fn element(kernel: &str, binding: &str) -> Layout {
             layout::<u32>()
         }
         "quads" if kernel.starts_with("multibounce_tiles_") => layout::<TileQuad>(),
+        "square_start" | "square_words" => layout::<u32>(),
+        "squares" => layout::<TileSquare>(),
         "order" | "place" | "words" | "run_start" | "partner" | "entries" => layout::<u32>(),
         "root" | "steps" => layout::<f32>(),
-        "ordered" | "sums" | "rows" => layout::<Vec4>(),
+        "ordered" | "sums" | "rows" | "near" => layout::<Vec4>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"
         | "cells" | "probes" => layout::<u32>(),
         "slots" | "colors" | "weights" => layout::<u32>(),

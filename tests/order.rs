@@ -116,8 +116,9 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         "multibounce_tiles_round" => entry!(ti::tiles_round, CountParams, u32, [0]),
         "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2, 3]),
         "multibounce_tiles_weigh" => entry!(ti::tiles_weigh, CountParams, u32, [0, 1, 2]),
-        "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7, 8]),
-        "multibounce_tiles_leave" => entry!(ti::tiles_leave, CountParams, Vec4, [0, 1, 2]),
+        "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4]),
+        "multibounce_tiles_near" => entry!(ti::tiles_near, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7]),
+        "multibounce_tiles_leave" => entry!(ti::tiles_leave, CountParams, Vec4, [0, 1, 2, 3]),
         "multibounce_feedback" => {
             // Two outputs: one call for each.
             let p: FeedbackParams = i.push();
@@ -165,7 +166,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 43 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 44 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

@@ -7,7 +7,7 @@ pub use row::{Access, Binding, BindingKind, ImageFormat, Kernel, MAX_GROUPS_X};
 use ::firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
-use ::multibounce::{BlockParams, FeedbackParams, TileQuad};
+use ::multibounce::{BlockParams, FeedbackParams, TileQuad, TileSquare};
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -86,6 +86,7 @@ pub static KERNELS: &[&Kernel] = &[
     &MULTIBOUNCE_TILES_PROJECT,
     &MULTIBOUNCE_TILES_WEIGH,
     &MULTIBOUNCE_TILES_EXPAND,
+    &MULTIBOUNCE_TILES_NEAR,
     &MULTIBOUNCE_TILES_LEAVE,
     &MULTIBOUNCE_FEEDBACK,
     &TEMPORAL_CHANGE,
@@ -621,7 +622,7 @@ pub static MULTIBOUNCE_TILES_WEIGH: Kernel = Kernel {
 };
 
 /// Rows of the tiles, those of a block's splits one after another. An element is a lane of a split of a block: a row of each
-/// of its parts. `ordered` has room for every place that entries can name.
+/// of its parts.
 pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
     name: "multibounce_tiles_expand",
     spv: spv!("multibounce_tiles_expand"),
@@ -634,13 +635,31 @@ pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
         read::<TileQuad>("quads"),
         read::<u32>("words"),
         read::<u32>("factors"),
+        write::<Rgb>("rows"),
+    ],
+    host: host::tiles::expand,
+};
+
+/// Rows of the squares and of the single entries of tiles. An element is a place of the order. `ordered` has room for every
+/// place that entries can name.
+pub static MULTIBOUNCE_TILES_NEAR: Kernel = Kernel {
+    name: "multibounce_tiles_near",
+    spv: spv!("multibounce_tiles_near"),
+    workgroup: WORKGROUP,
+    elements_per_group: WORKGROUP,
+    push_bytes: size_of::<CountParams>() as u32,
+    bindings: &[
+        read::<u32>("square_start"),
+        read::<TileSquare>("squares"),
+        read::<u32>("square_words"),
+        read::<u32>("light"),
         read::<u32>("row_start"),
         read::<u32>("entries"),
         read::<f32>("steps"),
         read::<Rgb>("ordered"),
-        write::<Rgb>("rows"),
+        write::<Rgb>("near"),
     ],
-    host: host::tiles::expand,
+    host: host::tiles::near,
 };
 
 /// Irradiance of the patches from the rows of tiles, W/m². An element is a patch.
@@ -650,7 +669,13 @@ pub static MULTIBOUNCE_TILES_LEAVE: Kernel = Kernel {
     workgroup: WORKGROUP,
     elements_per_group: WORKGROUP,
     push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[read::<u32>("place"), read::<f32>("root"), read::<Rgb>("rows"), write::<Rgb>("irradiance")],
+    bindings: &[
+        read::<u32>("place"),
+        read::<f32>("root"),
+        read::<Rgb>("rows"),
+        read::<Rgb>("near"),
+        write::<Rgb>("irradiance"),
+    ],
     host: host::tiles::leave,
 };
 

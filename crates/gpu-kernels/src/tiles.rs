@@ -1,8 +1,8 @@
 //! Entry points of the product with tiles: the exitance in their order and in whole numbers, the sums of their vectors, those
-//! in whole numbers, the rows.
+//! in whole numbers, the rows, those of squares and single entries.
 
-use ::multibounce::TileQuad;
 use ::multibounce::kernel::tiles;
+use ::multibounce::{TileQuad, TileSquare};
 use ::scene::Rgb;
 use glam::UVec3;
 use spirv_std::spirv;
@@ -98,15 +98,11 @@ pub fn tiles_expand(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] quads: &[TileQuad],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] factors: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] entries: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] steps: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] ordered: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] rows: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] rows: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let eight = tiles::expand(k, run_start, runs, quads, words, factors, row_start, entries, steps, ordered);
+        let eight = tiles::expand(k, run_start, runs, quads, words, factors);
         rows[tiles::row_at(k, 0) as usize] = eight[0];
         rows[tiles::row_at(k, 1) as usize] = eight[1];
         rows[tiles::row_at(k, 2) as usize] = eight[2];
@@ -115,6 +111,30 @@ pub fn tiles_expand(
         rows[tiles::row_at(k, 5) as usize] = eight[5];
         rows[tiles::row_at(k, 6) as usize] = eight[6];
         rows[tiles::row_at(k, 7) as usize] = eight[7];
+    }
+}
+
+/// Rows of squares and single entries: [`tiles::near`].
+#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_near"))]
+#[inline(never)]
+pub fn tiles_near(
+    #[spirv(global_invocation_id)] id: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(push_constant)] p: &CountParams,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] square_start: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] squares: &[TileSquare],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] square_words: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] light: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] row_start: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] entries: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] steps: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] ordered: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] near: &mut [Rgb],
+) {
+    let k = element(id, groups);
+    if k < p.count {
+        near[k as usize] =
+            tiles::near(k, square_start, squares, square_words, light, row_start, entries, steps, ordered);
     }
 }
 
@@ -128,10 +148,11 @@ pub fn tiles_leave(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] place: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] root: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] rows: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] irradiance: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] near: &[Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] irradiance: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        irradiance[k as usize] = tiles::leave(k, place, root, rows);
+        irradiance[k as usize] = tiles::leave(k, place, root, rows, near);
     }
 }

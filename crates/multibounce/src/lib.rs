@@ -6,7 +6,7 @@
 //!
 //! [`all_bounces`] makes T from reciprocal form factors by Cholesky's factorisation, [`all_bounces_lu`] from any,
 //! [`some_bounces`] makes T_K by Horner's rule. With areas a by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric:
-//! half of it says all. [`Tiles`] store it as pairs of vectors of 4 or 8 bits and single entries of 16 bits, in tiles of an
+//! half of it says all. [`Tiles`] store it as pairs of vectors of 4 or 8 bits, dense squares and single entries, in tiles of an
 //! order in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that are
 //! even over neighbours count more, because light adds them up. The three colour channels share what they have in common. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike;
 //! the forms for all cores give the same bits.

@@ -52,6 +52,17 @@ pub struct TileQuad {
 }
 const _: () = assert!(size_of::<TileQuad>() == 8);
 
+/// A dense square of [`crate::Tiles`]: [`crate::kernel::tiles::LANES`] rows and columns.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct TileSquare {
+    /// First column, in edges of squares.
+    pub column: u32,
+    /// Step of its values.
+    pub step: f32,
+}
+const _: () = assert!(size_of::<TileSquare>() == 8);
+
 impl TileQuad {
     /// Vectors of a block, for a channel, with elements of 4 or 8 bits.
     #[inline]

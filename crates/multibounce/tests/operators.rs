@@ -4,7 +4,7 @@ use faer::Mat;
 use glam::{Vec3, Vec4};
 use multibounce::{
     Channels, Error, Factors, Proceed, Tiles, all_bounces, all_bounces_lu, enter_all, expand_all, halving_order,
-    kernel, project_all, round_all, some_bounces, weigh_all,
+    kernel, near_all, project_all, round_all, some_bounces, weigh_all,
 };
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
@@ -129,6 +129,18 @@ fn decoded(tiles: &Tiles, n: usize, channel: usize) -> Mat<f32> {
     out
 }
 
+/// The symmetric operator that is stored, row by row.
+fn by_rows(tiles: &Tiles, area: &[f32]) -> Mat<f32> {
+    let n = area.len();
+    let mut out = Mat::zeros(n, n);
+    for i in 0..n {
+        let mut row = vec![Vec3::ZERO; n];
+        tiles.row(i, &mut row).unwrap();
+        (0..n).for_each(|j| out[(i, j)] = row[j].x * (area[i] / area[j]).sqrt());
+    }
+    out
+}
+
 /// Relative Frobenius error of one channel, in symmetric form.
 fn error_of(tiles: &Tiles, exact: &Mat<f32>, area: &[f32], channel: usize) -> f32 {
     let n = area.len();
@@ -185,8 +197,11 @@ proptest! {
         let order: Vec<u32> = (0..n as u32).rev().collect();
         let tiles = Tiles::encode(Channels::One(&matrix), &area, &order, epsilon, &go).unwrap();
         tiles.check().unwrap();
+        let stored = difference(&by_rows(&tiles, &area), &matrix);
+        prop_assert!(f64::from(stored) <= 1.01 * epsilon + 2e-6, "{epsilon}: {stored}");
+        // A product rounds light and sums to 15 bits, too.
         let error = error_of(&tiles, &matrix, &area, 0);
-        prop_assert!(f64::from(error) <= 1.01 * epsilon + 2e-6, "{epsilon}: {error}");
+        prop_assert!(f64::from(error) <= 1.01 * epsilon + f64::from(2.0f32.powi(-14)), "{epsilon}: {error}");
     }
 }
 
@@ -284,9 +299,9 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
 }
 
 /// Asks that sums and rows are the kernels' in all bits.
-fn like_the_bodies(tiles: &Tiles, light: &[Vec4]) {
+fn like_the_bodies(tiles: &Tiles, exitance: &[Vec4]) {
     let mut ordered = vec![Vec4::ZERO; kernel::tiles::PLACES];
-    enter_all(&tiles.order, &tiles.root, light, &mut ordered[..tiles.steps.len()]);
+    enter_all(&tiles.order, &tiles.root, exitance, &mut ordered[..tiles.steps.len()]);
     let mut light = vec![0; tiles.blocks() * kernel::tiles::LIGHT_WORDS as usize];
     let mut body = light.clone();
     round_all(&ordered[..tiles.steps.len()], &mut light);
@@ -306,23 +321,26 @@ fn like_the_bodies(tiles: &Tiles, light: &[Vec4]) {
     assert_eq!(factors, body);
     let mut rows = vec![Vec4::ZERO; kernel::tiles::SPLITS as usize * tiles.steps.len()];
     let t = tiles.expand_tables();
-    expand_all(&t, &factors, &ordered, &mut rows);
+    expand_all(&t, &factors, &mut rows);
     for k in 0..rows.len() as u32 / kernel::tiles::PARTS {
-        let body = kernel::tiles::expand(
-            k,
-            t.run_start,
-            t.runs,
-            t.quads,
-            t.words,
-            &factors,
-            t.row_start,
-            t.entries,
-            t.steps,
-            &ordered,
-        );
+        let body = kernel::tiles::expand(k, t.run_start, t.runs, t.quads, t.words, &factors);
         for (part, row) in (0u32..).zip(body) {
             assert_eq!(rows[kernel::tiles::row_at(k, part) as usize], row, "lane {k}, part {part}");
         }
+    }
+    let mut near = vec![Vec4::ZERO; tiles.steps.len()];
+    let t = tiles.near_tables();
+    near_all(&t, &light, &ordered, &mut near);
+    for (p, row) in (0u32..).zip(&near) {
+        let words = (t.square_start, t.squares, t.square_words);
+        let body = kernel::tiles::near(p, words.0, words.1, words.2, &light, t.row_start, t.entries, t.steps, &ordered);
+        assert_eq!(*row, body, "place {p}");
+    }
+    // A product makes the same of them, step by step.
+    let mut irradiance = vec![Vec4::ZERO; tiles.patches()];
+    tiles.product(exitance, &mut irradiance).unwrap();
+    for (i, h) in (0u32..).zip(&irradiance) {
+        assert_eq!(*h, kernel::tiles::leave(i, &tiles.place, &tiles.root, &rows, &near), "patch {i}");
     }
 }
 
@@ -365,15 +383,27 @@ fn what_is_wrong_is_said() {
     ));
 
     // Tables that lead beyond their end.
-    let good = encode(&case.area, &order, 0.01).unwrap();
+    let large = Case::new(300, 0.0);
+    let all = all_bounces(&large.factors().symmetric().unwrap(), &[0.5; 300]).unwrap();
+    let good = Tiles::encode(Channels::One(&all), &large.area, &large.order(), 0.01, &go).unwrap();
+    good.check().unwrap();
+    let mut tiles = good.clone();
+    tiles.squares[0].column = 24;
+    assert!(matches!(tiles.check(), Err(Error::Value { name: "squares", index: 0, .. })));
+    let mut tiles = good.clone();
+    tiles.squares[0].step = f32::NAN;
+    assert!(matches!(tiles.check(), Err(Error::Value { name: "squares", index: 0, .. })));
+    let mut tiles = good.clone();
+    tiles.square_words.pop();
+    assert!(matches!(tiles.check(), Err(Error::Length { name: "square_words", .. })));
     let mut tiles = good.clone();
     tiles.partner[0] = tiles.partner.len() as u32;
     assert!(matches!(tiles.check(), Err(Error::Value { name: "partner", index: 0, .. })));
     let mut tiles = good.clone();
     tiles.words.pop();
     assert!(matches!(tiles.check(), Err(Error::Length { name: "words", .. })));
-    let mut h = vec![Vec4::ZERO; 20];
-    assert!(good.product(&[Vec4::ONE; 19], &mut h).is_err());
+    let mut h = vec![Vec4::ZERO; 300];
+    assert!(good.product(&[Vec4::ONE; 299], &mut h).is_err());
     // No patches at all.
     let empty = Tiles::encode(Channels::One(&Mat::zeros(0, 0)), &[], &[], 0.1, &go).unwrap();
     empty.product(&[], &mut []).unwrap();

@@ -2,9 +2,9 @@
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::tiles::{
-    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PLACES, QUAD, RUN_QUADS, SPLITS, TILE, masked,
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SPLITS, SQUARE_WORDS, TILE, masked,
 };
-use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileQuad, round_all, weigh_all};
+use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileQuad, TileSquare, round_all, weigh_all};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::ImageFormat;
@@ -162,9 +162,6 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "multibounce_tiles_expand" => {
             let (places, runs) = (2 * TILE, TILE_RUNS.len() as u32 - 1);
-            let row_start = offsets(r, places as usize);
-            let entries: Vec<u32> =
-                (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(PLACES as u32)).collect();
             let (quads, words) = tile_quads(r);
             let (partner, sums) = tile_sums(r, &quads);
             assert!(TILE_RUNS.windows(2).all(|run| run[1] - run[0] <= RUN_QUADS));
@@ -177,13 +174,34 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                 buffer("quads", &quads),
                 buffer("words", &words),
                 buffer("factors", &factors),
+                room::<Vec4>("rows", (SPLITS * places) as usize),
+            ];
+            call(count, CountParams { count }, tables)
+        }
+        "multibounce_tiles_near" => {
+            let places = 2 * TILE;
+            let square_start = offsets(r, 2 * PARTS as usize);
+            let count = square_start[2 * PARTS as usize];
+            let squares: Vec<TileSquare> =
+                (0..count).map(|_| TileSquare { column: r.below(2 * PARTS), step: r.unit() }).collect();
+            let square_words: Vec<u32> = (0..count * SQUARE_WORDS).map(|_| r.word()).collect();
+            let mut light = vec![0; 2 * LIGHT_WORDS as usize];
+            round_all(&r.colors(2 * TILE as usize), &mut light);
+            let row_start = offsets(r, places as usize);
+            let entries: Vec<u32> =
+                (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(PLACES as u32)).collect();
+            let tables = vec![
+                buffer("square_start", &square_start),
+                buffer("squares", &squares),
+                buffer("square_words", &square_words),
+                buffer("light", &light),
                 buffer("row_start", &row_start),
                 buffer("entries", &entries),
                 buffer("steps", &r.floats(places as usize)),
                 buffer("ordered", &r.colors(PLACES)),
-                room::<Vec4>("rows", (SPLITS * places) as usize),
+                room::<Vec4>("near", places as usize),
             ];
-            call(count, CountParams { count }, tables)
+            call(places, CountParams { count: places }, tables)
         }
         "multibounce_tiles_leave" => {
             let n = 200u32;
@@ -192,6 +210,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                 buffer("place", &place),
                 buffer("root", &r.floats(n as usize)),
                 buffer("rows", &r.colors(256 * SPLITS as usize)),
+                buffer("near", &r.colors(256)),
                 room::<Vec4>("irradiance", n as usize),
             ];
             call(n, CountParams { count: n }, tables)

@@ -1,9 +1,12 @@
 //! Host forms of the kernels of tiles: on all cores, in vectors where the bodies allow it, bit for bit.
 
 use ::multibounce::kernel::tiles::{
-    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SPLITS, TILE,
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SPLITS, SQUARE_WORDS, TILE,
 };
-use ::multibounce::{ExpandTables, TileQuad, enter_all, expand_all, leave_all, project_all, round_all, weigh_all};
+use ::multibounce::{
+    ExpandTables, NearTables, TileQuad, TileSquare, enter_all, expand_all, leave_all, near_all, project_all, round_all,
+    weigh_all,
+};
 use ::scene::Rgb;
 
 use super::{HostCall, HostError, agreed};
@@ -79,30 +82,45 @@ pub(crate) fn weigh(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 
 pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [run_start, runs, quads, words, factors, row_start, entries, steps, ordered, rows]) =
-        call.parts::<CountParams, 10>(kernel)?;
+    let (p, [run_start, runs, quads, words, factors, rows]) = call.parts::<CountParams, 6>(kernel)?;
     let n = agreed(elements, p.count)?;
     let blocks = n / (LANES * SPLITS) as usize;
-    let places = blocks * TILE as usize;
     let run_start = &run_start.read::<u32>(blocks + 1)?[..blocks + 1];
     let count = end(run_start);
     let runs = &runs.read::<u32>(count.saturating_add(1))?[..count + 1];
     let factors = factors.read::<u32>(count * FACTOR_WORDS as usize)?;
-    let row_start = &row_start.read::<u32>(places + 1)?[..places + 1];
-    let entries = entries.read::<u32>(end(row_start))?;
     let quads = &quads.read::<TileQuad>(runs_of(runs))?[..runs_of(runs)];
     let words = words.read::<u32>(words_of(quads))?;
-    let tables = ExpandTables { run_start, runs, quads, words, row_start, entries, steps: steps.read(places)? };
-    expand_all(&tables, factors, &ordered.read::<Rgb>(PLACES)?[..PLACES], rows.write(PARTS as usize * n)?);
+    expand_all(&ExpandTables { run_start, runs, quads, words }, factors, rows.write(PARTS as usize * n)?);
+    Ok(())
+}
+
+pub(crate) fn near(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [square_start, squares, square_words, light, row_start, entries, steps, ordered, near]) =
+        call.parts::<CountParams, 9>(kernel)?;
+    let n = agreed(elements, p.count)?;
+    let edges = n / LANES as usize;
+    let square_start = &square_start.read::<u32>(edges + 1)?[..edges + 1];
+    let count = end(square_start);
+    let squares = &squares.read::<TileSquare>(count)?[..count];
+    let square_words = square_words.read::<u32>(count * SQUARE_WORDS as usize)?;
+    let blocks = squares.iter().map(|square| (square.column / PARTS) as usize + 1).max().unwrap_or(0);
+    let light = light.read::<u32>(blocks * LIGHT_WORDS as usize)?;
+    let row_start = &row_start.read::<u32>(n + 1)?[..n + 1];
+    let entries = entries.read::<u32>(end(row_start))?;
+    let tables = NearTables { square_start, squares, square_words, row_start, entries, steps: steps.read(n)? };
+    near_all(&tables, light, &ordered.read::<Rgb>(PLACES)?[..PLACES], near.write(n)?);
     Ok(())
 }
 
 pub(crate) fn leave(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [place, root, rows, irradiance]) = call.parts::<CountParams, 4>(kernel)?;
+    let (p, [place, root, rows, near, irradiance]) = call.parts::<CountParams, 5>(kernel)?;
     let n = agreed(elements, p.count)?;
     let (place, root) = (&place.read::<u32>(n)?[..n], root.read(n)?);
     let blocks = named(place).div_ceil(TILE as usize);
-    leave_all(place, root, rows.read::<Rgb>(blocks * (SPLITS * TILE) as usize)?, irradiance.write(n)?);
+    let rows = rows.read::<Rgb>(blocks * (SPLITS * TILE) as usize)?;
+    leave_all(place, root, rows, near.read::<Rgb>(blocks * TILE as usize)?, irradiance.write(n)?);
     Ok(())
 }

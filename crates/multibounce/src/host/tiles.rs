@@ -1,4 +1,4 @@
-//! Symmetric operators in tiles of low rank and single entries.
+//! Symmetric operators in tiles of low rank, dense squares and single entries.
 
 mod encode;
 mod lanes;
@@ -12,10 +12,12 @@ use faer::Mat;
 
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
-use crate::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, RUN_QUADS, TILE};
-use crate::types::TileQuad;
+use crate::kernel::tiles::{LANES, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SQUARE_WORDS, TILE};
+use crate::types::{TileQuad, TileSquare};
 
-pub use product::{ExpandTables, TileRoom, enter_all, expand_all, leave_all, project_all, round_all, weigh_all};
+pub use product::{
+    ExpandTables, NearTables, TileRoom, enter_all, expand_all, leave_all, near_all, project_all, round_all, weigh_all,
+};
 
 /// Most patches: entries name columns by 16 bits.
 pub const MOST_TILE_PATCHES: usize = PLACES - TILE as usize;
@@ -31,13 +33,13 @@ pub enum Channels<'a> {
     Factors(Factors<'a>),
 }
 
-/// A symmetric operator, `T̂ ≈ Σ_k s_k (u_k v_kᵀ + v_k u_kᵀ) + S`: the upper triangle is cut into tiles of [`TILE`] rows and
-/// columns, each the sum of a few pairs of vectors of 4 or 8 bits and of single entries of 16 bits; a tile may have none of
-/// both. Three colour channels share what they have in common: green is the common part, red and blue are stored as
-/// differences to it, which have far fewer components, because the light that arrives directly is the same.
+/// A symmetric operator, `T̂ ≈ Σ_k s_k (u_k v_kᵀ + v_k u_kᵀ) + D + S`: the upper triangle is cut into tiles of [`TILE`] rows and
+/// columns, each the sum of a few pairs of vectors of 4 or 8 bits, of dense squares of 8 bits and of single entries of 16
+/// bits; a tile may have none of them. Three colour channels share what they have in common: green is the common part, red and
+/// blue are stored as differences to it, which have far fewer components, because the light that arrives directly is the same.
 ///
-/// A component is kept when it takes more from the squared error than λ times its bytes, an entry likewise, and λ is found so
-/// that the whole has the error that was asked for. Errors that are even over neighbouring places are weighted by the cube
+/// A component is kept when it takes more from the squared error than λ times its bytes, squares and entries likewise, and λ
+/// is found so that the whole has the error that was asked for. Errors that are even over neighbouring places are weighted by the cube
 /// root of their extent when components are found: light is even over neighbours and adds them up. So the error of the
 /// entries is not the least that so many bytes can have, but that of irradiance is about half of what it then would be.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,6 +64,12 @@ pub struct Tiles {
     /// Slot of the other vector of each slot's component, by whose sum the slot's is multiplied; [`NO_SLOT`] where that is
     /// done by none.
     pub partner: Vec<u32>,
+    /// Squares of each [`LANES`] places: `square_start[k]..square_start[k + 1]`, `[blocks · PARTS + 1]`.
+    pub square_start: Vec<u32>,
+    /// Dense squares, in both of their rows.
+    pub squares: Vec<TileSquare>,
+    /// Their elements of 8 bits, [`SQUARE_WORDS`] each.
+    pub square_words: Vec<u32>,
     /// Entries of each place, `[blocks · TILE + 1]`.
     pub row_start: Vec<u32>,
     /// Column in the lower 16 bits, value in the upper.
@@ -77,12 +85,14 @@ pub struct Tiles {
 pub struct TileReport {
     /// Relative Frobenius error of each channel.
     pub error: [f64; 3],
-    /// Tiles without components or entries, with entries only, with components.
+    /// Tiles that are empty, without components, with components.
     pub tiles: [usize; 3],
     /// Components (pairs of vectors) for all channels, and of the differences.
     pub components: [usize; 2],
     /// Most components of a tile.
     pub most_rank: usize,
+    /// Squares of the upper triangle.
+    pub squares: usize,
     /// Single entries of the upper triangle.
     pub entries: usize,
 }
@@ -99,20 +109,29 @@ impl Tiles {
     }
 
     /// Bytes of each part that a product reads.
-    pub fn bytes(&self) -> [(&'static str, u64); 3] {
+    pub fn bytes(&self) -> [(&'static str, u64); 4] {
         let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
         let runs = size_of_val(&self.runs[..]) + size_of_val(&self.run_start[..]);
         let quads = size_of_val(&self.quads[..]) + runs;
         let vectors = size_of_val(&self.words[..]) + slots + quads;
         let entries = size_of_val(&self.entries[..]) + size_of_val(&self.row_start[..]) + size_of_val(&self.steps[..]);
         let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
-        [("vectors", vectors as u64), ("entries", entries as u64), ("places", places as u64)]
+        let squares =
+            size_of_val(&self.square_start[..]) + size_of_val(&self.squares[..]) + size_of_val(&self.square_words[..]);
+        [
+            ("vectors", vectors as u64),
+            ("squares", squares as u64),
+            ("entries", entries as u64),
+            ("places", places as u64),
+        ]
     }
 
     /// Bytes of what does not follow from the rest: entries once, not for both of their rows; scale and partner once for both
     /// vectors of a component; not `place`.
     pub fn stored_bytes(&self) -> u64 {
-        let mirrored = self.entries.len() - self.report.entries.min(self.entries.len());
+        let squares = self.squares.len() - self.report.squares.min(self.squares.len());
+        let entries = self.entries.len() - self.report.entries.min(self.entries.len());
+        let mirrored = entries + squares * (SQUARE_WORDS as usize + size_of::<TileSquare>() / size_of::<u32>());
         let components: usize = self.report.components.iter().sum();
         let follows = mirrored + 2 * components.min(self.scale.len() / 2) + self.place.len();
         self.bytes().iter().map(|part| part.1).sum::<u64>() - (follows * size_of::<u32>()) as u64
@@ -133,10 +152,13 @@ impl Tiles {
         check_length("runs", self.run_start.last().map_or(1, |&k| k as usize + 1), self.runs.len())?;
         let groups: usize = self.quads.iter().map(|quad| (QUAD * quad.groups()) as usize).sum();
         check_length("words", groups * LANES as usize, self.words.len())?;
+        check_length("square_start", self.blocks() * PARTS as usize + 1, self.square_start.len())?;
+        check_length("square_words", self.squares.len() * SQUARE_WORDS as usize, self.square_words.len())?;
         check_length("row_start", rows + 1, self.row_start.len())?;
         check_length("steps", rows, self.steps.len())?;
         check_starts("run_start", &self.run_start, self.runs.len() - 1)?;
         check_starts("runs", &self.runs, self.quads.len())?;
+        check_starts("square_start", &self.square_start, self.squares.len())?;
         check_starts("row_start", &self.row_start, self.entries.len())?;
         let below = |name, table: &[u32], limit: usize| match table.iter().position(|&k| k as usize >= limit) {
             Some(index) => Err(Error::Value { name, index, value: f64::from(table[index]), rule: "in its range" }),
@@ -160,6 +182,8 @@ impl Tiles {
         }
         let columns: Vec<u32> = self.entries.iter().map(|entry| entry & 0xffff).collect();
         below("entries", &columns, rows)?;
+        let columns: Vec<u32> = self.squares.iter().map(|square| square.column).collect();
+        below("squares", &columns, self.blocks() * PARTS as usize)?;
         let finite = |name, mut table: std::boxed::Box<dyn Iterator<Item = f32> + '_>| match table
             .position(|x| !x.is_finite())
         {
@@ -167,6 +191,7 @@ impl Tiles {
             None => Ok(()),
         };
         finite("scale", std::boxed::Box::new(self.scale.iter().copied()))?;
+        finite("squares", std::boxed::Box::new(self.squares.iter().map(|square| square.step)))?;
         finite("steps", std::boxed::Box::new(self.steps.iter().copied()))?;
         match self.root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
             Some(index) => {

@@ -1,15 +1,16 @@
-//! The product with tiles, `y = Σ_k s_k (u_k (v_k·x) + v_k (u_k·x)) + S x`, in six steps: [`enter`] orders and scales the
-//! exitance, [`round`] makes whole numbers of each block's, [`project`] makes the sums `z`, [`weigh`] makes whole numbers of
-//! those that belong together, [`expand`] adds them up by rows, [`leave`] undoes order and scale.
+//! The product with tiles, `y = Σ_k s_k (u_k (v_k·x) + v_k (u_k·x)) + D x + S x`, in seven steps: [`enter`] orders and scales
+//! the exitance, [`round`] makes whole numbers of each block's, [`project`] makes the sums `z`, [`weigh`] makes whole numbers of
+//! those that belong together, [`expand`] adds them up by rows, [`near`] makes the rows of the dense squares `D` and of the
+//! single entries `S`, [`leave`] undoes order and scale.
 //!
-//! Vectors are whole numbers, so sums and rows are exact, in whatever order they are added up, but for the rounding to 15 bits
-//! and a sign: of what is greatest in the block, in the run. Single entries, `S`, take the exitance as it is.
+//! Vectors and squares are whole numbers, so sums and rows are exact, in whatever order they are added up, but for the rounding
+//! to 15 bits and a sign: of what is greatest in the block, in the run. Single entries take the exitance as it is.
 //!
 //! An invocation of [`project`] makes four sums and one of [`expand`] eight rows: what it loads serves them all.
 
 use glam::{IVec3, UVec3, Vec3, Vec4};
 
-use crate::types::{TileQuad, TileVector};
+use crate::types::{TileQuad, TileSquare, TileVector};
 
 /// Rows and columns of a tile.
 pub const TILE: u32 = 128;
@@ -27,6 +28,8 @@ pub const RUN_QUADS: u32 = 8;
 pub const RUN_PAIRS: u32 = RUN_QUADS * QUAD / 2;
 /// Into how many ranges the runs of a block are split, whose rows [`leave`] adds up.
 pub const SPLITS: u32 = 4;
+/// Words of a square of [`LANES`] rows and columns.
+pub const SQUARE_WORDS: u32 = LANES * LANES / 4;
 /// Places that the single entries can name.
 pub const PLACES: usize = 65_536;
 /// The partner of a slot whose vector is multiplied by no sum.
@@ -39,8 +42,13 @@ pub const SHORT_BIAS: i32 = 8;
 pub const ALL_CHANNELS: u32 = 3;
 /// Words of a channel in a block of [`round`].
 pub const CHANNEL_WORDS: u32 = TWOS * LANES;
-/// Words of a block of [`round`]: of each channel a group of each two of parts, which share a word; then the channels' steps.
-pub const LIGHT_WORDS: u32 = 3 * CHANNEL_WORDS + LANES;
+/// Pairs of neighbours in a part.
+pub const PAIRS: u32 = LANES / 2;
+/// Words of a block of [`round`]: of each channel a group of each two of parts, which share a word; then the channels' steps;
+/// then, from [`PAIRS_AT`] on, the same numbers in pairs of neighbours: of each part, of each channel, [`PAIRS`] words.
+pub const LIGHT_WORDS: u32 = PAIRS_AT + PARTS * 3 * PAIRS;
+/// See [`LIGHT_WORDS`].
+pub const PAIRS_AT: u32 = 3 * CHANNEL_WORDS + LANES;
 /// Words of a run of [`weigh`]: for each pair of slots, which share a word, those of the channels; then their steps.
 pub const FACTOR_WORDS: u32 = 3 * RUN_PAIRS + 4;
 
@@ -190,6 +198,15 @@ pub fn round(k: u32, ordered: &[Vec4], light: &mut [u32]) {
         light[at] = both.x;
         light[at + CHANNEL_WORDS as usize] = both.y;
         light[at + 2 * CHANNEL_WORDS as usize] = both.z;
+    }
+    // Half a part's pairs.
+    for pair_of in PAIRS / 2 * lane..PAIRS / 2 * (lane + 1) {
+        let p = (block * TILE + 2 * pair_of) as usize;
+        let both = pair(ordered[p].truncate(), ordered[p + 1].truncate(), inverses);
+        let at = (block * LIGHT_WORDS + PAIRS_AT + pair_of / PAIRS * (3 * PAIRS) + pair_of % PAIRS) as usize;
+        light[at] = both.x;
+        light[at + PAIRS as usize] = both.y;
+        light[at + 2 * PAIRS as usize] = both.z;
     }
     let step = if lane == 0 {
         steps.x
@@ -346,14 +363,56 @@ fn single(p: u32, row_start: &[u32], entries: &[u32], steps: &[f32], ordered: &[
     ((a + b) + (c + d)) * steps[p as usize]
 }
 
-/// What lane `k % LANES` of split `k / LANES % SPLITS` of a block adds to its rows, one of each part: each vector of the split
-/// times the sum of its partner, which is 0 in the channels that neither is for; and the single entries of those two of the
-/// parts that are the split's.
+/// Four elements of a square's row, in columns 0 and 1, then 2 and 3.
+#[inline]
+pub fn row_of(word: u32) -> [i32; 4] {
+    let byte = |shift: u32| ((word << shift) as i32) >> 24;
+    [byte(24), byte(8), byte(16), byte(0)]
+}
+
+/// Row of place `p` of what stands by itself: the squares of its part, in the order in which they stand, then the single
+/// entries.
 ///
-/// Shapes: `run_start[blocks + 1]`, `runs`, `factors` of [`weigh`], `quads[n]`, `row_start[blocks · TILE + 1]`,
-/// `steps[blocks · TILE]`, `ordered` long enough for the entries' columns.
+/// Shapes: `square_start[blocks · PARTS + 1]`, `squares[n]`, `square_words[n · SQUARE_WORDS]`, `light` of [`round`],
+/// `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`, `ordered` long enough for the entries' columns.
 #[inline]
 #[allow(clippy::too_many_arguments)]
+pub fn near(
+    p: u32,
+    square_start: &[u32],
+    squares: &[TileSquare],
+    square_words: &[u32],
+    light: &[u32],
+    row_start: &[u32],
+    entries: &[u32],
+    steps: &[f32],
+    ordered: &[Vec4],
+) -> Vec4 {
+    let (part, lane) = ((p / LANES) as usize, p % LANES);
+    let mut row = Vec3::ZERO;
+    for k in square_start[part]..square_start[part + 1] {
+        let square = squares[k as usize];
+        let first = square.column / PARTS * LIGHT_WORDS;
+        let pairs = first + PAIRS_AT + square.column % PARTS * (3 * PAIRS);
+        let mut sum = IVec3::ZERO;
+        for group in 0..SQUARE_WORDS / LANES {
+            let [a, b, c, d] = row_of(square_words[(k * SQUARE_WORDS + group * LANES + lane) as usize]);
+            let at = (pairs + 2 * group) as usize;
+            let (green, blue) = (at + PAIRS as usize, at + 2 * PAIRS as usize);
+            let one = UVec3::new(light[at], light[green], light[blue]);
+            let other = UVec3::new(light[at + 1], light[green + 1], light[blue + 1]);
+            sum += low(one) * a + high(one) * b + low(other) * c + high(other) * d;
+        }
+        row += sum.as_vec3() * (steps_at(light, first + 3 * CHANNEL_WORDS) * square.step);
+    }
+    (row + single(p, row_start, entries, steps, ordered)).extend(0.0)
+}
+
+/// What lane `k % LANES` of split `k / LANES % SPLITS` of a block adds to its rows, one of each part: each vector of the split
+/// times the sum of its partner, which is 0 in the channels that neither is for.
+///
+/// Shapes: `run_start[blocks + 1]`, `runs`, `factors` of [`weigh`], `quads[n]`.
+#[inline]
 pub fn expand(
     k: u32,
     run_start: &[u32],
@@ -361,10 +420,6 @@ pub fn expand(
     quads: &[TileQuad],
     words: &[u32],
     factors: &[u32],
-    row_start: &[u32],
-    entries: &[u32],
-    steps: &[f32],
-    ordered: &[Vec4],
 ) -> [Vec4; PARTS as usize] {
     let (lane, split, block) = (k % LANES, k / LANES % SPLITS, k / (LANES * SPLITS));
     let (first, end) = split_of(split, run_start[block as usize], run_start[block as usize + 1]);
@@ -406,22 +461,6 @@ pub fn expand(
         g += v.as_vec3() * step;
         h += w.as_vec3() * step;
     }
-    let p = block * TILE + 2 * split * LANES + lane;
-    let even = single(p, row_start, entries, steps, ordered);
-    let odd = single(p + LANES, row_start, entries, steps, ordered);
-    if split == 0 {
-        a += even;
-        b += odd;
-    } else if split == 1 {
-        c += even;
-        d += odd;
-    } else if split == 2 {
-        e += even;
-        f += odd;
-    } else {
-        g += even;
-        h += odd;
-    }
     [
         a.extend(0.0),
         b.extend(0.0),
@@ -442,10 +481,11 @@ pub fn row_at(k: u32, part: u32) -> u32 {
 
 /// Irradiance of patch `i`, `H_i = y_p / √a_i` with `p = place[i]`, W/m².
 ///
-/// Shapes: `place` and `root` `[patches]`, `rows[blocks · SPLITS · TILE]`.
+/// Shapes: `place` and `root` `[patches]`, `rows[blocks · SPLITS · TILE]` of [`expand`], `near[blocks · TILE]`.
 #[inline]
-pub fn leave(i: u32, place: &[u32], root: &[f32], rows: &[Vec4]) -> Vec4 {
+pub fn leave(i: u32, place: &[u32], root: &[f32], rows: &[Vec4], near: &[Vec4]) -> Vec4 {
     let p = place[i as usize];
     let row = |split: u32| rows[((p / TILE * SPLITS + split) * TILE + p % TILE) as usize].truncate();
-    (((row(0) + row(1)) + (row(2) + row(3))) / root[i as usize]).extend(0.0)
+    let near = near[p as usize].truncate();
+    ((((row(0) + row(1)) + (row(2) + row(3))) + near) / root[i as usize]).extend(0.0)
 }

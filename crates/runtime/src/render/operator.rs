@@ -99,7 +99,7 @@ pub enum PatchOperator {
     /// Texture blocks and outliers.
     Blocks(BlockMatrix),
     /// Tiles; of one channel they hold form factors.
-    Tiles(Tiles),
+    Tiles(Box<Tiles>),
 }
 
 /// Columns of the dense operators of n patches: whole vectors of four.
@@ -158,7 +158,7 @@ impl PatchOperator {
                     Self::Blocks(BlockMatrix::encode(n, &rows, order, settings, &proceed)?)
                 }
                 Codec::Tiles { epsilon } => {
-                    Self::Tiles(Tiles::encode(channels, &between.area, &between.order, epsilon, &proceed)?)
+                    Self::Tiles(Box::new(Tiles::encode(channels, &between.area, &between.order, epsilon, &proceed)?))
                 }
             })
         })
@@ -291,13 +291,14 @@ impl PatchOperator {
             Self::Tiles(tiles) => {
                 let report = &tiles.report;
                 format!(
-                    "operator: {size:.2} MB (stored {:.2} MB), relative error {:.2} / {:.2} / {:.2} %, {} components and \
-                     {} entries in {} tiles, ranks up to {}",
+                    "operator: {size:.2} MB (stored {:.2} MB), relative error {:.2} / {:.2} / {:.2} %, {} components, \
+                     {} squares and {} entries in {} tiles, ranks up to {}",
                     tiles.stored_bytes() as f64 * 1e-6,
                     100.0 * report.error[0],
                     100.0 * report.error[1],
                     100.0 * report.error[2],
                     report.components.iter().sum::<usize>(),
+                    report.squares,
                     report.entries,
                     report.tiles.iter().sum::<usize>(),
                     report.most_rank

@@ -6,13 +6,13 @@ use std::vec::Vec;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 
-use super::reduce::{Component, Part, SIDE, reduce, square};
+use super::reduce::{Component, EDGE, Part, SIDE, Square, reduce, square};
 use super::source::{Source, twice};
 use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
 use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, RUN_QUADS, SHORT_BIAS};
-use crate::types::TileQuad;
+use crate::types::{TileQuad, TileSquare};
 
 /// The error is at least this share of what was asked for, when it can be.
 const CLOSE: f64 = 0.85;
@@ -128,14 +128,20 @@ impl Tiles {
     ) -> Self {
         let blocks = area.len().div_ceil(SIDE);
         let mut report = TileReport::default();
+        let squares = Squares::pack(tiles, &parts, blocks * SIDE / EDGE);
         // Vectors of the blocks: component, side, and what makes them alike.
         let mut vectors: Vec<Vec<Vector>> = vec![Vec::new(); blocks];
         let mut components: Vec<&Component> = Vec::new();
         for (&(i, j), part) in tiles.iter().zip(&parts) {
-            let kind = if !part.components.is_empty() { 2 } else { usize::from(!part.entries.is_empty()) };
+            let kind = if !part.components.is_empty() {
+                2
+            } else {
+                usize::from(!(part.entries.is_empty() && part.squares.is_empty()))
+            };
             report.tiles[kind] += 1;
             report.most_rank = report.most_rank.max(part.components.len());
             report.entries += part.entries.len();
+            report.squares += part.squares.len();
             for (sum, error) in report.error.iter_mut().zip(part.error) {
                 *sum += error;
             }
@@ -201,6 +207,9 @@ impl Tiles {
             words,
             scale,
             partner,
+            square_start: squares.start,
+            squares: squares.squares,
+            square_words: squares.words,
             row_start,
             entries,
             steps,
@@ -269,6 +278,46 @@ impl Rows {
             }
         }
         Self { row_start, entries, steps, error }
+    }
+}
+
+/// The squares of all rows, edge by edge.
+struct Squares {
+    start: Vec<u32>,
+    squares: Vec<TileSquare>,
+    words: Vec<u32>,
+}
+
+impl Squares {
+    fn pack(tiles: &[(usize, usize)], parts: &[Part], edges: usize) -> Self {
+        let mut given: Vec<Vec<(TileSquare, Vec<u32>)>> = vec![Vec::new(); edges];
+        for (&(i, j), part) in tiles.iter().zip(parts) {
+            for Square { at, step, values } in &part.squares {
+                let (r, c) = (i * SIDE / EDGE + at.0, j * SIDE / EDGE + at.1);
+                let words = |element: &dyn Fn(usize, usize) -> i8| -> Vec<u32> {
+                    let byte = |group: usize, lane: usize, k: usize| {
+                        u32::from(element(lane, 4 * group + k / 2 + 2 * (k % 2)) as u8) << (8 * k)
+                    };
+                    let word = |group: usize, lane: usize| (0..4).map(|k| byte(group, lane, k)).sum();
+                    (0..EDGE / 4).flat_map(|group| (0..EDGE).map(move |lane| word(group, lane))).collect()
+                };
+                let square = |column: usize| TileSquare { column: column as u32, step: *step };
+                given[r].push((square(c), words(&|row, column| values[row * EDGE + column])));
+                if i != j {
+                    given[c].push((square(r), words(&|row, column| values[column * EDGE + row])));
+                }
+            }
+        }
+        let start = starts(given.iter().map(Vec::len));
+        let (mut squares, mut words) = (Vec::new(), Vec::new());
+        for edge in &mut given {
+            edge.sort_by_key(|(square, _)| square.column);
+            for (square, own) in edge.iter() {
+                squares.push(*square);
+                words.extend_from_slice(own);
+            }
+        }
+        Self { start, squares, words }
     }
 }
 

@@ -26,6 +26,8 @@ pub(super) trait Lanes: Copy {
     fn nibbles(self, word: Self::Word) -> [Self::Word; 4];
     /// Bytes k and k + 2, for k 0 and 1.
     fn bytes(self, word: Self::Word) -> [Self::Word; 2];
+    /// Bytes k and k + 2 with their sign, for k 0 and 1.
+    fn signed(self, word: Self::Word) -> [Self::Word; 2];
     /// The lower numbers of both.
     fn low(self, a: Self::Word, b: Self::Word) -> Self::Word;
     /// The upper numbers of both.
@@ -137,6 +139,12 @@ impl Lanes for V4 {
     }
 
     #[inline(always)]
+    fn signed(self, word: Self::Word) -> [Self::Word; 2] {
+        let lower = self.shl_const_i16x32::<8>(cast(word));
+        [cast(self.shr_const_i16x32::<8>(lower)), cast(self.shr_const_i16x32::<8>(cast(word)))]
+    }
+
+    #[inline(always)]
     fn low(self, a: Self::Word, b: Self::Word) -> Self::Word {
         self.or_u32x16(self.and_u32x16(a, self.splat_u32x16(0xffff)), self.shl_const_u32x16::<16>(b))
     }
@@ -209,6 +217,12 @@ impl Lanes for V3 {
     fn bytes(self, word: Self::Word) -> [Self::Word; 2] {
         let mask = self.splat_u32x8(0x00ff_00ff);
         [self.and_u32x8(word, mask), self.and_u32x8(self.shr_const_u32x8::<8>(word), mask)]
+    }
+
+    #[inline(always)]
+    fn signed(self, word: Self::Word) -> [Self::Word; 2] {
+        let lower = self.shl_const_i16x16::<8>(cast(word));
+        [cast(self.shr_const_i16x16::<8>(lower)), cast(self.shr_const_i16x16::<8>(cast(word)))]
     }
 
     #[inline(always)]
@@ -289,6 +303,12 @@ impl Lanes for Plain {
     }
 
     #[inline(always)]
+    fn signed(self, word: Group) -> [Group; 2] {
+        let both = |first: u32, second: u32| first as u8 as i8 as u32 & 0xffff | (second as u8 as i8 as u32) << 16;
+        [word.map(|word| both(word, word >> 16)), word.map(|word| both(word >> 8, word >> 24))]
+    }
+
+    #[inline(always)]
     fn low(self, a: Group, b: Group) -> Group {
         std::array::from_fn(|k| a[k] & 0xffff | b[k] << 16)
     }
@@ -333,16 +353,17 @@ mod tests {
     use super::*;
 
     /// All that can be done with registers of two groups.
-    fn results<L: Lanes>(l: L, a: L::Word, b: L::Word) -> [L::Word; 17] {
+    fn results<L: Lanes>(l: L, a: L::Word, b: L::Word) -> [L::Word; 19] {
         let ([c, d, e, f], [g, h]) = (l.nibbles(a), l.bytes(a));
         let [m, n] = [l.low(a, b), l.high(a, b)];
         // Of elements and whole numbers, as products have them.
+        let [u, v] = l.signed(a);
         let [o, p, q, r, s, t] = [c, d, e, f, g, h].map(|x| l.products(x, b));
-        [c, d, e, f, g, h, m, n, o, p, q, r, s, t, l.add(a, b), l.sub(a, b), l.splat(7)]
+        [c, d, e, f, g, h, m, n, o, p, q, r, s, t, l.add(a, b), l.sub(a, b), l.splat(7), u, v]
     }
 
-    fn all<L: Lanes>(l: L, groups: &[Group; 4]) -> ([Group; 17], [i32; 4], [u32; LANES as usize]) {
-        let (mut out, mut row) = ([[0; LANES as usize]; 17], [0.25f32; LANES as usize]);
+    fn all<L: Lanes>(l: L, groups: &[Group; 4]) -> ([Group; 19], [i32; 4], [u32; LANES as usize]) {
+        let (mut out, mut row) = ([[0; LANES as usize]; 19], [0.25f32; LANES as usize]);
         for k in 0..L::EACH {
             let (a, b) = (l.load(&groups[0], k), l.load(&groups[1], k));
             out.iter_mut().zip(results(l, a, b)).for_each(|(out, word)| l.store(out, k, word));

@@ -9,10 +9,11 @@ use super::Tiles;
 use super::lanes::{Group, Lanes, WithLanes, dispatch};
 use crate::error::{Error, check_length};
 use crate::kernel::tiles::{
-    ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_PAIRS,
-    RUN_QUADS, SHORT_BIAS, SPLITS, TILE, TWOS, element, enter, inverse_of, leave, masked, split_of, step_of, whole,
+    ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PAIRS_AT, PARTS, PLACES, QUAD,
+    RUN_PAIRS, RUN_QUADS, SHORT_BIAS, SPLITS, SQUARE_WORDS, TILE, TWOS, element, enter, inverse_of, leave, masked,
+    row_of, split_of, step_of, whole,
 };
-use crate::types::TileQuad;
+use crate::types::{TileQuad, TileSquare};
 
 const SIDE: usize = TILE as usize;
 const GROUP: usize = LANES as usize;
@@ -33,8 +34,8 @@ pub struct TileRoom {
     ordered: Vec<Vec4>,
     light: Vec<u32>,
     sums: Vec<Vec4>,
-    factors: Vec<u32>,
     rows: Vec<Vec4>,
+    near: Vec<Vec4>,
 }
 
 impl Tiles {
@@ -53,19 +54,30 @@ impl Tiles {
     pub fn product_in(&self, room: &mut TileRoom, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
         check_length("exitance", self.patches(), exitance.len())?;
         check_length("irradiance", self.patches(), irradiance.len())?;
-        let TileRoom { ordered, light, sums, factors, rows } = room;
+        let TileRoom { ordered, light, sums, rows, near } = room;
         ordered.resize(PLACES, Vec4::ZERO);
         light.resize(self.blocks() * LIGHT_WORDS as usize, 0);
         sums.resize(self.scale.len(), Vec4::ZERO);
-        factors.resize(self.runs.len().saturating_sub(1) * FACTOR_WORDS as usize, 0);
         rows.resize(self.blocks() * SPLITS as usize * SIDE, Vec4::ZERO);
-        enter_all(&self.order, &self.root, exitance, &mut ordered[..self.blocks() * SIDE]);
-        round_all(&ordered[..self.blocks() * SIDE], light);
+        near.resize(self.blocks() * SIDE, Vec4::ZERO);
+        self.prepare(exitance, &mut ordered[..self.blocks() * SIDE], light);
         project_all(&self.quads, &self.words, &self.scale, light, sums);
-        weigh_all(&self.runs, &self.partner, sums, factors);
-        expand_all(&self.expand_tables(), factors, ordered, rows);
-        leave_all(&self.place, &self.root, rows, irradiance);
+        expand_by(&self.expand_tables(), Sums { runs: &self.runs, partner: &self.partner, sums }, rows);
+        near_all(&self.near_tables(), light, ordered, near);
+        leave_all(&self.place, &self.root, rows, near, irradiance);
         Ok(())
+    }
+
+    /// [`enter_all`] and [`round_all`], block by block.
+    fn prepare(&self, exitance: &[Vec4], ordered: &mut [Vec4], light: &mut [u32]) {
+        let (patches, (blocks, _)) = (self.order.len() as u32, ordered.as_chunks_mut::<SIDE>());
+        let tasks = blocks.par_iter_mut().zip(light.par_chunks_mut(LIGHT_WORDS as usize)).enumerate();
+        tasks.with_min_len(TASK_BLOCKS).for_each(|(b, (block, light))| {
+            for (p, x) in (b * SIDE..).zip(block.iter_mut()) {
+                *x = enter(p as u32, patches, &self.order, &self.root, exitance);
+            }
+            dispatch(Round { block, light });
+        });
     }
 
     /// Row `i` of `a^-½ T̂ a^½`, one colour a patch, as products multiply by it.
@@ -94,6 +106,15 @@ impl Tiles {
                 *sum += factor * element(&self.words, vector(partner), c as u32) as f32;
             }
         }
+        let part = p / GROUP;
+        for k in self.square_start[part] as usize..self.square_start[part + 1] as usize {
+            let square = self.squares[k];
+            let first = GROUP * square.column as usize;
+            for (group, four) in places[first..first + GROUP].chunks_exact_mut(4).enumerate() {
+                let word = self.square_words[k * SQUARE_WORDS as usize + group * GROUP + p % GROUP];
+                four.iter_mut().zip(row_of(word)).for_each(|(sum, x)| *sum += Vec3::splat(x as f32 * square.step));
+            }
+        }
         for &entry in &self.entries[self.row_start[p] as usize..self.row_start[p + 1] as usize] {
             places[(entry & 0xffff) as usize] += Vec3::splat(((entry as i32) >> 16) as f32 * self.steps[p]);
         }
@@ -105,8 +126,14 @@ impl Tiles {
 
     /// The tables of [`expand_all`].
     pub fn expand_tables(&self) -> ExpandTables<'_> {
-        let Self { run_start, runs, quads, words, row_start, entries, steps, .. } = self;
-        ExpandTables { run_start, runs, quads, words, row_start, entries, steps }
+        let Self { run_start, runs, quads, words, .. } = self;
+        ExpandTables { run_start, runs, quads, words }
+    }
+
+    /// The tables of [`near_all`].
+    pub fn near_tables(&self) -> NearTables<'_> {
+        let Self { square_start, squares, square_words, row_start, entries, steps, .. } = self;
+        NearTables { square_start, squares, square_words, row_start, entries, steps }
     }
 }
 
@@ -118,9 +145,9 @@ pub fn enter_all(order: &[u32], root: &[f32], exitance: &[Vec4], ordered: &mut [
 }
 
 /// [`leave`] for every patch.
-pub fn leave_all(place: &[u32], root: &[f32], ordered: &[Vec4], irradiance: &mut [Vec4]) {
+pub fn leave_all(place: &[u32], root: &[f32], rows: &[Vec4], near: &[Vec4], irradiance: &mut [Vec4]) {
     let tasks = irradiance.par_iter_mut().enumerate().with_min_len(TASK_PLACES);
-    tasks.for_each(|(i, h)| *h = leave(i as u32, place, root, ordered));
+    tasks.for_each(|(i, h)| *h = leave(i as u32, place, root, rows, near));
 }
 
 /// [`crate::kernel::tiles::round`] for every lane, bit for bit.
@@ -144,16 +171,22 @@ impl WithLanes for Round<'_> {
             most = most.max(x.abs());
             (planes[0][r], planes[1][r], planes[2][r]) = (x.x, x.y, x.z);
         }
-        let (channels, steps) = self.light.split_at_mut(3 * CHANNEL_WORDS as usize);
+        let (channels, rest) = self.light.split_at_mut(3 * CHANNEL_WORDS as usize);
+        let (steps, pairs) = rest.split_at_mut(GROUP);
         steps.fill(0);
-        for ((words, plane), (step, &most)) in
-            channels.chunks_exact_mut(CHANNEL_WORDS as usize).zip(&planes).zip(steps.iter_mut().zip(most.as_ref()))
-        {
-            *step = step_of(most).to_bits();
-            let inverse = inverse_of(step_of(most));
-            let (first, second) = plane.split_at(SIDE / 2);
+        for (c, (words, plane)) in channels.chunks_exact_mut(CHANNEL_WORDS as usize).zip(&planes).enumerate() {
+            let step = step_of(most[c]);
+            steps[c] = step.to_bits();
+            let inverse = inverse_of(step);
+            let mut numbers = [0; SIDE];
+            numbers.iter_mut().zip(plane).for_each(|(number, x)| *number = whole(*x, inverse));
+            let (first, second) = numbers.split_at(SIDE / 2);
             for (word, (a, b)) in words.iter_mut().zip(first.iter().zip(second)) {
-                *word = whole(*a, inverse) & 0xffff | whole(*b, inverse) << 16;
+                *word = a & 0xffff | b << 16;
+            }
+            for (part, own) in pairs.chunks_exact_mut(3 * PAIRS as usize).zip(numbers.chunks_exact(GROUP)) {
+                let part = &mut part[c * PAIRS as usize..(c + 1) * PAIRS as usize];
+                part.iter_mut().zip(own.as_chunks::<2>().0).for_each(|(word, [a, b])| *word = a & 0xffff | b << 16);
             }
         }
     }
@@ -172,7 +205,7 @@ pub fn project_all(quads: &[TileQuad], words: &[u32], scale: &[f32], light: &[u3
             done = end;
             let block = (LIGHT_WORDS / LANES) as usize * alike[0].block() as usize;
             let light = &light[block..block + (LIGHT_WORDS / LANES) as usize];
-            let steps = steps_of(&light[light.len() - 1]);
+            let steps = steps_of(&light[(3 * CHANNEL_WORDS / LANES) as usize]);
             // Nothing comes of darkness.
             if steps == [0.0; 3] {
                 sums[first..end].fill([Vec4::ZERO; FOUR]);
@@ -191,30 +224,62 @@ fn steps_of(words: &[u32]) -> [f32; 3] {
 
 /// [`crate::kernel::tiles::weigh`] for every run, bit for bit.
 pub fn weigh_all(runs: &[u32], partner: &[u32], sums: &[Vec4], factors: &mut [u32]) {
-    let tasks = runs.par_windows(2).zip(factors.par_chunks_mut(FACTOR_WORDS as usize)).with_min_len(TASK_RUNS);
-    tasks.for_each(|(run, factors)| {
-        let slots = &partner[FOUR * run[0] as usize..FOUR * run[1] as usize];
+    let (factors, _) = factors.as_chunks_mut::<{ FACTOR_WORDS as usize }>();
+    let tasks = factors.par_iter_mut().enumerate().with_min_len(TASK_RUNS);
+    tasks.for_each(|(run, factors)| *factors = Sums { runs, partner, sums }.of(run));
+}
+
+/// What vectors are multiplied by.
+trait Factors: Copy + Sync {
+    /// The words of a run.
+    fn of(self, run: usize) -> RunFactors;
+}
+
+/// Words of [`crate::kernel::tiles::weigh`] for one run.
+type RunFactors = [u32; FACTOR_WORDS as usize];
+
+impl Factors for &[RunFactors] {
+    #[inline(always)]
+    fn of(self, run: usize) -> RunFactors {
+        self[run]
+    }
+}
+
+/// Sums that become factors when they are needed.
+#[derive(Clone, Copy)]
+struct Sums<'a> {
+    runs: &'a [u32],
+    partner: &'a [u32],
+    sums: &'a [Vec4],
+}
+
+impl Factors for Sums<'_> {
+    #[inline(always)]
+    fn of(self, run: usize) -> RunFactors {
+        let slots = &self.partner[FOUR * self.runs[run] as usize..FOUR * self.runs[run + 1] as usize];
         let (mut own, mut most) = ([Vec4::ZERO; (RUN_QUADS * QUAD) as usize], Vec4::ZERO);
         for (z, &other) in own.iter_mut().zip(slots) {
             if other != NO_SLOT {
-                *z = sums[other as usize];
+                *z = self.sums[other as usize];
                 most = most.max(z.abs());
             }
         }
         let steps = most.to_array().map(step_of);
         let inverse = steps.map(inverse_of);
+        let mut factors = [0; FACTOR_WORDS as usize];
         let (pairs, last) = factors.split_at_mut(3 * RUN_PAIRS as usize);
-        for (words, two) in pairs.chunks_exact_mut(3).zip(own.chunks_exact(2)) {
+        for (words, two) in pairs.chunks_exact_mut(3).zip(own[..slots.len()].chunks_exact(2)) {
             let (a, b) = (two[0].to_array(), two[1].to_array());
-            let both: [u32; 4] =
-                std::array::from_fn(|c| whole(a[c], inverse[c]) & 0xffff | whole(b[c], inverse[c]) << 16);
-            words.copy_from_slice(&both[..3]);
+            for (c, word) in words.iter_mut().enumerate() {
+                *word = whole(a[c], inverse[c]) & 0xffff | whole(b[c], inverse[c]) << 16;
+            }
         }
         last.copy_from_slice(&[steps[0].to_bits(), steps[1].to_bits(), steps[2].to_bits(), 0]);
-    });
+        factors
+    }
 }
 
-/// What [`expand_all`] reads beside the factors and the ordered exitance.
+/// What [`expand_all`] reads beside the factors.
 #[derive(Clone, Copy, Debug)]
 pub struct ExpandTables<'a> {
     /// Runs of block b: `run_start[b]..run_start[b + 1]`.
@@ -225,20 +290,14 @@ pub struct ExpandTables<'a> {
     pub quads: &'a [TileQuad],
     /// Their elements, in groups of [`LANES`] words.
     pub words: &'a [u32],
-    /// Entries of each place.
-    pub row_start: &'a [u32],
-    /// Column in the lower 16 bits, value in the upper.
-    pub entries: &'a [u32],
-    /// Step of the values of each place.
-    pub steps: &'a [f32],
 }
 
 /// [`crate::kernel::tiles::expand`] for every lane, bit for bit.
-///
-/// # Panics
-/// Unless `ordered` has [`PLACES`] elements, as many as entries can name.
-pub fn expand_all(tables: &ExpandTables, factors: &[u32], ordered: &[Vec4], rows: &mut [Vec4]) {
-    let ordered: &[Vec4; PLACES] = ordered.try_into().expect("PLACES elements");
+pub fn expand_all(tables: &ExpandTables, factors: &[u32], rows: &mut [Vec4]) {
+    expand_by(tables, factors.as_chunks::<{ FACTOR_WORDS as usize }>().0, rows);
+}
+
+fn expand_by(tables: &ExpandTables, factors: impl Factors, rows: &mut [Vec4]) {
     rows.par_chunks_mut(SPLITS as usize * SIDE).enumerate().for_each(|(block, rows)| {
         for (split, rows) in rows.chunks_exact_mut(SIDE).enumerate() {
             let (first, end) = split_of(split as u32, tables.run_start[block], tables.run_start[block + 1]);
@@ -248,12 +307,83 @@ pub fn expand_all(tables: &ExpandTables, factors: &[u32], ordered: &[Vec4], rows
             for (r, row) in rows.iter_mut().enumerate() {
                 *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
             }
-            // The entries of two parts are this split's.
-            let first = split * SIDE / SPLITS as usize;
-            let rows = &mut rows[first..first + SIDE / SPLITS as usize];
-            dispatch(Entries { tables, first: block * SIDE + first, ordered, rows });
         }
     });
+}
+
+/// What [`near_all`] reads beside the light.
+#[derive(Clone, Copy, Debug)]
+pub struct NearTables<'a> {
+    /// Squares of each [`LANES`] places.
+    pub square_start: &'a [u32],
+    /// Where they are, and their steps.
+    pub squares: &'a [TileSquare],
+    /// Their elements.
+    pub square_words: &'a [u32],
+    /// Entries of each place.
+    pub row_start: &'a [u32],
+    /// Column in the lower 16 bits, value in the upper.
+    pub entries: &'a [u32],
+    /// Step of the values of each place.
+    pub steps: &'a [f32],
+}
+
+/// [`crate::kernel::tiles::near`] for every place, bit for bit.
+///
+/// # Panics
+/// Unless `ordered` has [`PLACES`] elements, as many as entries can name.
+pub fn near_all(tables: &NearTables, light: &[u32], ordered: &[Vec4], rows: &mut [Vec4]) {
+    let ordered: &[Vec4; PLACES] = ordered.try_into().expect("PLACES elements");
+    let light = light.as_chunks::<{ LIGHT_WORDS as usize }>().0;
+    rows.par_chunks_mut(SIDE).enumerate().for_each(|(block, rows)| {
+        for (part, rows) in rows.chunks_exact_mut(GROUP).enumerate() {
+            let (edge, mut planes) = (block * PARTS as usize + part, [[0.0; GROUP]; 3]);
+            let own = tables.square_start[edge] as usize..tables.square_start[edge + 1] as usize;
+            let words = &tables.square_words.as_chunks::<{ SQUARE_WORDS as usize }>().0[own.clone()];
+            dispatch(Squares { squares: &tables.squares[own], words, light, planes: &mut planes });
+            for (r, row) in rows.iter_mut().enumerate() {
+                *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
+            }
+        }
+        dispatch(Entries { tables, first: block * SIDE, ordered, rows });
+    });
+}
+
+/// Rows of the squares of one part.
+struct Squares<'a> {
+    squares: &'a [TileSquare],
+    words: &'a [[u32; SQUARE_WORDS as usize]],
+    light: &'a [[u32; LIGHT_WORDS as usize]],
+    planes: &'a mut [[f32; GROUP]; 3],
+}
+
+impl WithLanes for Squares<'_> {
+    #[inline(always)]
+    fn with<L: Lanes>(self, l: L) {
+        for (square, words) in self.squares.iter().zip(self.words) {
+            let light = &self.light[(square.column / PARTS) as usize];
+            let steps = steps_of(&light[3 * CHANNEL_WORDS as usize..]);
+            // Nothing comes of darkness.
+            if steps == [0.0; 3] {
+                continue;
+            }
+            let first = (PAIRS_AT + square.column % PARTS * (3 * PAIRS)) as usize;
+            let pairs = &light[first..first + 3 * PAIRS as usize];
+            for k in 0..L::EACH {
+                let mut sums = [l.splat(0); 3];
+                for (i, group) in words.as_chunks::<GROUP>().0.iter().enumerate() {
+                    let [a, b] = l.signed(l.load(group, k));
+                    for (sum, pairs) in sums.iter_mut().zip(pairs.as_chunks::<{ PAIRS as usize }>().0) {
+                        *sum = l.add(*sum, l.products(a, l.splat(pairs[2 * i])));
+                        *sum = l.add(*sum, l.products(b, l.splat(pairs[2 * i + 1])));
+                    }
+                }
+                for ((sum, step), plane) in sums.into_iter().zip(steps).zip(self.planes.iter_mut()) {
+                    l.add_scaled(plane, k, sum, step * square.step);
+                }
+            }
+        }
+    }
 }
 
 /// Calls a function for elements of 4 or 8 bits, of one channel or of all.
@@ -367,22 +497,22 @@ fn both(word: u32) -> i32 {
 }
 
 /// Adds some runs to the rows of their block.
-struct Expand<'a> {
+struct Expand<'a, F> {
     tables: &'a ExpandTables<'a>,
-    factors: &'a [u32],
+    factors: F,
     runs: std::ops::Range<usize>,
     planes: &'a mut [Plane; 3],
 }
 
-impl WithLanes for Expand<'_> {
+impl<F: Factors> WithLanes for Expand<'_, F> {
     #[inline(always)]
     fn with<L: Lanes>(self, l: L) {
         let Self { tables, factors, runs, planes } = self;
         let (groups, _) = tables.words.as_chunks::<GROUP>();
-        let (factors, _) = factors.as_chunks::<{ FACTOR_WORDS as usize }>();
         for k in runs {
             let quads = &tables.quads[tables.runs[k] as usize..tables.runs[k + 1] as usize];
-            let (pairs, last) = factors[k].split_at(3 * RUN_PAIRS as usize);
+            let factors = factors.of(k);
+            let (pairs, last) = factors.split_at(3 * RUN_PAIRS as usize);
             let steps = steps_of(last);
             // Nothing comes of darkness.
             if steps != [0.0; 3] {
@@ -444,7 +574,7 @@ impl Run<'_> {
 
 /// Adds the single entries of the rows from a place on.
 struct Entries<'a> {
-    tables: &'a ExpandTables<'a>,
+    tables: &'a NearTables<'a>,
     first: usize,
     ordered: &'a [Vec4; PLACES],
     rows: &'a mut [Vec4],
@@ -469,7 +599,7 @@ impl WithLanes for Entries<'_> {
                 sums[k % 4] += ordered[usize::from(*entry as u16)] * ((*entry as i32) >> 16) as f32;
             }
             let [a, b, c, d] = sums;
-            *row += (((a + b) + (c + d)) * tables.steps[p]).truncate().extend(0.0);
+            *row += ((a + b) + (c + d)) * tables.steps[p];
         }
     }
 }

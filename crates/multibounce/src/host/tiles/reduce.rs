@@ -1,4 +1,4 @@
-//! What a tile becomes: components and entries that are worth their bytes.
+//! What a tile becomes: components, squares and entries that are worth their bytes.
 
 use std::vec::Vec;
 
@@ -9,6 +9,8 @@ use crate::types::TileQuad;
 
 /// Size of a tile.
 pub(super) const SIDE: usize = TILE as usize;
+/// Rows and columns of a square.
+pub(super) const EDGE: usize = LANES as usize;
 /// Bytes of a component beside its vectors: scale and partner of both, and what they are, which four share.
 const FIXED_BYTES: f32 = (2 * (8 + size_of::<TileQuad>() / 4)) as f32;
 /// Bytes of a component of elements of 4 and of 8 bits.
@@ -19,10 +21,16 @@ const MOST_SHORT: f32 = 7.0;
 const MOST_LONG: f32 = 127.0;
 /// What an entry costs, on both sides of the diagonal: 8 bytes, but the time of 12 bytes of components.
 const ENTRY_BYTES: f32 = 12.0;
+/// Bytes of a square.
+const SQUARE_BYTES: f32 = (EDGE * EDGE + 8) as f32;
 /// An entry is taken out before components are looked for when it is so many times greater than those that are kept.
 const PEAK: f32 = 4.0;
-/// Times that what components and entries leave is looked at again.
+/// Times that what components, squares and entries leave is looked at again.
 const MOST_STAGES: usize = 6;
+/// Components and squares up to which a tile is not tried again.
+const FEW_PARTS: usize = 8;
+/// How many times its bytes a component must be worth to come before squares, in the other tries; in the last, none is.
+const FIRST: [f32; 3] = [6.0, 36.0, f32::INFINITY];
 
 /// A pair of vectors of a tile.
 pub(super) struct Component {
@@ -34,14 +42,38 @@ pub(super) struct Component {
     pub columns: Vec<u32>,
 }
 
+/// A dense part of a tile: [`EDGE`] rows and columns.
+pub(super) struct Square {
+    /// First row and column, in edges.
+    pub at: (usize, usize),
+    pub step: f32,
+    /// Steps, row by row.
+    pub values: [i8; EDGE * EDGE],
+}
+
 /// What a tile becomes.
 #[derive(Default)]
 pub(super) struct Part {
     pub components: Vec<Component>,
     /// Row and column in the tile, value.
     pub entries: Vec<(u8, u8, f32)>,
+    pub squares: Vec<Square>,
     /// Squared error of each channel, both sides of the diagonal.
     pub error: [f64; 3],
+}
+
+impl Part {
+    fn count(&self) -> usize {
+        self.components.len() + self.squares.len() + self.entries.len()
+    }
+
+    /// What it counts.
+    fn bytes(&self) -> f32 {
+        let component = |c: &Component| if c.is_short { SHORT_BYTES } else { LONG_BYTES };
+        self.components.iter().map(component).sum::<f32>()
+            + SQUARE_BYTES * self.squares.len() as f32
+            + ENTRY_BYTES * self.entries.len() as f32
+    }
 }
 
 /// Sum of the squares.
@@ -100,8 +132,11 @@ impl Weights {
     }
 }
 
-/// Takes components and entries out of a tile as long as they are worth their bytes. Great entries first, for they would
-/// need many components; then components; then entries again; and again, because few bits leave something.
+/// Takes components, squares and entries out of a tile as long as they are worth their bytes, in the order that leaves least
+/// error and bytes.
+///
+/// Squares are for what is dense and of high rank, and each component that is found first makes them less dense: so a tile of
+/// many parts is tried again, with squares after the components that are worth many times their bytes, or before all.
 pub(super) fn reduce(
     rest: &mut Mat<f32>,
     weights: (&Weights, &Weights),
@@ -110,22 +145,90 @@ pub(super) fn reduce(
     may_have_entries: bool,
     part: &mut Part,
 ) {
+    let cost = |rest: &Mat<f32>, part: &Part| {
+        square(&(&weights.0.there * rest * &weights.1.there)) + f64::from(lambda * part.bytes())
+    };
+    let (whole, mut own) = (rest.clone(), Part::default());
+    take(rest, weights, lambda, channel, may_have_entries, None, &mut own);
+    if may_have_entries && own.components.len() + own.squares.len() > FEW_PARTS {
+        let mut least = cost(rest, &own);
+        for first in FIRST {
+            let (mut left, mut other) = (whole.clone(), Part::default());
+            take(&mut left, weights, lambda, channel, true, Some(first), &mut other);
+            let found = cost(&left, &other);
+            if found < least {
+                (least, own) = (found, other);
+                *rest = left;
+            }
+        }
+    }
+    part.components.append(&mut own.components);
+    part.squares.append(&mut own.squares);
+    part.entries.append(&mut own.entries);
+}
+
+/// Great entries are set aside first, for they would need many components; then components; then squares and entries; and
+/// again, because few bits leave something. With `first`, components that are worth so many times their bytes, and squares,
+/// before all.
+fn take(
+    rest: &mut Mat<f32>,
+    weights: (&Weights, &Weights),
+    lambda: f32,
+    channel: u32,
+    may_have_entries: bool,
+    first: Option<f32>,
+    part: &mut Part,
+) {
+    if let Some(times) = first {
+        take_components(rest, weights, times * lambda, lambda, channel, part);
+        take_squares(rest, lambda, &mut part.squares);
+    }
     for stage in 0..MOST_STAGES {
-        let before = (part.components.len(), part.entries.len());
+        let before = part.count();
         let mut peaks = Vec::new();
         if may_have_entries && stage == 0 {
             take_entries(rest, lambda * ENTRY_BYTES * PEAK * PEAK, &mut peaks);
         }
-        take_components(rest, weights, lambda, channel, part);
+        take_components(rest, weights, lambda, lambda, channel, part);
         for &(r, c, value) in &peaks {
             rest[(r as usize, c as usize)] += value;
         }
         if may_have_entries {
+            take_squares(rest, lambda, &mut part.squares);
             take_entries(rest, lambda * ENTRY_BYTES, &mut part.entries);
         }
-        if before == (part.components.len(), part.entries.len()) {
+        if before == part.count() {
             return;
         }
+    }
+}
+
+/// Takes squares that are worth more than their greatest entries would be.
+fn take_squares(rest: &mut Mat<f32>, lambda: f32, out: &mut Vec<Square>) {
+    for at in (0..SIDE / EDGE).flat_map(|i| (0..SIDE / EDGE).map(move |j| (i, j))) {
+        let (mut most, mut sparse) = (0.0f32, 0.0);
+        for c in 0..EDGE {
+            for r in 0..EDGE {
+                let value = rest[(at.0 * EDGE + r, at.1 * EDGE + c)];
+                most = most.max(value.abs());
+                sparse += (value * value).min(lambda * ENTRY_BYTES);
+            }
+        }
+        let step = most / f32::from(i8::MAX);
+        let rounding = step * step / 12.0 * (EDGE * EDGE) as f32;
+        if rounding + lambda * SQUARE_BYTES >= sparse {
+            continue;
+        }
+        let mut values = [0; EDGE * EDGE];
+        for r in 0..EDGE {
+            for c in 0..EDGE {
+                let value = &mut rest[(at.0 * EDGE + r, at.1 * EDGE + c)];
+                let steps = scene::math::floor(*value / step + 0.5);
+                *value -= steps * step;
+                values[r * EDGE + c] = steps as i8;
+            }
+        }
+        out.push(Square { at, step, values });
     }
 }
 
@@ -144,12 +247,16 @@ fn take_entries(rest: &mut Mat<f32>, least: f32, out: &mut Vec<(u8, u8, f32)>) {
 fn take_components(
     rest: &mut Mat<f32>,
     (left, right): (&Weights, &Weights),
+    worth: f32,
     lambda: f32,
     channel: u32,
     part: &mut Part,
 ) {
     let weighted = &left.there * &*rest * &right.there;
-    let least = lambda * SHORT_BYTES;
+    if worth.is_infinite() {
+        return;
+    }
+    let least = worth * SHORT_BYTES;
     // Squares of singular values add up to those of the entries.
     if square(&weighted) <= f64::from(least) {
         return;

@@ -368,7 +368,7 @@ fn measure(
                 ..row(operator, "tiles", read, time)
             };
             if let Some(device) = device.as_deref_mut() {
-                let (tiles, source) = (PatchOperator::Tiles(tiles), &truths[0].source);
+                let (tiles, source) = (PatchOperator::Tiles(Box::new(tiles)), &truths[0].source);
                 measured.device_ms = Some(product_on_device(device, &tiles, source, DEVICE_TURNS)?.1);
             }
             rows.push(measured);

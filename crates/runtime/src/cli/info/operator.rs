@@ -27,6 +27,7 @@ const TOLERANCE: f32 = 1e-4;
 pub(super) struct Operator {
     patches: usize,
     /// Form factors that are not 0, and the bytes of their sparse rows.
+    squares: usize,
     entries: usize,
     sparse_bytes: u64,
     /// A number of single precision for each pair of patches.
@@ -165,8 +166,19 @@ impl Stored {
                 let report = &tiles.report;
                 let [empty, sparse, low_rank] = report.tiles;
                 let [components, differences] = report.components;
-                let (most_rank, entries, stored_bytes) = (report.most_rank, report.entries, tiles.stored_bytes());
-                Some(Ranks { empty, sparse, low_rank, components, differences, most_rank, entries, stored_bytes })
+                let (most_rank, stored_bytes) = (report.most_rank, tiles.stored_bytes());
+                let (squares, entries) = (report.squares, report.entries);
+                Some(Ranks {
+                    empty,
+                    sparse,
+                    low_rank,
+                    components,
+                    differences,
+                    most_rank,
+                    squares,
+                    entries,
+                    stored_bytes,
+                })
             }
             _ => None,
         };
@@ -208,10 +220,11 @@ impl Stored {
                 "  tiles", tiles.empty, tiles.sparse, tiles.low_rank, tiles.most_rank
             );
             println!(
-                "{:24} {}, {} of them differences of channels; {} entries; in a file {}",
+                "{:24} {}, {} of them differences of channels; {} squares; {} entries; in a file {}",
                 "  components",
                 tiles.components + tiles.differences,
                 tiles.differences,
+                tiles.squares,
                 tiles.entries,
                 output::bytes(tiles.stored_bytes)
             );

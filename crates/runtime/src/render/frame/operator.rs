@@ -287,6 +287,7 @@ pub(super) struct TileTables {
     sums: BufferId,
     factors: BufferId,
     rows: BufferId,
+    near: BufferId,
     patches: u32,
     quads: u32,
     runs: u32,
@@ -305,6 +306,9 @@ impl TileTables {
             uploads.named(plan, "words", cast_slice(&tiles.words)),
             uploads.named(plan, "scales", cast_slice(&tiles.scale)),
             uploads.named(plan, "partner", cast_slice(&tiles.partner)),
+            uploads.named(plan, "square_start", cast_slice(&tiles.square_start)),
+            uploads.named(plan, "squares", cast_slice(&tiles.squares)),
+            uploads.named(plan, "square_words", cast_slice(&tiles.square_words)),
             uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
             uploads.named(plan, "entries", cast_slice(&tiles.entries)),
             uploads.named(plan, "steps", cast_slice(&tiles.steps)),
@@ -317,6 +321,7 @@ impl TileTables {
             sums: plan.storage("sums", rgb(tiles.scale.len())),
             factors: plan.storage("factors", u64::from(FACTOR_WORDS * 4) * runs as u64),
             rows: plan.storage("rows", rgb(SPLITS as usize * places)),
+            near: plan.storage("near", rgb(places)),
             patches: tiles.order.len() as u32,
             quads: tiles.quads.len() as u32,
             runs: runs as u32,
@@ -333,6 +338,7 @@ impl TileTables {
             ("sums", Range::from(self.sums)),
             ("factors", Range::from(self.factors)),
             ("rows", Range::from(self.rows)),
+            ("near", Range::from(self.near)),
         ];
         let places = self.patches.next_multiple_of(TILE);
         let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
@@ -343,6 +349,7 @@ impl TileTables {
         pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.quads), self.quads)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_WEIGH, &own, tables, &count(self.runs), self.runs)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(lanes), lanes)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_NEAR, &own, tables, &count(places), places)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
         Ok(())
     }
