@@ -27,7 +27,6 @@ const TOLERANCE: f32 = 1e-4;
 pub(super) struct Operator {
     patches: usize,
     /// Form factors that are not 0, and the bytes of their sparse rows.
-    squares: usize,
     entries: usize,
     sparse_bytes: u64,
     /// A number of single precision for each pair of patches.
@@ -68,6 +67,7 @@ struct Ranks {
     components: usize,
     differences: usize,
     most_rank: usize,
+    squares: usize,
     entries: usize,
     /// Bytes of a file of it.
     stored_bytes: u64,
