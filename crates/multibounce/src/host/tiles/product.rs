@@ -599,7 +599,7 @@ impl WithLanes for Entries<'_> {
                 sums[k % 4] += ordered[usize::from(*entry as u16)] * ((*entry as i32) >> 16) as f32;
             }
             let [a, b, c, d] = sums;
-            *row += ((a + b) + (c + d)) * tables.steps[p];
+            *row += (((a + b) + (c + d)) * tables.steps[p]).truncate().extend(0.0);
         }
     }
 }
