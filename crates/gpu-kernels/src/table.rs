@@ -7,16 +7,15 @@ pub use row::{Access, Binding, BindingKind, ImageFormat, Kernel, MAX_GROUPS_X};
 use ::firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use ::formfactor::kernel::product::ROWS_TOGETHER;
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
-use ::multibounce::{BlockParams, FeedbackParams, TileQuad, TileSquare};
 use ::patches::{LookupParams, LookupPatch, Member, VolumeParams};
 use ::scene::{
     BvhNode, DirectParams, Emitter, Hit, Light, Material, Ray, Rgb, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
-use glam::{UVec2, UVec4, Vec4};
+use glam::{UVec2, Vec4};
 
 use crate::host;
 use crate::invocation::WORKGROUP;
-use crate::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
+use crate::params::{CountParams, PixelParams, ToneMapParams};
 
 /// Module bytes on a word boundary.
 #[repr(C, align(4))]
@@ -31,9 +30,11 @@ macro_rules! spv {
 }
 
 mod localmatrix;
+mod multibounce;
 mod temporal;
 
 pub use localmatrix::*;
+pub use multibounce::*;
 pub use temporal::*;
 
 const fn buffer<T>(name: &'static str, access: Access) -> Binding {
@@ -406,108 +407,6 @@ pub static FORMFACTOR_INTERPOLATE: Kernel = Kernel {
     host: host::formfactor::interpolate,
 };
 
-/// Product with a matrix in blocks of BC1 (`multibounce::BlockMatrix`), decoded in the kernel. An element is a row of blocks;
-/// `exitance` and `irradiance` are in the order of the blocks, `exitance` holds 4 elements for each column of blocks.
-pub static MULTIBOUNCE_BLOCKS_GATHER_BC1: Kernel = Kernel {
-    name: "multibounce_blocks_gather_bc1",
-    spv: spv!("multibounce_blocks_gather_bc1"),
-    workgroup: WORKGROUP,
-    elements_per_group: 1,
-    push_bytes: size_of::<BlockParams>() as u32,
-    bindings: &[
-        read::<UVec2>("blocks"),
-        read::<Vec4>("tile_scales"),
-        read::<u32>("row_start"),
-        read::<UVec2>("outliers"),
-        read::<Rgb>("exitance"),
-        write::<Rgb>("irradiance"),
-    ],
-    host: host::multibounce::blocks_gather_bc1,
-};
-
-/// The same with blocks of BC3.
-pub static MULTIBOUNCE_BLOCKS_GATHER_BC3: Kernel = Kernel {
-    name: "multibounce_blocks_gather_bc3",
-    spv: spv!("multibounce_blocks_gather_bc3"),
-    workgroup: WORKGROUP,
-    elements_per_group: 1,
-    push_bytes: size_of::<BlockParams>() as u32,
-    bindings: &[
-        read::<UVec4>("blocks"),
-        read::<Vec4>("tile_scales"),
-        read::<u32>("row_start"),
-        read::<UVec2>("outliers"),
-        read::<Rgb>("exitance"),
-        write::<Rgb>("irradiance"),
-    ],
-    host: host::multibounce::blocks_gather_bc3,
-};
-
-/// The same with blocks of BC6H.
-pub static MULTIBOUNCE_BLOCKS_GATHER_BC6H: Kernel = Kernel {
-    name: "multibounce_blocks_gather_bc6h",
-    spv: spv!("multibounce_blocks_gather_bc6h"),
-    workgroup: WORKGROUP,
-    elements_per_group: 1,
-    push_bytes: size_of::<BlockParams>() as u32,
-    bindings: &[
-        read::<UVec4>("blocks"),
-        read::<Vec4>("tile_scales"),
-        read::<u32>("row_start"),
-        read::<UVec2>("outliers"),
-        read::<Rgb>("exitance"),
-        write::<Rgb>("irradiance"),
-    ],
-    host: host::multibounce::blocks_gather_bc6h,
-};
-
-/// The same with blocks of BC7.
-pub static MULTIBOUNCE_BLOCKS_GATHER_BC7: Kernel = Kernel {
-    name: "multibounce_blocks_gather_bc7",
-    spv: spv!("multibounce_blocks_gather_bc7"),
-    workgroup: WORKGROUP,
-    elements_per_group: 1,
-    push_bytes: size_of::<BlockParams>() as u32,
-    bindings: &[
-        read::<UVec4>("blocks"),
-        read::<Vec4>("tile_scales"),
-        read::<u32>("row_start"),
-        read::<UVec2>("outliers"),
-        read::<Rgb>("exitance"),
-        write::<Rgb>("irradiance"),
-    ],
-    host: host::multibounce::blocks_gather_bc7,
-};
-
-/// The same with blocks of any format as an image, 4 texels for each block each way, decoded by the texture unit.
-pub static MULTIBOUNCE_BLOCKS_GATHER_IMAGE: Kernel = Kernel {
-    name: "multibounce_blocks_gather_image",
-    spv: spv!("multibounce_blocks_gather_image"),
-    workgroup: WORKGROUP,
-    elements_per_group: 1,
-    push_bytes: size_of::<BlockParams>() as u32,
-    bindings: &[
-        image("blocks", ImageFormat::BLOCKS),
-        read::<Vec4>("tile_scales"),
-        read::<u32>("row_start"),
-        read::<UVec2>("outliers"),
-        read::<Rgb>("exitance"),
-        write::<Rgb>("irradiance"),
-    ],
-    host: host::multibounce::blocks_gather_image,
-};
-
-/// A vector in another order, each element scaled. An element is one of the result.
-pub static MULTIBOUNCE_REORDER: Kernel = Kernel {
-    name: "multibounce_reorder",
-    spv: spv!("multibounce_reorder"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[read::<u32>("order"), read::<Vec4>("scale"), read::<Rgb>("input"), write::<Rgb>("output")],
-    host: host::multibounce::reorder,
-};
-
 /// Mean of a quantity over the samples of every patch, as of the first exitance, W/m². An element is a patch.
 pub static PATCHES_GATHER_MEAN: Kernel = Kernel {
     name: "patches_gather_mean",
@@ -569,132 +468,6 @@ pub static PATCHES_VOLUME_LOOKUP_SH: Kernel = Kernel {
         write::<Rgb>("irradiance"),
     ],
     host: host::patches::volume_lookup_sh,
-};
-
-/// Exitance in the order of tiles, times √a. An element is a place, of whole blocks.
-pub static MULTIBOUNCE_TILES_ENTER: Kernel = Kernel {
-    name: "multibounce_tiles_enter",
-    spv: spv!("multibounce_tiles_enter"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<EnterParams>() as u32,
-    bindings: &[read::<u32>("order"), read::<f32>("root"), read::<Rgb>("exitance"), write::<Rgb>("ordered")],
-    host: host::tiles::enter,
-};
-
-/// Exitance of the blocks of tiles in whole numbers. An element is a lane of a block.
-pub static MULTIBOUNCE_TILES_ROUND: Kernel = Kernel {
-    name: "multibounce_tiles_round",
-    spv: spv!("multibounce_tiles_round"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[read::<Rgb>("ordered"), write::<u32>("light")],
-    host: host::tiles::round,
-};
-
-/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a quad of slots.
-pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
-    name: "multibounce_tiles_project",
-    spv: spv!("multibounce_tiles_project"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[
-        read::<TileQuad>("quads"),
-        read::<u32>("words"),
-        read::<f32>("scales"),
-        read::<u32>("light"),
-        write::<Rgb>("sums"),
-    ],
-    host: host::tiles::project,
-};
-
-/// What the vectors of tiles are multiplied by, in whole numbers. An element is a run of quads.
-pub static MULTIBOUNCE_TILES_WEIGH: Kernel = Kernel {
-    name: "multibounce_tiles_weigh",
-    spv: spv!("multibounce_tiles_weigh"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[read::<u32>("runs"), read::<u32>("partner"), read::<Rgb>("sums"), write::<u32>("factors")],
-    host: host::tiles::weigh,
-};
-
-/// Rows of the tiles, those of a block's splits one after another. An element is a lane of a split of a block: a row of each
-/// of its parts.
-pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
-    name: "multibounce_tiles_expand",
-    spv: spv!("multibounce_tiles_expand"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[
-        read::<u32>("run_start"),
-        read::<u32>("runs"),
-        read::<TileQuad>("quads"),
-        read::<u32>("words"),
-        read::<u32>("factors"),
-        write::<Rgb>("rows"),
-    ],
-    host: host::tiles::expand,
-};
-
-/// Rows of the squares and of the single entries of tiles. An element is a place of the order. `ordered` has room for every
-/// place that entries can name.
-pub static MULTIBOUNCE_TILES_NEAR: Kernel = Kernel {
-    name: "multibounce_tiles_near",
-    spv: spv!("multibounce_tiles_near"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[
-        read::<u32>("square_start"),
-        read::<TileSquare>("squares"),
-        read::<u32>("square_words"),
-        read::<u32>("light"),
-        read::<u32>("row_start"),
-        read::<u32>("entries"),
-        read::<f32>("steps"),
-        read::<Rgb>("ordered"),
-        write::<Rgb>("near"),
-    ],
-    host: host::tiles::near,
-};
-
-/// Irradiance of the patches from the rows of tiles, W/m². An element is a patch.
-pub static MULTIBOUNCE_TILES_LEAVE: Kernel = Kernel {
-    name: "multibounce_tiles_leave",
-    spv: spv!("multibounce_tiles_leave"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[
-        read::<u32>("place"),
-        read::<f32>("root"),
-        read::<Rgb>("rows"),
-        read::<Rgb>("near"),
-        write::<Rgb>("irradiance"),
-    ],
-    host: host::tiles::leave,
-};
-
-/// A bounce that begins with the light of the frame before: the change of exitance and the exitance, W/m². An element is a
-/// patch.
-pub static MULTIBOUNCE_FEEDBACK: Kernel = Kernel {
-    name: "multibounce_feedback",
-    spv: spv!("multibounce_feedback"),
-    workgroup: WORKGROUP,
-    elements_per_group: WORKGROUP,
-    push_bytes: size_of::<FeedbackParams>() as u32,
-    bindings: &[
-        read::<Rgb>("source"),
-        read::<Rgb>("albedo"),
-        read::<Rgb>("irradiance"),
-        buffer::<Rgb>("change", Access::ReadWrite),
-        buffer::<Rgb>("exitance", Access::ReadWrite),
-    ],
-    host: host::multibounce::feedback,
 };
 
 /// Every photon as it leaves what it starts from. An element is a photon.

@@ -39,9 +39,9 @@ pub enum Channels<'a> {
 /// blue are stored as differences to it, which have far fewer components, because the light that arrives directly is the same.
 ///
 /// A component is kept when it takes more from the squared error than λ times its bytes, squares and entries likewise, and λ
-/// is found so that the whole has the error that was asked for. Errors that are even over neighbouring places are weighted by the cube
-/// root of their extent when components are found: light is even over neighbours and adds them up. So the error of the
-/// entries is not the least that so many bytes can have, but that of irradiance is about half of what it then would be.
+/// is found so that the whole has the error that was asked for. Errors that are even over neighbouring places are weighted by
+/// the cube root of their extent when components are found: light is even over neighbours and adds them up. So the error of
+/// the entries is not the least that so many bytes can have, but that of irradiance is about half of what it then would be.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tiles {
     /// Patch at each place of the order.

@@ -6,7 +6,7 @@ use std::vec::Vec;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 
-use super::reduce::{Component, EDGE, Part, SIDE, Square, reduce, square};
+use super::reduce::{Component, EDGE, Part, SIDE, Square, reduce, squared_norm};
 use super::source::{Source, twice};
 use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
 use crate::error::{Error, check_length};
@@ -363,13 +363,13 @@ impl Source<'_> {
         let given = [0, 1].map(|k| self.other(k, at).map(|tile| tile - &common));
         let weights = (&self.weights[at.0], &self.weights[at.1]);
         reduce(&mut common, weights, lambda, ALL_CHANNELS, true, &mut part);
-        part.error[1] = twice(at) * square(&common);
+        part.error[1] = twice(at) * squared_norm(&common);
         for (k, channel) in [(0, 0), (1, 2)] {
             part.error[channel] = match &given[k] {
                 Some(difference) => {
                     let mut rest = difference.clone();
                     reduce(&mut rest, weights, lambda, channel as u32, false, &mut part);
-                    twice(at) * square(&(rest + &common))
+                    twice(at) * squared_norm(&(rest + &common))
                 }
                 None => part.error[1],
             };

@@ -77,7 +77,7 @@ impl Part {
 }
 
 /// Sum of the squares.
-pub(super) fn square(tile: &Mat<f32>) -> f64 {
+pub(super) fn squared_norm(tile: &Mat<f32>) -> f64 {
     tile.col_iter().flat_map(|column| column.iter()).map(|&x| f64::from(x) * f64::from(x)).sum()
 }
 
@@ -146,7 +146,7 @@ pub(super) fn reduce(
     part: &mut Part,
 ) {
     let cost = |rest: &Mat<f32>, part: &Part| {
-        square(&(&weights.0.there * rest * &weights.1.there)) + f64::from(lambda * part.bytes())
+        squared_norm(&(&weights.0.there * rest * &weights.1.there)) + f64::from(lambda * part.bytes())
     };
     let (whole, mut own) = (rest.clone(), Part::default());
     take(rest, weights, lambda, channel, may_have_entries, None, &mut own);
@@ -258,7 +258,7 @@ fn take_components(
     }
     let least = worth * SHORT_BYTES;
     // Squares of singular values add up to those of the entries.
-    if square(&weighted) <= f64::from(least) {
+    if squared_norm(&weighted) <= f64::from(least) {
         return;
     }
     let Ok(svd) = weighted.thin_svd() else { return };

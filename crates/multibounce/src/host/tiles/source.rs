@@ -6,7 +6,7 @@ use faer::Mat;
 use rayon::prelude::*;
 
 use super::Channels;
-use super::reduce::{SIDE, Weights, square};
+use super::reduce::{SIDE, Weights, squared_norm};
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
 
@@ -109,7 +109,7 @@ impl<'a> Source<'a> {
     /// Frobenius norm of each channel over these tiles, both sides of the diagonal.
     pub fn norms(&self, tiles: &[(usize, usize)]) -> [f64; 3] {
         let of = |matrix: &Matrix| -> f64 {
-            let square = |&at: &(usize, usize)| twice(at) * square(&matrix.tile(self.order, at));
+            let square = |&at: &(usize, usize)| twice(at) * squared_norm(&matrix.tile(self.order, at));
             let squares: Vec<f64> = tiles.par_iter().map(square).collect();
             squares.iter().sum::<f64>().sqrt()
         };
