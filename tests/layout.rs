@@ -219,16 +219,21 @@ fn element(kernel: &str, binding: &str) -> Layout {
         "columns" | "vectors" | "plane" | "area" | "red" | "green" | "blue" if kernel.starts_with("localmatrix_") => {
             layout::<f32>()
         }
-        "light" | "factors" | "runs" if kernel.starts_with("multibounce_tiles_") => layout::<u32>(),
+        "light" | "square_words" if kernel == "multibounce_tiles_near" => layout::<UVec4>(),
+        "words" | "light" if kernel == "multibounce_tiles_project" => layout::<UVec4>(),
+        "words" if kernel == "multibounce_tiles_expand" => layout::<UVec2>(),
+        "scales" if kernel == "multibounce_tiles_project" => layout::<Vec4>(),
+        "factors" | "partner" if kernel.starts_with("multibounce_tiles_") => layout::<UVec4>(),
+        "light" | "runs" if kernel.starts_with("multibounce_tiles_") => layout::<u32>(),
         "light" | "before" | "now" | "offset" | "leaves" => layout::<Vec4>(),
         "runs" => layout::<UVec2>(),
         "starts" | "list" | "lit_starts" | "lit" | "visible_starts" | "visible" | "slot_of" | "leaf_of" => {
             layout::<u32>()
         }
         "quads" if kernel.starts_with("multibounce_tiles_") => layout::<TileQuad>(),
-        "square_start" | "square_words" => layout::<u32>(),
+        "square_start" => layout::<u32>(),
         "squares" => layout::<TileSquare>(),
-        "order" | "place" | "words" | "run_start" | "partner" | "entries" => layout::<u32>(),
+        "order" | "place" | "words" | "run_start" | "entries" => layout::<u32>(),
         "root" | "steps" => layout::<f32>(),
         "ordered" | "sums" | "rows" | "near" => layout::<Vec4>(),
         "texels" | "stopped" | "pixels" | "offsets" | "ids" | "row_start" | "columns" | "counts" | "vertices"

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use bytemuck::Pod;
 use firstshot::{Landing, Photon, PhotonParams};
 use formfactor::{GatherParams, HemisphereParams, HitsParams};
-use glam::{UVec2, UVec3, Vec4};
+use glam::{UVec2, UVec3, UVec4, Vec4};
 use gpu_kernels::table::{ImageFormat, MAX_GROUPS_X};
 use gpu_kernels::{
     firstshot as fs, formfactor as ff, localmatrix as lm, multibounce as mb, patches as pa, scene as sc,
@@ -114,8 +114,8 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         }
         "multibounce_tiles_enter" => entry!(ti::tiles_enter, EnterParams, Vec4, [0, 1, 2]),
         "multibounce_tiles_round" => entry!(ti::tiles_round, CountParams, u32, [0]),
-        "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2, 3]),
-        "multibounce_tiles_weigh" => entry!(ti::tiles_weigh, CountParams, u32, [0, 1, 2]),
+        "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2, 3, 4]),
+        "multibounce_tiles_weigh" => entry!(ti::tiles_weigh, CountParams, UVec4, [0, 1, 2]),
         "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4]),
         "multibounce_tiles_near" => entry!(ti::tiles_near, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7]),
         "multibounce_tiles_leave" => entry!(ti::tiles_leave, CountParams, Vec4, [0, 1, 2, 3]),
@@ -173,7 +173,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
 fn an_invocation_that_is_left_out_is_noticed() {
     for input in inputs() {
         let [x, y, _] = input.kernel.groups(input.elements);
-        let order: Vec<u32> = (0..x * y * input.kernel.workgroup).filter(|k| *k != 7).collect();
+        let order: Vec<u32> = (0..x * y * input.kernel.workgroup).filter(|k| *k != 4).collect();
         let Some(found) = run_entry(&input, &order, x * y) else { continue };
         assert!(found != input.run_on_host().unwrap(), "{}", input.kernel.name);
     }

@@ -4,7 +4,7 @@
 use ::multibounce::kernel::tiles;
 use ::multibounce::{TileQuad, TileSquare};
 use ::scene::Rgb;
-use glam::UVec3;
+use glam::{UVec2, UVec3, UVec4, Vec4};
 use spirv_std::spirv;
 
 use crate::invocation::element;
@@ -44,27 +44,37 @@ pub fn tiles_round(
     }
 }
 
-/// Sums of the slots of a quad: [`tiles::project`].
+/// Sums of the slots of two quads: [`tiles::project`].
 #[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_project"))]
 #[inline(never)]
 pub fn tiles_project(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(num_workgroups)] groups: UVec3,
     #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] quads: &[TileQuad],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] words: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] scales: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] light: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] sums: &mut [Rgb],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] runs: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] quads: &[TileQuad],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] words: &[UVec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] scales: &[Vec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] light: &[UVec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] sums: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let four = tiles::project(k, quads, words, scales, light);
-        let first = (tiles::QUAD * k) as usize;
-        sums[first] = four[0];
-        sums[first + 1] = four[1];
-        sums[first + 2] = four[2];
-        sums[first + 3] = four[3];
+        let (quad, count) = tiles::quads_of(k, runs);
+        if count > 0 {
+            let eight = tiles::project(quad, count, quads, words, scales, light);
+            let first = (tiles::QUAD * quad) as usize;
+            sums[first] = eight[0];
+            sums[first + 1] = eight[1];
+            sums[first + 2] = eight[2];
+            sums[first + 3] = eight[3];
+            if count > 1 {
+                sums[first + 4] = eight[4];
+                sums[first + 5] = eight[5];
+                sums[first + 6] = eight[6];
+                sums[first + 7] = eight[7];
+            }
+        }
     }
 }
 
@@ -76,9 +86,9 @@ pub fn tiles_weigh(
     #[spirv(num_workgroups)] groups: UVec3,
     #[spirv(push_constant)] p: &CountParams,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] runs: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] partner: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] partner: &[UVec4],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] sums: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] factors: &mut [u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] factors: &mut [UVec4],
 ) {
     let k = element(id, groups);
     if k < p.count {
@@ -86,7 +96,7 @@ pub fn tiles_weigh(
     }
 }
 
-/// Rows of the ordered irradiance, one of each part: [`tiles::expand`].
+/// Rows of the ordered irradiance, those of two lanes: [`tiles::expand`].
 #[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_expand"))]
 #[inline(never)]
 pub fn tiles_expand(
@@ -96,21 +106,29 @@ pub fn tiles_expand(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] run_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] runs: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] quads: &[TileQuad],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] factors: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[UVec2],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] factors: &[UVec4],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] rows: &mut [Rgb],
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let eight = tiles::expand(k, run_start, runs, quads, words, factors);
-        rows[tiles::row_at(k, 0) as usize] = eight[0];
-        rows[tiles::row_at(k, 1) as usize] = eight[1];
-        rows[tiles::row_at(k, 2) as usize] = eight[2];
-        rows[tiles::row_at(k, 3) as usize] = eight[3];
-        rows[tiles::row_at(k, 4) as usize] = eight[4];
-        rows[tiles::row_at(k, 5) as usize] = eight[5];
-        rows[tiles::row_at(k, 6) as usize] = eight[6];
-        rows[tiles::row_at(k, 7) as usize] = eight[7];
+        let rows_of = tiles::expand(k, run_start, runs, quads, words, factors);
+        rows[tiles::row_at(k, 0) as usize] = rows_of[0];
+        rows[tiles::row_at(k, 0) as usize + 1] = rows_of[8];
+        rows[tiles::row_at(k, 1) as usize] = rows_of[1];
+        rows[tiles::row_at(k, 1) as usize + 1] = rows_of[9];
+        rows[tiles::row_at(k, 2) as usize] = rows_of[2];
+        rows[tiles::row_at(k, 2) as usize + 1] = rows_of[10];
+        rows[tiles::row_at(k, 3) as usize] = rows_of[3];
+        rows[tiles::row_at(k, 3) as usize + 1] = rows_of[11];
+        rows[tiles::row_at(k, 4) as usize] = rows_of[4];
+        rows[tiles::row_at(k, 4) as usize + 1] = rows_of[12];
+        rows[tiles::row_at(k, 5) as usize] = rows_of[5];
+        rows[tiles::row_at(k, 5) as usize + 1] = rows_of[13];
+        rows[tiles::row_at(k, 6) as usize] = rows_of[6];
+        rows[tiles::row_at(k, 6) as usize + 1] = rows_of[14];
+        rows[tiles::row_at(k, 7) as usize] = rows_of[7];
+        rows[tiles::row_at(k, 7) as usize + 1] = rows_of[15];
     }
 }
 
@@ -123,8 +141,8 @@ pub fn tiles_near(
     #[spirv(push_constant)] p: &CountParams,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] square_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] squares: &[TileSquare],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] square_words: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] light: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] square_words: &[UVec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] light: &[UVec4],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] row_start: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] entries: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] steps: &[f32],
@@ -133,8 +151,16 @@ pub fn tiles_near(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        near[k as usize] =
-            tiles::near(k, square_start, squares, square_words, light, row_start, entries, steps, ordered);
+        let eight = tiles::near(k, square_start, squares, square_words, light, row_start, entries, steps, ordered);
+        let first = 8 * k as usize;
+        near[first] = eight[0];
+        near[first + 1] = eight[1];
+        near[first + 2] = eight[2];
+        near[first + 3] = eight[3];
+        near[first + 4] = eight[4];
+        near[first + 5] = eight[5];
+        near[first + 6] = eight[6];
+        near[first + 7] = eight[7];
     }
 }
 

@@ -1,7 +1,8 @@
 //! Operators of many bounces against each other, and their compression against what it promises.
 
+use bytemuck::{cast_slice, cast_slice_mut};
 use faer::Mat;
-use glam::{Vec3, Vec4};
+use glam::{UVec4, Vec3, Vec4};
 use multibounce::{
     Channels, Error, Factors, Proceed, Tiles, all_bounces, all_bounces_lu, enter_all, expand_all, halving_order,
     kernel, near_all, project_all, round_all, some_bounces, weigh_all,
@@ -309,32 +310,42 @@ fn like_the_bodies(tiles: &Tiles, exitance: &[Vec4]) {
     assert_eq!(light, body);
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
     project_all(&tiles.quads, &tiles.words, &tiles.scale, &light, &mut sums);
-    for (k, four) in sums.chunks(4).enumerate() {
-        let body = kernel::tiles::project(k as u32, &tiles.quads, &tiles.words, &tiles.scale, &light);
-        assert_eq!(four, body, "quad {k}");
+    let (fours, scale): (&[UVec4], &[Vec4]) = (cast_slice(&light), cast_slice(&tiles.scale));
+    let (runs, mut quads) = (tiles.runs.len() - 1, 0);
+    for k in 0..runs as u32 * kernel::tiles::RUN_PARTS {
+        let (first, count) = kernel::tiles::quads_of(k, &tiles.runs);
+        if count > 0 {
+            let body = kernel::tiles::project(first, count, &tiles.quads, cast_slice(&tiles.words), scale, fours);
+            let (first, slots) = (4 * first as usize, 4 * count as usize);
+            assert_eq!(sums[first..first + slots], body[..slots], "slot {first}");
+            quads += count as usize;
+        }
     }
-    let runs = tiles.runs.len() - 1;
+    assert_eq!(quads, tiles.quads.len());
     let mut factors = vec![0; runs * kernel::tiles::FACTOR_WORDS as usize];
     let mut body = factors.clone();
     weigh_all(&tiles.runs, &tiles.partner, &sums, &mut factors);
-    (0..runs as u32).for_each(|k| kernel::tiles::weigh(k, &tiles.runs, &tiles.partner, &sums, &mut body));
+    let partner = cast_slice(&tiles.partner);
+    (0..runs as u32).for_each(|k| kernel::tiles::weigh(k, &tiles.runs, partner, &sums, cast_slice_mut(&mut body)));
     assert_eq!(factors, body);
     let mut rows = vec![Vec4::ZERO; kernel::tiles::SPLITS as usize * tiles.steps.len()];
     let t = tiles.expand_tables();
     expand_all(&t, &factors, &mut rows);
-    for k in 0..rows.len() as u32 / kernel::tiles::PARTS {
-        let body = kernel::tiles::expand(k, t.run_start, t.runs, t.quads, t.words, &factors);
-        for (part, row) in (0u32..).zip(body) {
-            assert_eq!(rows[kernel::tiles::row_at(k, part) as usize], row, "lane {k}, part {part}");
+    for k in 0..rows.len() as u32 / (2 * kernel::tiles::PARTS) {
+        let body = kernel::tiles::expand(k, t.run_start, t.runs, t.quads, cast_slice(t.words), cast_slice(&factors));
+        for part in 0..kernel::tiles::PARTS {
+            let (at, part) = (kernel::tiles::row_at(k, part) as usize, part as usize);
+            let lanes = [body[part], body[part + kernel::tiles::PARTS as usize]];
+            assert_eq!(rows[at..at + 2], lanes, "lanes {k}, part {part}");
         }
     }
     let mut near = vec![Vec4::ZERO; tiles.steps.len()];
     let t = tiles.near_tables();
     near_all(&t, &light, &ordered, &mut near);
-    for (p, row) in (0u32..).zip(&near) {
-        let words = (t.square_start, t.squares, t.square_words);
-        let body = kernel::tiles::near(p, words.0, words.1, words.2, &light, t.row_start, t.entries, t.steps, &ordered);
-        assert_eq!(*row, body, "place {p}");
+    for (k, eight) in (0u32..).zip(near.chunks(8)) {
+        let words = (t.square_start, t.squares, cast_slice(t.square_words));
+        let body = kernel::tiles::near(k, words.0, words.1, words.2, fours, t.row_start, t.entries, t.steps, &ordered);
+        assert_eq!(eight, body, "places {k}");
     }
     // A product makes the same of them, step by step.
     let mut irradiance = vec![Vec4::ZERO; tiles.patches()];

@@ -2,7 +2,8 @@
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::tiles::{
-    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SPLITS, SQUARE_WORDS, TILE, masked,
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, RUN_PARTS, RUN_QUADS, SPLITS, SQUARE_WORDS,
+    TILE, masked,
 };
 use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileQuad, TileSquare, round_all, weigh_all};
 use glam::{UVec2, Vec4};
@@ -147,18 +148,19 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         }
         "multibounce_tiles_project" => {
             let (quads, words) = tile_quads(r);
-            let n = quads.len() as u32;
+            let (n, count) = (quads.len() as u32, RUN_PARTS * (TILE_RUNS.len() as u32 - 1));
             let mut light = vec![0; 2 * LIGHT_WORDS as usize];
             round_all(&r.colors(2 * TILE as usize), &mut light);
             let scale: Vec<f32> = (0..QUAD * n).map(|_| r.unit() - 0.3).collect();
             let tables = vec![
+                buffer("runs", &TILE_RUNS),
                 buffer("quads", &quads),
                 buffer("words", &words),
                 buffer("scales", &scale),
                 buffer("light", &light),
                 room::<Vec4>("sums", (QUAD * n) as usize),
             ];
-            call(n, CountParams { count: n }, tables)
+            call(count, CountParams { count }, tables)
         }
         "multibounce_tiles_expand" => {
             let (places, runs) = (2 * TILE, TILE_RUNS.len() as u32 - 1);
@@ -167,7 +169,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             assert!(TILE_RUNS.windows(2).all(|run| run[1] - run[0] <= RUN_QUADS));
             let mut factors = vec![0; (runs * FACTOR_WORDS) as usize];
             weigh_all(&TILE_RUNS, &partner, &sums, &mut factors);
-            let count = 2 * LANES * SPLITS;
+            let count = 2 * PAIRS * SPLITS;
             let tables = vec![
                 buffer("run_start", &[0, runs / 2, runs]),
                 buffer("runs", &TILE_RUNS),
@@ -201,7 +203,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                 buffer("ordered", &r.colors(PLACES)),
                 room::<Vec4>("near", places as usize),
             ];
-            call(places, CountParams { count: places }, tables)
+            call(places / 8, CountParams { count: places / 8 }, tables)
         }
         "multibounce_tiles_leave" => {
             let n = 200u32;

@@ -1,7 +1,8 @@
 //! Host forms of the kernels of tiles: on all cores, in vectors where the bodies allow it, bit for bit.
 
 use ::multibounce::kernel::tiles::{
-    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SPLITS, SQUARE_WORDS, TILE,
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, RUN_PARTS, RUN_QUADS, SPLITS, SQUARE_WORDS,
+    TILE,
 };
 use ::multibounce::{
     ExpandTables, NearTables, TileQuad, TileSquare, enter_all, expand_all, leave_all, near_all, project_all, round_all,
@@ -50,8 +51,9 @@ pub(crate) fn round(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 
 pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [quads, words, scale, light, sums]) = call.parts::<CountParams, 5>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let (p, [runs, quads, words, scale, light, sums]) = call.parts::<CountParams, 6>(kernel)?;
+    let runs_count = agreed(elements, p.count)? / RUN_PARTS as usize;
+    let n = runs_of(&runs.read::<u32>(runs_count + 1)?[..runs_count + 1]);
     let quads = &quads.read::<TileQuad>(n)?[..n];
     let words = words.read::<u32>(words_of(quads))?;
     let blocks = quads.iter().map(|quad| quad.block() as usize + 1).max().unwrap_or(0);
@@ -84,14 +86,14 @@ pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErr
     let elements = call.elements;
     let (p, [run_start, runs, quads, words, factors, rows]) = call.parts::<CountParams, 6>(kernel)?;
     let n = agreed(elements, p.count)?;
-    let blocks = n / (LANES * SPLITS) as usize;
+    let blocks = n / (PAIRS * SPLITS) as usize;
     let run_start = &run_start.read::<u32>(blocks + 1)?[..blocks + 1];
     let count = end(run_start);
     let runs = &runs.read::<u32>(count.saturating_add(1))?[..count + 1];
     let factors = factors.read::<u32>(count * FACTOR_WORDS as usize)?;
     let quads = &quads.read::<TileQuad>(runs_of(runs))?[..runs_of(runs)];
     let words = words.read::<u32>(words_of(quads))?;
-    expand_all(&ExpandTables { run_start, runs, quads, words }, factors, rows.write(PARTS as usize * n)?);
+    expand_all(&ExpandTables { run_start, runs, quads, words }, factors, rows.write(2 * PARTS as usize * n)?);
     Ok(())
 }
 
@@ -99,7 +101,7 @@ pub(crate) fn near(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError
     let elements = call.elements;
     let (p, [square_start, squares, square_words, light, row_start, entries, steps, ordered, near]) =
         call.parts::<CountParams, 9>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let n = 8 * agreed(elements, p.count)?;
     let edges = n / LANES as usize;
     let square_start = &square_start.read::<u32>(edges + 1)?[..edges + 1];
     let count = end(square_start);

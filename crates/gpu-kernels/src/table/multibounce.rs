@@ -133,7 +133,8 @@ pub static MULTIBOUNCE_TILES_ROUND: Kernel = Kernel {
     host: host::tiles::round,
 };
 
-/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a quad of slots.
+/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a part of a run, two quads
+/// of slots at most.
 pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     name: "multibounce_tiles_project",
     spv: spv!("multibounce_tiles_project"),
@@ -141,10 +142,11 @@ pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     elements_per_group: WORKGROUP,
     push_bytes: size_of::<CountParams>() as u32,
     bindings: &[
+        read::<u32>("runs"),
         read::<TileQuad>("quads"),
-        read::<u32>("words"),
-        read::<f32>("scales"),
-        read::<u32>("light"),
+        read::<UVec4>("words"),
+        read::<Vec4>("scales"),
+        read::<UVec4>("light"),
         write::<Rgb>("sums"),
     ],
     host: host::tiles::project,
@@ -157,12 +159,12 @@ pub static MULTIBOUNCE_TILES_WEIGH: Kernel = Kernel {
     workgroup: WORKGROUP,
     elements_per_group: WORKGROUP,
     push_bytes: size_of::<CountParams>() as u32,
-    bindings: &[read::<u32>("runs"), read::<u32>("partner"), read::<Rgb>("sums"), write::<u32>("factors")],
+    bindings: &[read::<u32>("runs"), read::<UVec4>("partner"), read::<Rgb>("sums"), write::<UVec4>("factors")],
     host: host::tiles::weigh,
 };
 
-/// Rows of the tiles, those of a block's splits one after another. An element is a lane of a split of a block: a row of each
-/// of its parts.
+/// Rows of the tiles, those of a block's splits one after another. An element is two lanes of a split of a
+/// block: a row of each of their parts.
 pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
     name: "multibounce_tiles_expand",
     spv: spv!("multibounce_tiles_expand"),
@@ -173,14 +175,14 @@ pub static MULTIBOUNCE_TILES_EXPAND: Kernel = Kernel {
         read::<u32>("run_start"),
         read::<u32>("runs"),
         read::<TileQuad>("quads"),
-        read::<u32>("words"),
-        read::<u32>("factors"),
+        read::<UVec2>("words"),
+        read::<UVec4>("factors"),
         write::<Rgb>("rows"),
     ],
     host: host::tiles::expand,
 };
 
-/// Rows of the squares and of the single entries of tiles. An element is a place of the order. `ordered` has room for every
+/// Rows of the squares and of the single entries of tiles. An element is eight places of the order. `ordered` has room for every
 /// place that entries can name.
 pub static MULTIBOUNCE_TILES_NEAR: Kernel = Kernel {
     name: "multibounce_tiles_near",
@@ -191,8 +193,8 @@ pub static MULTIBOUNCE_TILES_NEAR: Kernel = Kernel {
     bindings: &[
         read::<u32>("square_start"),
         read::<TileSquare>("squares"),
-        read::<u32>("square_words"),
-        read::<u32>("light"),
+        read::<UVec4>("square_words"),
+        read::<UVec4>("light"),
         read::<u32>("row_start"),
         read::<u32>("entries"),
         read::<f32>("steps"),

@@ -6,9 +6,10 @@
 //! Vectors and squares are whole numbers, so sums and rows are exact, in whatever order they are added up, but for the rounding
 //! to 15 bits and a sign: of what is greatest in the block, in the run. Single entries take the exitance as it is.
 //!
-//! An invocation of [`project`] makes four sums and one of [`expand`] eight rows: what it loads serves them all.
+//! An invocation of [`project`] makes eight sums, one of [`expand`] sixteen rows and one of [`near`] eight: what it loads
+//! serves them all. Words are loaded by fours, which costs little more than to load one where loads are made in software.
 
-use glam::{IVec3, UVec3, Vec3, Vec4};
+use glam::{IVec3, UVec2, UVec3, UVec4, Vec3, Vec4};
 
 use crate::types::{TileQuad, TileSquare, TileVector};
 
@@ -24,12 +25,16 @@ pub const TWOS: u32 = PARTS / 2;
 pub const QUAD: u32 = 4;
 /// Most quads of a run, whose sums have one step.
 pub const RUN_QUADS: u32 = 8;
+/// Parts of a run of two quads each.
+pub const RUN_PARTS: u32 = RUN_QUADS / 2;
 /// Pairs of slots of a run.
 pub const RUN_PAIRS: u32 = RUN_QUADS * QUAD / 2;
 /// Into how many ranges the runs of a block are split, whose rows [`leave`] adds up.
 pub const SPLITS: u32 = 4;
 /// Words of a square of [`LANES`] rows and columns.
 pub const SQUARE_WORDS: u32 = LANES * LANES / 4;
+/// Fours of lanes.
+pub const QUARTERS: u32 = LANES / 4;
 /// Places that the single entries can name.
 pub const PLACES: usize = 65_536;
 /// The partner of a slot whose vector is multiplied by no sum.
@@ -49,8 +54,8 @@ pub const PAIRS: u32 = LANES / 2;
 pub const LIGHT_WORDS: u32 = PAIRS_AT + PARTS * 3 * PAIRS;
 /// See [`LIGHT_WORDS`].
 pub const PAIRS_AT: u32 = 3 * CHANNEL_WORDS + LANES;
-/// Words of a run of [`weigh`]: for each pair of slots, which share a word, those of the channels; then their steps.
-pub const FACTOR_WORDS: u32 = 3 * RUN_PAIRS + 4;
+/// Words of a run of [`weigh`]: for each pair of slots, which share a word, those of the channels and a 0; then their steps.
+pub const FACTOR_WORDS: u32 = 4 * (RUN_PAIRS + 1);
 
 /// Numbers whose bits are those of a whole number, beside the exponent: the lower 16 are its own.
 const WHOLE: f32 = 12_582_912.0;
@@ -116,9 +121,7 @@ fn inverses_of(steps: Vec3) -> Vec3 {
 struct Lane {
     low: u32,
     high: u32,
-    bits: u32,
-    mask: u32,
-    bias: i32,
+    is_short: bool,
 }
 
 impl Lane {
@@ -127,29 +130,117 @@ impl Lane {
     #[inline]
     fn of(words: &[u32], vector: TileVector, lane: u32) -> Self {
         let at = (vector.group * LANES + lane) as usize;
-        let low = words[at];
-        if vector.is_short {
-            Self { low, high: low >> 8, bits: 4, mask: 0x000f_000f, bias: SHORT_BIAS }
-        } else {
-            Self { low, high: words[at + LANES as usize], bits: 8, mask: 0x00ff_00ff, bias: BIAS }
-        }
+        let (low, is_short) = (words[at], vector.is_short);
+        let high = if is_short { low >> 8u32 } else { words[at + LANES as usize] };
+        Self { low, high, is_short }
     }
 
-    /// The elements of parts `two` and `two + TWOS`.
+    /// The elements of parts `two` and `two + TWOS`, each with its bias, in the halves of a word.
     #[inline]
-    fn elements(self, two: u32) -> (i32, i32) {
-        let word = if two < TWOS / 2 { self.low } else { self.high };
-        let both = word >> (self.bits * (two % (TWOS / 2))) & self.mask;
-        ((both & 0xffff) as i32 - self.bias, (both >> 16) as i32 - self.bias)
+    fn word(self, two: u32) -> u32 {
+        elements(self.low, self.high, two, self.is_short)
     }
+}
+
+/// See [`Lane::word`].
+#[inline]
+fn elements(low: u32, high: u32, two: u32, is_short: bool) -> u32 {
+    let word = if two < TWOS / 2 { low } else { high };
+    let bits = if is_short { 4 } else { 8 };
+    let mask = if is_short { 0x000f_000f } else { 0x00ff_00ff };
+    word >> (bits * (two % (TWOS / 2))) & mask
+}
+
+/// What a vector has in four lanes.
+#[derive(Clone, Copy)]
+struct Quarter {
+    low: UVec4,
+    high: UVec4,
+    is_short: bool,
+}
+
+impl Quarter {
+    #[inline]
+    fn of(words: &[UVec4], vector: TileVector, quarter: u32) -> Self {
+        let at = (vector.group * QUARTERS + quarter) as usize;
+        let (low, is_short) = (words[at], vector.is_short);
+        let up = |word: u32| word >> 8u32;
+        let high = if is_short {
+            UVec4::new(up(low.x), up(low.y), up(low.z), up(low.w))
+        } else {
+            words[at + QUARTERS as usize]
+        };
+        Self { low, high, is_short }
+    }
+
+    /// [`Lane::word`] of the four.
+    #[inline]
+    fn words(self, two: u32) -> UVec4 {
+        let (low, high, is_short) = (self.low, self.high, self.is_short);
+        UVec4::new(
+            elements(low.x, high.x, two, is_short),
+            elements(low.y, high.y, two, is_short),
+            elements(low.z, high.z, two, is_short),
+            elements(low.w, high.w, two, is_short),
+        )
+    }
+}
+
+/// What a vector has in two lanes.
+#[derive(Clone, Copy)]
+struct LanePair {
+    low: UVec2,
+    high: UVec2,
+    is_short: bool,
+}
+
+impl LanePair {
+    #[inline]
+    fn of(words: &[UVec2], vector: TileVector, pair: u32) -> Self {
+        let at = (vector.group * PAIRS + pair) as usize;
+        let (low, is_short) = (words[at], vector.is_short);
+        let mut high = UVec2::new(low.x >> 8u32, low.y >> 8u32);
+        if !is_short {
+            high = words[at + PAIRS as usize];
+        }
+        Self { low, high, is_short }
+    }
+
+    #[inline]
+    fn first(self) -> Lane {
+        Lane { low: self.low.x, high: self.high.x, is_short: self.is_short }
+    }
+
+    #[inline]
+    fn second(self) -> Lane {
+        Lane { low: self.low.y, high: self.high.y, is_short: self.is_short }
+    }
+}
+
+/// The bias of elements.
+#[inline]
+fn bias_of(is_short: bool) -> i32 {
+    if is_short { SHORT_BIAS } else { BIAS }
+}
+
+/// The element in the lower half of a word.
+#[inline]
+fn first_of(word: u32, bias: i32) -> i32 {
+    (word & 0xffff) as i32 - bias
+}
+
+/// The element in the upper half.
+#[inline]
+fn last_of(word: u32, bias: i32) -> i32 {
+    (word >> 16) as i32 - bias
 }
 
 /// Element `r` of a vector.
 #[inline]
 pub fn element(words: &[u32], vector: TileVector, r: u32) -> i32 {
-    let (lane, part) = (Lane::of(words, vector, r % LANES), r / LANES);
-    let (first, second) = lane.elements(part % TWOS);
-    if part < TWOS { first } else { second }
+    let part = r / LANES;
+    let (word, bias) = (Lane::of(words, vector, r % LANES).word(part % TWOS), bias_of(vector.is_short));
+    if part < TWOS { first_of(word, bias) } else { last_of(word, bias) }
 }
 
 /// The channels of a sum that a slot is for.
@@ -220,11 +311,11 @@ pub fn round(k: u32, ordered: &[Vec4], light: &mut [u32]) {
     light[(first + 3 * CHANNEL_WORDS) as usize] = step.to_bits();
 }
 
-/// Steps of the channels, from a word on.
+/// Steps of the channels, which four words hold.
 #[inline]
-fn steps_at(words: &[u32], at: u32) -> Vec3 {
-    let step = |c: u32| f32::from_bits(words[(at + c) as usize]);
-    Vec3::new(step(0), step(1), step(2))
+fn steps_at(words: &[UVec4], at: u32) -> Vec3 {
+    let steps = words[at as usize];
+    Vec3::new(f32::from_bits(steps.x), f32::from_bits(steps.y), f32::from_bits(steps.z))
 }
 
 /// Sums of the four vectors of a quad.
@@ -240,89 +331,147 @@ impl Four {
     const ZERO: Self = Self { a: IVec3::ZERO, b: IVec3::ZERO, c: IVec3::ZERO, d: IVec3::ZERO };
 }
 
-/// Adds what a vector has in parts `two` and `two + TWOS` of a lane.
+/// Adds what a vector has in two parts of a lane: a word of elements with their bias, and the exitance there.
 #[inline]
-fn add(sum: IVec3, vector: Lane, two: u32, first: IVec3, second: IVec3) -> IVec3 {
-    let (e, f) = vector.elements(two);
-    sum + first * e + second * f
+fn add(sum: IVec3, word: u32, bias: i32, first: IVec3, second: IVec3) -> IVec3 {
+    sum + first * first_of(word, bias) + second * last_of(word, bias)
 }
 
-/// What a lane adds up.
+/// The same of the four vectors of a quad.
 #[inline]
-fn lane(quad: TileQuad, lane: u32, words: &[u32], light: &[u32], mut sum: Four) -> Four {
-    let a = Lane::of(words, quad.vector(0), lane);
-    let b = Lane::of(words, quad.vector(1), lane);
-    let c = Lane::of(words, quad.vector(2), lane);
-    let d = Lane::of(words, quad.vector(3), lane);
+fn add_lane(sum: Four, words: UVec4, bias: i32, both: UVec3) -> Four {
+    let (first, second) = (low(both), high(both));
+    Four {
+        a: add(sum.a, words.x, bias, first, second),
+        b: add(sum.b, words.y, bias, first, second),
+        c: add(sum.c, words.z, bias, first, second),
+        d: add(sum.d, words.w, bias, first, second),
+    }
+}
+
+/// What the vectors of two quads that are alike add up in four lanes.
+#[inline]
+fn four_lanes(
+    (quad, other): (TileQuad, TileQuad),
+    quarter: u32,
+    words: &[UVec4],
+    light: &[UVec4],
+    (mut sum, mut rest): (Four, Four),
+) -> (Four, Four) {
+    let a = Quarter::of(words, quad.vector(0), quarter);
+    let b = Quarter::of(words, quad.vector(1), quarter);
+    let c = Quarter::of(words, quad.vector(2), quarter);
+    let d = Quarter::of(words, quad.vector(3), quarter);
+    let e = Quarter::of(words, other.vector(0), quarter);
+    let f = Quarter::of(words, other.vector(1), quarter);
+    let g = Quarter::of(words, other.vector(2), quarter);
+    let h = Quarter::of(words, other.vector(3), quarter);
+    let bias = bias_of(quad.is_short());
     for two in 0..TWOS {
-        let at = (quad.block() * LIGHT_WORDS + two * LANES + lane) as usize;
-        let both = UVec3::new(light[at], light[at + CHANNEL_WORDS as usize], light[at + 2 * CHANNEL_WORDS as usize]);
-        let (first, second) = (low(both), high(both));
-        sum.a = add(sum.a, a, two, first, second);
-        sum.b = add(sum.b, b, two, first, second);
-        sum.c = add(sum.c, c, two, first, second);
-        sum.d = add(sum.d, d, two, first, second);
+        let at = (quad.block() * (LIGHT_WORDS / 4) + two * QUARTERS + quarter) as usize;
+        let channel = (CHANNEL_WORDS / 4) as usize;
+        let (red, green, blue) = (light[at], light[at + channel], light[at + 2 * channel]);
+        let (i, j, k, l) = (a.words(two), b.words(two), c.words(two), d.words(two));
+        let (m, n, o, p) = (e.words(two), f.words(two), g.words(two), h.words(two));
+        let both = UVec3::new(red.x, green.x, blue.x);
+        sum = add_lane(sum, UVec4::new(i.x, j.x, k.x, l.x), bias, both);
+        rest = add_lane(rest, UVec4::new(m.x, n.x, o.x, p.x), bias, both);
+        let both = UVec3::new(red.y, green.y, blue.y);
+        sum = add_lane(sum, UVec4::new(i.y, j.y, k.y, l.y), bias, both);
+        rest = add_lane(rest, UVec4::new(m.y, n.y, o.y, p.y), bias, both);
+        let both = UVec3::new(red.z, green.z, blue.z);
+        sum = add_lane(sum, UVec4::new(i.z, j.z, k.z, l.z), bias, both);
+        rest = add_lane(rest, UVec4::new(m.z, n.z, o.z, p.z), bias, both);
+        let both = UVec3::new(red.w, green.w, blue.w);
+        sum = add_lane(sum, UVec4::new(i.w, j.w, k.w, l.w), bias, both);
+        rest = add_lane(rest, UVec4::new(m.w, n.w, o.w, p.w), bias, both);
     }
-    sum
+    (sum, rest)
 }
 
-/// Sums of a quad's slots, `z = s (v·x)`, for their channels.
-///
-/// Shapes: `quads[n]`, `scale[n · QUAD]`, `words[groups · LANES]`, `light` of [`round`]. Needs `k < n`.
+/// The quads of part `k % RUN_PARTS` of run `k / RUN_PARTS`: the first, and how many, 0 to 2.
 #[inline]
-pub fn project(k: u32, quads: &[TileQuad], words: &[u32], scale: &[f32], light: &[u32]) -> [Vec4; QUAD as usize] {
-    let quad = quads[k as usize];
-    let mut sum = Four::ZERO;
-    for l in 0..LANES {
-        sum = lane(quad, l, words, light, sum);
+pub fn quads_of(k: u32, runs: &[u32]) -> (u32, u32) {
+    let run = (k / RUN_PARTS) as usize;
+    let (first, end) = (runs[run] + k % RUN_PARTS * 2, runs[run + 1]);
+    if first + 1 < end {
+        (first, 2)
+    } else if first < end {
+        (first, 1)
+    } else {
+        (first, 0)
     }
-    let steps = steps_at(light, quad.block() * LIGHT_WORDS + 3 * CHANNEL_WORDS);
-    let (channel, slot) = (quad.channel(), (QUAD * k) as usize);
+}
+
+/// Sums of the slots of [`quads_of`], `z = s (v·x)`, for their channels. What is beyond them says nothing.
+///
+/// Shapes, by fours: `quads[n]`, `scale[n]`, `words[groups · QUARTERS]`, `light` of [`round`]. Needs `first < n`.
+#[inline]
+pub fn project(
+    first: u32,
+    count: u32,
+    quads: &[TileQuad],
+    words: &[UVec4],
+    scale: &[Vec4],
+    light: &[UVec4],
+) -> [Vec4; 2 * QUAD as usize] {
+    let (quad, second) = (quads[first as usize], if count > 1 { first + 1 } else { first });
+    let both = (quad, quads[second as usize]);
+    let mut sums = (Four::ZERO, Four::ZERO);
+    for quarter in 0..QUARTERS {
+        sums = four_lanes(both, quarter, words, light, sums);
+    }
+    let steps = steps_at(light, quad.block() * (LIGHT_WORDS / 4) + 3 * CHANNEL_WORDS / 4);
+    let (channel, one, other) = (quad.channel(), scale[first as usize], scale[second as usize]);
+    let (sum, rest) = sums;
+    let z = |sum: IVec3, scale: f32| masked(sum.as_vec3() * steps * scale, channel).extend(0.0);
     [
-        masked(sum.a.as_vec3() * steps * scale[slot], channel).extend(0.0),
-        masked(sum.b.as_vec3() * steps * scale[slot + 1], channel).extend(0.0),
-        masked(sum.c.as_vec3() * steps * scale[slot + 2], channel).extend(0.0),
-        masked(sum.d.as_vec3() * steps * scale[slot + 3], channel).extend(0.0),
+        z(sum.a, one.x),
+        z(sum.b, one.y),
+        z(sum.c, one.z),
+        z(sum.d, one.w),
+        z(rest.a, other.x),
+        z(rest.b, other.y),
+        z(rest.c, other.z),
+        z(rest.d, other.w),
     ]
 }
 
-/// The sum that a slot's vector is multiplied by.
+/// The sum that a slot's vector is multiplied by, given the slot of its partner.
 #[inline]
-fn factor(slot: u32, partner: &[u32], sums: &[Vec4]) -> Vec3 {
-    let other = partner[slot as usize];
+fn factor(other: u32, sums: &[Vec4]) -> Vec3 {
     if other == NO_SLOT { Vec3::ZERO } else { sums[other as usize].truncate() }
 }
 
 /// What the vectors of run `k` are multiplied by, in whole numbers: a word of each pair of slots and channel, and the steps.
 ///
-/// Shapes: `runs[n + 1]`, the first quad of each; `partner` and `sums` `[quads · QUAD]`; `factors[n · FACTOR_WORDS]`. Needs
-/// `k < n`.
+/// Shapes, `partner` and `factors` by fours: `runs[n + 1]`, the first quad of each; `partner[quads]`, `sums[quads · QUAD]`;
+/// `factors[n · FACTOR_WORDS / 4]`. Needs `k < n`.
 #[inline]
-pub fn weigh(k: u32, runs: &[u32], partner: &[u32], sums: &[Vec4], factors: &mut [u32]) {
-    let (first, end) = (QUAD * runs[k as usize], QUAD * runs[k as usize + 1]);
+pub fn weigh(k: u32, runs: &[u32], partner: &[UVec4], sums: &[Vec4], factors: &mut [UVec4]) {
+    let (first, end) = (runs[k as usize], runs[k as usize + 1]);
     let mut most = Vec3::ZERO;
-    for slot in first..end {
-        most = most.max(factor(slot, partner, sums).abs());
+    for quad in first..end {
+        let other = partner[quad as usize];
+        most = most.max(factor(other.x, sums).abs()).max(factor(other.y, sums).abs());
+        most = most.max(factor(other.z, sums).abs()).max(factor(other.w, sums).abs());
     }
     let steps = steps_of(most);
     let inverses = inverses_of(steps);
-    let at = (k * FACTOR_WORDS) as usize;
-    for two in 0..RUN_PAIRS {
-        let slot = first + 2 * two;
-        let mut both = UVec3::ZERO;
-        if slot < end {
-            both = pair(factor(slot, partner, sums), factor(slot + 1, partner, sums), inverses);
+    let at = (k * (FACTOR_WORDS / 4)) as usize;
+    for two in 0..RUN_QUADS {
+        let quad = first + two;
+        let (mut one, mut other) = (UVec3::ZERO, UVec3::ZERO);
+        if quad < end {
+            let slots = partner[quad as usize];
+            one = pair(factor(slots.x, sums), factor(slots.y, sums), inverses);
+            other = pair(factor(slots.z, sums), factor(slots.w, sums), inverses);
         }
-        let at = at + (3 * two) as usize;
-        factors[at] = both.x;
-        factors[at + 1] = both.y;
-        factors[at + 2] = both.z;
+        let at = at + (2 * two) as usize;
+        factors[at] = one.extend(0);
+        factors[at + 1] = other.extend(0);
     }
-    let at = at + (3 * RUN_PAIRS) as usize;
-    factors[at] = steps.x.to_bits();
-    factors[at + 1] = steps.y.to_bits();
-    factors[at + 2] = steps.z.to_bits();
-    factors[at + 3] = 0;
+    factors[at + RUN_PAIRS as usize] = UVec4::new(steps.x.to_bits(), steps.y.to_bits(), steps.z.to_bits(), 0);
 }
 
 /// The runs of a block that belong to a split of it, given where they begin and end.
@@ -370,113 +519,193 @@ pub fn row_of(word: u32) -> [i32; 4] {
     [byte(24), byte(8), byte(16), byte(0)]
 }
 
-/// Row of place `p` of what stands by itself: the squares of its part, in the order in which they stand, then the single
-/// entries.
+/// Adds what four columns of a square bring to one of its rows, given the exitance of the first and last two of them.
+#[inline]
+fn add_four(sum: IVec3, word: u32, first: (IVec3, IVec3), last: (IVec3, IVec3)) -> IVec3 {
+    let [a, b, c, d] = row_of(word);
+    sum + first.0 * a + first.1 * b + last.0 * c + last.1 * d
+}
+
+/// Rows of a square, or of other things, by eights.
+#[derive(Clone, Copy)]
+struct Eight<T> {
+    a: T,
+    b: T,
+    c: T,
+    d: T,
+    e: T,
+    f: T,
+    g: T,
+    h: T,
+}
+
+impl<T: Copy> Eight<T> {
+    #[inline]
+    fn splat(x: T) -> Self {
+        Self { a: x, b: x, c: x, d: x, e: x, f: x, g: x, h: x }
+    }
+}
+
+/// Adds whole numbers times their step.
+#[inline]
+fn add_scaled(rows: Eight<Vec3>, sum: Eight<IVec3>, step: Vec3) -> Eight<Vec3> {
+    Eight {
+        a: rows.a + sum.a.as_vec3() * step,
+        b: rows.b + sum.b.as_vec3() * step,
+        c: rows.c + sum.c.as_vec3() * step,
+        d: rows.d + sum.d.as_vec3() * step,
+        e: rows.e + sum.e.as_vec3() * step,
+        f: rows.f + sum.f.as_vec3() * step,
+        g: rows.g + sum.g.as_vec3() * step,
+        h: rows.h + sum.h.as_vec3() * step,
+    }
+}
+
+/// Adds what a group of a square's words, four of its columns, brings to eight rows.
+#[inline]
+fn add_group(sum: Eight<IVec3>, (x, y): (UVec4, UVec4), first: UVec3, last: UVec3) -> Eight<IVec3> {
+    let (first, last) = ((low(first), high(first)), (low(last), high(last)));
+    Eight {
+        a: add_four(sum.a, x.x, first, last),
+        b: add_four(sum.b, x.y, first, last),
+        c: add_four(sum.c, x.z, first, last),
+        d: add_four(sum.d, x.w, first, last),
+        e: add_four(sum.e, y.x, first, last),
+        f: add_four(sum.f, y.y, first, last),
+        g: add_four(sum.g, y.z, first, last),
+        h: add_four(sum.h, y.w, first, last),
+    }
+}
+
+/// Eight rows of what stands by itself, those of places `8 k` and on: the squares of their part, in the order in which they
+/// stand, then the single entries.
 ///
-/// Shapes: `square_start[blocks · PARTS + 1]`, `squares[n]`, `square_words[n · SQUARE_WORDS]`, `light` of [`round`],
-/// `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`, `ordered` long enough for the entries' columns.
+/// Shapes: `square_start[blocks · PARTS + 1]`, `squares[n]`, `square_words[n · SQUARE_WORDS / 4]`, `light` of [`round`] by
+/// fours, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`, `ordered` long enough for the entries' columns. Needs
+/// `8 k < blocks · TILE`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn near(
-    p: u32,
+    k: u32,
     square_start: &[u32],
     squares: &[TileSquare],
-    square_words: &[u32],
-    light: &[u32],
+    square_words: &[UVec4],
+    light: &[UVec4],
     row_start: &[u32],
     entries: &[u32],
     steps: &[f32],
     ordered: &[Vec4],
-) -> Vec4 {
-    let (part, lane) = ((p / LANES) as usize, p % LANES);
-    let mut row = Vec3::ZERO;
-    for k in square_start[part]..square_start[part + 1] {
-        let square = squares[k as usize];
-        let first = square.column / PARTS * LIGHT_WORDS;
-        let pairs = first + PAIRS_AT + square.column % PARTS * (3 * PAIRS);
-        let mut sum = IVec3::ZERO;
-        for group in 0..SQUARE_WORDS / LANES {
-            let [a, b, c, d] = row_of(square_words[(k * SQUARE_WORDS + group * LANES + lane) as usize]);
-            let at = (pairs + 2 * group) as usize;
-            let (green, blue) = (at + PAIRS as usize, at + 2 * PAIRS as usize);
-            let one = UVec3::new(light[at], light[green], light[blue]);
-            let other = UVec3::new(light[at + 1], light[green + 1], light[blue + 1]);
-            sum += low(one) * a + high(one) * b + low(other) * c + high(other) * d;
+) -> [Vec4; 8] {
+    let (part, half) = ((k / 2) as usize, k % 2);
+    let mut rows = Eight::splat(Vec3::ZERO);
+    for s in square_start[part]..square_start[part + 1] {
+        let square = squares[s as usize];
+        let first = square.column / PARTS * (LIGHT_WORDS / 4);
+        let pairs = first + PAIRS_AT / 4 + square.column % PARTS * (3 * PAIRS / 4);
+        let mut sum = Eight::splat(IVec3::ZERO);
+        // Two groups, eight columns.
+        for two in 0..2 {
+            let at = (pairs + two) as usize;
+            let (red, green, blue) = (light[at], light[at + 2], light[at + 4]);
+            let at = (s * (SQUARE_WORDS / 4) + two * 2 * QUARTERS + 2 * half) as usize;
+            let (x, y) = (UVec3::new(red.x, green.x, blue.x), UVec3::new(red.y, green.y, blue.y));
+            sum = add_group(sum, (square_words[at], square_words[at + 1]), x, y);
+            let at = at + QUARTERS as usize;
+            let (z, w) = (UVec3::new(red.z, green.z, blue.z), UVec3::new(red.w, green.w, blue.w));
+            sum = add_group(sum, (square_words[at], square_words[at + 1]), z, w);
         }
-        row += sum.as_vec3() * (steps_at(light, first + 3 * CHANNEL_WORDS) * square.step);
+        rows = add_scaled(rows, sum, steps_at(light, first + 3 * CHANNEL_WORDS / 4) * square.step);
     }
-    (row + single(p, row_start, entries, steps, ordered)).extend(0.0)
+    let place = 8 * k;
+    [
+        (rows.a + single(place, row_start, entries, steps, ordered)).extend(0.0),
+        (rows.b + single(place + 1, row_start, entries, steps, ordered)).extend(0.0),
+        (rows.c + single(place + 2, row_start, entries, steps, ordered)).extend(0.0),
+        (rows.d + single(place + 3, row_start, entries, steps, ordered)).extend(0.0),
+        (rows.e + single(place + 4, row_start, entries, steps, ordered)).extend(0.0),
+        (rows.f + single(place + 5, row_start, entries, steps, ordered)).extend(0.0),
+        (rows.g + single(place + 6, row_start, entries, steps, ordered)).extend(0.0),
+        (rows.h + single(place + 7, row_start, entries, steps, ordered)).extend(0.0),
+    ]
 }
 
-/// What lane `k % LANES` of split `k / LANES % SPLITS` of a block adds to its rows, one of each part: each vector of the split
-/// times the sum of its partner, which is 0 in the channels that neither is for.
+/// Adds what two vectors bring to the rows of a lane, one of each part.
+#[inline]
+fn add_parts(sum: Eight<IVec3>, one: Lane, other: Lane, y: IVec3, z: IVec3) -> Eight<IVec3> {
+    let bias = bias_of(one.is_short);
+    let (i, j, k, l) = (one.word(0), one.word(1), one.word(2), one.word(3));
+    let (m, n, o, p) = (other.word(0), other.word(1), other.word(2), other.word(3));
+    Eight {
+        a: sum.a + y * first_of(i, bias) + z * first_of(m, bias),
+        b: sum.b + y * first_of(j, bias) + z * first_of(n, bias),
+        c: sum.c + y * first_of(k, bias) + z * first_of(o, bias),
+        d: sum.d + y * first_of(l, bias) + z * first_of(p, bias),
+        e: sum.e + y * last_of(i, bias) + z * last_of(m, bias),
+        f: sum.f + y * last_of(j, bias) + z * last_of(n, bias),
+        g: sum.g + y * last_of(k, bias) + z * last_of(o, bias),
+        h: sum.h + y * last_of(l, bias) + z * last_of(p, bias),
+    }
+}
+
+/// What lanes `2 q` and `2 q + 1` of a split of a block add to its rows, of each lane one of each part, with `q = k % PAIRS`
+/// and the split and the block above it: each vector of the split times the sum of its partner, which is 0 in the channels
+/// that neither is for.
 ///
-/// Shapes: `run_start[blocks + 1]`, `runs`, `factors` of [`weigh`], `quads[n]`.
+/// Shapes: `run_start[blocks + 1]`, `runs`, `factors` of [`weigh`] by fours, `quads[n]`, `words` by twos.
 #[inline]
 pub fn expand(
     k: u32,
     run_start: &[u32],
     runs: &[u32],
     quads: &[TileQuad],
-    words: &[u32],
-    factors: &[u32],
-) -> [Vec4; PARTS as usize] {
-    let (lane, split, block) = (k % LANES, k / LANES % SPLITS, k / (LANES * SPLITS));
+    words: &[UVec2],
+    factors: &[UVec4],
+) -> [Vec4; 2 * PARTS as usize] {
+    let (pair, split, block) = (k % PAIRS, k / PAIRS % SPLITS, k / (PAIRS * SPLITS));
     let (first, end) = split_of(split, run_start[block as usize], run_start[block as usize + 1]);
-    // Variables of their own stay in registers.
-    let (mut a, mut b, mut c, mut d) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-    let (mut e, mut f, mut g, mut h) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+    let (mut rows, mut others) = (Eight::splat(Vec3::ZERO), Eight::splat(Vec3::ZERO));
     for run in first..end {
-        let (mut p, mut q, mut r, mut s) = (IVec3::ZERO, IVec3::ZERO, IVec3::ZERO, IVec3::ZERO);
-        let (mut t, mut u, mut v, mut w) = (IVec3::ZERO, IVec3::ZERO, IVec3::ZERO, IVec3::ZERO);
+        let (mut sum, mut rest) = (Eight::splat(IVec3::ZERO), Eight::splat(IVec3::ZERO));
         // Quads of a run are alike, and their words follow one another.
         let (first, end) = (runs[run as usize], runs[run as usize + 1]);
         let quad = quads[first as usize];
         for two in 0..QUAD / 2 * (end - first) {
-            let at = (run * FACTOR_WORDS + 3 * two) as usize;
-            let both = UVec3::new(factors[at], factors[at + 1], factors[at + 2]);
+            let both = factors[(run * (FACTOR_WORDS / 4) + two) as usize].truncate();
             let (y, z) = (low(both), high(both));
-            let one = Lane::of(words, quad.vector(2 * two), lane);
-            let other = Lane::of(words, quad.vector(2 * two + 1), lane);
-            let ((i, j), (m, n)) = (one.elements(0), other.elements(0));
-            p += y * i + z * m;
-            t += y * j + z * n;
-            let ((i, j), (m, n)) = (one.elements(1), other.elements(1));
-            q += y * i + z * m;
-            u += y * j + z * n;
-            let ((i, j), (m, n)) = (one.elements(2), other.elements(2));
-            r += y * i + z * m;
-            v += y * j + z * n;
-            let ((i, j), (m, n)) = (one.elements(3), other.elements(3));
-            s += y * i + z * m;
-            w += y * j + z * n;
+            let one = LanePair::of(words, quad.vector(2 * two), pair);
+            let other = LanePair::of(words, quad.vector(2 * two + 1), pair);
+            sum = add_parts(sum, one.first(), other.first(), y, z);
+            rest = add_parts(rest, one.second(), other.second(), y, z);
         }
-        let step = steps_at(factors, run * FACTOR_WORDS + 3 * RUN_PAIRS);
-        a += p.as_vec3() * step;
-        b += q.as_vec3() * step;
-        c += r.as_vec3() * step;
-        d += s.as_vec3() * step;
-        e += t.as_vec3() * step;
-        f += u.as_vec3() * step;
-        g += v.as_vec3() * step;
-        h += w.as_vec3() * step;
+        let step = steps_at(factors, run * (FACTOR_WORDS / 4) + RUN_PAIRS);
+        rows = add_scaled(rows, sum, step);
+        others = add_scaled(others, rest, step);
     }
     [
-        a.extend(0.0),
-        b.extend(0.0),
-        c.extend(0.0),
-        d.extend(0.0),
-        e.extend(0.0),
-        f.extend(0.0),
-        g.extend(0.0),
-        h.extend(0.0),
+        rows.a.extend(0.0),
+        rows.b.extend(0.0),
+        rows.c.extend(0.0),
+        rows.d.extend(0.0),
+        rows.e.extend(0.0),
+        rows.f.extend(0.0),
+        rows.g.extend(0.0),
+        rows.h.extend(0.0),
+        others.a.extend(0.0),
+        others.b.extend(0.0),
+        others.c.extend(0.0),
+        others.d.extend(0.0),
+        others.e.extend(0.0),
+        others.f.extend(0.0),
+        others.g.extend(0.0),
+        others.h.extend(0.0),
     ]
 }
 
-/// Where [`expand`] writes the row of a part: the splits of a block one after another.
+/// Where [`expand`] writes the row of a part of the first of its lanes, before that of the second: the splits of a block one
+/// after another.
 #[inline]
 pub fn row_at(k: u32, part: u32) -> u32 {
-    k / LANES * TILE + part * LANES + k % LANES
+    k / PAIRS * TILE + part * LANES + 2 * (k % PAIRS)
 }
 
 /// Irradiance of patch `i`, `H_i = y_p / √a_i` with `p = place[i]`, W/m².

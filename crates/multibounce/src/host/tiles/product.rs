@@ -267,10 +267,10 @@ impl Factors for Sums<'_> {
         let steps = most.to_array().map(step_of);
         let inverse = steps.map(inverse_of);
         let mut factors = [0; FACTOR_WORDS as usize];
-        let (pairs, last) = factors.split_at_mut(3 * RUN_PAIRS as usize);
-        for (words, two) in pairs.chunks_exact_mut(3).zip(own[..slots.len()].chunks_exact(2)) {
+        let (pairs, last) = factors.split_at_mut(4 * RUN_PAIRS as usize);
+        for (words, two) in pairs.chunks_exact_mut(4).zip(own[..slots.len()].chunks_exact(2)) {
             let (a, b) = (two[0].to_array(), two[1].to_array());
-            for (c, word) in words.iter_mut().enumerate() {
+            for (c, word) in words[..3].iter_mut().enumerate() {
                 *word = whole(a[c], inverse[c]) & 0xffff | whole(b[c], inverse[c]) << 16;
             }
         }
@@ -512,11 +512,11 @@ impl<F: Factors> WithLanes for Expand<'_, F> {
         for k in runs {
             let quads = &tables.quads[tables.runs[k] as usize..tables.runs[k + 1] as usize];
             let factors = factors.of(k);
-            let (pairs, last) = factors.split_at(3 * RUN_PAIRS as usize);
+            let (pairs, last) = factors.split_at(4 * RUN_PAIRS as usize);
             let steps = steps_of(last);
             // Nothing comes of darkness.
             if steps != [0.0; 3] {
-                let run = Run { quads, groups, pairs: pairs.as_chunks::<3>().0, steps };
+                let run = Run { quads, groups, pairs: pairs.as_chunks::<4>().0, steps };
                 for_kind!(quads[0], L, run.add(l, planes));
             }
         }
@@ -527,7 +527,7 @@ impl<F: Factors> WithLanes for Expand<'_, F> {
 struct Run<'a> {
     quads: &'a [TileQuad],
     groups: &'a [Group],
-    pairs: &'a [[u32; 3]],
+    pairs: &'a [[u32; 4]],
     steps: [f32; 3],
 }
 
@@ -550,7 +550,7 @@ impl Run<'_> {
             for k in 0..L::EACH {
                 let mut sums = [[l.splat(0); HALF]; C];
                 for (two, factors) in vectors.chunks_exact(2 * GROUPS).zip(self.pairs) {
-                    if *factors == [0; 3] {
+                    if *factors == [0; 4] {
                         continue;
                     }
                     let [a, b, c, d] = pairs::<L, SHORT, GROUPS>(l, two, half, k);

@@ -6,7 +6,7 @@ use glam::{UVec2, UVec4, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::{self, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use multibounce::kernel::tiles::{FACTOR_WORDS, LANES, LIGHT_WORDS, PARTS, PLACES, SPLITS, TILE};
+use multibounce::kernel::tiles::{FACTOR_WORDS, LANES, LIGHT_WORDS, PAIRS, PLACES, RUN_PARTS, SPLITS, TILE};
 use multibounce::{BlockCodec, BlockMatrix, BlockParams, Tiles};
 
 use super::super::operator::{PatchOperator, apart};
@@ -289,7 +289,6 @@ pub(super) struct TileTables {
     rows: BufferId,
     near: BufferId,
     patches: u32,
-    quads: u32,
     runs: u32,
 }
 
@@ -323,7 +322,6 @@ impl TileTables {
             rows: plan.storage("rows", rgb(SPLITS as usize * places)),
             near: plan.storage("near", rgb(places)),
             patches: tiles.order.len() as u32,
-            quads: tiles.quads.len() as u32,
             runs: runs as u32,
         }
     }
@@ -344,12 +342,13 @@ impl TileTables {
         let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
         let tables = &self.tables;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, places)?;
-        let (block_lanes, lanes) = (places / TILE * LANES, SPLITS * places / PARTS);
+        let (block_lanes, parts) = (places / TILE * LANES, RUN_PARTS * self.runs);
+        let lanes = SPLITS * places / TILE * PAIRS;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ROUND, &own, tables, &count(block_lanes), block_lanes)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(self.quads), self.quads)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(parts), parts)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_WEIGH, &own, tables, &count(self.runs), self.runs)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(lanes), lanes)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_NEAR, &own, tables, &count(places), places)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_NEAR, &own, tables, &count(places / 8), places / 8)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
         Ok(())
     }
