@@ -113,6 +113,40 @@ fn the_error_is_the_one_that_is_reported_and_damage_raises_it() {
 }
 
 #[test]
+fn an_order_is_worth_what_its_matrix_reports() {
+    let (n, rows) = (101, room(101, 0.8));
+    let go = |_: usize, _: usize| ControlFlow::Continue(());
+    for settings in every_kind() {
+        let order = projected_order(n, &rows, 1);
+        let mse = |order: &Permutation, step| BlockMatrix::order_mse(n, &rows, order, settings, step, &go).unwrap();
+        let whole = mse(&order, 1);
+        let matrix = encode(n, &rows, order.clone(), settings);
+        assert_eq!(whole, matrix.report().block_mse, "{settings:?}");
+        // Outliers are all but exact, and rows are scaled by little.
+        let all = matrix.report().mse;
+        assert!(0.9 * whole < all / 0.95 && all < 1.1 * whole, "{settings:?}: {whole}, of all entries {all}");
+        assert_ne!(whole, mse(&Permutation::identity(n), 1));
+        // Every other row of tiles says about the same.
+        assert!((mse(&order, 2) / whole - 1.0).abs() < 0.3, "{settings:?}: {} {whole}", mse(&order, 2));
+    }
+    let stop = |_: usize, _: usize| ControlFlow::Break(());
+    let order = Permutation::identity(n);
+    let stopped = BlockMatrix::order_mse(n, &rows, &order, BlockSettings::default(), 1, &stop);
+    assert!(matches!(stopped, Err(Error::Cancelled { total: 2, .. })));
+}
+
+#[test]
+fn the_settings_of_a_codec_keep_to_a_third_of_single_precision() {
+    let n = 1600;
+    let rows = room(n, 0.8);
+    for codec in BlockCodec::ALL {
+        let bytes = encode(n, &rows, Permutation::identity(n), BlockSettings::of(codec)).bytes();
+        assert!(3 * bytes.total() <= 4 * (n * n) as u64, "{codec:?}: {bytes:?}");
+        assert!(bytes.outliers > (n * n) as u64 / 4, "{codec:?}: {bytes:?}");
+    }
+}
+
+#[test]
 fn more_outliers_leave_less_error_and_all_of_them_only_rounding() {
     let (n, rows) = (60, room(60, 0.8));
     let error = |outliers| {

@@ -50,6 +50,28 @@ pub enum Error {
         /// What takes less.
         instead: &'static str,
     },
+    /// Texture blocks where no texture unit decodes them.
+    #[error(
+        "{device} has no textureCompressionBC, without which no texture unit decodes blocks; choose --decode kernel, or \
+         another --device"
+    )]
+    NoTextureUnit {
+        /// The device.
+        device: String,
+    },
+    /// Texture blocks that make a wider image than the device takes.
+    #[error(
+        "blocks of {patches} patches are an image as wide, {device} takes at most {limit} texels (maxImageDimension2D); \
+         choose --decode kernel, or a smaller --patch-count"
+    )]
+    WideBlocks {
+        /// The device.
+        device: String,
+        /// The patches.
+        patches: usize,
+        /// Greatest width of its images.
+        limit: u32,
+    },
     /// An experiment cannot go on.
     #[error("{}: not what --resume can continue ({why}); give the options of that run, another --out, or leave out --resume", path.display())]
     OtherExperiment {

@@ -2,6 +2,7 @@
 
 pub mod classic;
 pub mod debug;
+pub mod decode;
 pub(crate) mod exchange;
 pub mod firstshot;
 pub(crate) mod frame;

@@ -55,6 +55,9 @@ pub struct Summary {
     /// How the operator of all bounces is stored, where that was chosen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub codec: Option<String>,
+    /// What decoded its texture blocks, where it has any: `texture` unit or `kernel`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub decode: Option<&'static str>,
     /// Device that ran the kernels.
     pub device: String,
     /// Patches that send light.

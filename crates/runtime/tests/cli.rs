@@ -207,6 +207,10 @@ fn one_product_gives_what_many_bounces_give() {
     assert!(one < 0.98 * classic, "three bounces are not all: {one} {classic}");
     assert!(fails(2, &["render", "cornell", "--method", "tiles", "--epsilon", "2"]).contains("epsilon"));
     assert!(fails(2, &["render", "cornell", "--method", "multibounce", "--codec", "bc2"]).contains("bc6h"));
+    // Native code has no texture unit: said before anything is baked.
+    let asked = ["--method", "multibounce", "--codec", "bc1", "--decode", "texture", "--device", "cpu"];
+    let message = fails(1, &[&["render", "cornell"][..], &asked].concat());
+    assert!(message.contains("textureCompressionBC") && message.contains("--decode kernel"), "{message}");
 }
 
 #[test]
@@ -357,6 +361,9 @@ fn info_tells_what_operators_take_and_lose() {
         assert!(number(t, "own_light") <= number(t, "compact_lights") + 1e-6, "{t}");
         assert!(number(t, "total_bytes") <= 3.1 * number(&found, "dense_bytes"), "{t}");
         assert_eq!(found["stored"].as_array().unwrap().len(), 1);
+        let is_blocks = codec.starts_with("bc");
+        assert_eq!(t["order_mse"].as_array().map(Vec::len), is_blocks.then_some(5), "{t}");
+        assert_eq!(t["decode"].as_str().is_some(), is_blocks, "{t}");
     }
     let (fine, coarse) = (info("tiles", "0.001"), info("tiles", "0.1"));
     for k in 0..2 {

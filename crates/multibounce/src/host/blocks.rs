@@ -85,6 +85,15 @@ pub struct BlockSettings {
     pub tile: usize,
 }
 
+impl BlockSettings {
+    /// So many outliers that all takes at most a third of what one number of single precision an entry would, from some 1,000
+    /// rows on: 5 %, and 3.8 % where blocks take a byte an entry.
+    pub fn of(codec: BlockCodec) -> Self {
+        let outliers = if codec == BlockCodec::Bc1 { 0.05 } else { 0.038 };
+        Self { codec, outliers, ..Self::default() }
+    }
+}
+
 impl Default for BlockSettings {
     fn default() -> Self {
         Self { codec: BlockCodec::Bc1, companding: Companding::Sqrt, outliers: 0.05, tile: 64 }
@@ -118,6 +127,9 @@ pub struct BlockReport {
     pub frobenius: f64,
     /// Mean of `(m'_ij − m_ij)²` over entries and channels.
     pub mse: f64,
+    /// The same over the entries that are no outliers, as they come from the blocks, before rows are scaled: what the order
+    /// of rows and columns decides (thesis, chapter 3).
+    pub block_mse: f64,
     /// Greatest factor by which a row had to be scaled to get its sum back.
     pub row_scaled_up: f32,
     /// Least such factor.
@@ -195,17 +207,7 @@ impl BlockMatrix {
 
     /// What kernels need to know for `block_rows` rows of blocks from `first_block_row` on.
     pub fn params(&self, first_block_row: u32, block_rows: u32) -> BlockParams {
-        BlockParams {
-            block_rows,
-            block_columns: self.block_count() as u32,
-            first_block_row,
-            rows: self.len() as u32,
-            tile_columns: self.len().div_ceil(self.settings.tile) as u32,
-            tile_shift: (self.settings.tile as u32 / BLOCK).trailing_zeros(),
-            companding: self.settings.companding.id(),
-            alpha: u32::from(self.settings.codec == BlockCodec::Bc3),
-            first_outlier: 0,
-        }
+        BlockParams { block_rows, first_block_row, ..params(self.len(), &self.settings) }
     }
 
     /// Bytes of each part.
@@ -264,6 +266,21 @@ impl BlockMatrix {
             row[j as usize] = ordered[k] * self.row_scales[i].truncate();
         }
         Ok(())
+    }
+}
+
+/// What kernels need to know of n rows, but which of them.
+fn params(n: usize, settings: &BlockSettings) -> BlockParams {
+    BlockParams {
+        block_rows: 0,
+        block_columns: n.div_ceil(BLOCK as usize) as u32,
+        first_block_row: 0,
+        rows: n as u32,
+        tile_columns: n.div_ceil(settings.tile) as u32,
+        tile_shift: (settings.tile as u32 / BLOCK).trailing_zeros(),
+        companding: settings.companding.id(),
+        alpha: u32::from(settings.codec == BlockCodec::Bc3),
+        first_outlier: 0,
     }
 }
 

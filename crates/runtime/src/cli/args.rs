@@ -11,6 +11,7 @@ use temporal::{Blend, MOST_SAMPLES, Settings};
 use super::bake::{Bake, Merge};
 use super::bench::Part;
 use crate::render::classic::{ClassicSettings, PatchKind};
+use crate::render::decode::Decode;
 use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::Codec;
 use crate::render::temporal::{RowKind, Sampled, Temporal};
@@ -283,6 +284,57 @@ impl Storage {
     }
 }
 
+/// Texture blocks of an experiment.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Blocks {
+    /// None.
+    None,
+    /// Half a byte an entry.
+    Bc1,
+    /// A byte an entry: brightness apart from colour.
+    Bc3,
+    /// A byte an entry: half-precision colours.
+    Bc6h,
+    /// A byte an entry: 8-bit colours.
+    Bc7,
+}
+
+impl Blocks {
+    /// The codec.
+    pub fn codec(self) -> Option<BlockCodec> {
+        match self {
+            Self::None => None,
+            Self::Bc1 => Some(BlockCodec::Bc1),
+            Self::Bc3 => Some(BlockCodec::Bc3),
+            Self::Bc6h => Some(BlockCodec::Bc6h),
+            Self::Bc7 => Some(BlockCodec::Bc7),
+        }
+    }
+}
+
+/// What decodes texture blocks on a device.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Decoding {
+    /// The texture unit where there is one that is faster.
+    #[default]
+    Auto,
+    /// The texture unit (needs textureCompressionBC); its BC1 and BC3 are rounded to about 8 bits.
+    Texture,
+    /// The kernel, exactly as on the CPU.
+    Kernel,
+}
+
+impl Decoding {
+    /// What frames know it as.
+    pub fn decode(self) -> Decode {
+        match self {
+            Self::Auto => Decode::Auto,
+            Self::Texture => Decode::Texture,
+            Self::Kernel => Decode::Kernel,
+        }
+    }
+}
+
 /// Kinds of patches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Patches {
@@ -323,6 +375,9 @@ pub struct OperatorOptions {
     /// Relative error of tiles, in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator")]
     pub epsilon: f64,
+    /// What is to decode texture blocks in frames on the device: says what is taken.
+    #[arg(long, value_enum, default_value_t, requires = "operator")]
+    pub decode: Decoding,
 }
 
 impl Patches {
@@ -417,6 +472,9 @@ pub struct Render {
     /// How the operator is stored (multibounce) [default: tiles].
     #[arg(long, value_enum)]
     pub codec: Option<Storage>,
+    /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
+    #[arg(long, value_enum, default_value_t)]
+    pub decode: Decoding,
     /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
     #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
     pub epsilon: f64,
@@ -512,6 +570,9 @@ pub struct Bench {
     /// Relative errors (Frobenius) of compressed operators.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
     pub epsilons: Vec<f64>,
+    /// Texture blocks that are measured beside tiles, or none (operator).
+    #[arg(long, value_delimiter = ',', value_enum, default_value = "bc1,bc3,bc6h,bc7")]
+    pub codecs: Vec<Blocks>,
     /// Relative error of the patches' irradiance (firstshot).
     #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
     pub error: f64,

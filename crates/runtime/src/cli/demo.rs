@@ -20,6 +20,7 @@ use crate::import::{Animation, LoadedScene, View};
 use crate::procedural;
 use crate::progress::{Progress, is_cancelled};
 use crate::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
+use crate::render::decode::Decoder;
 use crate::render::firstshot::FirstShotSettings;
 use crate::render::local::LocalOptions;
 use crate::render::operator::{Codec, Feedback, Transport};
@@ -308,6 +309,7 @@ fn one_method(
         scene: loaded.name.clone(),
         method: method.name.into(),
         codec: None,
+        decode: loaded_bake.decoder().map(Decoder::name),
         device,
         patches: Some(loaded_bake.patch_count()),
         receivers: Some(loaded_bake.receiver_count()),

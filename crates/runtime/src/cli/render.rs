@@ -8,7 +8,7 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, Precision, ReferenceData, scale_to_stops, stops_to_scale};
 
-use super::args::{Bounces, Common, FormFactors, Method, ReceiverPlaces, Render};
+use super::args::{Bounces, Common, Decoding, FormFactors, Method, ReceiverPlaces, Render};
 use super::output;
 use super::report::significant;
 use super::sequence::{Movement, Sequence};
@@ -18,6 +18,7 @@ use crate::import::{Animation, LoadedScene};
 use crate::progress::Progress;
 use crate::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
+use crate::render::decode::{Decode, Decoder};
 use crate::render::firstshot::FirstShotSettings;
 use crate::render::operator::{Codec, Feedback, Transport};
 use crate::render::{Pictures, path};
@@ -151,7 +152,19 @@ fn classic_frames(
         progress.note(&note);
     }
     summary.device = executor.device().name.clone();
+    let has_blocks = args.codec.is_some_and(|codec| matches!(codec.codec(args.epsilon), Codec::Blocks(_)));
+    let decode = if has_blocks && args.method == Method::Multibounce {
+        args.decode.decode()
+    } else {
+        if args.decode != Decoding::Auto {
+            progress.warn("--decode is for --method multibounce with --codec bc1, bc3, bc6h or bc7, and is ignored");
+        }
+        Decode::Auto
+    };
+    // Before minutes of baking.
+    decode.check(executor.device())?;
     let settings = ClassicSettings {
+        decode,
         patches: args.patches.kind(loaded.scene.triangles.len()),
         patch_count: args.patches.count(),
         voxel_size: args.patches.voxel_size,
@@ -202,6 +215,10 @@ fn classic_frames(
     summary.patches = Some(classic.patch_count());
     summary.receivers = Some(classic.receiver_count());
     summary.bytes = classic.bytes();
+    summary.decode = classic.decoder().map(Decoder::name);
+    if let Some(decoder) = classic.decoder() {
+        progress.note(&format!("texture blocks are decoded {decoder}"));
+    }
     let phases = ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables", "maps", "photons"];
     for phase in phases {
         if !progress.phases.iter().any(|(name, _)| name == phase) {
@@ -356,6 +373,9 @@ fn print(s: &Summary) {
             p.registered,
             100.0 * p.relative_error
         );
+    }
+    if let Some(decode) = s.decode {
+        println!("{:14} {decode}", "decode");
     }
     for (name, seconds) in &s.bake {
         println!("{:14} {seconds:.2} s", format!("bake {name}"));

@@ -13,9 +13,10 @@ use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Light, Scene, SurfacePoint};
 
 use super::debug::{DebugPicture, DebugView};
+use super::decode::{Decode, Decoder};
 use super::exchange::{Exchange, exchange};
 use super::firstshot::{FirstShot, quietly, write_files};
-use super::frame::{Frame, FrameParts};
+use super::frame::{self, Frame, FrameParts};
 use super::local::{LocalFrame, LocalLight};
 use super::operator::{self, Compressing, Feedback, LAST_BOUNCES, PatchOperator, Transport, accelerations};
 use super::pixels::PixelGather;
@@ -86,6 +87,8 @@ pub struct ClassicSettings {
     pub estimator: Estimator,
     /// How light goes from patch to patch.
     pub transport: Transport,
+    /// What decodes operators in texture blocks.
+    pub decode: Decode,
     /// Bounces; `None` for all.
     pub bounces: Option<u32>,
     /// Where irradiance is gathered.
@@ -117,6 +120,7 @@ impl Default for ClassicSettings {
             sample_rays: 8,
             estimator: Estimator::Hemisphere { rays: 4096 },
             transport: Transport::default(),
+            decode: Decode::default(),
             bounces: None,
             receivers: ReceiverKind::default(),
             receiver_edge: None,
@@ -159,6 +163,7 @@ pub struct Classic {
     receivers: MeshReceivers,
     frame: Frame,
     first_shot: Option<FirstShot>,
+    decoder: Option<Decoder>,
     settings: ClassicSettings,
     bytes: BTreeMap<String, u64>,
 }
@@ -358,6 +363,7 @@ impl Bake {
             return Err(Error::FirstShotReceivers);
         }
         let operator = self.operator(transport, progress)?;
+        let decoder = frame::decoder(self.settings.decode, executor.as_ref(), operator.as_ref())?;
         let feedback = match (transport, &operator) {
             (Transport::Feedback(feedback), Some(operator)) => Some(self.feedback(feedback, operator, progress)?),
             _ => None,
@@ -419,6 +425,7 @@ impl Bake {
                 receivers: &receivers,
                 exchange: &exchange,
                 operator: operator.as_ref(),
+                decoder,
                 feedback,
                 sampled: sampled.as_ref(),
                 local,
@@ -432,7 +439,7 @@ impl Bake {
             },
         )?;
         let receivers = receivers.without_rows()?;
-        Ok(Classic { scene, senders, receivers, frame, first_shot, settings, bytes })
+        Ok(Classic { scene, senders, receivers, frame, first_shot, decoder, settings, bytes })
     }
 }
 
@@ -458,6 +465,11 @@ impl Classic {
     /// Points that receive it.
     pub fn receiver_count(&self) -> usize {
         self.receivers.points.len()
+    }
+
+    /// What decodes the operator, where it is in texture blocks.
+    pub fn decoder(&self) -> Option<Decoder> {
+        self.decoder
     }
 
     /// Bytes of each part.

@@ -18,6 +18,7 @@ use patches::{Lookup, LookupParams};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Light, Scene, SurfacePoint};
 
+use super::decode::Decoder;
 use super::exchange::Exchange;
 use super::local::LocalLight;
 use super::operator::{LAST_BOUNCES, PatchOperator};
@@ -30,7 +31,7 @@ use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
 use hits::HitTables;
 use local::LocalStage;
 use operator::OperatorTables;
-pub(crate) use operator::product_on_device;
+pub(crate) use operator::{decoder, product_decoded, product_on_device};
 use sampled::{Level, LevelPasses};
 
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.
@@ -46,6 +47,8 @@ pub(crate) struct FrameParts<'a> {
     pub exchange: &'a Exchange,
     /// From patches to patches in one product, of all bounces, or with feedback of one.
     pub operator: Option<&'a PatchOperator>,
+    /// What decodes its texture blocks; the kernel unless it is said.
+    pub decoder: Option<Decoder>,
     /// Bounces of a frame that begin with the light of the frame before, and how they use where that was going.
     pub feedback: Option<(u32, Acceleration)>,
     /// Rows that are sampled instead of multiplied by.
@@ -262,7 +265,10 @@ impl Frame {
         let for_facets = at_facets && facet_samples.is_none() && facet_hits.is_none();
         let patch_factors = if is_sparse || for_facets { &parts.exchange.factors } else { &no_rows };
         let patch_rows = uploads.csr(&mut plan, ["patch starts", "patch columns", "patch values"], patch_factors);
-        let operator = parts.operator.map(|operator| OperatorTables::new(&mut plan, &mut uploads, operator));
+        let range = executor.device().max_storage_buffer_range;
+        let decoder = parts.decoder.unwrap_or(Decoder::Kernel);
+        let operator =
+            parts.operator.map(|operator| OperatorTables::new(&mut plan, &mut uploads, operator, range, decoder));
         let names = ["smoothing starts", "smoothing columns", "smoothing weights"];
         let smoothing_rows = uploads.csr(&mut plan, names, &parts.receivers.smoothing);
         let node_rows =
@@ -350,7 +356,6 @@ impl Frame {
             None => on_patches,
         };
         let change = plan.storage("change", rgb(if parts.feedback.is_some() { patches } else { 0 }));
-        let range = executor.device().max_storage_buffer_range;
         let before = plan.passes().len();
         if let Some(rows) = patch_samples {
             let (source, reflected) = (Range::from(source), Range::from(irradiance));

@@ -153,7 +153,7 @@ impl PatchOperator {
                     Self::Half(Half { rows: n, columns, words })
                 }
                 Codec::Blocks(codec) => {
-                    let settings = BlockSettings { codec, ..BlockSettings::default() };
+                    let settings = BlockSettings::of(codec);
                     let order = projected_order(n, &rows, seed);
                     Self::Blocks(BlockMatrix::encode(n, &rows, order, settings, &proceed)?)
                 }

@@ -11,11 +11,11 @@ use glam::{UVec2, UVec4, Vec3, Vec4};
 use half::f16;
 use rayon::prelude::*;
 
-use super::{BlockCodec, BlockMatrix, BlockReport, BlockSettings, decode_texel, unpack};
+use super::{BlockCodec, BlockMatrix, BlockReport, BlockSettings, decode_texel, params, unpack};
 use crate::error::{Error, check_length};
 use crate::host::energy::row_factor;
 use crate::host::order::{MatrixRows, Permutation};
-use crate::host::outliers::{Outliers, find_extremes, magnitude, pack};
+use crate::host::outliers::{Extremes, Outliers, find_extremes, magnitude, pack};
 use crate::kernel::blocks::{BLOCK, entry};
 use crate::types::BlockParams;
 
@@ -45,8 +45,7 @@ impl BlockMatrix {
     ) -> Result<Self, Error> {
         check(n, &order, &settings)?;
         let extremes = find_extremes(n, rows, settings.outliers)?;
-        // The greatest entry becomes 1: halves reach from 6·10⁻⁸ to 65,504.
-        let norm = if extremes.largest > 0.0 { 1.0 / extremes.largest } else { 1.0 };
+        let norm = norm(&extremes);
         let mut matrix = Self {
             settings,
             words: Vec::new(),
@@ -57,27 +56,12 @@ impl BlockMatrix {
             report: BlockReport { row_scaled_up: 1.0, row_scaled_down: 1.0, ..BlockReport::default() },
         };
         let source = Source { n, rows, order: &matrix.permutation, norm, threshold: extremes.threshold * norm };
-        let (params, tiles) = (matrix.params(0, 0), n.div_ceil(settings.tile));
-        let (done, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
-        let encoded: Vec<Option<TileRow>> = (0..tiles)
-            .into_par_iter()
-            .map(|t| {
-                if stop.load(Ordering::Relaxed) {
-                    return None;
-                }
-                let row = source.encode(t, &settings, &params);
-                let count = done.fetch_add(1, Ordering::Relaxed) + 1;
-                if progress(count, tiles).is_break() {
-                    stop.store(true, Ordering::Relaxed);
-                }
-                Some(row)
-            })
-            .collect();
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Cancelled { done: done.load(Ordering::Relaxed), total: tiles });
-        }
+        let params = params(n, &settings);
+        let all: Vec<usize> = (0..n.div_ceil(settings.tile)).collect();
+        let encoded = in_parallel(&all, progress, |t| source.encode(t, &settings, &params))?;
         let (mut error, mut square, mut place) = (0.0, 0.0, 0);
-        for tile in encoded.into_iter().flatten() {
+        let mut in_blocks = InBlocks::default();
+        for tile in encoded {
             matrix.words.extend(tile.words);
             matrix.scales.extend(tile.scales);
             matrix.outliers.entries.extend(tile.outliers);
@@ -92,11 +76,88 @@ impl BlockMatrix {
             }
             error += tile.error;
             square += tile.square;
+            in_blocks.add(tile.in_blocks);
         }
         let unit = f64::from(norm) * f64::from(norm);
         matrix.report.frobenius = if square > 0.0 { (error / square).sqrt() } else { 0.0 };
         matrix.report.mse = error / unit / (3.0 * (n * n).max(1) as f64);
+        matrix.report.block_mse = in_blocks.mse() / unit;
         Ok(matrix)
+    }
+
+    /// [`BlockReport::block_mse`] in an order, found from every `step`-th row of tiles: what an order is worth, without a
+    /// matrix. `progress` as in [`Self::encode`].
+    ///
+    /// # Errors
+    /// As [`Self::encode`].
+    pub fn order_mse(
+        n: usize,
+        rows: &MatrixRows,
+        order: &Permutation,
+        settings: BlockSettings,
+        step: usize,
+        progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
+    ) -> Result<f64, Error> {
+        check(n, order, &settings)?;
+        let extremes = find_extremes(n, rows, settings.outliers)?;
+        let norm = norm(&extremes);
+        let source = Source { n, rows, order, norm, threshold: extremes.threshold * norm };
+        let params = params(n, &settings);
+        let chosen: Vec<usize> = (0..n.div_ceil(settings.tile)).step_by(step.max(1)).collect();
+        let encoded = in_parallel(&chosen, progress, |t| source.encode(t, &settings, &params).in_blocks)?;
+        let mut all = InBlocks::default();
+        encoded.into_iter().for_each(|one| all.add(one));
+        Ok(all.mse() / (f64::from(norm) * f64::from(norm)))
+    }
+}
+
+/// The factor that makes the greatest entry 1: halves reach from 6·10⁻⁸ to 65,504.
+fn norm(extremes: &Extremes) -> f32 {
+    if extremes.largest > 0.0 { 1.0 / extremes.largest } else { 1.0 }
+}
+
+/// Work on rows of tiles, on all cores.
+fn in_parallel<T: Send>(
+    chosen: &[usize],
+    progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
+    work: impl Fn(usize) -> T + Sync,
+) -> Result<Vec<T>, Error> {
+    let (done, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let made: Vec<Option<T>> = chosen
+        .par_iter()
+        .map(|&t| {
+            if stop.load(Ordering::Relaxed) {
+                return None;
+            }
+            let made = work(t);
+            let count = done.fetch_add(1, Ordering::Relaxed) + 1;
+            if progress(count, chosen.len()).is_break() {
+                stop.store(true, Ordering::Relaxed);
+            }
+            Some(made)
+        })
+        .collect();
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Cancelled { done: done.load(Ordering::Relaxed), total: chosen.len() });
+    }
+    Ok(made.into_iter().flatten().collect())
+}
+
+/// Squared errors of the entries that blocks hold.
+#[derive(Clone, Copy, Default)]
+struct InBlocks {
+    error: f64,
+    count: u64,
+}
+
+impl InBlocks {
+    fn add(&mut self, more: Self) {
+        self.error += more.error;
+        self.count += more.count;
+    }
+
+    fn mse(&self) -> f64 {
+        self.error / (3 * self.count.max(1)) as f64
     }
 }
 
@@ -138,6 +199,7 @@ struct TileRow {
     outliers: Vec<UVec2>,
     error: f64,
     square: f64,
+    in_blocks: InBlocks,
 }
 
 impl Source<'_> {
@@ -166,7 +228,15 @@ impl Source<'_> {
             }
             words.extend(blocks);
         }
-        let mut result = TileRow { words, scales, rows: Vec::new(), outliers: Vec::new(), error: 0.0, square: 0.0 };
+        let mut result = TileRow {
+            words,
+            scales,
+            rows: Vec::new(),
+            outliers: Vec::new(),
+            error: 0.0,
+            square: 0.0,
+            in_blocks: InBlocks::default(),
+        };
         for row in 0..rows {
             let range = row * width..row * width + self.n;
             self.finish_row(&values[range.clone()], &mut decoded[range], &mut result);
@@ -224,6 +294,9 @@ impl Source<'_> {
                 let words = pack(k as u32, *value - *decoded);
                 *decoded += unpack(words);
                 result.outliers.push(words);
+            } else {
+                let error = f64::from((*decoded - *value).length_squared());
+                result.in_blocks.add(InBlocks { error, count: 1 });
             }
             for c in 0..3 {
                 sum[c] += f64::from(value[c]);

@@ -1,5 +1,7 @@
 //! `bench operator`: how large and how fast the light between patches is, over the error of its compression.
 
+mod blocks;
+
 use std::time::Instant;
 
 use formfactor::{Operator, Stop, jacobi};
@@ -8,7 +10,7 @@ use multibounce::{Channels, TileRoom, Tiles};
 use serde::Serialize;
 
 use super::{Machine, SCENES, Setup, stream_gb_s};
-use crate::cli::args::{Bench, Common};
+use crate::cli::args::{Bench, Blocks, Common};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page};
 use crate::error::Error;
@@ -59,6 +61,8 @@ struct Row {
     device_ms: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     compress_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blocks: Option<blocks::Blocks>,
 }
 
 /// What a scene took before its operators were compressed.
@@ -124,7 +128,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     } else {
         println!("{}\n", machine_line(&machine));
         builds.iter().for_each(|build| println!("{}\n", build_line(build)));
-        println!("{}", table(&rows).markdown());
+        [Some(table(&rows)), blocks::table(&rows)].iter().flatten().for_each(|table| println!("{}", table.markdown()));
         println!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
@@ -183,7 +187,7 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
         text: builds.iter().map(build_line).collect(),
         figures: Vec::new(),
         strip: Vec::new(),
-        tables: vec![table(rows)],
+        tables: std::iter::once(table(rows)).chain(blocks::table(rows)).collect(),
         plots: vec![
             curve("Bytes that a file needs, over the error", "MB a channel", &Row::channel_mb),
             curve("Time of a product of three channels, over the error", "ms", &|row| row.median_ms),
@@ -320,6 +324,7 @@ fn measure(
         floor_ms: bytes as f64 * 1e-6 / stream_gb_s((bytes as usize).max(1 << 20), TURNS),
         device_ms: None,
         compress_s: None,
+        blocks: None,
     };
     // Classic radiosity: a sparse product a bounce.
     let csr = &between.factors;
@@ -338,6 +343,11 @@ fn measure(
         let dense = formfactor::Dense::new(n, n, values)?;
         let time = median_ms(|| Ok(dense.product(&truths[0].source, &mut h)?))?;
         rows.push(row("T", "dense f32, three products", 12 * (n * n) as u64, 3.0 * time));
+    }
+    if let Some(operators) = &operators {
+        let codecs: Vec<_> = args.codecs.iter().filter_map(|codec| Blocks::codec(*codec)).collect();
+        let source = blocks::Source { between: &between, operators, truths: &truths, row: &row, seed: common.seed };
+        rows.extend(blocks::measure(&source, &codecs, device.as_deref_mut(), &mut progress)?);
     }
     for &epsilon in &args.epsilons {
         let all = operators.as_ref().map(|three| ("T", Channels::Three(three.each_ref())));

@@ -10,11 +10,16 @@ use serde::Serialize;
 use crate::cli::args::{Common, OperatorOptions, Storage};
 use crate::cli::{output, render};
 use crate::error::Error;
+use crate::executor::{DeviceChoice, open};
 use crate::import::LoadedScene;
 use crate::progress::Progress;
 use crate::render::classic::ClassicSettings;
+use crate::render::decode::Decoder;
 use crate::render::exchange::exchange;
-use crate::render::operator::measure::{compact_lights, exact_product, matrix_pictures, own_light, relative_error};
+use crate::render::frame::decoder;
+use crate::render::operator::measure::{
+    block_orders, compact_lights, exact_product, matrix_pictures, order_errors, own_light, relative_error,
+};
 use crate::render::operator::{Between, Codec, MATRICES, PatchOperator, check_memory, growth};
 use crate::render::senders::Senders;
 
@@ -53,6 +58,12 @@ struct Stored {
     spectral_radius: f32,
     #[serde(skip_serializing_if = "Option::is_none")]
     tiles: Option<Ranks>,
+    /// What decodes texture blocks in frames on the device.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    decode: Option<&'static str>,
+    /// Mean squared error of the entries that texture blocks hold, for some orders of rows and columns.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    order_mse: Vec<(&'static str, f64)>,
     seconds: f64,
 }
 
@@ -98,6 +109,10 @@ impl Operator {
         let radius = spectral_radius(n, &senders.albedo, &mut product, TOLERANCE, STEPS)?.max_element();
 
         let codec = options.codec.codec(options.epsilon);
+        let device = match codec {
+            Codec::Blocks(_) => Some(open(&DeviceChoice::parse(&common.device))?.0),
+            _ => None,
+        };
         let mut made = vec![("T", Channels::Three(operators.each_ref()))];
         if options.codec == Storage::Tiles {
             made.push(("F", between.channels()));
@@ -107,7 +122,17 @@ impl Operator {
             let start = Instant::now();
             let kept = PatchOperator::encode(codec, channels, &between, settings.seed, &mut progress)?;
             let seconds = start.elapsed().as_secs_f64();
-            stored.push(Stored::of(operator, codec, &kept, channels, &between, &lights, &senders.albedo, seconds)?);
+            let mut one = Stored::of(operator, codec, &kept, channels, &between, &lights, &senders.albedo, seconds)?;
+            if let Some(device) = &device {
+                let decoder = decoder(options.decode.decode(), device.as_ref(), Some(&kept))?;
+                one.decode = decoder.map(Decoder::name);
+            }
+            if let Codec::Blocks(codec) = codec {
+                let exact = between.rows(channels);
+                let orders = block_orders(&exact, &between, settings.seed, &mut progress)?;
+                one.order_mse = order_errors(codec, &exact, &orders, &mut progress)?;
+            }
+            stored.push(one);
             if let (Some(out), "T") = (&common.out, operator) {
                 output::make_folder(out)?;
                 let pictures = progress.phase("pictures", |_| matrix_pictures(&kept, channels, &between))?;
@@ -193,6 +218,8 @@ impl Stored {
             // ρT = ρF (I − ρF)⁻¹ has λ / (1 − λ) where ρF has λ.
             spectral_radius: if operator == "T" { radius / (1.0 + radius) } else { radius },
             tiles,
+            decode: None,
+            order_mse: Vec::new(),
             seconds,
         })
     }
@@ -214,6 +241,12 @@ impl Stored {
             100.0 * self.compact_lights
         );
         println!("{:24} {:.4} of ρF as stored", "  spectral radius", self.spectral_radius);
+        for (order, mse) in &self.order_mse {
+            println!("{:24} {mse:.3e} (mean square, entries in blocks)", format!("  {order} order"));
+        }
+        if let Some(decode) = self.decode {
+            println!("{:24} {decode}", "  decoded in frames by");
+        }
         if let Some(tiles) = &self.tiles {
             println!(
                 "{:24} {} empty, {} sparse, {} of low rank; ranks up to {}",

@@ -5,7 +5,10 @@ use std::f32::consts::LN_10;
 use faer::Mat;
 use glam::{Vec3, Vec4};
 use multibounce::kernel::feedback::change;
-use multibounce::{Acceleration, Channels, MatrixRows, Permutation, picture};
+use multibounce::{
+    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, MatrixRows, Permutation, greedy_order, picture,
+    projected_order,
+};
 use rayon::prelude::*;
 use reference::Picture;
 use scene::Scene;
@@ -15,8 +18,10 @@ use scene::sampling::{hash3, unit};
 
 use super::{Between, PatchOperator};
 use crate::error::Error;
+use crate::progress::Progress;
 use crate::render::classic::{ClassicSettings, direct_params};
 use crate::render::debug::DebugPicture;
+use crate::render::proceed;
 use crate::render::senders::Senders;
 
 /// Compact lights, and the share of the patches that each lights.
@@ -112,6 +117,54 @@ pub(crate) fn compact_lights(senders: &Senders, seed: u32) -> Vec<Vec<Vec4>> {
         source
     };
     (0..if n > 0 { LIGHTS } else { 0 }).map(light).collect()
+}
+
+/// Rows of tiles from which the errors of orders are estimated.
+const TILE_ROWS: usize = 16;
+/// Most patches for which the exact greedy order is found, in O(n³).
+const MOST_GREEDY: usize = 1600;
+
+/// Orders of rows and columns that blocks can have: the patches' own, one by chance, that of tiles, that of blocks, and for few
+/// patches the one of the thesis.
+pub(crate) fn block_orders(
+    rows: &MatrixRows,
+    between: &Between,
+    seed: u32,
+    progress: &mut Progress,
+) -> Result<Vec<(&'static str, Permutation)>, Error> {
+    progress.phase("orders", |_| {
+        let n = between.area.len();
+        let mut random: Vec<u32> = (0..n as u32).collect();
+        random.sort_by_key(|&i| (hash3(i, 0, seed ^ 0x6f72), i));
+        let mut orders = vec![
+            ("given", Permutation::identity(n)),
+            ("random", Permutation::new(random)?),
+            ("halving", Permutation::new(between.order.clone())?),
+            ("projected", projected_order(n, rows, seed)),
+        ];
+        if n <= MOST_GREEDY {
+            orders.push(("greedy", greedy_order(n, rows)));
+        }
+        Ok(orders)
+    })
+}
+
+/// Mean squared error of the entries in blocks for each order, from some of the rows.
+pub(crate) fn order_errors(
+    codec: BlockCodec,
+    rows: &MatrixRows,
+    orders: &[(&'static str, Permutation)],
+    progress: &mut Progress,
+) -> Result<Vec<(&'static str, f64)>, Error> {
+    let settings = BlockSettings::of(codec);
+    progress.phase("orders", |report| {
+        let proceed = |done, total| proceed(report, done, total);
+        let mse = |order: &Permutation| {
+            let step = (order.len() / settings.tile / TILE_ROWS).max(1);
+            BlockMatrix::order_mse(order.len(), rows, order, settings, step, &proceed)
+        };
+        orders.iter().map(|(name, order)| Ok((*name, mse(order)?))).collect()
+    })
 }
 
 /// Irradiance by an operator that is not compressed, W/m².
