@@ -50,6 +50,21 @@ pub enum Error {
         /// What takes less.
         instead: &'static str,
     },
+    /// A device on which an operator does not fit while it is built.
+    #[error(
+        "the operator of {patches} patches takes {needed:.1} GB of {device} while it is built: {source}; choose --build-on host, or \
+         a smaller --patch-count"
+    )]
+    DeviceMemory {
+        /// The patches.
+        patches: usize,
+        /// GB needed.
+        needed: f64,
+        /// The device.
+        device: String,
+        /// What it says.
+        source: Box<crate::executor::ExecutorError>,
+    },
     /// An experiment cannot go on.
     #[error("{}: not what --resume can continue ({why}); give the options of that run, another --out, or leave out --resume", path.display())]
     OtherExperiment {

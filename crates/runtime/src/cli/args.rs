@@ -12,7 +12,7 @@ use super::bake::{Bake, Merge};
 use super::bench::Part;
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
-use crate::render::operator::Codec;
+use crate::render::operator::{BuildOn, Codec};
 use crate::render::temporal::{RowKind, Sampled, Temporal};
 
 pub use local::{CameraPath, LocalArgs};
@@ -283,6 +283,28 @@ impl Storage {
     }
 }
 
+/// Where operators are built.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BuildPlace {
+    /// On the device when it is a graphics processor, else on the host.
+    Auto,
+    /// On the host.
+    Host,
+    /// On the device, whatever it is.
+    Device,
+}
+
+impl BuildPlace {
+    /// As methods take it.
+    pub fn place(self) -> BuildOn {
+        match self {
+            Self::Auto => BuildOn::Auto,
+            Self::Host => BuildOn::Host,
+            Self::Device => BuildOn::Device,
+        }
+    }
+}
+
 /// Kinds of patches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Patches {
@@ -414,6 +436,10 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
+    /// Where the operator of --bounces K is built (multibounce, tiles): auto takes the device of --device when it is a graphics
+    /// processor.
+    #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
+    pub build_on: BuildPlace,
     /// How the operator is stored (multibounce) [default: tiles].
     #[arg(long, value_enum)]
     pub codec: Option<Storage>,

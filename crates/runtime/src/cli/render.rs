@@ -8,7 +8,7 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, Precision, ReferenceData, scale_to_stops, stops_to_scale};
 
-use super::args::{Bounces, Common, FormFactors, Method, ReceiverPlaces, Render};
+use super::args::{Bounces, BuildPlace, Common, FormFactors, Method, ReceiverPlaces, Render};
 use super::output;
 use super::report::significant;
 use super::sequence::{Movement, Sequence};
@@ -19,7 +19,7 @@ use crate::progress::Progress;
 use crate::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
 use crate::render::firstshot::FirstShotSettings;
-use crate::render::operator::{Codec, Feedback, Transport};
+use crate::render::operator::{Build, Codec, Feedback, Transport};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, PhotonCounts, Summary, peak_memory_bytes};
 
@@ -41,6 +41,10 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     }
     if matches!(args.method, Method::Firstshot | Method::Local) && args.bounces != Bounces::All {
         progress.warn(&format!("--method {} takes all bounces and ignores --bounces", args.method.name()));
+    }
+    let is_built = matches!(args.method, Method::Multibounce | Method::Tiles) && args.bounces != Bounces::All;
+    if args.build_on == BuildPlace::Device && !is_built {
+        progress.warn("--build-on device is for operators of --bounces K; others are built on the host");
     }
     let codec = codec.filter(|_| args.method == Method::Multibounce);
     let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
@@ -193,7 +197,7 @@ fn classic_frames(
         size,
         ..ClassicSettings::default()
     };
-    let bake = Bake::new(loaded, settings, progress)?;
+    let bake = Bake::new(loaded, settings, progress)?.with_build(Build { on: args.build_on.place() });
     let mut exact = match args.errors {
         true => Some(bake.clone().load(Transport::Classic, open(&DeviceChoice::parse(&common.device))?.0, progress)?),
         false => None,

@@ -1,5 +1,6 @@
 //! The light between patches as one operator: all bounces in a product, or a bounce of any reflectance.
 
+mod build;
 pub(crate) mod measure;
 
 use faer::Mat;
@@ -12,12 +13,16 @@ use multibounce::{
 };
 use rayon::prelude::*;
 
+pub use self::build::{Build, BuildOn};
+
+use self::build::some_bounces_on_device;
 use super::firstshot::FirstShotSettings;
 use super::local::LocalOptions;
 use super::senders::Senders;
 use super::temporal::Temporal;
 use super::{go_on, proceed};
 use crate::error::Error;
+use crate::executor::Executor;
 use crate::progress::Progress;
 
 /// How light goes from patch to patch.
@@ -391,7 +396,34 @@ impl Between {
         }
     }
 
-    /// The symmetric operators of so many bounces, or of all, for red, green and blue.
+    /// The symmetric operators of so many bounces for red, green and blue, on a device where the build says so; on the host, with a
+    /// note, when nobody asked for a device that turns out too small.
+    fn bounces_on(
+        &self,
+        albedo: &[Vec4],
+        bounces: Option<u32>,
+        build: &Build,
+        device: Option<&mut (dyn Executor + 'static)>,
+        progress: &mut Progress,
+    ) -> Result<[Mat<f32>; 3], Error> {
+        let device = device.filter(|device| build.on.is_device(device.device().kind));
+        let (Some(device), Some(bounces)) = (device, bounces) else {
+            return self.bounces(albedo, bounces, progress);
+        };
+        let range = device.device().max_storage_buffer_range;
+        let made =
+            progress.phase("operator", |report| some_bounces_on_device(device, self, albedo, bounces, range, report));
+        match made {
+            Err(error @ Error::DeviceMemory { .. }) if build.on == BuildOn::Auto => {
+                progress.note(&format!("{error}; it is built on the host"));
+                self.bounces(albedo, Some(bounces), progress)
+            }
+            other => other,
+        }
+    }
+
+    /// The symmetric operators of so many bounces, or of all, for red, green and blue, on the host: [`MATRICES`] N² numbers at the
+    /// peak.
     pub fn bounces(
         &self,
         albedo: &[Vec4],
@@ -421,8 +453,9 @@ const RADIUS_STEPS: usize = 200;
 const RADIUS_TOLERANCE: f32 = 1e-4;
 
 /// What [`compress`] makes.
-pub(super) struct Compressing {
+pub(super) struct Compressing<'a> {
     pub transport: Transport,
+    pub build: &'a Build,
     /// Counts the last two, which end at facets and receivers, unless the patches are the receivers; `None` for all.
     pub bounces: Option<u32>,
     /// Whether the patches are the receivers.
@@ -435,6 +468,7 @@ pub(super) fn compress(
     settings: &Compressing,
     senders: &Senders,
     factors: &Csr,
+    device: Option<&mut (dyn Executor + 'static)>,
     progress: &mut Progress,
 ) -> Result<Option<PatchOperator>, Error> {
     let last = if settings.at_patches { 0 } else { LAST_BOUNCES };
@@ -447,7 +481,7 @@ pub(super) fn compress(
             check_memory(senders.patches.len(), MATRICES, "feedback")?;
             let between = Between::new(senders, factors)?;
             let bounces = settings.bounces.map(|bounces| bounces - last);
-            let operators = between.bounces(&senders.albedo, bounces, progress)?;
+            let operators = between.bounces_on(&senders.albedo, bounces, settings.build, device, progress)?;
             let channels = Channels::Three(operators.each_ref());
             PatchOperator::encode(codec, channels, &between, settings.seed, progress)?
         }
