@@ -50,6 +50,19 @@ pub enum Error {
         /// What takes less.
         instead: &'static str,
     },
+    /// A limit that is too small for panels of an operator.
+    #[error(
+        "the operator of {patches} patches takes {needed} MB beside the form factors even when it is built panel by panel, and \
+         {left} MB are left; allow more with --memory-limit, or choose a smaller --patch-count, or --method feedback"
+    )]
+    OperatorPanels {
+        /// The patches.
+        patches: usize,
+        /// MB needed.
+        needed: u64,
+        /// MB that the limit leaves.
+        left: u64,
+    },
     /// A device on which an operator does not fit while it is built.
     #[error(
         "the operator of {patches} patches takes {needed:.1} GB of {device} while it is built: {source}; choose --build-on host, or \

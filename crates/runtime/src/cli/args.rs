@@ -8,7 +8,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use multibounce::BlockCodec;
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
-use super::bake::{Bake, Merge};
+use super::bake::{Bake, Merge, parse_bytes};
 use super::bench::Part;
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::firstshot::FirstShotSettings;
@@ -440,6 +440,10 @@ pub struct Render {
     /// processor.
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
     pub build_on: BuildPlace,
+    /// Most resident memory while the operator is built (multibounce, tiles): bytes, or with K, M or G. Tiles of a larger one are
+    /// built panel by panel in a file in --out [default: what is free].
+    #[arg(long, value_parser = parse_bytes)]
+    pub memory_limit: Option<u64>,
     /// How the operator is stored (multibounce) [default: tiles].
     #[arg(long, value_enum)]
     pub codec: Option<Storage>,
@@ -675,6 +679,8 @@ mod tests {
             ("--budget", "1", ["0", "-1", "all"]),
             ("--look-ahead", "0", ["-1", "1001", "far"]),
             ("--fade", "1", ["0", "1001", "slow"]),
+            ("--build-on", "device", ["gpu", "1", ""]),
+            ("--memory-limit", "800M", ["0", "much", ""]),
         ] {
             assert!(parse(option, good).is_ok(), "{option} {good}");
             for value in bad {

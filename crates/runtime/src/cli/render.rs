@@ -42,8 +42,11 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if matches!(args.method, Method::Firstshot | Method::Local) && args.bounces != Bounces::All {
         progress.warn(&format!("--method {} takes all bounces and ignores --bounces", args.method.name()));
     }
-    let is_built = matches!(args.method, Method::Multibounce | Method::Tiles) && args.bounces != Bounces::All;
-    if args.build_on == BuildPlace::Device && !is_built {
+    let is_built = matches!(args.method, Method::Multibounce | Method::Tiles);
+    if args.memory_limit.is_some() && !is_built {
+        progress.warn(&format!("--memory-limit is for operators; --method {} ignores it", args.method.name()));
+    }
+    if args.build_on == BuildPlace::Device && !(is_built && args.bounces != Bounces::All) {
         progress.warn("--build-on device is for operators of --bounces K; others are built on the host");
     }
     let codec = codec.filter(|_| args.method == Method::Multibounce);
@@ -197,7 +200,8 @@ fn classic_frames(
         size,
         ..ClassicSettings::default()
     };
-    let bake = Bake::new(loaded, settings, progress)?.with_build(Build { on: args.build_on.place() });
+    let build = Build { on: args.build_on.place(), memory_limit: args.memory_limit, folder: out.to_path_buf() };
+    let bake = Bake::new(loaded, settings, progress)?.with_build(build);
     let mut exact = match args.errors {
         true => Some(bake.clone().load(Transport::Classic, open(&DeviceChoice::parse(&common.device))?.0, progress)?),
         false => None,

@@ -1,15 +1,18 @@
 //! Where operators are built: on the host, or step by step of Horner's rule on a device.
 
+use std::path::PathBuf;
+
 use faer::Mat;
 use glam::Vec4;
 use gpu_kernels::table::MULTIBOUNCE_MULTIPLY;
 use multibounce::MultiplyParams;
 use multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 
-use super::Between;
+use super::{Between, MATRICES, available_memory};
 use crate::error::Error;
 use crate::executor::{DeviceKind, Executor, ExecutorError};
 use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::summary::resident_bytes;
 use crate::vulkan;
 
 /// Where operators of some bounces are built; those of all bounces are factorised on the host.
@@ -36,10 +39,37 @@ impl BuildOn {
 }
 
 /// How the operator between patches is built.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Build {
     /// Where.
     pub on: BuildOn,
+    /// Most resident memory of the program meanwhile, bytes; `None` for what the system says is free.
+    pub memory_limit: Option<u64>,
+    /// Where the files of operators lie that do not fit into it.
+    pub folder: PathBuf,
+}
+
+impl Default for Build {
+    /// In the memory that is free; files lie where the system has temporary ones.
+    fn default() -> Self {
+        Self { on: BuildOn::default(), memory_limit: None, folder: std::env::temp_dir() }
+    }
+}
+
+/// Memory that is left for what is not panels: packed blocks of products, tiles that are being made.
+const ASIDE_BYTES: u64 = 64 << 20;
+
+impl Build {
+    /// Bytes for panels of an operator of so many patches and form factors, where its matrices exceed the limit.
+    pub(super) fn panel_bytes(&self, patches: usize, entries: usize) -> Option<u64> {
+        let free = match self.memory_limit {
+            Some(limit) => limit.saturating_sub(resident_bytes().unwrap_or(0)),
+            None => available_memory()?,
+        };
+        let needed = (MATRICES * size_of::<f32>()) as u64 * (patches as u64).pow(2);
+        let sparse = (entries * size_of::<(u32, f32)>()) as u64;
+        (needed > free).then(|| free.saturating_sub(sparse + ASIDE_BYTES))
+    }
 }
 
 /// Columns of a tile: matrices on the device have a multiple of them.
