@@ -91,7 +91,8 @@ pub fn some_bounces_stored(
 
 /// All bounces of one colour channel as a file, some columns at a time: with `P = diag(ρ^½)`, `L Lᵀ = I − P Ŝ P` is factorised
 /// by blocks (from the left) into a second file of 2 n² bytes, and `P T̂ = (I − P Ŝ P)⁻¹ P Ŝ` solved for the columns of a panel;
-/// where ρ is almost 0, rows are `T̂ = Ŝ + Ŝ P (P T̂)`. About 7/3 n³ operations, against n³ of [`crate::all_bounces`]. `order` is that of the tiles.
+/// where ρ is almost 0, rows are `T̂ = Ŝ + Ŝ P (P T̂)`. Operations: about 7/3 n³, and n³ of [`crate::all_bounces`]. `order` is
+/// that of the tiles.
 ///
 /// Memory: the sparse form factors twice, and what `room` allows: a panel of n rows, four blocks, and some columns for each
 /// thread. Wide panels read the factor less often: it is read twice for each. `progress(done, total)` counts products of blocks;
