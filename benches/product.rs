@@ -89,7 +89,7 @@ fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error
     let all_bounces = codecs.map(|codec| (format!("T-{}", codec.name()), Transport::Operator(codec)));
     let one_bounce = ("F-tiles".to_owned(), Transport::Feedback(Feedback { epsilon: EPSILON, ..Feedback::default() }));
     for (name, transport) in all_bounces.chain([one_bounce]) {
-        let Some(operator) = bake.operator(transport, &mut progress)? else { continue };
+        let Some(operator) = bake.operator(transport, None, &mut progress)? else { continue };
         let (n, bytes) = (operator.patches(), operator.bytes().iter().map(|part| part.1).sum::<u64>());
         let light = exitance(n, n);
         let mut out = vec![Vec4::ZERO; n];

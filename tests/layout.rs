@@ -8,7 +8,7 @@ use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
 use localmatrix::{FadeParams, SlotParams, UpdateParams};
-use multibounce::{BlockParams, FeedbackParams, TileQuad, TileSquare};
+use multibounce::{BlockParams, FeedbackParams, MultiplyParams, TileQuad, TileSquare};
 use patches::{GridShape, LookupParams, LookupPatch, Member, VolumeParams};
 use scene::{
     BvhNode, Camera, DirectParams, Emitter, Hit, Light, Material, Ray, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
@@ -157,6 +157,7 @@ structure!(PhotonParams {
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
 structure!(FeedbackParams { count: u32, step: f32, momentum: f32 });
+structure!(MultiplyParams { tiles: u32, row_tiles: u32, vectors: u32, inner: u32, first_inner: u32 });
 structure!(TileQuad { group: u32, tag: u32 });
 structure!(TileSquare { column: u32, step: f32 });
 structure!(PixelParams { camera: Camera, count: u32, seed: u32, light_count: u32, reserved: u32 });
@@ -240,7 +241,7 @@ fn element(kernel: &str, binding: &str) -> Layout {
         | "cells" | "probes" => layout::<u32>(),
         "slots" | "colors" | "weights" => layout::<u32>(),
         "row_sums" => layout::<f32>(),
-        "change" => layout::<Vec4>(),
+        "change" | "operator" | "next" => layout::<Vec4>(),
         "scan" => layout::<UVec2>(),
         "planes" => layout::<f32>(),
         "factors" if kernel == "formfactor_hemisphere_row" => layout::<f32>(),
@@ -272,6 +273,7 @@ fn push(kernel: &str) -> Layout {
         k if k.starts_with("firstshot_") => layout::<PhotonParams>(),
         "multibounce_tiles_enter" => layout::<EnterParams>(),
         "multibounce_feedback" => layout::<FeedbackParams>(),
+        "multibounce_multiply" => layout::<MultiplyParams>(),
         k if k.starts_with("multibounce_blocks_gather") => layout::<BlockParams>(),
         k if k.starts_with("temporal_sample") => layout::<SampleParams>(),
         k if k.starts_with("temporal_sum") => layout::<SumParams>(),

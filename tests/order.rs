@@ -15,7 +15,7 @@ use gpu_kernels::{
 };
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
 use localmatrix::{FadeParams, SlotParams, UpdateParams};
-use multibounce::FeedbackParams;
+use multibounce::{FeedbackParams, MultiplyParams};
 use patches::{LookupParams, VolumeParams};
 use scene::sampling::hash3;
 use scene::{DirectParams, Hit, SurfacePoint};
@@ -130,6 +130,14 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
             let exitances = dispatch(i, order, width, 4, |id, g, result| call(id, g, &mut change, result));
             [(3, changes), (4, exitances)].into()
         }
+        "multibounce_multiply" => {
+            let (p, workgroup): (MultiplyParams, _) = (i.push(), i.kernel.workgroup);
+            let bytes = dispatch::<Vec4>(i, order, width, 3, |id, groups, next| {
+                let group = UVec3::new(id.x / workgroup, id.y, id.z);
+                mb::multiply(group, groups, id.x % workgroup, &p, i.table(0), i.table(1), i.table(2), next);
+            });
+            [(3, bytes)].into()
+        }
         "temporal_change" => entry!(te::change, CountParams, Vec4, [0, 1, 2, 3]),
         "temporal_sample_lists" => entry!(te::sample_lists, SampleParams, Vec4, [0, 1, 2, 3, 4]),
         "temporal_sample_tables" => entry!(te::sample_tables, SampleParams, Vec4, [0, 1, 2, 3, 4, 5, 6]),
@@ -166,7 +174,7 @@ fn entry_points_give_the_same_in_any_order_and_for_any_shape_of_the_dispatch() {
             }
         }
     }
-    assert_eq!(called, 44 * 9, "an entry point of the table is not called here");
+    assert_eq!(called, 45 * 9, "an entry point of the table is not called here");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
 use integration_tests::kernels::{Bytes, Data, Input, block_input, inputs};
 use integration_tests::vulkan;
 use localmatrix::{FadeParams, SlotParams, UpdateParams};
-use multibounce::{BlockCodec, BlockParams};
+use multibounce::{BlockCodec, BlockParams, MultiplyParams};
 use patches::{LookupParams, VolumeParams};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceKind, Executor};
@@ -126,6 +126,7 @@ fn count_offset(kernel: &Kernel) -> usize {
         name if name.starts_with("formfactor_gather") => offset_of!(GatherParams, rows),
         name if name.starts_with("firstshot_") => offset_of!(PhotonParams, count),
         name if name.starts_with("multibounce_blocks") => offset_of!(BlockParams, block_rows),
+        "multibounce_multiply" => offset_of!(MultiplyParams, tiles),
         name if name.starts_with("temporal_sample") => offset_of!(SampleParams, rows),
         name if name.starts_with("temporal_sum") => offset_of!(SumParams, count),
         "localmatrix_count" | "localmatrix_product" => offset_of!(SlotParams, count),

@@ -1,8 +1,8 @@
 //! Entry points of the multi-bounce products.
 
 use ::multibounce::kernel::blocks::{self, BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockSums, LANES};
-use ::multibounce::kernel::feedback;
-use ::multibounce::{BlockParams, FeedbackParams};
+use ::multibounce::kernel::{feedback, multiply as product};
+use ::multibounce::{BlockParams, FeedbackParams, MultiplyParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec3, UVec4, Vec4};
 use spirv_std::arch::workgroup_memory_barrier_with_group_sync;
@@ -211,5 +211,47 @@ pub fn feedback(
         let i = k as usize;
         change[i] = feedback::change(p, source[i], albedo[i], irradiance[i], exitance[i], change[i]);
         exitance[i] += change[i];
+    }
+}
+
+/// A tile of a step of Horner's rule, a vector of each of its rows: [`product::multiply`].
+#[spirv(compute(threads(64), entry_point_name = "multibounce_multiply"))]
+#[inline(never)]
+pub fn multiply(
+    #[spirv(workgroup_id)] group: UVec3,
+    #[spirv(num_workgroups)] groups: UVec3,
+    #[spirv(local_invocation_index)] lane: u32,
+    #[spirv(push_constant)] p: &MultiplyParams,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] factors: &[Vec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] albedo: &[Vec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] operator: &[Vec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] next: &mut [Vec4],
+) {
+    let t = group_index(group, groups);
+    if t < p.tiles {
+        let (row, vector) = product::tile_at(t, lane, p);
+        let first = (row * p.vectors + vector) as usize;
+        let below = p.vectors as usize;
+        let sums = if p.first_inner == 0 {
+            product::multiply(row, vector, p, factors, albedo, operator, |r| factors[first + r as usize * below])
+        } else {
+            product::multiply(row, vector, p, factors, albedo, operator, |r| next[first + r as usize * below])
+        };
+        next[first] = sums[0];
+        next[first + below] = sums[1];
+        next[first + 2 * below] = sums[2];
+        next[first + 3 * below] = sums[3];
+        next[first + 4 * below] = sums[4];
+        next[first + 5 * below] = sums[5];
+        next[first + 6 * below] = sums[6];
+        next[first + 7 * below] = sums[7];
+        next[first + 8 * below] = sums[8];
+        next[first + 9 * below] = sums[9];
+        next[first + 10 * below] = sums[10];
+        next[first + 11 * below] = sums[11];
+        next[first + 12 * below] = sums[12];
+        next[first + 13 * below] = sums[13];
+        next[first + 14 * below] = sums[14];
+        next[first + 15 * below] = sums[15];
     }
 }

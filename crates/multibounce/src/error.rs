@@ -45,6 +45,31 @@ pub enum Error {
         /// How many there may be.
         limit: u64,
     },
+    /// Less memory than the least panel of an operator takes.
+    #[error(
+        "the operator takes {needed} MB of memory while it is built panel by panel, and {limit} MB are allowed; allow more"
+    )]
+    Memory {
+        /// MB needed.
+        needed: u64,
+        /// MB allowed.
+        limit: u64,
+    },
+    /// The file of an operator that does not fit into memory.
+    #[error(
+        "cannot {action} a file of {megabytes} MB for the operator in {}: {reason}; make room there, or name another folder",
+        folder.display()
+    )]
+    File {
+        /// The folder; the file has no name in it.
+        folder: std::path::PathBuf,
+        /// What failed.
+        action: &'static str,
+        /// Size of the file.
+        megabytes: u64,
+        /// What the system says.
+        reason: std::string::String,
+    },
     /// `I − diag(ρ) F` has no inverse: light would grow without end.
     #[error("light grows without end at patch {patch}: the rows of the form factors times the reflectance exceed 1")]
     Singular {

@@ -6,6 +6,7 @@ mod feedback;
 mod order;
 mod outliers;
 mod solve;
+mod stored;
 mod tiles;
 mod tree;
 
@@ -15,6 +16,7 @@ pub use feedback::{Acceleration, spectral_range};
 pub use order::{MatrixRows, PROJECTED_DIMENSIONS, Permutation, greedy_order, projected_order};
 pub use outliers::Outliers;
 pub use solve::{Factors, Proceed, all_bounces, all_bounces_lu, some_bounces};
+pub use stored::{Room, StoredOperator, all_bounces_stored, some_bounces_stored};
 pub use tiles::{
     Channels, ExpandTables, MOST_TILE_PATCHES, NearTables, TileReport, TileRoom, Tiles, enter_all, expand_all,
     leave_all, near_all, project_all, round_all, weigh_all,

@@ -2,4 +2,5 @@
 
 pub mod blocks;
 pub mod feedback;
+pub mod multiply;
 pub mod tiles;

@@ -5,7 +5,9 @@
 //! `H = T E`, `T = F (I − diag(ρ) F)⁻¹`; with K bounces `T_K = F Σ_{k<K} (diag(ρ) F)^k`. E and H are W/m².
 //!
 //! [`all_bounces`] makes T from reciprocal form factors by Cholesky's factorisation, [`all_bounces_lu`] from any,
-//! [`some_bounces`] makes T_K by Horner's rule. With areas a by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric:
+//! [`some_bounces`] makes T_K by Horner's rule, in 3 n² numbers of memory each beside F; [`all_bounces_stored`] and
+//! [`some_bounces_stored`] make them panel by panel, in as much memory as they may take, and keep them in a file. With areas a
+//! by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric:
 //! half of it says all. [`Tiles`] store it as pairs of vectors of 4 or 8 bits, dense squares and single entries, in tiles of an
 //! order in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that are
 //! even over neighbours count more, because light adds them up. The three colour channels share what they have in common. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike;

@@ -40,6 +40,23 @@ pub struct FeedbackParams {
 }
 const _: () = assert!(size_of::<FeedbackParams>() == 12);
 
+/// Some rows of `F + F diag(ρ) T`, [`crate::kernel::multiply::multiply`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct MultiplyParams {
+    /// Number of tiles: those of the rows that are bound, for all columns.
+    pub tiles: u32,
+    /// Tiles from the first to the last row that is bound.
+    pub row_tiles: u32,
+    /// Vectors of a row, a multiple of [`crate::kernel::multiply::TILE_VECTORS`].
+    pub vectors: u32,
+    /// Vectors of columns of F whose rows of T are bound.
+    pub inner: u32,
+    /// The first of them; from 0 on, sums begin with F.
+    pub first_inner: u32,
+}
+const _: () = assert!(size_of::<MultiplyParams>() == 20);
+
 /// Four slots of [`crate::Tiles`], one after another: vectors of one block that are for one channel.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

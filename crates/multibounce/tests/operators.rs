@@ -4,8 +4,9 @@ use bytemuck::{cast_slice, cast_slice_mut};
 use faer::Mat;
 use glam::{UVec4, Vec3, Vec4};
 use multibounce::{
-    Channels, Error, Factors, Proceed, Tiles, all_bounces, all_bounces_lu, enter_all, expand_all, halving_order,
-    kernel, near_all, project_all, round_all, some_bounces, weigh_all,
+    Channels, Error, Factors, Proceed, Room, StoredOperator, Tiles, all_bounces, all_bounces_lu, all_bounces_stored,
+    enter_all, expand_all, halving_order, kernel, near_all, project_all, round_all, some_bounces, some_bounces_stored,
+    weigh_all,
 };
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
@@ -116,6 +117,112 @@ fn horner_is_the_sum_of_explicit_powers() {
     }
     let stop = |_: usize, _: usize| Proceed::Break(());
     assert_eq!(some_bounces(&f, &rho, 3, &stop), Err(Error::Cancelled { done: 1, total: 2 }));
+}
+
+/// All of an operator in a file.
+fn whole(operator: &StoredOperator) -> Mat<f32> {
+    let n = operator.patches();
+    let mut out = Mat::zeros(n, n);
+    let mut row = vec![0.0; n];
+    for i in 0..n {
+        operator.row(i, &mut row).unwrap();
+        (0..n).for_each(|j| out[(i, j)] = row[j]);
+    }
+    // Products are those of the rows.
+    let light: Vec<f32> = (0..n).map(|i| random(i, 3, 8)).collect();
+    operator.product(&light, &mut row).unwrap();
+    for (i, y) in row.iter().enumerate() {
+        let expected: f32 = (0..n).map(|j| out[(i, j)] * light[j]).sum();
+        assert!((y - expected).abs() <= 1e-5 * expected, "{y} for {expected}");
+    }
+    out
+}
+
+/// Bytes of memory that panels may take, of which the least are some for so few patches.
+const LIMITS: [u64; 3] = [1 << 20, 2 << 20, 1 << 30];
+
+#[test]
+fn operators_in_files_are_those_in_memory_and_keep_to_the_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    for (n, dark) in [(700, true), (512, false), (90, true)] {
+        let case = Case::new(n, 0.5);
+        let rho: Vec<f32> = albedo(n, 0).iter().map(|&a| if dark { a } else { a.max(0.2) }).collect();
+        let (symmetric, order) = (case.factors().symmetric().unwrap(), case.order());
+        let all = all_bounces(&symmetric, &rho).unwrap();
+        let some = some_bounces(&symmetric, &rho, 4, &go).unwrap();
+        let mut last = u64::MAX;
+        for bytes in LIMITS.into_iter().rev() {
+            let room = Room { folder: folder.path(), bytes };
+            let stored = all_bounces_stored(&case.factors(), &rho, &order, &room, &go).unwrap();
+            let error = difference(&whole(&stored), &all);
+            assert!(error < 1e-5, "{n} patches in {bytes} bytes: {error}");
+            assert!(stored.held_bytes <= bytes.min(last), "{} of {bytes} bytes", stored.held_bytes);
+            last = stored.held_bytes;
+            let few = some_bounces_stored(&case.factors(), &rho, 4, &order, &room, &go).unwrap();
+            let error = difference(&whole(&few), &some);
+            assert!(error < 1e-5 && few.held_bytes <= bytes, "{n} patches in {bytes} bytes: {error}");
+            assert!(difference(&whole(&few), &all) > 0.01, "four bounces are not all");
+            let other = all_bounces_stored(&case.factors(), &albedo(n, 1), &order, &room, &go).unwrap();
+            assert!(difference(&whole(&other), &all) > 1e-3, "another reflectance is not noticed");
+        }
+        // Far less than in memory.
+        assert!(n < 700 || last < 7 * 4 * (n * n) as u64 / 8, "{last}");
+    }
+    // Files have no name, and are gone.
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn tiles_of_operators_in_files_are_those_of_operators_in_memory() {
+    let n = 300;
+    let case = Case::new(n, 0.3);
+    let (folder, order) = (std::env::temp_dir(), case.order());
+    let room = Room { folder: &folder, bytes: 1 << 20 };
+    let store = |c| some_bounces_stored(&case.factors(), &albedo(n, c), 3, &order, &room, &go).unwrap();
+    let stored = [store(0), store(1), store(2)];
+    // The upper triangles in their order, to the bit.
+    let mut place = vec![0; n];
+    (0..n).for_each(|p| place[order[p] as usize] = p);
+    let upper =
+        |m: &Mat<f32>| Mat::from_fn(n, n, |i, j| if place[i] / 128 <= place[j] / 128 { m[(i, j)] } else { m[(j, i)] });
+    let [r, g, b] = stored.each_ref().map(|stored| upper(&whole(stored)));
+    let encode = |channels, order: &[u32]| Tiles::encode(channels, &case.area, order, 1e-2, &go);
+    let ours = encode(Channels::Stored(stored.each_ref()), &order).unwrap();
+    assert!(ours == encode(Channels::Three([&r, &g, &b]), &order).unwrap());
+    assert!(ours != encode(Channels::Three([&b, &g, &r]), &order).unwrap());
+    let mut other = order.clone();
+    other.swap(5, 6);
+    let refused = encode(Channels::Stored(stored.each_ref()), &other);
+    assert!(matches!(refused, Err(Error::Value { name: "order", index: 5, .. })), "{refused:?}");
+}
+
+#[test]
+fn what_is_wrong_with_a_file_or_its_room_is_said() {
+    let n = 300;
+    let case = Case::new(n, 0.3);
+    let (rho, order, folder) = (albedo(n, 0), case.order(), std::env::temp_dir());
+    let make = |rho: &[f32], order: &[u32], bytes, folder: &std::path::Path| {
+        all_bounces_stored(&case.factors(), rho, order, &Room { folder, bytes }, &go).map(|stored| stored.held_bytes)
+    };
+    let small = make(&rho, &order, 1 << 16, &folder);
+    assert!(matches!(small, Err(Error::Memory { limit: 0, .. })), "{small:?}");
+    let nowhere = make(&rho, &order, 1 << 20, &folder.join("is not there")).unwrap_err();
+    let message = nowhere.to_string();
+    assert!(message.contains("is not there") && message.contains("another folder"), "{message}");
+    assert!(matches!(make(&rho[1..], &order, 1 << 20, &folder), Err(Error::Length { name: "albedo", .. })));
+    assert!(matches!(make(&rho, &order[1..], 1 << 20, &folder), Err(Error::Length { name: "order", .. })));
+    let twice: Vec<u32> = order.iter().map(|&i| if i == 7 { 8 } else { i }).collect();
+    assert!(matches!(make(&rho, &twice, 1 << 20, &folder), Err(Error::Value { name: "order", .. })));
+    assert!(matches!(make(&[1.0; 300], &order, 1 << 20, &folder), Err(Error::Value { name: "albedo", .. })));
+    // Light that grows.
+    let bright: Vec<f32> = case.values.iter().map(|f| 3.0 * f).collect();
+    let bright = Factors { values: &bright, ..case.factors() };
+    let room = Room { folder: &folder, bytes: 1 << 20 };
+    let grows = all_bounces_stored(&bright, &[0.9; 300], &order, &room, &go);
+    assert!(matches!(grows, Err(Error::Singular { .. })), "{grows:?}");
+    let stop = |done, _| if done > 3 { Proceed::Break(()) } else { Proceed::Continue(()) };
+    let stopped = all_bounces_stored(&case.factors(), &rho, &order, &room, &stop);
+    assert!(matches!(stopped, Err(Error::Cancelled { done: 4, .. })), "{stopped:?}");
 }
 
 /// The operator that tiles multiply by, column by column.

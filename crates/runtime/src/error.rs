@@ -72,6 +72,34 @@ pub enum Error {
         /// Greatest width of its images.
         limit: u32,
     },
+    /// A limit that is too small for panels of an operator.
+    #[error(
+        "the operator of {patches} patches takes {needed} MB beside the form factors even when it is built panel by panel, and \
+         {left} MB are left; allow more with --memory-limit, or choose a smaller --patch-count, or --method feedback"
+    )]
+    OperatorPanels {
+        /// The patches.
+        patches: usize,
+        /// MB needed.
+        needed: u64,
+        /// MB that the limit leaves.
+        left: u64,
+    },
+    /// A device on which an operator does not fit while it is built.
+    #[error(
+        "the operator of {patches} patches takes {needed:.1} GB of {device} while it is built: {source}; choose --build-on host, or \
+         a smaller --patch-count"
+    )]
+    DeviceMemory {
+        /// The patches.
+        patches: usize,
+        /// GB needed.
+        needed: f64,
+        /// The device.
+        device: String,
+        /// What it says.
+        source: Box<crate::executor::ExecutorError>,
+    },
     /// An experiment cannot go on.
     #[error("{}: not what --resume can continue ({why}); give the options of that run, another --out, or leave out --resume", path.display())]
     OtherExperiment {

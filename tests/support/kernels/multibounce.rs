@@ -1,11 +1,14 @@
 //! Inputs of the kernels of operators.
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
+use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 use ::multibounce::kernel::tiles::{
     FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, RUN_PARTS, RUN_QUADS, SPLITS, SQUARE_WORDS,
     TILE, masked,
 };
-use ::multibounce::{BlockCodec, BlockParams, Companding, FeedbackParams, TileQuad, TileSquare, round_all, weigh_all};
+use ::multibounce::{
+    BlockCodec, BlockParams, Companding, FeedbackParams, MultiplyParams, TileQuad, TileSquare, round_all, weigh_all,
+};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::ImageFormat;
@@ -222,6 +225,20 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             let mut colors = |name| buffer(name, &r.colors(n));
             let tables = ["source", "albedo", "irradiance", "change", "exitance"].map(&mut colors).into();
             call(n as u32, FeedbackParams { count: n as u32, step: 1.2, momentum: 0.3 }, tables)
+        }
+        "multibounce_multiply" => {
+            // Two rows and two columns of tiles, sums that go on, and fewer rows of the operator than columns of F.
+            let (row_tiles, vectors, inner, first_inner) = (2, 2 * TILE_VECTORS, 5, 3);
+            let rows = (row_tiles * TILE_ROWS) as usize;
+            let tiles = row_tiles * vectors / TILE_VECTORS;
+            let mut matrix = |name, rows: usize| buffer(name, &r.colors(rows * vectors as usize));
+            let tables = vec![
+                matrix("factors", rows),
+                matrix("operator", 4 * inner as usize),
+                matrix("next", rows),
+                buffer("albedo", &r.colors((first_inner + inner) as usize)),
+            ];
+            call(tiles, MultiplyParams { tiles, row_tiles, vectors, inner, first_inner }, tables)
         }
         "multibounce_blocks_gather_bc1" => blocks(r, BlockCodec::Bc1, None),
         "multibounce_blocks_gather_bc3" => blocks(r, BlockCodec::Bc3, None),

@@ -1,8 +1,9 @@
 //! Host forms of the multi-bounce products.
 
 use ::multibounce::kernel::blocks::{self, BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, BlockSums, LANES};
-use ::multibounce::kernel::feedback;
-use ::multibounce::{BlockParams, FeedbackParams};
+use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
+use ::multibounce::kernel::{feedback, multiply as product};
+use ::multibounce::{BlockParams, FeedbackParams, MultiplyParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 use rayon::prelude::*;
@@ -140,6 +141,30 @@ pub(crate) fn feedback(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostE
     both.with_min_len(1024).enumerate().for_each(|(i, (change, exitance))| {
         *change = feedback::change(&p, source[i], albedo[i], irradiance[i], *exitance, *change);
         *exitance += *change;
+    });
+    Ok(())
+}
+
+/// Rows of tiles on all cores.
+pub(crate) fn multiply(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let elements = call.elements;
+    let (p, [factors, albedo, operator, next]) = call.parts::<MultiplyParams, 4>(kernel)?;
+    let tiles = agreed(elements, p.tiles)? as u32;
+    let below = p.vectors as usize;
+    let (rows, inner) = ((p.row_tiles * TILE_ROWS) as usize, p.inner as usize);
+    let factors = factors.read::<Vec4>(rows * below)?;
+    let albedo = albedo.read::<Vec4>(p.first_inner as usize + inner)?;
+    let operator = operator.read::<Vec4>(4 * inner * below)?;
+    let next = next.write::<Vec4>(rows * below)?;
+    next.par_chunks_mut((TILE_ROWS as usize * below).max(1)).zip(0..p.row_tiles).for_each(|(next, row_tile)| {
+        let tiles = (0..p.vectors / TILE_VECTORS).map(|k| k * p.row_tiles + row_tile).filter(|&t| t < tiles);
+        for (t, lane) in tiles.flat_map(|t| (0..TILE_VECTORS).map(move |lane| (t, lane))) {
+            let (row, vector) = product::tile_at(t, lane, &p);
+            let at = |r: u32| r as usize * below + vector as usize;
+            let start = |r: u32| if p.first_inner == 0 { factors[row as usize * below + at(r)] } else { next[at(r)] };
+            let sums = product::multiply(row, vector, &p, factors, albedo, operator, start);
+            (0..TILE_ROWS).zip(sums).for_each(|(r, sum)| next[at(r)] = sum);
+        }
     });
     Ok(())
 }

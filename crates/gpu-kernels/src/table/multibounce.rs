@@ -1,6 +1,6 @@
 //! Kernels of the multi-bounce matrix: texture blocks, tiles, feedback.
 
-use ::multibounce::{BlockParams, FeedbackParams, TileQuad, TileSquare};
+use ::multibounce::{BlockParams, FeedbackParams, MultiplyParams, TileQuad, TileSquare};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 
@@ -237,4 +237,22 @@ pub static MULTIBOUNCE_FEEDBACK: Kernel = Kernel {
         buffer::<Rgb>("exitance", Access::ReadWrite),
     ],
     host: host::multibounce::feedback,
+};
+
+/// A step of Horner's rule, `F + F diag(ρ) T`: some rows of it, with some rows of T. An element is a tile of
+/// `multibounce::kernel::multiply::TILE_ROWS` rows and `TILE_VECTORS` vectors of four columns. `factors` and `next` hold the same
+/// rows; with another than the first rows of T, sums go on from what `next` has.
+pub static MULTIBOUNCE_MULTIPLY: Kernel = Kernel {
+    name: "multibounce_multiply",
+    spv: spv!("multibounce_multiply"),
+    workgroup: WORKGROUP,
+    elements_per_group: 1,
+    push_bytes: size_of::<MultiplyParams>() as u32,
+    bindings: &[
+        read::<Vec4>("factors"),
+        read::<Vec4>("albedo"),
+        read::<Vec4>("operator"),
+        buffer::<Vec4>("next", Access::ReadWrite),
+    ],
+    host: host::multibounce::multiply,
 };

@@ -113,7 +113,7 @@ impl Factors<'_> {
     }
 }
 
-fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> {
+pub(super) fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> {
     check_length("albedo", patches, albedo.len())?;
     match albedo.iter().position(|a| !(0.0..1.0).contains(a)) {
         Some(index) => {
@@ -124,11 +124,11 @@ fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> {
 }
 
 /// Reflectance below which a patch is first taken to reflect so much, because [`all_bounces`] divides by it.
-const LEAST_ALBEDO: f32 = 0.1;
+pub(super) const LEAST_ALBEDO: f32 = 0.1;
 
 /// Least entry that is taken from the identity: far below what single precision can tell, but no product of a few such numbers is
 /// denormal. Processors multiply denormal numbers many times slower, and light that fades from room to room has plenty.
-const FLOOR: f32 = 1e-13;
+pub(super) const FLOOR: f32 = 1e-13;
 
 /// All bounces of one colour channel, from the symmetric form factors, `T = a^-½ T̂ a^½`: with `P = diag(ρ^½)`,
 /// `T̂ = P⁻¹ ((I − P Ŝ P)⁻¹ − I) P⁻¹`. The inverse is found by Cholesky's factorisation, about n³ operations, and 3 n² numbers
@@ -198,7 +198,8 @@ pub fn all_bounces_lu(factors: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Er
 }
 
 /// So many bounces of one colour channel, `T_K = F Σ_{k<K} (diag(ρ) F)^k`, by Horner's rule: `T_1 = F`,
-/// `T_{k+1} = F + F diag(ρ) T_k`, K − 1 products. `progress(done, total)` is called after each; breaking it cancels.
+/// `T_{k+1} = F + F diag(ρ) T_k`, K − 1 products of 2 n³ operations, 3 n² numbers of memory beside F. `progress(done, total)` is
+/// called after each; breaking it cancels.
 ///
 /// # Errors
 /// [`Error::Length`], [`Error::Value`], [`Error::Setting`] for no bounces, [`Error::Cancelled`].

@@ -12,8 +12,11 @@ use faer::Mat;
 
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
+use crate::host::stored::StoredOperator;
 use crate::kernel::tiles::{LANES, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SQUARE_WORDS, TILE};
 use crate::types::{TileQuad, TileSquare};
+
+pub(super) use reduce::SIDE;
 
 pub use product::{
     ExpandTables, NearTables, TileRoom, enter_all, expand_all, leave_all, near_all, project_all, round_all, weigh_all,
@@ -29,6 +32,8 @@ pub enum Channels<'a> {
     One(&'a Mat<f32>),
     /// Red, green, blue.
     Three([&'a Mat<f32>; 3]),
+    /// Red, green, blue in files that have the order of the tiles: a tile of them is held at a time.
+    Stored([&'a StoredOperator; 3]),
     /// One for all three, of reciprocal form factors: no dense matrix is made.
     Factors(Factors<'a>),
 }
@@ -200,6 +205,18 @@ impl Tiles {
             None => Ok(()),
         }
     }
+}
+
+/// Place of each patch in an order of all of them.
+pub(super) fn places(order: &[u32]) -> Result<Vec<u32>, Error> {
+    let mut place = vec![u32::MAX; order.len()];
+    for (p, &i) in order.iter().enumerate() {
+        match place.get_mut(i as usize) {
+            Some(place) if *place == u32::MAX => *place = p as u32,
+            _ => return Err(Error::Value { name: "order", index: p, value: f64::from(i), rule: "every patch once" }),
+        }
+    }
+    Ok(place)
 }
 
 fn check_starts(name: &'static str, starts: &[u32], end: usize) -> Result<(), Error> {

@@ -8,12 +8,12 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use multibounce::BlockCodec;
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
-use super::bake::{Bake, Merge};
+use super::bake::{Bake, Merge, parse_bytes};
 use super::bench::Part;
 use crate::render::classic::{ClassicSettings, PatchKind};
 use crate::render::decode::Decode;
 use crate::render::firstshot::FirstShotSettings;
-use crate::render::operator::Codec;
+use crate::render::operator::{BuildOn, Codec};
 use crate::render::temporal::{RowKind, Sampled, Temporal};
 
 pub use local::{CameraPath, LocalArgs};
@@ -335,6 +335,28 @@ impl Decoding {
     }
 }
 
+/// Where operators are built.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BuildPlace {
+    /// On the device when it is a graphics processor, else on the host.
+    Auto,
+    /// On the host.
+    Host,
+    /// On the device, whatever it is.
+    Device,
+}
+
+impl BuildPlace {
+    /// As methods take it.
+    pub fn place(self) -> BuildOn {
+        match self {
+            Self::Auto => BuildOn::Auto,
+            Self::Host => BuildOn::Host,
+            Self::Device => BuildOn::Device,
+        }
+    }
+}
+
 /// Kinds of patches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Patches {
@@ -469,6 +491,14 @@ pub struct Render {
     /// Bounces: a number, or all.
     #[arg(long, default_value = "all", value_parser = parse_bounces)]
     pub bounces: Bounces,
+    /// Where the operator of --bounces K is built (multibounce, tiles): auto takes the device of --device when it is a graphics
+    /// processor.
+    #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
+    pub build_on: BuildPlace,
+    /// Most resident memory while the operator is built (multibounce, tiles): bytes, or with K, M or G. Tiles of a larger one are
+    /// built panel by panel in a file in --out [default: what is free].
+    #[arg(long, value_parser = parse_bytes)]
+    pub memory_limit: Option<u64>,
     /// How the operator is stored (multibounce) [default: tiles].
     #[arg(long, value_enum)]
     pub codec: Option<Storage>,
@@ -710,6 +740,8 @@ mod tests {
             ("--budget", "1", ["0", "-1", "all"]),
             ("--look-ahead", "0", ["-1", "1001", "far"]),
             ("--fade", "1", ["0", "1001", "slow"]),
+            ("--build-on", "device", ["gpu", "1", ""]),
+            ("--memory-limit", "800M", ["0", "much", ""]),
         ] {
             assert!(parse(option, good).is_ok(), "{option} {good}");
             for value in bad {

@@ -71,7 +71,7 @@ fn parse_metres(text: &str) -> Result<f32, String> {
         .ok_or_else(|| format!("`{text}` is no length in metres"))
 }
 
-fn parse_bytes(text: &str) -> Result<u64, String> {
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let wrong = || format!("`{text}` is no number of bytes; write for example 2G or 800M");
     let (digits, shift) = match text.char_indices().last() {
         Some((at, 'K' | 'k')) => (&text[..at], 10),

@@ -8,7 +8,7 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, Precision, ReferenceData, scale_to_stops, stops_to_scale};
 
-use super::args::{Bounces, Common, Decoding, FormFactors, Method, ReceiverPlaces, Render};
+use super::args::{Bounces, BuildPlace, Common, Decoding, FormFactors, Method, ReceiverPlaces, Render};
 use super::output;
 use super::report::significant;
 use super::sequence::{Movement, Sequence};
@@ -20,7 +20,7 @@ use crate::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
 use crate::render::debug::{DebugPicture, worst_blocks};
 use crate::render::decode::{Decode, Decoder};
 use crate::render::firstshot::FirstShotSettings;
-use crate::render::operator::{Codec, Feedback, Transport};
+use crate::render::operator::{Build, Codec, Feedback, Transport};
 use crate::render::{Pictures, path};
 use crate::summary::{PassTimes, PhotonCounts, Summary, peak_memory_bytes};
 
@@ -42,6 +42,13 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     }
     if matches!(args.method, Method::Firstshot | Method::Local) && args.bounces != Bounces::All {
         progress.warn(&format!("--method {} takes all bounces and ignores --bounces", args.method.name()));
+    }
+    let is_built = matches!(args.method, Method::Multibounce | Method::Tiles);
+    if args.memory_limit.is_some() && !is_built {
+        progress.warn(&format!("--memory-limit is for operators; --method {} ignores it", args.method.name()));
+    }
+    if args.build_on == BuildPlace::Device && !(is_built && args.bounces != Bounces::All) {
+        progress.warn("--build-on device is for operators of --bounces K; others are built on the host");
     }
     let codec = codec.filter(|_| args.method == Method::Multibounce);
     let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
@@ -206,7 +213,8 @@ fn classic_frames(
         size,
         ..ClassicSettings::default()
     };
-    let bake = Bake::new(loaded, settings, progress)?;
+    let build = Build { on: args.build_on.place(), memory_limit: args.memory_limit, folder: out.to_path_buf() };
+    let bake = Bake::new(loaded, settings, progress)?.with_build(build);
     let mut exact = match args.errors {
         true => Some(bake.clone().load(Transport::Classic, open(&DeviceChoice::parse(&common.device))?.0, progress)?),
         false => None,

@@ -18,7 +18,7 @@ use super::exchange::{Exchange, exchange};
 use super::firstshot::{FirstShot, quietly, write_files};
 use super::frame::{self, Frame, FrameParts};
 use super::local::{LocalFrame, LocalLight};
-use super::operator::{self, Compressing, Feedback, LAST_BOUNCES, PatchOperator, Transport, accelerations};
+use super::operator::{self, Build, Compressing, Feedback, LAST_BOUNCES, PatchOperator, Transport, accelerations};
 use super::pixels::PixelGather;
 use super::receivers::{MeshReceivers, Placing};
 pub use super::senders::PatchKind;
@@ -153,6 +153,7 @@ pub struct Bake {
     bounces: u32,
     view: View,
     settings: ClassicSettings,
+    build: Build,
 }
 
 /// A bake on a device, ready for frames.
@@ -220,7 +221,8 @@ impl<'a> Patches<'a> {
             ..direct_params(scene)
         };
         let (receivers, view) = (MeshReceivers::none(scene)?, loaded.view);
-        let bake = Bake { scene: scene.clone(), senders, exchange, receivers, direct, bounces, view, settings };
+        let build = Build::default();
+        let bake = Bake { scene: scene.clone(), senders, exchange, receivers, direct, bounces, view, settings, build };
         Ok(Self { sampler, bake })
     }
 
@@ -307,16 +309,27 @@ impl Bake {
         Ok((settings.products, if settings.accelerated { fast } else { plain }))
     }
 
+    /// The same with an operator that is built otherwise.
+    #[must_use]
+    pub fn with_build(self, build: Build) -> Self {
+        Self { build, ..self }
+    }
+
     /// The operator that frames multiply by between patches: none for classic radiosity, and for so few bounces that patches
-    /// need none.
+    /// need none. `device` is the one that frames run on, which may build it.
     ///
     /// # Errors
     /// An operator that does not fit into memory, cancellation.
-    pub fn operator(&self, transport: Transport, progress: &mut Progress) -> Result<Option<PatchOperator>, Error> {
+    pub fn operator(
+        &self,
+        transport: Transport,
+        device: Option<&mut (dyn Executor + 'static)>,
+        progress: &mut Progress,
+    ) -> Result<Option<PatchOperator>, Error> {
         let ClassicSettings { bounces, receivers, seed, .. } = self.settings;
         let at_patches = receivers == ReceiverKind::SelfReceivers;
-        let compressing = Compressing { transport, bounces, at_patches, seed };
-        operator::compress(&compressing, &self.senders, &self.exchange.factors, progress)
+        let compressing = Compressing { transport, build: &self.build, bounces, at_patches, seed };
+        operator::compress(&compressing, &self.senders, &self.exchange.factors, device, progress)
     }
 
     /// The rows that frames sample: none but for temporal radiosity.
@@ -356,13 +369,13 @@ impl Bake {
     pub fn load(
         self,
         transport: Transport,
-        executor: Box<dyn Executor>,
+        mut executor: Box<dyn Executor>,
         progress: &mut Progress,
     ) -> Result<Classic, Error> {
         if matches!(transport, Transport::FirstShot(_)) && self.settings.receivers == ReceiverKind::SelfReceivers {
             return Err(Error::FirstShotReceivers);
         }
-        let operator = self.operator(transport, progress)?;
+        let operator = self.operator(transport, Some(executor.as_mut()), progress)?;
         let decoder = frame::decoder(self.settings.decode, executor.as_ref(), operator.as_ref())?;
         let feedback = match (transport, &operator) {
             (Transport::Feedback(feedback), Some(operator)) => Some(self.feedback(feedback, operator, progress)?),

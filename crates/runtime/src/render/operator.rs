@@ -1,5 +1,6 @@
 //! The light between patches as one operator: all bounces in a product, or a bounce of any reflectance.
 
+mod build;
 pub(crate) mod measure;
 
 use faer::Mat;
@@ -7,17 +8,22 @@ use formfactor::kernel::product::packed_row_words;
 use formfactor::{Csr, Dense, Half, Operator as _, Reciprocal, reciprocal, widen_half};
 use glam::{Vec3, Vec4};
 use multibounce::{
-    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Tiles,
-    all_bounces, halving_order, projected_order, some_bounces, spectral_radius, spectral_range,
+    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Room,
+    StoredOperator, Tiles, all_bounces, all_bounces_stored, halving_order, projected_order, some_bounces,
+    some_bounces_stored, spectral_radius, spectral_range,
 };
 use rayon::prelude::*;
 
+pub use self::build::{Build, BuildOn};
+
+use self::build::some_bounces_on_device;
 use super::firstshot::FirstShotSettings;
 use super::local::LocalOptions;
 use super::senders::Senders;
 use super::temporal::Temporal;
 use super::{go_on, proceed};
 use crate::error::Error;
+use crate::executor::Executor;
 use crate::progress::Progress;
 
 /// How light goes from patch to patch.
@@ -378,6 +384,15 @@ impl Between {
             let [r, g, b] = match channels {
                 Channels::One(all) => [all; 3],
                 Channels::Three(each) => each,
+                Channels::Stored(each) => {
+                    let mut channels = [0, 1, 2].map(|_| vec![0.0; row.len()]);
+                    let is_read = each.iter().zip(&mut channels).all(|(stored, row)| stored.row(i, row).is_ok());
+                    for (j, color) in row.iter_mut().enumerate() {
+                        let entry = Vec3::from_array([0, 1, 2].map(|c| channels[c][j])) * (root[j] / root[i]);
+                        *color = if is_read { entry.max(Vec3::ZERO) } else { Vec3::ZERO };
+                    }
+                    return;
+                }
                 Channels::Factors(factors) => {
                     row.fill(Vec3::ZERO);
                     factors.row(i).for_each(|(j, f)| row[j] += Vec3::splat(f));
@@ -391,7 +406,65 @@ impl Between {
         }
     }
 
-    /// The symmetric operators of so many bounces, or of all, for red, green and blue.
+    /// The symmetric operators of so many bounces for red, green and blue, on a device where the build says so; on the host, with a
+    /// note, when nobody asked for a device that turns out too small.
+    fn bounces_on(
+        &self,
+        albedo: &[Vec4],
+        bounces: Option<u32>,
+        build: &Build,
+        device: Option<&mut (dyn Executor + 'static)>,
+        progress: &mut Progress,
+    ) -> Result<[Mat<f32>; 3], Error> {
+        let device = device.filter(|device| build.on.is_device(device.device().kind));
+        let (Some(device), Some(bounces)) = (device, bounces) else {
+            return self.bounces(albedo, bounces, progress);
+        };
+        let range = device.device().max_storage_buffer_range;
+        let made =
+            progress.phase("operator", |report| some_bounces_on_device(device, self, albedo, bounces, range, report));
+        match made {
+            Err(error @ Error::DeviceMemory { .. }) if build.on == BuildOn::Auto => {
+                progress.note(&format!("{error}; it is built on the host"));
+                self.bounces(albedo, Some(bounces), progress)
+            }
+            other => other,
+        }
+    }
+
+    /// The same in files, of which panels of so many bytes are held at a time.
+    fn stored(
+        &self,
+        albedo: &[Vec4],
+        bounces: Option<u32>,
+        build: &Build,
+        bytes: u64,
+        progress: &mut Progress,
+    ) -> Result<[StoredOperator; 3], Error> {
+        let room = Room { folder: &build.folder, bytes };
+        let made = progress.phase("operator", |report| {
+            let one = |channel: usize| {
+                let albedo: Vec<f32> = albedo.iter().map(|rho| rho[channel]).collect();
+                let proceed = |done, total| proceed(report, channel * total + done, 3 * total);
+                let (factors, order) = (self.view(), &self.order);
+                match bounces {
+                    None => all_bounces_stored(&factors, &albedo, order, &room, &proceed),
+                    Some(bounces) => some_bounces_stored(&factors, &albedo, bounces, order, &room, &proceed),
+                }
+            };
+            Ok([one(0)?, one(1)?, one(2)?])
+        });
+        made.map_err(|error| match error {
+            multibounce::Error::Memory { needed, limit } => {
+                Error::OperatorPanels { patches: albedo.len(), needed, left: limit }
+            }
+            multibounce::Error::Cancelled { .. } => Error::Cancelled,
+            other => other.into(),
+        })
+    }
+
+    /// The symmetric operators of so many bounces, or of all, for red, green and blue, on the host: [`MATRICES`] N² numbers at the
+    /// peak.
     pub fn bounces(
         &self,
         albedo: &[Vec4],
@@ -421,8 +494,9 @@ const RADIUS_STEPS: usize = 200;
 const RADIUS_TOLERANCE: f32 = 1e-4;
 
 /// What [`compress`] makes.
-pub(super) struct Compressing {
+pub(super) struct Compressing<'a> {
     pub transport: Transport,
+    pub build: &'a Build,
     /// Counts the last two, which end at facets and receivers, unless the patches are the receivers; `None` for all.
     pub bounces: Option<u32>,
     /// Whether the patches are the receivers.
@@ -435,6 +509,7 @@ pub(super) fn compress(
     settings: &Compressing,
     senders: &Senders,
     factors: &Csr,
+    device: Option<&mut (dyn Executor + 'static)>,
     progress: &mut Progress,
 ) -> Result<Option<PatchOperator>, Error> {
     let last = if settings.at_patches { 0 } else { LAST_BOUNCES };
@@ -444,10 +519,15 @@ pub(super) fn compress(
     let operator = match settings.transport {
         Transport::Classic | Transport::Temporal(_) | Transport::FirstShot(_) | Transport::Local(_) => return Ok(None),
         Transport::Operator(codec) => {
-            check_memory(senders.patches.len(), MATRICES, "feedback")?;
             let between = Between::new(senders, factors)?;
             let bounces = settings.bounces.map(|bounces| bounces - last);
-            let operators = between.bounces(&senders.albedo, bounces, progress)?;
+            let (albedo, build) = (&senders.albedo, settings.build);
+            if let Some(bytes) = build.panel_bytes(albedo.len(), between.factors.values.len()) {
+                let made = build_in_panels(codec, &between, albedo, (bounces, settings.seed), build, bytes, progress)?;
+                progress.note(&made.describe());
+                return Ok(Some(made));
+            }
+            let operators = between.bounces_on(albedo, bounces, build, device, progress)?;
             let channels = Channels::Three(operators.each_ref());
             PatchOperator::encode(codec, channels, &between, settings.seed, progress)?
         }
@@ -457,6 +537,27 @@ pub(super) fn compress(
     };
     progress.note(&operator.describe());
     Ok(Some(operator))
+}
+
+/// An operator whose matrices do not fit into memory, in tiles: other codecs read it patch by patch, or are as large themselves.
+fn build_in_panels(
+    codec: Codec,
+    between: &Between,
+    albedo: &[Vec4],
+    (bounces, seed): (Option<u32>, u32),
+    build: &Build,
+    bytes: u64,
+    progress: &mut Progress,
+) -> Result<PatchOperator, Error> {
+    if !matches!(codec, Codec::Tiles { .. }) {
+        let needed = (MATRICES * size_of::<f32>()) as f64 * (albedo.len() as f64).powi(2) * 1e-9;
+        let (patches, available) = (albedo.len(), bytes as f64 * 1e-9);
+        return Err(Error::OperatorMemory { patches, needed, available, instead: "tiles" });
+    }
+    let stored = between.stored(albedo, bounces, build, bytes, progress)?;
+    let held = stored.iter().map(|stored| stored.held_bytes).max().unwrap_or(0);
+    progress.note(&format!("operator built in panels of {} MB, kept in {}", held >> 20, build.folder.display()));
+    PatchOperator::encode(codec, Channels::Stored(stored.each_ref()), between, seed, progress)
 }
 
 /// The compressed form factors, scaled where light would grow in them from bounce to bounce: their spectral radius is at
@@ -641,6 +742,50 @@ pub(super) mod tests {
         let as_it_is =
             PatchOperator::encode(Codec::Tiles { epsilon: 0.01 }, between.channels(), &between, 1, &mut progress);
         assert_eq!(as_it_is.unwrap(), feedback(between, 0.01, 1, &mut progress).unwrap());
+    }
+
+    #[test]
+    fn what_exceeds_the_limit_is_built_in_panels_with_the_same_result() {
+        let (between, albedo) = cornell();
+        let (mut progress, light, folder) = (Progress::new(true), light(albedo.len()), tempfile::tempdir().unwrap());
+        let mut build = Build { memory_limit: Some(1), folder: folder.path().to_owned(), ..Build::default() };
+        assert_eq!(build.panel_bytes(149, 9000), Some(0));
+        assert_eq!(Build { memory_limit: None, ..build.clone() }.panel_bytes(149, 9000), None);
+        let codec = Codec::Tiles { epsilon: 1e-4 };
+        let mut others = Vec::new();
+        for bounces in [None, Some(3)] {
+            let operators = between.bounces(&albedo, bounces, &mut progress).unwrap();
+            let exact = measure::exact_product(Channels::Three(operators.each_ref()), &between.area, &light);
+            let stored = between.stored(&albedo, bounces, &build, 1 << 20, &mut progress).unwrap();
+            let channels = Channels::Stored(stored.each_ref());
+            let found = measure::exact_product(channels, &between.area, &light);
+            assert!(relative_error(&found, &exact, &between.area) < 1e-5, "{bounces:?}");
+            let rows = between.rows(channels);
+            let mut row = vec![Vec3::ZERO; albedo.len()];
+            for (i, h) in exact.iter().enumerate() {
+                rows(i, &mut row);
+                let sum: Vec3 = row.iter().zip(&light).map(|(t, b)| *t * b.truncate()).sum();
+                assert!((sum - h.truncate()).abs().max_element() < 1e-5 * h.max_element(), "{sum} {h}");
+            }
+            let made = build_in_panels(codec, &between, &albedo, (bounces, 1), &build, 1 << 20, &mut progress).unwrap();
+            let error = relative_error(&product(&made, &light), &exact, &between.area);
+            assert!(error < 1e-4, "{bounces:?}: {error}");
+            others.push(exact);
+        }
+        assert!(relative_error(&others[1], &others[0], &between.area) > 0.01, "three bounces are not all");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "files are left");
+
+        let mut refuse = |codec, build: &Build, bytes| {
+            let made = build_in_panels(codec, &between, &albedo, (None, 1), build, bytes, &mut progress);
+            made.unwrap_err().to_string()
+        };
+        let message = refuse(Codec::Half, &build, 1 << 20);
+        assert!(message.contains("--method tiles"), "{message}");
+        let message = refuse(codec, &build, 1 << 16);
+        assert!(message.contains("--memory-limit"), "{message}");
+        build.folder = folder.path().join("nowhere");
+        let message = refuse(codec, &build, 1 << 20);
+        assert!(message.contains("nowhere") && message.contains("another folder"), "{message}");
     }
 
     #[test]

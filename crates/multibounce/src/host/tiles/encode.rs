@@ -8,7 +8,7 @@ use scene::sampling::hash3;
 
 use super::reduce::{Component, EDGE, Part, SIDE, Square, reduce, squared_norm};
 use super::source::{Source, twice};
-use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles};
+use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles, places};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
 use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, RUN_QUADS, SHORT_BIAS};
@@ -45,16 +45,7 @@ impl Tiles {
             return Err(Error::Setting { name: "epsilon", value: epsilon, rule: "at least 0.000001 and below 1" });
         }
         check_length("order", n, order.len())?;
-        let mut place = vec![u32::MAX; n];
-        for (p, &i) in order.iter().enumerate() {
-            match place.get_mut(i as usize) {
-                Some(place) if *place == u32::MAX => *place = p as u32,
-                _ => {
-                    let rule = "every patch once";
-                    return Err(Error::Value { name: "order", index: p, value: f64::from(i), rule });
-                }
-            }
-        }
+        let place = places(order)?;
         if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
             return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
         }
@@ -69,8 +60,8 @@ impl Tiles {
         let silent = |_: usize, _: usize| Proceed::Continue(());
 
         // λ from a part of the tiles first, then from all of them, each time a little less when it was too much.
-        let norm = |tiles: &[(usize, usize)]| source.norms(tiles);
-        let mut lambda = ((epsilon * source.norms(&all)[1]).powi(2) / (0.03 * (n * n) as f64)).max(1e-30) as f32;
+        let all_norms = source.norms(&all)?;
+        let mut lambda = ((epsilon * all_norms[1]).powi(2) / (0.03 * (n * n) as f64)).max(1e-30) as f32;
         let worst = |parts: &[Part], norms: [f64; 3]| -> f64 {
             let sum = |c: usize| parts.iter().map(|part| part.error[c]).sum::<f64>().sqrt();
             (0..3).filter(|&c| norms[c] > 0.0).map(|c| sum(c) / norms[c]).fold(0.0, f64::max)
@@ -78,7 +69,7 @@ impl Tiles {
         // In the logarithm the error is about half of λ; what is known of both sides bounds the next try.
         let (mut low, mut high) = (0.0f32, f32::INFINITY);
         if some.len() < all.len() {
-            let norms = norm(&some);
+            let norms = source.norms(&some)?;
             for _ in 0..MOST_ROUNDS {
                 let error = worst(&source.encode(&some, lambda, &silent)?, norms);
                 if (CLOSE * epsilon..=epsilon).contains(&error) {
@@ -88,7 +79,7 @@ impl Tiles {
             }
             (low, high) = (0.0, f32::INFINITY);
         }
-        let norms = norm(&all);
+        let norms = all_norms;
         let mut best = None;
         for round in 0..MOST_ROUNDS {
             let parts = source.encode(&all, lambda, progress)?;
@@ -349,18 +340,21 @@ impl Source<'_> {
     ) -> Result<Vec<Part>, Error> {
         let (done, total) = (AtomicUsize::new(0), tiles.len());
         let work = |&at: &(usize, usize)| {
-            let part = self.part(at, lambda);
+            let part = match self.part(at, lambda) {
+                Ok(part) => part,
+                Err(error) => return Some(Err(error)),
+            };
             let count = done.fetch_add(1, Ordering::Relaxed) + 1;
-            (!progress(count, total).is_break()).then_some(part)
+            (!progress(count, total).is_break()).then_some(Ok(part))
         };
-        let parts: Option<Vec<Part>> = tiles.par_iter().map(work).collect();
-        parts.ok_or(Error::Cancelled { done: done.load(Ordering::Relaxed), total })
+        let parts: Option<Result<Vec<Part>, Error>> = tiles.par_iter().map(work).collect();
+        parts.ok_or_else(|| Error::Cancelled { done: done.load(Ordering::Relaxed), total })?
     }
 
-    fn part(&self, at: (usize, usize), lambda: f32) -> Part {
+    fn part(&self, at: (usize, usize), lambda: f32) -> Result<Part, Error> {
         let mut part = Part::default();
-        let mut common = self.common(at);
-        let given = [0, 1].map(|k| self.other(k, at).map(|tile| tile - &common));
+        let mut common = self.common(at)?;
+        let given = [self.other(0, at)?, self.other(1, at)?].map(|tile| tile.map(|tile| tile - &common));
         let weights = (&self.weights[at.0], &self.weights[at.1]);
         reduce(&mut common, weights, lambda, ALL_CHANNELS, true, &mut part);
         part.error[1] = twice(at) * squared_norm(&common);
@@ -374,6 +368,6 @@ impl Source<'_> {
                 None => part.error[1],
             };
         }
-        part
+        Ok(part)
     }
 }

@@ -8,7 +8,7 @@ use crate::kernel::tiles::{BIAS, LANES, SHORT_BIAS, TILE, TWOS};
 use crate::types::TileQuad;
 
 /// Size of a tile.
-pub(super) const SIDE: usize = TILE as usize;
+pub(in crate::host) const SIDE: usize = TILE as usize;
 /// Rows and columns of a square.
 pub(super) const EDGE: usize = LANES as usize;
 /// Bytes of a component beside its vectors: scale and partner of both, and what they are, which four share.

@@ -9,6 +9,7 @@ use super::Channels;
 use super::reduce::{SIDE, Weights, squared_norm};
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
+use crate::host::stored::StoredOperator;
 
 /// Tiles above the diagonal stand for two.
 pub(super) fn twice((i, j): (usize, usize)) -> f64 {
@@ -18,6 +19,8 @@ pub(super) fn twice((i, j): (usize, usize)) -> f64 {
 /// A symmetric matrix.
 pub(super) enum Matrix<'a> {
     Dense(&'a Mat<f32>),
+    /// In a file, in the same order.
+    Stored(&'a StoredOperator),
     /// Columns by place, rows ascending.
     Sparse(Vec<Vec<(u32, f32)>>),
 }
@@ -37,7 +40,7 @@ impl Matrix<'_> {
     }
 
     /// A tile, filled up with zeros.
-    fn tile(&self, order: &[u32], (i, j): (usize, usize)) -> Mat<f32> {
+    fn tile(&self, order: &[u32], (i, j): (usize, usize)) -> Result<Mat<f32>, Error> {
         let mut out = Mat::zeros(SIDE, SIDE);
         match self {
             Self::Dense(matrix) => {
@@ -53,6 +56,7 @@ impl Matrix<'_> {
                     }
                 }
             }
+            Self::Stored(operator) => return operator.tile((i, j)),
             // Columns, as in the dense matrix.
             Self::Sparse(columns) => {
                 let (first, end) = (i * SIDE, (i + 1) * SIDE);
@@ -64,7 +68,7 @@ impl Matrix<'_> {
                 }
             }
         }
-        out
+        Ok(out)
     }
 }
 
@@ -86,6 +90,10 @@ impl<'a> Source<'a> {
                 let [red, blue] = [dense(red, order.len())?, dense(blue, order.len())?];
                 (dense(green, order.len())?, [Some(red), Some(blue)])
             }
+            Channels::Stored([red, green, blue]) => {
+                let [red, blue] = [stored(red, order)?, stored(blue, order)?];
+                (stored(green, order)?, [Some(red), Some(blue)])
+            }
             Channels::Factors(factors) => {
                 check_length("rows", order.len(), factors.patches())?;
                 (Matrix::sparse(&factors, order, place)?, [None, None])
@@ -97,25 +105,47 @@ impl<'a> Source<'a> {
     }
 
     /// A tile of green.
-    pub fn common(&self, at: (usize, usize)) -> Mat<f32> {
+    pub fn common(&self, at: (usize, usize)) -> Result<Mat<f32>, Error> {
         self.common.tile(self.order, at)
     }
 
     /// A tile of red (0) or blue (1), when they differ from green.
-    pub fn other(&self, k: usize, at: (usize, usize)) -> Option<Mat<f32>> {
-        self.others[k].as_ref().map(|matrix| matrix.tile(self.order, at))
+    pub fn other(&self, k: usize, at: (usize, usize)) -> Result<Option<Mat<f32>>, Error> {
+        self.others[k].as_ref().map(|matrix| matrix.tile(self.order, at)).transpose()
     }
 
     /// Frobenius norm of each channel over these tiles, both sides of the diagonal.
-    pub fn norms(&self, tiles: &[(usize, usize)]) -> [f64; 3] {
-        let of = |matrix: &Matrix| -> f64 {
-            let square = |&at: &(usize, usize)| twice(at) * squared_norm(&matrix.tile(self.order, at));
-            let squares: Vec<f64> = tiles.par_iter().map(square).collect();
-            squares.iter().sum::<f64>().sqrt()
+    ///
+    /// # Errors
+    /// [`Error::Value`] for numbers that are not finite, [`Error::File`].
+    pub fn norms(&self, tiles: &[(usize, usize)]) -> Result<[f64; 3], Error> {
+        let of = |matrix: &Matrix| -> Result<f64, Error> {
+            let square = |&at: &(usize, usize)| Ok(twice(at) * squared_norm(&matrix.tile(self.order, at)?));
+            let squares: Result<Vec<f64>, Error> = tiles.par_iter().map(square).collect();
+            let norm = squares?.iter().sum::<f64>().sqrt();
+            // Files are not looked through before.
+            let rule = "finite";
+            if norm.is_finite() {
+                Ok(norm)
+            } else {
+                Err(Error::Value { name: "operator", index: 0, value: norm, rule })
+            }
         };
-        let green = of(&self.common);
-        let [red, blue] = [0, 1].map(|k: usize| self.others[k].as_ref().map_or(green, of));
-        [red, green, blue]
+        let green = of(&self.common)?;
+        let other = |k: usize| self.others[k].as_ref().map_or(Ok(green), of);
+        Ok([other(0)?, green, other(1)?])
+    }
+}
+
+/// A matrix in a file that has this order.
+fn stored<'a>(operator: &'a StoredOperator, order: &[u32]) -> Result<Matrix<'a>, Error> {
+    check_length("rows", order.len(), operator.patches())?;
+    match operator.order().iter().zip(order).position(|(a, b)| a != b) {
+        Some(index) => {
+            let rule = "the order in which the operator was stored";
+            Err(Error::Value { name: "order", index, value: f64::from(order[index]), rule })
+        }
+        None => Ok(Matrix::Stored(operator)),
     }
 }
 

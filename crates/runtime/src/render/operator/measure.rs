@@ -174,6 +174,19 @@ pub(crate) fn exact_product(channels: Channels, area: &[f32], source: &[Vec4]) -
     let [r, g, b] = match channels {
         Channels::One(all) => [all; 3],
         Channels::Three(each) => each,
+        Channels::Stored(each) => {
+            // What cannot be read is no number.
+            let one = |c: usize| {
+                let (light, mut out) =
+                    (Vec::from_iter((0..root.len()).map(|i| source[i][c] * root[i])), vec![0.0; root.len()]);
+                if each[c].product(&light, &mut out).is_err() {
+                    out.fill(f32::NAN);
+                }
+                out
+            };
+            let (r, g, b) = (one(0), one(1), one(2));
+            return (0..root.len()).map(|i| Vec4::new(r[i], g[i], b[i], 0.0) / root[i]).collect();
+        }
         Channels::Factors(factors) => {
             let row = |i| factors.row(i).map(|(j, f)| (source[j] * f).truncate().extend(0.0)).sum();
             return (0..area.len()).into_par_iter().map(row).collect();
