@@ -31,6 +31,7 @@ use hits::HitTables;
 use local::LocalStage;
 use operator::OperatorTables;
 pub(crate) use operator::product_on_device;
+pub use operator::receivers_on_device;
 use sampled::{Level, LevelPasses};
 
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.

@@ -13,6 +13,7 @@ use multibounce::{
 use rayon::prelude::*;
 
 use super::firstshot::FirstShotSettings;
+pub use super::frame::receivers_on_device;
 use super::local::LocalOptions;
 use super::senders::Senders;
 use super::temporal::Temporal;
