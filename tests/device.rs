@@ -1,11 +1,16 @@
 //! Devices: choice, messages, limits, transfers, clocks. Skipped without Vulkan, but for what must work without.
 
+use glam::{Vec3, Vec4};
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
 use integration_tests::vulkan;
+use multibounce::{Proceed, RectangularTiles, TileSide, halving_order};
+use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
 use runtime::plan::{BufferId, PassId, Plan};
+use runtime::render::operator::receivers_on_device;
 use runtime::vulkan::{Error, Validation, Vulkan};
+use scene::sampling::{hash3, unit};
 
 /// `exchange = 1 + 0.5 * 2` for `count` elements, as a plan with its output and its pass.
 fn small_plan(count: u32) -> (Plan, [BufferId; 4], PassId) {
@@ -225,5 +230,37 @@ fn buffers_stay_from_run_to_run_and_push_constants_change() {
         executor.push(pass, &CountParams { count: 0 }).expect("the length is right");
         executor.set_elements(pass, 0).expect("the pass is known");
         assert_eq!(executor.run_passes(&[pass, pass]).expect("nothing to do is no error").len(), 2);
+    }
+}
+
+/// Operators from 300 senders to 421 receivers, in tiles of everything: components of 4 and 8 bits, squares, single entries.
+#[test]
+fn tiles_of_receivers_have_the_same_bits_on_every_device() {
+    let random = |a: usize, b: usize, c: u32| unit(hash3(a as u32, b as u32, c));
+    let rows = |i: usize, each: &mut dyn FnMut(u32, f32)| {
+        for j in (0..300).filter(|j| (i + j) % 5 != 0) {
+            let x = i as f32 / 421.0 - j as f32 / 300.0;
+            each(j as u32, (1.0 + random(i, j, 2)) / (0.003 + x * x));
+        }
+    };
+    let line = |n: usize| halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n]);
+    let area: Vec<f32> = (0..300).map(|j| 0.2 + random(j, 0, 1)).collect();
+    let (order, sender_order) = (line(421), line(300));
+    let receivers = TileSide { area: &[1.0; 421], order: &order };
+    let senders = TileSide { area: &area, order: &sender_order };
+    let tiles = RectangularTiles::encode(&rows, receivers, senders, 0.02, &|_, _| Proceed::Continue(())).unwrap();
+    let light: Vec<Vec4> =
+        (0..300).map(|j| Vec4::new(random(j, 0, 9), random(j, 1, 9), random(j, 2, 9), 0.0)).collect();
+    let mut expected = vec![Vec4::ZERO; 421];
+    tiles.product(&light, &mut expected).unwrap();
+    let mut other = light.clone();
+    other[299].y *= 2.0;
+    let check = |executor: &mut dyn Executor| {
+        assert_eq!(receivers_on_device(executor, &tiles, &light, 1).unwrap().0, expected);
+        assert_ne!(receivers_on_device(executor, &tiles, &other, 1).unwrap().0, expected);
+    };
+    check(&mut Cpu::new());
+    if let Some(mut executor) = vulkan() {
+        check(&mut executor);
     }
 }

@@ -13,6 +13,9 @@
 //! even over neighbours count more, because light adds them up. The three colour channels share what they have in common. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike;
 //! the forms for all cores give the same bits.
 //!
+//! [`RectangularTiles`] are the same for few senders and many receivers, `H_r = F_r B`: one channel for all colours, with the same
+//! kernels.
+//!
 //! [`BlockMatrix`] keeps a matrix in texture blocks (BC1, BC3, BC6H, BC7), 0.5 to 1 byte an RGB entry, with the greatest
 //! entries beside them, in an order of rows and columns that makes blocks smooth ([`projected_order`]). The product decodes
 //! them on the way, on the host or in kernels, also by the texture unit.

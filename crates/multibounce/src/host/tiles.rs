@@ -3,6 +3,7 @@
 mod encode;
 mod lanes;
 mod product;
+mod rectangular;
 mod reduce;
 mod source;
 
@@ -21,6 +22,8 @@ pub(super) use reduce::SIDE;
 pub use product::{
     ExpandTables, NearTables, TileRoom, enter_all, expand_all, leave_all, near_all, project_all, round_all, weigh_all,
 };
+
+pub use rectangular::{MOST_TILE_RECEIVERS, RectangularRoom, RectangularTiles, SparseRows, TileSide};
 
 /// Most patches: entries name columns by 16 bits.
 pub const MOST_TILE_PATCHES: usize = PLACES - TILE as usize;
@@ -155,55 +158,24 @@ impl Tiles {
         check_length("partner", slots, self.partner.len())?;
         check_length("run_start", self.blocks() + 1, self.run_start.len())?;
         check_length("runs", self.run_start.last().map_or(1, |&k| k as usize + 1), self.runs.len())?;
-        let groups: usize = self.quads.iter().map(|quad| (QUAD * quad.groups()) as usize).sum();
-        check_length("words", groups * LANES as usize, self.words.len())?;
+        check_bank(&self.runs, &self.quads, &self.words, self.blocks())?;
         check_length("square_start", self.blocks() * PARTS as usize + 1, self.square_start.len())?;
         check_length("square_words", self.squares.len() * SQUARE_WORDS as usize, self.square_words.len())?;
         check_length("row_start", rows + 1, self.row_start.len())?;
         check_length("steps", rows, self.steps.len())?;
         check_starts("run_start", &self.run_start, self.runs.len() - 1)?;
-        check_starts("runs", &self.runs, self.quads.len())?;
         check_starts("square_start", &self.square_start, self.squares.len())?;
         check_starts("row_start", &self.row_start, self.entries.len())?;
-        let below = |name, table: &[u32], limit: usize| match table.iter().position(|&k| k as usize >= limit) {
-            Some(index) => Err(Error::Value { name, index, value: f64::from(table[index]), rule: "in its range" }),
-            None => Ok(()),
-        };
-        below("order", &self.order, n)?;
-        below("place", &self.place, n)?;
+        check_below("order", self.order.iter().copied(), n)?;
+        check_below("place", self.place.iter().copied(), n)?;
         let partners = self.partner.iter().map(|&slot| if slot == NO_SLOT { 0 } else { slot });
-        below("partner", &partners.collect::<Vec<u32>>(), slots)?;
-        below("quads", &self.quads.iter().map(|quad| quad.block()).collect::<Vec<u32>>(), self.blocks())?;
-        let last = self.quads.iter().map(|quad| quad.group.saturating_add(QUAD * quad.groups() - 1));
-        below("quads", &last.collect::<Vec<u32>>(), groups)?;
-        for (k, run) in self.runs.windows(2).enumerate() {
-            let quads = &self.quads[run[0] as usize..run[1] as usize];
-            let follow =
-                quads.windows(2).all(|w| w[0].tag == w[1].tag && w[0].group + QUAD * w[0].groups() == w[1].group);
-            if quads.len() > RUN_QUADS as usize || !follow {
-                let rule = "the first of a few quads that are alike, one after another";
-                return Err(Error::Value { name: "runs", index: k, value: f64::from(run[0]), rule });
-            }
-        }
-        let columns: Vec<u32> = self.entries.iter().map(|entry| entry & 0xffff).collect();
-        below("entries", &columns, rows)?;
-        let columns: Vec<u32> = self.squares.iter().map(|square| square.column).collect();
-        below("squares", &columns, self.blocks() * PARTS as usize)?;
-        let finite = |name, mut table: std::boxed::Box<dyn Iterator<Item = f32> + '_>| match table
-            .position(|x| !x.is_finite())
-        {
-            Some(index) => Err(Error::Value { name, index, value: f64::NAN, rule: "finite" }),
-            None => Ok(()),
-        };
-        finite("scale", std::boxed::Box::new(self.scale.iter().copied()))?;
-        finite("squares", std::boxed::Box::new(self.squares.iter().map(|square| square.step)))?;
-        finite("steps", std::boxed::Box::new(self.steps.iter().copied()))?;
-        match self.root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
-            Some(index) => {
-                Err(Error::Value { name: "root", index, value: f64::from(self.root[index]), rule: "positive" })
-            }
-            None => Ok(()),
-        }
+        check_below("partner", partners, slots)?;
+        check_below("entries", self.entries.iter().map(|entry| entry & 0xffff), rows)?;
+        check_below("squares", self.squares.iter().map(|square| square.column), self.blocks() * PARTS as usize)?;
+        check_finite("scale", self.scale.iter().copied())?;
+        check_finite("squares", self.squares.iter().map(|square| square.step))?;
+        check_finite("steps", self.steps.iter().copied())?;
+        check_root("root", &self.root)
     }
 }
 
@@ -224,6 +196,49 @@ fn check_starts(name: &'static str, starts: &[u32], end: usize) -> Result<(), Er
     check_length(name, end, last)?;
     match starts.windows(2).position(|w| w[0] > w[1]) {
         Some(index) => Err(Error::Value { name, index, value: f64::from(starts[index]), rule: "ascending" }),
+        None => Ok(()),
+    }
+}
+
+/// Vectors of so many blocks: runs, their quads, and the words of these.
+fn check_bank(runs: &[u32], quads: &[TileQuad], words: &[u32], blocks: usize) -> Result<(), Error> {
+    check_length("runs", runs.len().max(1), runs.len())?;
+    let groups: usize = quads.iter().map(|quad| (QUAD * quad.groups()) as usize).sum();
+    check_length("words", groups * LANES as usize, words.len())?;
+    check_starts("runs", runs, quads.len())?;
+    check_below("quads", quads.iter().map(|quad| quad.block()), blocks)?;
+    check_below("quads", quads.iter().map(|quad| quad.group.saturating_add(QUAD * quad.groups() - 1)), groups)?;
+    for (k, run) in runs.windows(2).enumerate() {
+        let quads = &quads[run[0] as usize..run[1] as usize];
+        let follow = quads.windows(2).all(|w| w[0].tag == w[1].tag && w[0].group + QUAD * w[0].groups() == w[1].group);
+        if quads.len() > RUN_QUADS as usize || !follow {
+            let rule = "the first of a few quads that are alike, one after another";
+            return Err(Error::Value { name: "runs", index: k, value: f64::from(run[0]), rule });
+        }
+    }
+    Ok(())
+}
+
+fn check_below(name: &'static str, mut table: impl Iterator<Item = u32> + Clone, limit: usize) -> Result<(), Error> {
+    match table.clone().position(|k| k as usize >= limit) {
+        Some(index) => {
+            let value = table.nth(index).map_or(f64::NAN, f64::from);
+            Err(Error::Value { name, index, value, rule: "in its range" })
+        }
+        None => Ok(()),
+    }
+}
+
+fn check_finite(name: &'static str, mut table: impl Iterator<Item = f32>) -> Result<(), Error> {
+    match table.position(|x| !x.is_finite()) {
+        Some(index) => Err(Error::Value { name, index, value: f64::NAN, rule: "finite" }),
+        None => Ok(()),
+    }
+}
+
+fn check_root(name: &'static str, root: &[f32]) -> Result<(), Error> {
+    match root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
+        Some(index) => Err(Error::Value { name, index, value: f64::from(root[index]), rule: "positive" }),
         None => Ok(()),
     }
 }

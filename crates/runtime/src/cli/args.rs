@@ -639,6 +639,12 @@ pub struct Bench {
     /// Rays from each receiver.
     #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=131_072))]
     pub receiver_rays: u32,
+    /// Receivers of the operator from patches to receivers, 0 to leave it out (operator).
+    #[arg(long, default_value_t = 160_000, value_parser = clap::value_parser!(u32).range(0..=4_000_000))]
+    pub receivers: u32,
+    /// Relative errors (Frobenius) of the same, compressed.
+    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03", value_parser = parse_epsilon)]
+    pub receiver_epsilons: Vec<f64>,
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
     #[arg(long)]
     pub resume: bool,

@@ -31,6 +31,7 @@ use crate::plan::{BufferId, PassId, Plan, RANGE_ALIGNMENT, Range};
 use hits::HitTables;
 use local::LocalStage;
 use operator::OperatorTables;
+pub use operator::receivers_on_device;
 pub(crate) use operator::{decoder, product_decoded, product_on_device};
 use sampled::{Level, LevelPasses};
 

@@ -18,6 +18,7 @@ pub use self::build::{Build, BuildOn};
 
 use self::build::some_bounces_on_device;
 use super::firstshot::FirstShotSettings;
+pub use super::frame::receivers_on_device;
 use super::local::LocalOptions;
 use super::senders::Senders;
 use super::temporal::Temporal;

@@ -6,7 +6,7 @@ use std::vec::Vec;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 
-use super::reduce::{Component, EDGE, Part, SIDE, Square, reduce, squared_norm};
+use super::reduce::{Component, EDGE, Part, Prices, SIDE, Square, reduce, squared_norm};
 use super::source::{Source, twice};
 use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles, places};
 use crate::error::{Error, check_length};
@@ -15,9 +15,9 @@ use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, RUN_QUADS, 
 use crate::types::{TileQuad, TileSquare};
 
 /// The error is at least this share of what was asked for, when it can be.
-const CLOSE: f64 = 0.85;
+pub(super) const CLOSE: f64 = 0.85;
 /// Times that λ is corrected.
-const MOST_ROUNDS: usize = 24;
+pub(super) const MOST_ROUNDS: usize = 24;
 /// Tiles from which on λ is first looked for with a part of them, and that part.
 const MANY_TILES: usize = 512;
 const PART: u32 = 8;
@@ -44,11 +44,7 @@ impl Tiles {
         if !(1e-6..1.0).contains(&epsilon) {
             return Err(Error::Setting { name: "epsilon", value: epsilon, rule: "at least 0.000001 and below 1" });
         }
-        check_length("order", n, order.len())?;
-        let place = places(order)?;
-        if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
-            return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
-        }
+        let place = checked_places(area, order)?;
         let source = Source::new(channels, area, order, &place)?;
         let blocks = n.div_ceil(SIDE);
         let all: Vec<(usize, usize)> = (0..blocks).flat_map(|i| (i..blocks).map(move |j| (i, j))).collect();
@@ -83,7 +79,7 @@ impl Tiles {
         let mut best = None;
         for round in 0..MOST_ROUNDS {
             let parts = source.encode(&all, lambda, progress)?;
-            let rows = Rows::pack(&all, &parts, blocks * SIDE);
+            let rows = Rows::pack(&all, &parts, blocks * SIDE, true);
             // Entries for all channels are rounded alike in all of them.
             let least = norms.iter().copied().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);
             let error = (worst(&parts, norms).powi(2) + rows.error / (least * least)).sqrt();
@@ -119,25 +115,13 @@ impl Tiles {
     ) -> Self {
         let blocks = area.len().div_ceil(SIDE);
         let mut report = TileReport::default();
-        let squares = Squares::pack(tiles, &parts, blocks * SIDE / EDGE);
+        let squares = Squares::pack(tiles, &parts, blocks * SIDE / EDGE, true);
         // Vectors of the blocks: component, side, and what makes them alike.
         let mut vectors: Vec<Vec<Vector>> = vec![Vec::new(); blocks];
         let mut components: Vec<&Component> = Vec::new();
         for (&(i, j), part) in tiles.iter().zip(&parts) {
-            let kind = if !part.components.is_empty() {
-                2
-            } else {
-                usize::from(!(part.entries.is_empty() && part.squares.is_empty()))
-            };
-            report.tiles[kind] += 1;
-            report.most_rank = report.most_rank.max(part.components.len());
-            report.entries += part.entries.len();
-            report.squares += part.squares.len();
-            for (sum, error) in report.error.iter_mut().zip(part.error) {
-                *sum += error;
-            }
+            report.add(part);
             for component in &part.components {
-                report.components[usize::from(component.channel != ALL_CHANNELS)] += 1;
                 let alike = (component.channel, component.is_short);
                 let vector = |side, is_multiplied| Vector { alike, is_multiplied, component: components.len(), side };
                 vectors[i].push(vector(0, true));
@@ -149,32 +133,8 @@ impl Tiles {
         for (error, norm) in report.error.iter_mut().zip(norms) {
             *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
         }
-        let (mut quads, mut words) = (Vec::new(), Vec::new());
-        let (mut runs, mut run_start) = (Vec::new(), vec![0]);
-        let mut slots: Vec<Option<&Vector>> = Vec::new();
-        for (block, vectors) in (0u32..).zip(&mut vectors) {
-            vectors.sort_by_key(|vector| (vector.alike, vector.is_multiplied));
-            for alike in vectors.chunk_by(|a, b| a.alike == b.alike) {
-                let (channel, is_short) = alike[0].alike;
-                for (k, four) in alike.chunks(QUAD as usize).enumerate() {
-                    if k.is_multiple_of(RUN_QUADS as usize) {
-                        runs.push(quads.len() as u32);
-                    }
-                    let quad = TileQuad::new(words.len() as u32 / LANES, block, channel, is_short);
-                    for vector in four {
-                        let component = components[vector.component];
-                        words.extend_from_slice(if vector.side == 0 { &component.rows } else { &component.columns });
-                    }
-                    slots.extend(four.iter().map(Some));
-                    slots.resize(slots.len().next_multiple_of(QUAD as usize), None);
-                    quads.push(quad);
-                    let zero = if is_short { ZERO_SHORT } else { ZERO_LONG };
-                    words.resize(((quad.group + QUAD * quad.groups()) * LANES) as usize, zero);
-                }
-            }
-            run_start.push(runs.len() as u32);
-        }
-        runs.push(quads.len() as u32);
+        let Bank { run_start, runs, quads, words, slots } =
+            Bank::new(&mut vectors, |vector| components[vector.component].words(vector.side));
         let scale = slots.iter().map(|slot| slot.map_or(0.0, |vector| components[vector.component].scale)).collect();
         let mut slot_of = vec![[NO_SLOT; 2]; components.len()];
         for (slot, vector) in (0u32..).zip(&slots) {
@@ -209,16 +169,88 @@ impl Tiles {
     }
 }
 
+impl TileReport {
+    /// Counts a tile.
+    pub(super) fn add(&mut self, part: &Part) {
+        let kind = if !part.components.is_empty() {
+            2
+        } else {
+            usize::from(!(part.entries.is_empty() && part.squares.is_empty()))
+        };
+        self.tiles[kind] += 1;
+        self.most_rank = self.most_rank.max(part.components.len());
+        self.entries += part.entries.len();
+        self.squares += part.squares.len();
+        for (sum, error) in self.error.iter_mut().zip(part.error) {
+            *sum += error;
+        }
+        for component in &part.components {
+            self.components[usize::from(component.channel != ALL_CHANNELS)] += 1;
+        }
+    }
+}
+
+/// Place of each number, by an order of as many as there are areas.
+pub(super) fn checked_places(area: &[f32], order: &[u32]) -> Result<Vec<u32>, Error> {
+    check_length("order", area.len(), order.len())?;
+    if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
+        return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
+    }
+    places(order)
+}
+
 /// A vector of a component.
 #[derive(Clone)]
-struct Vector {
+pub(super) struct Vector {
     /// Channel and whether elements are short.
-    alike: (u32, bool),
+    pub alike: (u32, bool),
     /// Whether it is multiplied by the sum of the other.
-    is_multiplied: bool,
-    component: usize,
+    pub is_multiplied: bool,
+    pub component: usize,
     /// Along the rows or along the columns.
-    side: usize,
+    pub side: usize,
+}
+
+/// Vectors block by block, alike ones together, by fours.
+pub(super) struct Bank<'a> {
+    pub run_start: Vec<u32>,
+    pub runs: Vec<u32>,
+    pub quads: Vec<TileQuad>,
+    pub words: Vec<u32>,
+    /// Vector of each slot; none where zeros fill up.
+    pub slots: Vec<Option<&'a Vector>>,
+}
+
+impl<'a> Bank<'a> {
+    /// Of the vectors of each block, whose groups of words are given.
+    pub fn new<'b>(vectors: &'a mut [Vec<Vector>], words_of: impl Fn(&Vector) -> &'b [u32]) -> Self {
+        let (mut quads, mut words) = (Vec::new(), Vec::new());
+        let (mut runs, mut run_start) = (Vec::new(), vec![0]);
+        let mut slots: Vec<Option<&Vector>> = Vec::new();
+        for (block, vectors) in (0u32..).zip(vectors) {
+            vectors.sort_by_key(|vector| (vector.alike, vector.is_multiplied));
+            for alike in vectors.chunk_by(|a, b| a.alike == b.alike) {
+                let (channel, is_short) = alike[0].alike;
+                for (k, four) in alike.chunks(QUAD as usize).enumerate() {
+                    if k.is_multiple_of(RUN_QUADS as usize) {
+                        runs.push(quads.len() as u32);
+                    }
+                    let quad = TileQuad::new(words.len() as u32 / LANES, block, channel, is_short);
+                    for vector in four {
+                        words.extend_from_slice(words_of(vector));
+                    }
+                    slots.extend(four.iter().map(Some));
+                    slots.resize(slots.len().next_multiple_of(QUAD as usize), None);
+                    quads.push(quad);
+                    let zero = if is_short { ZERO_SHORT } else { ZERO_LONG };
+                    words.resize(((quad.group + QUAD * quad.groups()) * LANES) as usize, zero);
+                }
+            }
+            run_start.push(runs.len() as u32);
+        }
+        runs.push(quads.len() as u32);
+        Self { run_start, runs, quads, words, slots }
+    }
 }
 
 /// Words of elements that are zero, of 4 and of 8 bits.
@@ -226,7 +258,7 @@ const ZERO_SHORT: u32 = 0x1111_1111 * SHORT_BIAS as u32;
 const ZERO_LONG: u32 = 0x0101_0101 * BIAS as u32;
 
 /// Where each of these begins, and where the last ends.
-fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
+pub(super) fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
     let mut starts = vec![0u32];
     for (k, length) in lengths.enumerate() {
         starts.push(starts[k] + length as u32);
@@ -235,22 +267,23 @@ fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
 }
 
 /// The single entries of all rows.
-struct Rows {
-    row_start: Vec<u32>,
-    entries: Vec<u32>,
-    steps: Vec<f32>,
+pub(super) struct Rows {
+    pub row_start: Vec<u32>,
+    pub entries: Vec<u32>,
+    pub steps: Vec<f32>,
     /// Squared error of their rounding.
-    error: f64,
+    pub error: f64,
 }
 
 impl Rows {
-    fn pack(tiles: &[(usize, usize)], parts: &[Part], rows: usize) -> Self {
+    /// With `is_mirrored`, tiles above the diagonal also stand below it.
+    pub fn pack(tiles: &[(usize, usize)], parts: &[Part], rows: usize, is_mirrored: bool) -> Self {
         let mut given: Vec<Vec<(u32, f32)>> = vec![Vec::new(); rows];
         for (&(i, j), part) in tiles.iter().zip(parts) {
             for &(r, c, value) in &part.entries {
                 let (r, c) = (i * SIDE + r as usize, j * SIDE + c as usize);
                 given[r].push((c as u32, value));
-                if i != j {
+                if is_mirrored && i != j {
                     given[c].push((r as u32, value));
                 }
             }
@@ -273,14 +306,15 @@ impl Rows {
 }
 
 /// The squares of all rows, edge by edge.
-struct Squares {
-    start: Vec<u32>,
-    squares: Vec<TileSquare>,
-    words: Vec<u32>,
+pub(super) struct Squares {
+    pub start: Vec<u32>,
+    pub squares: Vec<TileSquare>,
+    pub words: Vec<u32>,
 }
 
 impl Squares {
-    fn pack(tiles: &[(usize, usize)], parts: &[Part], edges: usize) -> Self {
+    /// With `is_mirrored`, tiles above the diagonal also stand below it.
+    pub fn pack(tiles: &[(usize, usize)], parts: &[Part], edges: usize, is_mirrored: bool) -> Self {
         let mut given: Vec<Vec<(TileSquare, Vec<u32>)>> = vec![Vec::new(); edges];
         for (&(i, j), part) in tiles.iter().zip(parts) {
             for Square { at, step, values } in &part.squares {
@@ -294,7 +328,7 @@ impl Squares {
                 };
                 let square = |column: usize| TileSquare { column: column as u32, step: *step };
                 given[r].push((square(c), words(&|row, column| values[row * EDGE + column])));
-                if i != j {
+                if is_mirrored && i != j {
                     given[c].push((square(r), words(&|row, column| values[column * EDGE + row])));
                 }
             }
@@ -313,7 +347,7 @@ impl Squares {
 }
 
 /// The next λ to try: by the error's square, between what was too little and too much.
-fn next_lambda(lambda: f32, error: f64, epsilon: f64, low: &mut f32, high: &mut f32) -> f32 {
+pub(super) fn next_lambda(lambda: f32, error: f64, epsilon: f64, low: &mut f32, high: &mut f32) -> f32 {
     if error > epsilon {
         *high = high.min(lambda)
     } else {
@@ -356,13 +390,14 @@ impl Source<'_> {
         let mut common = self.common(at)?;
         let given = [self.other(0, at)?, self.other(1, at)?].map(|tile| tile.map(|tile| tile - &common));
         let weights = (&self.weights[at.0], &self.weights[at.1]);
-        reduce(&mut common, weights, lambda, ALL_CHANNELS, true, &mut part);
+        let prices = Prices { lambda, ..Prices::SYMMETRIC };
+        reduce(&mut common, weights, &prices, ALL_CHANNELS, true, &mut part);
         part.error[1] = twice(at) * squared_norm(&common);
         for (k, channel) in [(0, 0), (1, 2)] {
             part.error[channel] = match &given[k] {
                 Some(difference) => {
                     let mut rest = difference.clone();
-                    reduce(&mut rest, weights, lambda, channel as u32, false, &mut part);
+                    reduce(&mut rest, weights, &prices, channel as u32, false, &mut part);
                     twice(at) * squared_norm(&(rest + &common))
                 }
                 None => part.error[1],

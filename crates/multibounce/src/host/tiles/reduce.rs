@@ -11,18 +11,9 @@ use crate::types::TileQuad;
 pub(in crate::host) const SIDE: usize = TILE as usize;
 /// Rows and columns of a square.
 pub(super) const EDGE: usize = LANES as usize;
-/// Bytes of a component beside its vectors: scale and partner of both, and what they are, which four share.
-const FIXED_BYTES: f32 = (2 * (8 + size_of::<TileQuad>() / 4)) as f32;
-/// Bytes of a component of elements of 4 and of 8 bits.
-const SHORT_BYTES: f32 = SIDE as f32 + FIXED_BYTES;
-const LONG_BYTES: f32 = 2.0 * SIDE as f32 + FIXED_BYTES;
 /// Largest elements of vectors of 4 and of 8 bits.
 const MOST_SHORT: f32 = 7.0;
 const MOST_LONG: f32 = 127.0;
-/// What an entry costs, on both sides of the diagonal: 8 bytes, but the time of 12 bytes of components.
-const ENTRY_BYTES: f32 = 12.0;
-/// Bytes of a square.
-const SQUARE_BYTES: f32 = (EDGE * EDGE + 8) as f32;
 /// An entry is taken out before components are looked for when it is so many times greater than those that are kept.
 const PEAK: f32 = 4.0;
 /// Times that what components, squares and entries leave is looked at again.
@@ -32,6 +23,43 @@ const FEW_PARTS: usize = 8;
 /// How many times its bytes a component must be worth to come before squares, in the other tries; in the last, none is.
 const FIRST: [f32; 3] = [6.0, 36.0, f32::INFINITY];
 
+/// What parts of a tile cost, bytes, and what a byte must take from the squared error.
+#[derive(Clone, Copy)]
+pub(super) struct Prices {
+    pub lambda: f32,
+    /// A component of elements of 4 and of 8 bits.
+    pub short: f32,
+    pub long: f32,
+    pub square: f32,
+    pub entry: f32,
+    /// Orders in which parts are taken that are tried besides: how many times its bytes a component must be worth to come before
+    /// squares.
+    pub tries: &'static [f32],
+}
+
+impl Prices {
+    /// Both vectors of a component are projected and expanded. An entry is 8 bytes on both sides of the diagonal, but the time
+    /// of 12 bytes of components.
+    pub const SYMMETRIC: Self = Self::new((2 * (8 + size_of::<TileQuad>() / 4)) as f32, 12.0);
+    /// One vector is projected, which has a scale, the other expanded, which has a partner; an entry is in one row. There are too
+    /// many tiles to try other orders.
+    pub const RECTANGULAR: Self = Self { tries: &[], ..Self::new((2 * (4 + size_of::<TileQuad>() / 4)) as f32, 8.0) };
+
+    /// With so much for a component beside its vectors, and for an entry.
+    const fn new(fixed: f32, entry: f32) -> Self {
+        let (short, square) = (SIDE as f32 + fixed, (EDGE * EDGE + 8) as f32);
+        Self { lambda: 0.0, short, long: short + SIDE as f32, square, entry, tries: &FIRST }
+    }
+
+    /// Of all that a tile became.
+    fn of(&self, part: &Part) -> f32 {
+        let component = |c: &Component| if c.is_short { self.short } else { self.long };
+        part.components.iter().map(component).sum::<f32>()
+            + self.square * part.squares.len() as f32
+            + self.entry * part.entries.len() as f32
+    }
+}
+
 /// A pair of vectors of a tile.
 pub(super) struct Component {
     pub scale: f32,
@@ -40,6 +68,13 @@ pub(super) struct Component {
     /// Groups of words.
     pub rows: Vec<u32>,
     pub columns: Vec<u32>,
+}
+
+impl Component {
+    /// Of the vector along the rows (0) or along the columns.
+    pub fn words(&self, side: usize) -> &[u32] {
+        if side == 0 { &self.rows } else { &self.columns }
+    }
 }
 
 /// A dense part of a tile: [`EDGE`] rows and columns.
@@ -66,14 +101,6 @@ impl Part {
     fn count(&self) -> usize {
         self.components.len() + self.squares.len() + self.entries.len()
     }
-
-    /// What it counts.
-    fn bytes(&self) -> f32 {
-        let component = |c: &Component| if c.is_short { SHORT_BYTES } else { LONG_BYTES };
-        self.components.iter().map(component).sum::<f32>()
-            + SQUARE_BYTES * self.squares.len() as f32
-            + ENTRY_BYTES * self.entries.len() as f32
-    }
 }
 
 /// Sum of the squares.
@@ -86,7 +113,10 @@ pub(super) fn squared_norm(tile: &Mat<f32>) -> f64 {
 ///
 /// In the Haar basis of the halves, quarters and so on of a block, over light of equal exitance (elements are `√a B`), what
 /// extends over s places is weighted by [`EVEN`] powers of s; on average the squares are 1.
-pub(super) struct Weights {
+pub(super) struct Weights(Option<Bases>);
+
+/// To weighted elements and back.
+struct Bases {
     there: Mat<f32>,
     back: Mat<f32>,
 }
@@ -94,10 +124,40 @@ pub(super) struct Weights {
 /// Of what errors count, by the places over which they are even. Measured: Sponza's sun, errors for the same bytes 2.4 times
 /// smaller than with 0, the smallest of 0, 0.22, 0.34, 0.45 and 0.75.
 const EVEN: f32 = 1.0 / 3.0;
+/// The same where light comes from the places and none is wanted there.
+const EVEN_LIGHT: f32 = 1.0 / 2.0;
 
 impl Weights {
     /// `root`: the square roots of the areas, one for each place.
     pub fn new(root: &[f32]) -> Self {
+        Self(Some(Bases::new(root, EVEN)))
+    }
+
+    /// Of places at which irradiance is wanted and from which no light comes: errors count the same.
+    pub fn even() -> Self {
+        Self(None)
+    }
+
+    /// Of places from which light comes and at which none is wanted.
+    pub fn of_light(root: &[f32]) -> Self {
+        Self(Some(Bases::new(root, EVEN_LIGHT)))
+    }
+
+    fn left(&self, tile: &Mat<f32>) -> Mat<f32> {
+        self.0.as_ref().map_or_else(|| tile.clone(), |bases| &bases.there * tile)
+    }
+
+    fn right(&self, tile: &Mat<f32>) -> Mat<f32> {
+        self.0.as_ref().map_or_else(|| tile.clone(), |bases| tile * &bases.there)
+    }
+
+    fn back(&self, vectors: faer::MatRef<f32>) -> Mat<f32> {
+        self.0.as_ref().map_or_else(|| vectors.to_owned(), |bases| &bases.back * vectors)
+    }
+}
+
+impl Bases {
+    fn new(root: &[f32], even: f32) -> Self {
         let mut root = root.to_vec();
         root.resize(SIDE, root[0]);
         let mut basis: Vec<(Vec<f32>, f32)> = vec![(root.clone(), SIDE as f32)];
@@ -114,11 +174,11 @@ impl Weights {
             }
             extent /= 2;
         }
-        let square: f32 = basis.iter().map(|(_, extent)| scene::math::pow(*extent, 2.0 * EVEN)).sum();
+        let square: f32 = basis.iter().map(|(_, extent)| scene::math::pow(*extent, 2.0 * even)).sum();
         let scale = scene::math::sqrt(SIDE as f32 / square);
         let (mut there, mut back) = (Mat::zeros(SIDE, SIDE), Mat::zeros(SIDE, SIDE));
         for (vector, extent) in &basis {
-            let weight = scale * scene::math::pow(*extent, EVEN);
+            let weight = scale * scene::math::pow(*extent, even);
             let length: f32 = vector.iter().map(|x| x * x).sum();
             for c in 0..SIDE {
                 for r in 0..SIDE {
@@ -132,6 +192,11 @@ impl Weights {
     }
 }
 
+/// A tile with its weights on both sides.
+fn weighted(tile: &Mat<f32>, (left, right): (&Weights, &Weights)) -> Mat<f32> {
+    right.right(&left.left(tile))
+}
+
 /// Takes components, squares and entries out of a tile as long as they are worth their bytes, in the order that leaves least
 /// error and bytes.
 ///
@@ -140,21 +205,21 @@ impl Weights {
 pub(super) fn reduce(
     rest: &mut Mat<f32>,
     weights: (&Weights, &Weights),
-    lambda: f32,
+    prices: &Prices,
     channel: u32,
     may_have_entries: bool,
     part: &mut Part,
 ) {
     let cost = |rest: &Mat<f32>, part: &Part| {
-        squared_norm(&(&weights.0.there * rest * &weights.1.there)) + f64::from(lambda * part.bytes())
+        squared_norm(&weighted(rest, weights)) + f64::from(prices.lambda * prices.of(part))
     };
     let (whole, mut own) = (rest.clone(), Part::default());
-    take(rest, weights, lambda, channel, may_have_entries, None, &mut own);
+    take(rest, weights, prices, channel, may_have_entries, None, &mut own);
     if may_have_entries && own.components.len() + own.squares.len() > FEW_PARTS {
         let mut least = cost(rest, &own);
-        for first in FIRST {
+        for &first in prices.tries {
             let (mut left, mut other) = (whole.clone(), Part::default());
-            take(&mut left, weights, lambda, channel, true, Some(first), &mut other);
+            take(&mut left, weights, prices, channel, true, Some(first), &mut other);
             let found = cost(&left, &other);
             if found < least {
                 (least, own) = (found, other);
@@ -173,29 +238,29 @@ pub(super) fn reduce(
 fn take(
     rest: &mut Mat<f32>,
     weights: (&Weights, &Weights),
-    lambda: f32,
+    prices: &Prices,
     channel: u32,
     may_have_entries: bool,
     first: Option<f32>,
     part: &mut Part,
 ) {
     if let Some(times) = first {
-        take_components(rest, weights, times * lambda, lambda, channel, part);
-        take_squares(rest, lambda, &mut part.squares);
+        take_components(rest, weights, times, prices, channel, part);
+        take_squares(rest, prices, &mut part.squares);
     }
     for stage in 0..MOST_STAGES {
         let before = part.count();
         let mut peaks = Vec::new();
         if may_have_entries && stage == 0 {
-            take_entries(rest, lambda * ENTRY_BYTES * PEAK * PEAK, &mut peaks);
+            take_entries(rest, prices.lambda * prices.entry * PEAK * PEAK, &mut peaks);
         }
-        take_components(rest, weights, lambda, lambda, channel, part);
+        take_components(rest, weights, 1.0, prices, channel, part);
         for &(r, c, value) in &peaks {
             rest[(r as usize, c as usize)] += value;
         }
         if may_have_entries {
-            take_squares(rest, lambda, &mut part.squares);
-            take_entries(rest, lambda * ENTRY_BYTES, &mut part.entries);
+            take_squares(rest, prices, &mut part.squares);
+            take_entries(rest, prices.lambda * prices.entry, &mut part.entries);
         }
         if before == part.count() {
             return;
@@ -204,19 +269,19 @@ fn take(
 }
 
 /// Takes squares that are worth more than their greatest entries would be.
-fn take_squares(rest: &mut Mat<f32>, lambda: f32, out: &mut Vec<Square>) {
+fn take_squares(rest: &mut Mat<f32>, prices: &Prices, out: &mut Vec<Square>) {
     for at in (0..SIDE / EDGE).flat_map(|i| (0..SIDE / EDGE).map(move |j| (i, j))) {
         let (mut most, mut sparse) = (0.0f32, 0.0);
         for c in 0..EDGE {
             for r in 0..EDGE {
                 let value = rest[(at.0 * EDGE + r, at.1 * EDGE + c)];
                 most = most.max(value.abs());
-                sparse += (value * value).min(lambda * ENTRY_BYTES);
+                sparse += (value * value).min(prices.lambda * prices.entry);
             }
         }
         let step = most / f32::from(i8::MAX);
         let rounding = step * step / 12.0 * (EDGE * EDGE) as f32;
-        if rounding + lambda * SQUARE_BYTES >= sparse {
+        if rounding + prices.lambda * prices.square >= sparse {
             continue;
         }
         let mut values = [0; EDGE * EDGE];
@@ -246,17 +311,17 @@ fn take_entries(rest: &mut Mat<f32>, least: f32, out: &mut Vec<(u8, u8, f32)>) {
 
 fn take_components(
     rest: &mut Mat<f32>,
-    (left, right): (&Weights, &Weights),
+    weights: (&Weights, &Weights),
     worth: f32,
-    lambda: f32,
+    prices: &Prices,
     channel: u32,
     part: &mut Part,
 ) {
-    let weighted = &left.there * &*rest * &right.there;
     if worth.is_infinite() {
         return;
     }
-    let least = worth * SHORT_BYTES;
+    let weighted = weighted(rest, weights);
+    let least = worth * prices.lambda * prices.short;
     // Squares of singular values add up to those of the entries.
     if squared_norm(&weighted) <= f64::from(least) {
         return;
@@ -265,14 +330,14 @@ fn take_components(
     let sigma = svd.S().column_vector();
     // The values descend.
     let count = (0..SIDE).take_while(|&k| sigma[k] * sigma[k] > least && sigma[k].is_finite()).count();
-    let (u, v) = (&left.back * svd.U().subcols(0, count), &right.back * svd.V().subcols(0, count));
+    let (u, v) = (weights.0.back(svd.U().subcols(0, count)), weights.1.back(svd.V().subcols(0, count)));
     for k in 0..count {
         let (u, v) = (u.col(k), v.col(k));
         let short = Rounded::new(u, v, MOST_SHORT);
         let long = Rounded::new(u, v, MOST_LONG);
         let (Some(short), Some(long)) = (short, long) else { continue };
         let saved = sigma[k] * sigma[k] * (short.error - long.error);
-        let is_short = saved <= lambda * (LONG_BYTES - SHORT_BYTES);
+        let is_short = saved <= prices.lambda * (prices.long - prices.short);
         let rounded = if is_short { short } else { long };
         let scale = sigma[k] * rounded.scale;
         for (c, column) in rounded.columns.iter().enumerate() {

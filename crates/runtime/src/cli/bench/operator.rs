@@ -1,6 +1,7 @@
 //! `bench operator`: how large and how fast the light between patches is, over the error of its compression.
 
 mod blocks;
+mod receivers;
 
 use std::time::Instant;
 
@@ -23,6 +24,7 @@ use crate::render::operator::measure::{bounces_until, compact_lights, exact_prod
 use crate::render::operator::{Between, MATRICES, PatchOperator, accelerations, check_memory};
 use crate::render::senders::{SenderSettings, Senders, lit_sampler};
 use crate::summary::peak_memory_bytes;
+use receivers::{ReceiverRows, Receivers};
 
 /// Patches of a scene, unless it is said.
 const COUNT: u32 = 10_000;
@@ -37,11 +39,13 @@ const BOUNCES: u32 = 3;
 #[derive(Serialize)]
 struct Row {
     scene: String,
-    /// `F`, or `T` of all bounces.
+    /// `F`, `T` of all bounces, or `F_r` from the patches to receivers.
     operator: &'static str,
     /// How it is stored.
     method: &'static str,
     patches: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    receivers: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     epsilon: Option<f64>,
     /// Bytes that a product reads, all channels.
@@ -78,6 +82,8 @@ struct Build {
     rates: [f32; 2],
     /// Bounces until a thousandth of the scene's own light is left to come, plain and accelerated.
     bounces: [usize; 2],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    receivers: Option<ReceiverRows>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
 }
@@ -146,7 +152,7 @@ fn build_line(build: &Build) -> String {
     let memory = build.peak_memory_bytes.map(|bytes| format!("; at most {:.2} GB", bytes as f64 * 1e-9));
     format!(
         "{}, {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, accelerated \
-         {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}",
+         {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}{}",
         build.scene,
         build.patches,
         build.form_factors_s,
@@ -154,7 +160,8 @@ fn build_line(build: &Build) -> String {
         100.0 * build.rates[1],
         build.bounces[0],
         build.bounces[1],
-        memory.unwrap_or_default()
+        memory.unwrap_or_default(),
+        build.receivers.as_ref().map(|rows| format!("; {}", rows.line())).unwrap_or_default()
     )
 }
 
@@ -167,7 +174,7 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
         logarithmic: true,
         series: builds
             .iter()
-            .flat_map(|build| [(build, "F"), (build, "T")])
+            .flat_map(|build| [(build, "F"), (build, "T"), (build, "F_r")])
             .map(|(build, operator)| {
                 let own = |row: &&Row| {
                     (&row.scene, row.patches) == (&build.scene, build.patches)
@@ -195,7 +202,7 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
     };
     let introduction = [
         machine_line(machine),
-        "F are form factors, of one channel; T the light of all bounces, of three. Errors are those of irradiance (L2 by \
+        "F are form factors, of one channel; T the light of all bounces, of three; F_r form factors from receivers to patches. Errors are those of irradiance (L2 by \
          area), of the scene's own light and the worst of eight compact lights, against the same operator without \
          compression; Frobenius is the error of the entries, for which ε was asked."
             .to_owned(),
@@ -237,7 +244,7 @@ fn table(rows: &[Row]) -> Table {
             row.scene.clone(),
             row.operator.to_owned(),
             row.method.to_owned(),
-            row.patches.to_string(),
+            row.receivers.map_or(row.patches.to_string(), |to| format!("{} to {to}", row.patches)),
             row.epsilon.map(percent).unwrap_or_default(),
             format!("{:.2}", row.channel_mb()),
             format!("{:.2}", row.bytes as f64 * 1e-6),
@@ -314,6 +321,7 @@ fn measure(
         operator,
         method,
         patches: n,
+        receivers: None,
         epsilon: None,
         bytes,
         stored_bytes: bytes,
@@ -384,6 +392,14 @@ fn measure(
             rows.push(measured);
         }
     }
+    let receivers = match args.receivers {
+        0 => None,
+        _ => {
+            let sources = truths.iter().map(|truth| &truth.source[..]).collect();
+            let what = Receivers { scene, senders: &senders, between: &between, sources };
+            what.measure((common, args), &row, device, rows, &mut progress)?
+        }
+    };
     builds.push(Build {
         scene: loaded.name.clone(),
         patches: n,
@@ -391,6 +407,7 @@ fn measure(
         operator_s,
         rates: both.map(|acceleration| acceleration.rate),
         bounces: until,
+        receivers,
         peak_memory_bytes: peak_memory_bytes(),
     });
     Ok(())

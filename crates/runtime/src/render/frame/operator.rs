@@ -6,8 +6,8 @@ use glam::{UVec2, UVec4, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::{self, ImageFormat, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use multibounce::kernel::tiles::{FACTOR_WORDS, LANES, LIGHT_WORDS, PAIRS, PLACES, RUN_PARTS, SPLITS, TILE};
-use multibounce::{BlockCodec, BlockMatrix, BlockParams, Tiles};
+use multibounce::kernel::tiles::{FACTOR_WORDS, LANES, LIGHT_WORDS, PAIRS, PLACES, QUAD, RUN_PARTS, SPLITS, TILE};
+use multibounce::{BlockCodec, BlockMatrix, BlockParams, RectangularTiles, Tiles};
 
 use super::super::decode::{Decode, Decoder};
 use super::super::operator::{PatchOperator, apart};
@@ -111,7 +111,17 @@ pub(crate) fn product_decoded(
     decoder: Decoder,
 ) -> Result<(Vec<Vec4>, f64), ExecutorError> {
     let range = executor.device().max_storage_buffer_range;
-    let [exitance, irradiance] = load_product(executor, operator, range, decoder)?;
+    let buffers = load_product(executor, operator, range, decoder)?;
+    time_product(executor, buffers, light, turns)
+}
+
+/// Of the product that is loaded, where its exitance and its irradiance are.
+fn time_product(
+    executor: &mut dyn Executor,
+    [exitance, irradiance]: [BufferId; 2],
+    light: &[Vec4],
+    turns: usize,
+) -> Result<(Vec<Vec4>, f64), ExecutorError> {
     executor.upload(exitance, light)?;
     let mut times = Vec::with_capacity(turns);
     for _ in 0..turns.max(1) {
@@ -337,20 +347,21 @@ struct Part {
 
 /// An operator in tiles on the device, and what a product keeps between its passes.
 pub(super) struct TileTables {
-    tables: Vec<(&'static str, Range)>,
+    /// What makes sums of the exitance, and what makes rows of the sums: the same tables where patches are both.
+    senders: Vec<(&'static str, Range)>,
+    receivers: Vec<(&'static str, Range)>,
     ordered: BufferId,
     light: BufferId,
     sums: BufferId,
     factors: BufferId,
     rows: BufferId,
     near: BufferId,
-    patches: u32,
-    runs: u32,
+    /// Senders, receivers, quads of the senders, runs of both.
+    counts: [u32; 5],
 }
 
 impl TileTables {
     fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a Tiles) -> Self {
-        let (places, runs) = (tiles.steps.len(), tiles.runs.len().saturating_sub(1));
         let tables = vec![
             uploads.named(plan, "order", cast_slice(&tiles.order)),
             uploads.named(plan, "place", cast_slice(&tiles.place)),
@@ -368,17 +379,60 @@ impl TileTables {
             uploads.named(plan, "entries", cast_slice(&tiles.entries)),
             uploads.named(plan, "steps", cast_slice(&tiles.steps)),
         ];
+        let runs = tiles.runs.len().saturating_sub(1);
+        let counts = [tiles.patches(), tiles.patches(), tiles.quads.len(), runs, runs];
+        Self::with(plan, tables.clone(), tables, counts)
+    }
+
+    /// Of many receivers.
+    fn rectangular<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a RectangularTiles) -> Self {
+        let senders = vec![
+            uploads.named(plan, "order", cast_slice(&tiles.sender_order)),
+            uploads.named(plan, "root", cast_slice(&tiles.sender_root)),
+            uploads.named(plan, "runs", cast_slice(&tiles.sender_runs)),
+            uploads.named(plan, "quads", cast_slice(&tiles.sender_quads)),
+            uploads.named(plan, "words", cast_slice(&tiles.sender_words)),
+            uploads.named(plan, "scales", cast_slice(&tiles.scale)),
+        ];
+        let receivers = vec![
+            uploads.named(plan, "place", cast_slice(&tiles.place)),
+            uploads.named(plan, "root", cast_slice(&tiles.root)),
+            uploads.named(plan, "run_start", cast_slice(&tiles.run_start)),
+            uploads.named(plan, "runs", cast_slice(&tiles.runs)),
+            uploads.named(plan, "quads", cast_slice(&tiles.quads)),
+            uploads.named(plan, "words", cast_slice(&tiles.words)),
+            uploads.named(plan, "partner", cast_slice(&tiles.partner)),
+            uploads.named(plan, "square_start", cast_slice(&tiles.square_start)),
+            uploads.named(plan, "squares", cast_slice(&tiles.squares)),
+            uploads.named(plan, "square_words", cast_slice(&tiles.square_words)),
+            uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
+            uploads.named(plan, "entries", cast_slice(&tiles.entries)),
+            uploads.named(plan, "steps", cast_slice(&tiles.steps)),
+        ];
+        let runs = [&tiles.sender_runs, &tiles.runs].map(|runs| runs.len().saturating_sub(1));
+        let counts = [tiles.senders(), tiles.receivers(), tiles.sender_quads.len(), runs[0], runs[1]];
+        Self::with(plan, senders, receivers, counts)
+    }
+
+    fn with(
+        plan: &mut Plan,
+        senders: Vec<(&'static str, Range)>,
+        receivers: Vec<(&'static str, Range)>,
+        counts: [usize; 5],
+    ) -> Self {
+        let [patches, points, quads, _, runs] = counts;
+        let places = points.next_multiple_of(TILE as usize);
         Self {
-            tables,
+            senders,
+            receivers,
             // Single entries name any of these.
             ordered: plan.storage("ordered", rgb(PLACES)),
-            light: plan.storage("light", u64::from(LIGHT_WORDS * 4) * tiles.blocks() as u64),
-            sums: plan.storage("sums", rgb(tiles.scale.len())),
+            light: plan.storage("light", u64::from(LIGHT_WORDS * 4) * patches.div_ceil(TILE as usize) as u64),
+            sums: plan.storage("sums", rgb(QUAD as usize * quads)),
             factors: plan.storage("factors", u64::from(FACTOR_WORDS * 4) * runs as u64),
             rows: plan.storage("rows", rgb(SPLITS as usize * places)),
             near: plan.storage("near", rgb(places)),
-            patches: tiles.order.len() as u32,
-            runs: runs as u32,
+            counts: counts.map(|count| count as u32),
         }
     }
 
@@ -394,20 +448,43 @@ impl TileTables {
             ("rows", Range::from(self.rows)),
             ("near", Range::from(self.near)),
         ];
-        let places = self.patches.next_multiple_of(TILE);
-        let (enter, count) = (EnterParams { count: places, patches: self.patches }, |count| CountParams { count });
-        let tables = &self.tables;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, places)?;
-        let (block_lanes, parts) = (places / TILE * LANES, RUN_PARTS * self.runs);
-        let lanes = SPLITS * places / TILE * PAIRS;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_ROUND, &own, tables, &count(block_lanes), block_lanes)?;
+        let [patches, receivers, _, sender_runs, runs] = self.counts;
+        let (from, to) = (patches.next_multiple_of(TILE), receivers.next_multiple_of(TILE));
+        let (enter, count) = (EnterParams { count: from, patches }, |count| CountParams { count });
+        let tables = &self.senders;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, from)?;
+        let (lanes, parts) = (from / TILE * LANES, RUN_PARTS * sender_runs);
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_ROUND, &own, tables, &count(lanes), lanes)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(parts), parts)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_WEIGH, &own, tables, &count(self.runs), self.runs)?;
+        let (tables, lanes) = (&self.receivers, SPLITS * to / TILE * PAIRS);
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_WEIGH, &own, tables, &count(runs), runs)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(lanes), lanes)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_NEAR, &own, tables, &count(places / 8), places / 8)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(self.patches), self.patches)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_NEAR, &own, tables, &count(to / 8), to / 8)?;
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(receivers), receivers)?;
         Ok(())
     }
+}
+
+/// Irradiance of the receivers of tiles on a device, W/m², and the median of the times of so many products, ms.
+///
+/// # Errors
+/// What the device says.
+pub fn receivers_on_device(
+    executor: &mut dyn Executor,
+    tiles: &RectangularTiles,
+    light: &[Vec4],
+    turns: usize,
+) -> Result<(Vec<Vec4>, f64), ExecutorError> {
+    let (mut plan, mut uploads) = (Plan::new(), Uploads::default());
+    let tables = TileTables::rectangular(&mut plan, &mut uploads, tiles);
+    let [exitance, irradiance] =
+        [("exitance", tiles.senders()), ("irradiance", tiles.receivers())].map(|(name, n)| plan.storage(name, rgb(n)));
+    tables.product(&mut plan, exitance, irradiance)?;
+    executor.load(plan)?;
+    for (buffer, bytes) in uploads.0 {
+        executor.upload_at(buffer, 0, &bytes)?;
+    }
+    time_product(executor, [exitance, irradiance], light, turns)
 }
 
 #[cfg(test)]
