@@ -44,7 +44,7 @@ pub fn tiles_round(
     }
 }
 
-/// Sums of the slots of two quads: [`tiles::project`].
+/// Sums of the slots of a few quads: [`tiles::project`].
 #[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_project"))]
 #[inline(never)]
 pub fn tiles_project(
@@ -62,17 +62,29 @@ pub fn tiles_project(
     if k < p.count {
         let (quad, count) = tiles::quads_of(k, runs);
         if count > 0 {
-            let eight = tiles::project(quad, count, quads, words, scales, light);
+            let sixteen = tiles::project(quad, count, quads, words, scales, light);
             let first = (tiles::QUAD * quad) as usize;
-            sums[first] = eight[0];
-            sums[first + 1] = eight[1];
-            sums[first + 2] = eight[2];
-            sums[first + 3] = eight[3];
+            sums[first] = sixteen[0];
+            sums[first + 1] = sixteen[1];
+            sums[first + 2] = sixteen[2];
+            sums[first + 3] = sixteen[3];
             if count > 1 {
-                sums[first + 4] = eight[4];
-                sums[first + 5] = eight[5];
-                sums[first + 6] = eight[6];
-                sums[first + 7] = eight[7];
+                sums[first + 4] = sixteen[4];
+                sums[first + 5] = sixteen[5];
+                sums[first + 6] = sixteen[6];
+                sums[first + 7] = sixteen[7];
+            }
+            if count > 2 {
+                sums[first + 8] = sixteen[8];
+                sums[first + 9] = sixteen[9];
+                sums[first + 10] = sixteen[10];
+                sums[first + 11] = sixteen[11];
+            }
+            if count > 3 {
+                sums[first + 12] = sixteen[12];
+                sums[first + 13] = sixteen[13];
+                sums[first + 14] = sixteen[14];
+                sums[first + 15] = sixteen[15];
             }
         }
     }

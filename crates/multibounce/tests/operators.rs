@@ -413,7 +413,7 @@ fn like_the_bodies(tiles: &Tiles, exitance: &[Vec4]) {
     let mut light = vec![0; tiles.blocks() * kernel::tiles::LIGHT_WORDS as usize];
     let mut body = light.clone();
     round_all(&ordered[..tiles.steps.len()], &mut light);
-    (0..tiles.blocks() as u32 * kernel::tiles::LANES).for_each(|k| kernel::tiles::round(k, &ordered, &mut body));
+    (0..tiles.blocks() as u32 * kernel::tiles::QUARTERS).for_each(|k| kernel::tiles::round(k, &ordered, &mut body));
     assert_eq!(light, body);
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
     project_all(&tiles.quads, &tiles.words, &tiles.scale, &light, &mut sums);

@@ -3,8 +3,8 @@
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 use ::multibounce::kernel::tiles::{
-    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, RUN_PARTS, RUN_QUADS, SPLITS, SQUARE_WORDS,
-    TILE, masked,
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, QUARTERS, RUN_PARTS, RUN_QUADS, SPLITS,
+    SQUARE_WORDS, TILE, masked,
 };
 use ::multibounce::{
     BlockCodec, BlockParams, Companding, FeedbackParams, MultiplyParams, TileQuad, TileSquare, round_all, weigh_all,
@@ -124,7 +124,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             call(places, EnterParams { count: places, patches }, tables)
         }
         "multibounce_tiles_round" => {
-            let count = 2 * LANES;
+            let count = 2 * QUARTERS;
             let dark = |mut colors: Vec<Vec4>| {
                 // One channel of a block is dark, and what is below 0 is rounded, too.
                 colors[..TILE as usize].iter_mut().for_each(|x| x.y = 0.0);

@@ -1,8 +1,8 @@
 //! Host forms of the kernels of tiles: on all cores, in vectors where the bodies allow it, bit for bit.
 
 use ::multibounce::kernel::tiles::{
-    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, RUN_PARTS, RUN_QUADS, SPLITS, SQUARE_WORDS,
-    TILE,
+    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, QUARTERS, RUN_PARTS, RUN_QUADS, SPLITS,
+    SQUARE_WORDS, TILE,
 };
 use ::multibounce::{
     ExpandTables, NearTables, TileQuad, TileSquare, enter_all, expand_all, leave_all, near_all, project_all, round_all,
@@ -43,7 +43,7 @@ pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 pub(crate) fn round(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
     let (p, [ordered, light]) = call.parts::<CountParams, 2>(kernel)?;
-    let blocks = agreed(elements, p.count)? / LANES as usize;
+    let blocks = agreed(elements, p.count)? / QUARTERS as usize;
     let places = blocks * TILE as usize;
     round_all(&ordered.read::<Rgb>(places)?[..places], light.write(blocks * LIGHT_WORDS as usize)?);
     Ok(())

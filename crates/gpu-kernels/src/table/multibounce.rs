@@ -122,7 +122,7 @@ pub static MULTIBOUNCE_TILES_ENTER: Kernel = Kernel {
     host: host::tiles::enter,
 };
 
-/// Exitance of the blocks of tiles in whole numbers. An element is a lane of a block.
+/// Exitance of the blocks of tiles in whole numbers. An element is four lanes of a block.
 pub static MULTIBOUNCE_TILES_ROUND: Kernel = Kernel {
     name: "multibounce_tiles_round",
     spv: spv!("multibounce_tiles_round"),
@@ -133,8 +133,8 @@ pub static MULTIBOUNCE_TILES_ROUND: Kernel = Kernel {
     host: host::tiles::round,
 };
 
-/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a part of a run, two quads
-/// of slots at most.
+/// Sums of the vectors of tiles (`multibounce::Tiles`). An element is a part of a run, four
+/// quads of slots at most.
 pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     name: "multibounce_tiles_project",
     spv: spv!("multibounce_tiles_project"),

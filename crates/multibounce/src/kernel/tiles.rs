@@ -6,8 +6,8 @@
 //! Vectors and squares are whole numbers, so sums and rows are exact, in whatever order they are added up, but for the rounding
 //! to 15 bits and a sign: of what is greatest in the block, in the run. Single entries take the exitance as it is.
 //!
-//! An invocation of [`project`] makes eight sums, one of [`expand`] sixteen rows and one of [`near`] eight: what it loads
-//! serves them all. Words are loaded by fours, which costs little more than to load one where loads are made in software.
+//! An invocation of [`project`] makes up to sixteen sums, one of [`expand`] sixteen rows and one of [`near`] eight: what it
+//! loads serves them all. Words are loaded by fours, which costs little more than to load one where loads are made in software.
 
 use glam::{IVec3, UVec2, UVec3, UVec4, Vec3, Vec4};
 
@@ -25,8 +25,10 @@ pub const TWOS: u32 = PARTS / 2;
 pub const QUAD: u32 = 4;
 /// Most quads of a run, whose sums have one step.
 pub const RUN_QUADS: u32 = 8;
-/// Parts of a run of two quads each.
-pub const RUN_PARTS: u32 = RUN_QUADS / 2;
+/// Quads whose sums an invocation makes.
+pub const PART_QUADS: u32 = 4;
+/// Parts of a run, of so many quads each.
+pub const RUN_PARTS: u32 = RUN_QUADS / PART_QUADS;
 /// Pairs of slots of a run.
 pub const RUN_PAIRS: u32 = RUN_QUADS * QUAD / 2;
 /// Into how many ranges the runs of a block are split, whose rows [`leave`] adds up.
@@ -269,46 +271,49 @@ pub fn enter(p: u32, patches: u32, order: &[u32], root: &[f32], exitance: &[Vec4
     (exitance[i].truncate() * root[i]).extend(0.0)
 }
 
-/// Lane `k % LANES` of a block's exitance in whole numbers: a word of each two of parts and channel, and a channel's step.
+/// Lanes `4 q` to `4 q + 3` of a block's exitance in whole numbers, `q = k % QUARTERS`: a word of each two of parts and channel,
+/// and channels' steps.
 ///
-/// Shapes: `ordered[blocks · TILE]`, `light[blocks · LIGHT_WORDS]`. Needs `k < blocks · LANES`.
+/// Shapes: `ordered[blocks · TILE]`, `light[blocks · LIGHT_WORDS]`. Needs `k < blocks · QUARTERS`.
 #[inline]
 pub fn round(k: u32, ordered: &[Vec4], light: &mut [u32]) {
-    let (lane, block) = (k % LANES, k / LANES);
+    let block = k / QUARTERS;
     let mut most = Vec3::ZERO;
     for p in block * TILE..(block + 1) * TILE {
         most = most.max(ordered[p as usize].truncate().abs());
     }
     let steps = steps_of(most);
     let inverses = inverses_of(steps);
-    let first = block * LIGHT_WORDS + lane;
-    for two in 0..TWOS {
-        let p = (block * TILE + two * LANES + lane) as usize;
-        let both = pair(ordered[p].truncate(), ordered[p + (TWOS * LANES) as usize].truncate(), inverses);
-        let at = (first + two * LANES) as usize;
-        light[at] = both.x;
-        light[at + CHANNEL_WORDS as usize] = both.y;
-        light[at + 2 * CHANNEL_WORDS as usize] = both.z;
+    for lane in 4 * (k % QUARTERS)..4 * (k % QUARTERS + 1) {
+        let first = block * LIGHT_WORDS + lane;
+        for two in 0..TWOS {
+            let p = (block * TILE + two * LANES + lane) as usize;
+            let both = pair(ordered[p].truncate(), ordered[p + (TWOS * LANES) as usize].truncate(), inverses);
+            let at = (first + two * LANES) as usize;
+            light[at] = both.x;
+            light[at + CHANNEL_WORDS as usize] = both.y;
+            light[at + 2 * CHANNEL_WORDS as usize] = both.z;
+        }
+        // Half a part's pairs.
+        for pair_of in PAIRS / 2 * lane..PAIRS / 2 * (lane + 1) {
+            let p = (block * TILE + 2 * pair_of) as usize;
+            let both = pair(ordered[p].truncate(), ordered[p + 1].truncate(), inverses);
+            let at = (block * LIGHT_WORDS + PAIRS_AT + pair_of / PAIRS * (3 * PAIRS) + pair_of % PAIRS) as usize;
+            light[at] = both.x;
+            light[at + PAIRS as usize] = both.y;
+            light[at + 2 * PAIRS as usize] = both.z;
+        }
+        let step = if lane == 0 {
+            steps.x
+        } else if lane == 1 {
+            steps.y
+        } else if lane == 2 {
+            steps.z
+        } else {
+            0.0
+        };
+        light[(first + 3 * CHANNEL_WORDS) as usize] = step.to_bits();
     }
-    // Half a part's pairs.
-    for pair_of in PAIRS / 2 * lane..PAIRS / 2 * (lane + 1) {
-        let p = (block * TILE + 2 * pair_of) as usize;
-        let both = pair(ordered[p].truncate(), ordered[p + 1].truncate(), inverses);
-        let at = (block * LIGHT_WORDS + PAIRS_AT + pair_of / PAIRS * (3 * PAIRS) + pair_of % PAIRS) as usize;
-        light[at] = both.x;
-        light[at + PAIRS as usize] = both.y;
-        light[at + 2 * PAIRS as usize] = both.z;
-    }
-    let step = if lane == 0 {
-        steps.x
-    } else if lane == 1 {
-        steps.y
-    } else if lane == 2 {
-        steps.z
-    } else {
-        0.0
-    };
-    light[(first + 3 * CHANNEL_WORDS) as usize] = step.to_bits();
 }
 
 /// Steps of the channels, which four words hold.
@@ -349,58 +354,45 @@ fn add_lane(sum: Four, words: UVec4, bias: i32, both: UVec3) -> Four {
     }
 }
 
-/// What the vectors of two quads that are alike add up in four lanes.
-#[inline]
-fn four_lanes(
-    (quad, other): (TileQuad, TileQuad),
-    quarter: u32,
-    words: &[UVec4],
-    light: &[UVec4],
-    (mut sum, mut rest): (Four, Four),
-) -> (Four, Four) {
-    let a = Quarter::of(words, quad.vector(0), quarter);
-    let b = Quarter::of(words, quad.vector(1), quarter);
-    let c = Quarter::of(words, quad.vector(2), quarter);
-    let d = Quarter::of(words, quad.vector(3), quarter);
-    let e = Quarter::of(words, other.vector(0), quarter);
-    let f = Quarter::of(words, other.vector(1), quarter);
-    let g = Quarter::of(words, other.vector(2), quarter);
-    let h = Quarter::of(words, other.vector(3), quarter);
-    let bias = bias_of(quad.is_short());
-    for two in 0..TWOS {
-        let at = (quad.block() * (LIGHT_WORDS / 4) + two * QUARTERS + quarter) as usize;
-        let channel = (CHANNEL_WORDS / 4) as usize;
-        let (red, green, blue) = (light[at], light[at + channel], light[at + 2 * channel]);
-        let (i, j, k, l) = (a.words(two), b.words(two), c.words(two), d.words(two));
-        let (m, n, o, p) = (e.words(two), f.words(two), g.words(two), h.words(two));
-        let both = UVec3::new(red.x, green.x, blue.x);
-        sum = add_lane(sum, UVec4::new(i.x, j.x, k.x, l.x), bias, both);
-        rest = add_lane(rest, UVec4::new(m.x, n.x, o.x, p.x), bias, both);
-        let both = UVec3::new(red.y, green.y, blue.y);
-        sum = add_lane(sum, UVec4::new(i.y, j.y, k.y, l.y), bias, both);
-        rest = add_lane(rest, UVec4::new(m.y, n.y, o.y, p.y), bias, both);
-        let both = UVec3::new(red.z, green.z, blue.z);
-        sum = add_lane(sum, UVec4::new(i.z, j.z, k.z, l.z), bias, both);
-        rest = add_lane(rest, UVec4::new(m.z, n.z, o.z, p.z), bias, both);
-        let both = UVec3::new(red.w, green.w, blue.w);
-        sum = add_lane(sum, UVec4::new(i.w, j.w, k.w, l.w), bias, both);
-        rest = add_lane(rest, UVec4::new(m.w, n.w, o.w, p.w), bias, both);
-    }
-    (sum, rest)
+/// Words of a quad's vectors in four lanes.
+#[derive(Clone, Copy)]
+struct QuadWords {
+    a: Quarter,
+    b: Quarter,
+    c: Quarter,
+    d: Quarter,
 }
 
-/// The quads of part `k % RUN_PARTS` of run `k / RUN_PARTS`: the first, and how many, 0 to 2.
+impl QuadWords {
+    #[inline]
+    fn of(words: &[UVec4], quad: TileQuad, quarter: u32) -> Self {
+        Self {
+            a: Quarter::of(words, quad.vector(0), quarter),
+            b: Quarter::of(words, quad.vector(1), quarter),
+            c: Quarter::of(words, quad.vector(2), quarter),
+            d: Quarter::of(words, quad.vector(3), quarter),
+        }
+    }
+}
+
+/// Adds what a quad's vectors have in two parts of four lanes.
+#[inline]
+fn add_quad(sum: Four, own: QuadWords, two: u32, bias: i32, light: (UVec4, UVec4, UVec4)) -> Four {
+    let (a, b, c, d) = (own.a.words(two), own.b.words(two), own.c.words(two), own.d.words(two));
+    let (red, green, blue) = light;
+    let sum = add_lane(sum, UVec4::new(a.x, b.x, c.x, d.x), bias, UVec3::new(red.x, green.x, blue.x));
+    let sum = add_lane(sum, UVec4::new(a.y, b.y, c.y, d.y), bias, UVec3::new(red.y, green.y, blue.y));
+    let sum = add_lane(sum, UVec4::new(a.z, b.z, c.z, d.z), bias, UVec3::new(red.z, green.z, blue.z));
+    add_lane(sum, UVec4::new(a.w, b.w, c.w, d.w), bias, UVec3::new(red.w, green.w, blue.w))
+}
+
+/// The quads of part `k % RUN_PARTS` of run `k / RUN_PARTS`: the first, and how many, 0 to [`PART_QUADS`].
 #[inline]
 pub fn quads_of(k: u32, runs: &[u32]) -> (u32, u32) {
     let run = (k / RUN_PARTS) as usize;
-    let (first, end) = (runs[run] + k % RUN_PARTS * 2, runs[run + 1]);
-    if first + 1 < end {
-        (first, 2)
-    } else if first < end {
-        (first, 1)
-    } else {
-        (first, 0)
-    }
+    let (first, end) = (runs[run] + k % RUN_PARTS * PART_QUADS, runs[run + 1]);
+    let count = if first < end { end - first } else { 0 };
+    (first, if count < PART_QUADS { count } else { PART_QUADS })
 }
 
 /// Sums of the slots of [`quads_of`], `z = s (v·x)`, for their channels. What is beyond them says nothing.
@@ -414,26 +406,50 @@ pub fn project(
     words: &[UVec4],
     scale: &[Vec4],
     light: &[UVec4],
-) -> [Vec4; 2 * QUAD as usize] {
-    let (quad, second) = (quads[first as usize], if count > 1 { first + 1 } else { first });
-    let both = (quad, quads[second as usize]);
-    let mut sums = (Four::ZERO, Four::ZERO);
+) -> [Vec4; (PART_QUADS * QUAD) as usize] {
+    // Those that there are not are the last once more.
+    let last = first + count - 1;
+    let second = if count > 1 { first + 1 } else { last };
+    let third = if count > 2 { first + 2 } else { last };
+    let (quad, b, c, d) = (quads[first as usize], quads[second as usize], quads[third as usize], quads[last as usize]);
+    let (mut p, mut q, mut r, mut s) = (Four::ZERO, Four::ZERO, Four::ZERO, Four::ZERO);
+    let bias = bias_of(quad.is_short());
     for quarter in 0..QUARTERS {
-        sums = four_lanes(both, quarter, words, light, sums);
+        let one = QuadWords::of(words, quad, quarter);
+        let two_of = QuadWords::of(words, b, quarter);
+        let three = QuadWords::of(words, c, quarter);
+        let four = QuadWords::of(words, d, quarter);
+        for two in 0..TWOS {
+            let at = (quad.block() * (LIGHT_WORDS / 4) + two * QUARTERS + quarter) as usize;
+            let channel = (CHANNEL_WORDS / 4) as usize;
+            let own = (light[at], light[at + channel], light[at + 2 * channel]);
+            p = add_quad(p, one, two, bias, own);
+            q = add_quad(q, two_of, two, bias, own);
+            r = add_quad(r, three, two, bias, own);
+            s = add_quad(s, four, two, bias, own);
+        }
     }
     let steps = steps_at(light, quad.block() * (LIGHT_WORDS / 4) + 3 * CHANNEL_WORDS / 4);
-    let (channel, one, other) = (quad.channel(), scale[first as usize], scale[second as usize]);
-    let (sum, rest) = sums;
-    let z = |sum: IVec3, scale: f32| masked(sum.as_vec3() * steps * scale, channel).extend(0.0);
+    let (x, y) = (scale[first as usize], scale[second as usize]);
+    let (z, w) = (scale[third as usize], scale[last as usize]);
+    let channel = quad.channel();
     [
-        z(sum.a, one.x),
-        z(sum.b, one.y),
-        z(sum.c, one.z),
-        z(sum.d, one.w),
-        z(rest.a, other.x),
-        z(rest.b, other.y),
-        z(rest.c, other.z),
-        z(rest.d, other.w),
+        masked(p.a.as_vec3() * steps * x.x, channel).extend(0.0),
+        masked(p.b.as_vec3() * steps * x.y, channel).extend(0.0),
+        masked(p.c.as_vec3() * steps * x.z, channel).extend(0.0),
+        masked(p.d.as_vec3() * steps * x.w, channel).extend(0.0),
+        masked(q.a.as_vec3() * steps * y.x, channel).extend(0.0),
+        masked(q.b.as_vec3() * steps * y.y, channel).extend(0.0),
+        masked(q.c.as_vec3() * steps * y.z, channel).extend(0.0),
+        masked(q.d.as_vec3() * steps * y.w, channel).extend(0.0),
+        masked(r.a.as_vec3() * steps * z.x, channel).extend(0.0),
+        masked(r.b.as_vec3() * steps * z.y, channel).extend(0.0),
+        masked(r.c.as_vec3() * steps * z.z, channel).extend(0.0),
+        masked(r.d.as_vec3() * steps * z.w, channel).extend(0.0),
+        masked(s.a.as_vec3() * steps * w.x, channel).extend(0.0),
+        masked(s.b.as_vec3() * steps * w.y, channel).extend(0.0),
+        masked(s.c.as_vec3() * steps * w.z, channel).extend(0.0),
+        masked(s.d.as_vec3() * steps * w.w, channel).extend(0.0),
     ]
 }
 

@@ -6,7 +6,7 @@ use glam::{UVec2, UVec4, Vec4};
 use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::{self, ImageFormat, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
-use multibounce::kernel::tiles::{FACTOR_WORDS, LANES, LIGHT_WORDS, PAIRS, PLACES, QUAD, RUN_PARTS, SPLITS, TILE};
+use multibounce::kernel::tiles::{FACTOR_WORDS, LIGHT_WORDS, PAIRS, PLACES, QUAD, QUARTERS, RUN_PARTS, SPLITS, TILE};
 use multibounce::{BlockCodec, BlockMatrix, BlockParams, RectangularTiles, Tiles};
 
 use super::super::decode::{Decode, Decoder};
@@ -453,7 +453,7 @@ impl TileTables {
         let (enter, count) = (EnterParams { count: from, patches }, |count| CountParams { count });
         let tables = &self.senders;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, from)?;
-        let (lanes, parts) = (from / TILE * LANES, RUN_PARTS * sender_runs);
+        let (lanes, parts) = (from / TILE * QUARTERS, RUN_PARTS * sender_runs);
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ROUND, &own, tables, &count(lanes), lanes)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(parts), parts)?;
         let (tables, lanes) = (&self.receivers, SPLITS * to / TILE * PAIRS);
