@@ -238,7 +238,7 @@ fn buffers_stay_from_run_to_run_and_push_constants_change() {
 fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let random = |a: usize, b: usize, c: u32| unit(hash3(a as u32, b as u32, c));
     let rows = |i: usize, each: &mut dyn FnMut(u32, f32)| {
-        for j in (0..300).filter(|j| (i + j) % 5 != 0) {
+        for j in (0..300).filter(|j| !(i + j).is_multiple_of(5)) {
             let x = i as f32 / 421.0 - j as f32 / 300.0;
             each(j as u32, (1.0 + random(i, j, 2)) / (0.003 + x * x));
         }

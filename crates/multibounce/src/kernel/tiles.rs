@@ -391,8 +391,13 @@ fn add_quad(sum: Four, own: QuadWords, two: u32, bias: i32, light: (UVec4, UVec4
 pub fn quads_of(k: u32, runs: &[u32]) -> (u32, u32) {
     let run = (k / RUN_PARTS) as usize;
     let (first, end) = (runs[run] + k % RUN_PARTS * PART_QUADS, runs[run + 1]);
-    let count = if first < end { end - first } else { 0 };
-    (first, if count < PART_QUADS { count } else { PART_QUADS })
+    if first + PART_QUADS <= end {
+        (first, PART_QUADS)
+    } else if first < end {
+        (first, end - first)
+    } else {
+        (first, 0)
+    }
 }
 
 /// Sums of the slots of [`quads_of`], `z = s (v·x)`, for their channels. What is beyond them says nothing.

@@ -119,6 +119,9 @@ struct Source<'a> {
     light: Vec<Weights>,
 }
 
+/// Entries of a tile: row, column, value.
+type Entries = Vec<(u8, u8, f32)>;
+
 /// What a block of rows becomes: blocks of columns with what they become.
 struct BlockRow {
     parts: Vec<(usize, Part)>,
@@ -132,7 +135,7 @@ impl Source<'_> {
     }
 
     /// The entries of a block of rows, tile by tile: row and column in the tile, value.
-    fn entries(&self, block: usize) -> Result<Vec<Vec<(u8, u8, f32)>>, Error> {
+    fn entries(&self, block: usize) -> Result<Vec<Entries>, Error> {
         let mut tiles = vec![Vec::new(); self.light.len()];
         let mut wrong = None;
         for (r, &i) in self.receivers.order.iter().skip(block * SIDE).take(SIDE).enumerate() {
@@ -168,7 +171,7 @@ impl Source<'_> {
 
     /// Squared norm of some blocks of rows.
     fn norm(&self, blocks: &[usize]) -> Result<f64, Error> {
-        let square = |entries: &Vec<(u8, u8, f32)>| squared_norm(&dense(entries));
+        let square = |entries: &Entries| squared_norm(&dense(entries));
         let of = |&block: &usize| Ok(self.entries(block)?.iter().map(square).sum::<f64>());
         Ok(blocks.par_iter().map(of).collect::<Result<Vec<f64>, Error>>()?.iter().sum())
     }
