@@ -66,7 +66,7 @@ pub struct RectangularTiles {
     pub sender_runs: Vec<u32>,
     /// The senders' vectors by fours: slot `4 k + m` is vector m of quad k.
     pub sender_quads: Vec<TileQuad>,
-    /// Their elements, in groups of [`LANES`] words.
+    /// Their elements, in groups of [`crate::kernel::tiles::LANES`] words.
     pub sender_words: Vec<u32>,
     /// What the sum of each of their slots is multiplied by.
     pub scale: Vec<f32>,
@@ -76,7 +76,7 @@ pub struct RectangularTiles {
     pub runs: Vec<u32>,
     /// The receivers' vectors by fours, block by block, alike ones together; where there are no four, zeros fill up.
     pub quads: Vec<TileQuad>,
-    /// Their elements, in groups of [`LANES`] words.
+    /// Their elements, in groups of [`crate::kernel::tiles::LANES`] words.
     pub words: Vec<u32>,
     /// The senders' slot by whose sum each of their slots is multiplied; [`NO_SLOT`] where that is done by none.
     pub partner: Vec<u32>,
