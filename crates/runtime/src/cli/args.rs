@@ -471,7 +471,7 @@ pub struct Bench {
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
-    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
+    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.0175,0.01,0.005", value_parser = parse_epsilon)]
     pub epsilons: Vec<f64>,
     /// Texture blocks that are measured beside tiles, or none (operator).
     #[arg(long, value_delimiter = ',', value_enum, default_value = "bc1,bc3,bc6h,bc7")]
@@ -485,8 +485,8 @@ pub struct Bench {
     /// Receivers for each that there is by default.
     #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_parser = parse_density)]
     pub densities: Vec<f32>,
-    /// Kinds of patches.
-    #[arg(long, value_delimiter = ',', value_enum, default_value = "voxel,axis,cluster")]
+    /// Kinds of patches [default: patches voxel,axis,cluster, operator cluster].
+    #[arg(long, value_delimiter = ',', value_enum)]
     pub kinds: Vec<Patches>,
     /// Parts of the experiment (patches).
     #[arg(long, value_delimiter = ',', value_enum, default_value = "patches,break-down,lights")]

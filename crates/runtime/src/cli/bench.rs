@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::args::{Bench, Common, Experiment};
+use super::args::{Bench, Common, Experiment, Patches};
 use super::output;
 use super::report::page;
 use crate::bandwidth::stream_gb_s;
@@ -27,6 +27,8 @@ use rows::Row;
 const SCENES: [&str; 2] = ["cornell", "atrium"];
 /// Patches of the experiment with patches.
 const COUNTS: [u32; 5] = [1000, 2000, 5000, 10_000, 20_000];
+/// Their kinds.
+const KINDS: [Patches; 3] = [Patches::Voxel, Patches::Axis, Patches::Cluster];
 /// Bytes that are read to measure the bandwidth, more than caches hold, and how often.
 const STREAM_BYTES: usize = 256 << 20;
 const STREAM_TURNS: usize = 3;
@@ -123,7 +125,8 @@ impl<'a> Setup<'a> {
 
 fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, counts } = Setup::new(common, args, "patches", &SCENES, &COUNTS)?;
-    let args = &Bench { counts, ..args.clone() };
+    let kinds = if args.kinds.is_empty() { KINDS.to_vec() } else { args.kinds.clone() };
+    let args = &Bench { counts, kinds, ..args.clone() };
     let basis = Basis::new(common, args, patches::main_count(&args.counts));
     let numbers = out.join("summary.json");
     let known = if args.resume { rows_before(&numbers, &basis)? } else { Vec::new() };

@@ -11,13 +11,13 @@ use multibounce::{Channels, TileRoom, Tiles};
 use serde::Serialize;
 
 use super::{Machine, SCENES, Setup, stream_gb_s};
-use crate::cli::args::{Bench, Blocks, Common};
+use crate::cli::args::{Bench, Blocks, Common, Patches};
 use crate::cli::output;
 use crate::cli::report::{Plot, Section, Series, Table, page};
 use crate::error::Error;
 use crate::executor::{DeviceChoice, DeviceKind, Executor, open};
 use crate::progress::Progress;
-use crate::render::classic::{ClassicSettings, Estimator};
+use crate::render::classic::{ClassicSettings, Estimator, PatchKind};
 use crate::render::exchange::exchange;
 use crate::render::frame::product_on_device;
 use crate::render::operator::measure::{bounces_until, compact_lights, exact_product, own_light, relative_error};
@@ -39,6 +39,8 @@ const BOUNCES: u32 = 3;
 #[derive(Serialize)]
 struct Row {
     scene: String,
+    /// What the patches are.
+    kind: &'static str,
     /// `F`, `T` of all bounces, or `F_r` from the patches to receivers.
     operator: &'static str,
     /// How it is stored.
@@ -73,6 +75,7 @@ struct Row {
 #[derive(Clone, Serialize)]
 struct Build {
     scene: String,
+    kind: &'static str,
     patches: usize,
     form_factors_s: f64,
     /// All bounces, three channels; absent where they do not fit into memory.
@@ -122,9 +125,11 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let results = |builds: &[Build], rows: &[Row]| {
         output::json(&Results { name: "operator", machine: &machine, seed: common.seed, builds, rows })
     };
+    let kinds = if args.kinds.is_empty() { &[Patches::Cluster] } else { &args.kinds[..] };
+    let patches = kinds.iter().flat_map(|kind| counts.iter().map(move |&count| (kind.kind(), count as usize)));
     for scene in scenes {
-        for &count in &counts {
-            measure(common, args, (scene, count as usize), device.as_deref_mut(), &mut builds, &mut rows)?;
+        for patches in patches.clone() {
+            measure(common, args, scene, patches, device.as_deref_mut(), &mut builds, &mut rows)?;
             output::write_text(&out.join("summary.json"), &results(&builds, &rows))?;
             output::write_text(&out.join("report.html"), &report(&machine, &builds, &rows))?;
         }
@@ -151,10 +156,11 @@ fn build_line(build: &Build) -> String {
     };
     let memory = build.peak_memory_bytes.map(|bytes| format!("; at most {:.2} GB", bytes as f64 * 1e-9));
     format!(
-        "{}, {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, accelerated \
+        "{}, {} {} patches: form factors {:.1} s, {operator}; of a change of light a bounce leaves {:.0} % to come, accelerated \
          {:.0} %: the scene's own is there to a thousandth after {} and {} bounces{}{}",
         build.scene,
         build.patches,
+        build.kind,
         build.form_factors_s,
         100.0 * build.rates[0],
         100.0 * build.rates[1],
@@ -177,14 +183,14 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
             .flat_map(|build| [(build, "F"), (build, "T"), (build, "F_r")])
             .map(|(build, operator)| {
                 let own = |row: &&Row| {
-                    (&row.scene, row.patches) == (&build.scene, build.patches)
+                    (&row.scene, row.kind, row.patches) == (&build.scene, build.kind, build.patches)
                         && row.operator == operator
                         && row.epsilon.is_some()
                 };
                 let mut points: Vec<_> =
                     rows.iter().filter(own).map(|row| (100.0 * row.worst_light(), value(row))).collect();
                 points.sort_by(|a, b| a.0.total_cmp(&b.0));
-                Series { name: format!("{} {}, {operator}", build.scene, build.patches), points }
+                Series { name: format!("{} {} {}, {operator}", build.scene, build.patches, build.kind), points }
             })
             .filter(|series| !series.points.is_empty())
             .collect(),
@@ -244,7 +250,7 @@ fn table(rows: &[Row]) -> Table {
             row.scene.clone(),
             row.operator.to_owned(),
             row.method.to_owned(),
-            row.receivers.map_or(row.patches.to_string(), |to| format!("{} to {to}", row.patches)),
+            format!("{} {}", row.patches, row.kind) + &row.receivers.map(|to| format!(" to {to}")).unwrap_or_default(),
             row.epsilon.map(percent).unwrap_or_default(),
             format!("{:.2}", row.channel_mb()),
             format!("{:.2}", row.bytes as f64 * 1e-6),
@@ -265,7 +271,8 @@ fn table(rows: &[Row]) -> Table {
 fn measure(
     common: &Common,
     args: &Bench,
-    (name, count): (&str, usize),
+    name: &str,
+    (kind, count): (PatchKind, usize),
     mut device: Option<&mut (dyn Executor + 'static)>,
     builds: &mut Vec<Build>,
     rows: &mut Vec<Row>,
@@ -274,6 +281,7 @@ fn measure(
     let loaded = output::import(name, &mut progress)?;
     let scene = &loaded.scene;
     let settings = ClassicSettings {
+        patches: kind,
         patch_count: count,
         estimator: Estimator::Hemisphere { rays: args.rays },
         seed: common.seed,
@@ -281,7 +289,6 @@ fn measure(
     };
     let senders = progress.phase("sample", |_| -> Result<_, Error> {
         let sampler = lit_sampler(scene, count, common.seed)?;
-        let kind = settings.patches;
         let made = SenderSettings { kind, count, voxel_size: None, samples: settings.samples, seed: common.seed };
         Senders::new(scene, sampler.as_ref(), &made)
     })?;
@@ -318,6 +325,7 @@ fn measure(
 
     let row = |operator, method, bytes: u64, median_ms| Row {
         scene: loaded.name.clone(),
+        kind: kind.name(),
         operator,
         method,
         patches: n,
@@ -402,6 +410,7 @@ fn measure(
     };
     builds.push(Build {
         scene: loaded.name.clone(),
+        kind: kind.name(),
         patches: n,
         form_factors_s,
         operator_s,

@@ -131,10 +131,11 @@ pub(super) fn table(rows: &[Row]) -> Option<Table> {
         let power = |x: Option<f64>| x.map(|x| format!("{x:.2e}")).unwrap_or_default();
         let ratio = |order: &str| Some(mse(order)? / mse("projected")?);
         let time = |method: &str| {
-            let same = |other: &&Row| (&other.scene, other.patches, other.method) == (&row.scene, row.patches, method);
+            let of = |row: &Row| (row.scene.clone(), row.kind, row.patches);
+            let same = |other: &&Row| other.method == method && of(other) == of(row);
             rows.iter().find(same).map(|other| other.median_ms)
         };
-        let mut cells = vec![row.scene.clone(), row.patches.to_string(), row.method.to_owned()];
+        let mut cells = vec![row.scene.clone(), format!("{} {}", row.patches, row.kind), row.method.to_owned()];
         cells.push(format!("{:.1}", 100.0 * blocks.bytes_share));
         cells.extend(["given", "random", "halving", "projected", "greedy"].map(|order| power(mse(order))));
         cells.extend(["given", "random"].map(|order| number(ratio(order))));
