@@ -14,7 +14,7 @@ use faer::Mat;
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
 use crate::host::stored::StoredOperator;
-use crate::kernel::tiles::{LANES, NO_SLOT, PARTS, PLACES, QUAD, RUN_QUADS, SQUARE_WORDS, TILE};
+use crate::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, RUN_QUADS, SQUARE_WORDS, TILE};
 use crate::types::{TileQuad, TileSquare};
 
 pub(super) use reduce::SIDE;
@@ -119,13 +119,9 @@ impl Tiles {
     /// Bytes of each part that a product reads.
     pub fn bytes(&self) -> [(&'static str, u64); 4] {
         let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
-        let runs = size_of_val(&self.runs[..]) + size_of_val(&self.run_start[..]);
-        let quads = size_of_val(&self.quads[..]) + runs;
-        let vectors = size_of_val(&self.words[..]) + slots + quads;
-        let entries = size_of_val(&self.entries[..]) + size_of_val(&self.row_start[..]) + size_of_val(&self.steps[..]);
+        let vectors = self.expand_tables().bytes() + slots;
+        let [squares, entries] = self.near_tables().bytes();
         let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
-        let squares =
-            size_of_val(&self.square_start[..]) + size_of_val(&self.squares[..]) + size_of_val(&self.square_words[..]);
         [
             ("vectors", vectors as u64),
             ("squares", squares as u64),
@@ -150,31 +146,19 @@ impl Tiles {
     /// # Errors
     /// [`Error::Length`], [`Error::Value`], naming the table and the entry.
     pub fn check(&self) -> Result<(), Error> {
-        let (n, rows) = (self.patches(), self.blocks() * TILE as usize);
+        let n = self.patches();
         check_length("place", n, self.place.len())?;
         check_length("root", n, self.root.len())?;
         let slots = QUAD as usize * self.quads.len();
         check_length("scale", slots, self.scale.len())?;
         check_length("partner", slots, self.partner.len())?;
-        check_length("run_start", self.blocks() + 1, self.run_start.len())?;
-        check_length("runs", self.run_start.last().map_or(1, |&k| k as usize + 1), self.runs.len())?;
-        check_bank(&self.runs, &self.quads, &self.words, self.blocks())?;
-        check_length("square_start", self.blocks() * PARTS as usize + 1, self.square_start.len())?;
-        check_length("square_words", self.squares.len() * SQUARE_WORDS as usize, self.square_words.len())?;
-        check_length("row_start", rows + 1, self.row_start.len())?;
-        check_length("steps", rows, self.steps.len())?;
-        check_starts("run_start", &self.run_start, self.runs.len() - 1)?;
-        check_starts("square_start", &self.square_start, self.squares.len())?;
-        check_starts("row_start", &self.row_start, self.entries.len())?;
+        self.expand_tables().check(self.blocks())?;
+        self.near_tables().check(self.blocks(), self.blocks())?;
         check_below("order", self.order.iter().copied(), n)?;
         check_below("place", self.place.iter().copied(), n)?;
         let partners = self.partner.iter().map(|&slot| if slot == NO_SLOT { 0 } else { slot });
         check_below("partner", partners, slots)?;
-        check_below("entries", self.entries.iter().map(|entry| entry & 0xffff), rows)?;
-        check_below("squares", self.squares.iter().map(|square| square.column), self.blocks() * PARTS as usize)?;
         check_finite("scale", self.scale.iter().copied())?;
-        check_finite("squares", self.squares.iter().map(|square| square.step))?;
-        check_finite("steps", self.steps.iter().copied())?;
         check_root("root", &self.root)
     }
 }

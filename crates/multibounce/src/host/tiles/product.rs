@@ -5,8 +5,8 @@ use std::vec::Vec;
 use glam::{IVec4, Mat4, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::Tiles;
 use super::lanes::{Group, Lanes, WithLanes, dispatch};
+use super::{Tiles, check_bank, check_below, check_finite, check_starts};
 use crate::error::{Error, check_length};
 use crate::kernel::tiles::{
     ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PAIRS_AT, PARTS, PLACES, QUAD,
@@ -295,6 +295,19 @@ pub struct ExpandTables<'a> {
     pub words: &'a [u32],
 }
 
+impl ExpandTables<'_> {
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.run_start) + size_of_val(self.runs) + size_of_val(self.quads) + size_of_val(self.words)
+    }
+
+    /// Whether the tables of so many blocks belong together.
+    pub(super) fn check(&self, blocks: usize) -> Result<(), Error> {
+        check_bank(self.runs, self.quads, self.words, blocks)?;
+        check_length("run_start", blocks + 1, self.run_start.len())?;
+        check_starts("run_start", self.run_start, self.runs.len().saturating_sub(1))
+    }
+}
+
 /// [`crate::kernel::tiles::expand`] for every lane, bit for bit.
 pub fn expand_all(tables: &ExpandTables, factors: &[u32], rows: &mut [Vec4]) {
     expand_by(tables, factors.as_chunks::<{ FACTOR_WORDS as usize }>().0, rows);
@@ -329,6 +342,30 @@ pub struct NearTables<'a> {
     pub entries: &'a [u32],
     /// Step of the values of each place.
     pub steps: &'a [f32],
+}
+
+impl NearTables<'_> {
+    /// Of squares, of entries.
+    pub(super) fn bytes(&self) -> [usize; 2] {
+        [
+            size_of_val(self.square_start) + size_of_val(self.squares) + size_of_val(self.square_words),
+            size_of_val(self.row_start) + size_of_val(self.entries) + size_of_val(self.steps),
+        ]
+    }
+
+    /// Whether the tables of so many blocks of rows belong together, and name places of so many blocks of columns.
+    pub(super) fn check(&self, blocks: usize, columns: usize) -> Result<(), Error> {
+        check_length("square_start", blocks * PARTS as usize + 1, self.square_start.len())?;
+        check_length("square_words", self.squares.len() * SQUARE_WORDS as usize, self.square_words.len())?;
+        check_length("row_start", blocks * SIDE + 1, self.row_start.len())?;
+        check_length("steps", blocks * SIDE, self.steps.len())?;
+        check_starts("square_start", self.square_start, self.squares.len())?;
+        check_starts("row_start", self.row_start, self.entries.len())?;
+        check_below("entries", self.entries.iter().map(|entry| entry & 0xffff), columns * SIDE)?;
+        check_below("squares", self.squares.iter().map(|square| square.column), columns * PARTS as usize)?;
+        check_finite("squares", self.squares.iter().map(|square| square.step))?;
+        check_finite("steps", self.steps.iter().copied())
+    }
 }
 
 /// [`crate::kernel::tiles::near`] for every place, bit for bit.

@@ -11,12 +11,10 @@ use scene::sampling::hash3;
 use super::encode::{Bank, CLOSE, MOST_ROUNDS, Rows, Squares, Vector, checked_places, next_lambda};
 use super::product::{ExpandTables, NearTables, enter_all, expand_all, near_all, project_all, round_all, weigh_all};
 use super::reduce::{Component, Part, Prices, SIDE, Weights, reduce, squared_norm};
-use super::{MOST_TILE_PATCHES, TileReport, check_bank, check_below, check_finite, check_root, check_starts};
+use super::{MOST_TILE_PATCHES, TileReport, check_bank, check_below, check_finite, check_root};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
-use crate::kernel::tiles::{
-    ALL_CHANNELS, FACTOR_WORDS, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, SPLITS, SQUARE_WORDS, leave,
-};
+use crate::kernel::tiles::{ALL_CHANNELS, FACTOR_WORDS, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, SPLITS, leave};
 use crate::types::{TileQuad, TileSquare};
 
 /// Most receivers: vectors name blocks by 16 bits.
@@ -376,22 +374,18 @@ impl RectangularTiles {
 
     /// Bytes of each part that a product reads.
     pub fn bytes(&self) -> [(&'static str, u64); 4] {
-        let vectors = size_of_val(&self.sender_runs[..])
+        let senders = size_of_val(&self.sender_runs[..])
             + size_of_val(&self.sender_quads[..])
-            + size_of_val(&self.sender_words[..])
-            + size_of_val(&self.runs[..])
-            + size_of_val(&self.quads[..])
-            + size_of_val(&self.words[..]);
-        let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]) + size_of_val(&self.run_start[..]);
-        let squares =
-            size_of_val(&self.square_start[..]) + size_of_val(&self.squares[..]) + size_of_val(&self.square_words[..]);
-        let entries = size_of_val(&self.row_start[..]) + size_of_val(&self.entries[..]) + size_of_val(&self.steps[..]);
+            + size_of_val(&self.sender_words[..]);
+        let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
+        let vectors = senders + self.expand_tables().bytes() + slots;
+        let [squares, entries] = self.near_tables().bytes();
         let places = size_of_val(&self.sender_order[..])
             + size_of_val(&self.sender_root[..])
             + size_of_val(&self.place[..])
             + size_of_val(&self.root[..]);
         [
-            ("vectors", (vectors + slots) as u64),
+            ("vectors", vectors as u64),
             ("squares", squares as u64),
             ("entries", entries as u64),
             ("places", places as u64),
@@ -403,31 +397,19 @@ impl RectangularTiles {
     /// # Errors
     /// [`Error::Length`], [`Error::Value`], naming the table and the entry.
     pub fn check(&self) -> Result<(), Error> {
-        let (rows, edges) = (self.blocks() * SIDE, self.sender_blocks() * PARTS as usize);
         check_length("root", self.receivers(), self.root.len())?;
         check_length("sender_root", self.senders(), self.sender_root.len())?;
-        check_bank(&self.runs, &self.quads, &self.words, self.blocks())?;
         check_bank(&self.sender_runs, &self.sender_quads, &self.sender_words, self.sender_blocks())?;
         let slots = [&self.sender_quads, &self.quads].map(|quads| QUAD as usize * quads.len());
         check_length("scale", slots[0], self.scale.len())?;
         check_length("partner", slots[1], self.partner.len())?;
-        check_length("run_start", self.blocks() + 1, self.run_start.len())?;
-        check_length("square_start", self.blocks() * PARTS as usize + 1, self.square_start.len())?;
-        check_length("square_words", self.squares.len() * SQUARE_WORDS as usize, self.square_words.len())?;
-        check_length("row_start", rows + 1, self.row_start.len())?;
-        check_length("steps", rows, self.steps.len())?;
-        check_starts("run_start", &self.run_start, self.runs.len().saturating_sub(1))?;
-        check_starts("square_start", &self.square_start, self.squares.len())?;
-        check_starts("row_start", &self.row_start, self.entries.len())?;
+        self.expand_tables().check(self.blocks())?;
+        self.near_tables().check(self.blocks(), self.sender_blocks())?;
         check_below("sender_order", self.sender_order.iter().copied(), self.senders())?;
         check_below("place", self.place.iter().copied(), self.receivers())?;
         let partners = self.partner.iter().map(|&slot| if slot == NO_SLOT { 0 } else { slot });
         check_below("partner", partners, slots[0].max(usize::from(slots[1] > 0)))?;
-        check_below("entries", self.entries.iter().map(|entry| entry & 0xffff), self.sender_blocks() * SIDE)?;
-        check_below("squares", self.squares.iter().map(|square| square.column), edges)?;
         check_finite("scale", self.scale.iter().copied())?;
-        check_finite("squares", self.squares.iter().map(|square| square.step))?;
-        check_finite("steps", self.steps.iter().copied())?;
         check_root("root", &self.root)?;
         check_root("sender_root", &self.sender_root)
     }

@@ -7,7 +7,7 @@ use gpu_kernels::params::{CountParams, EnterParams};
 use gpu_kernels::table::{self, ImageFormat, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use multibounce::kernel::tiles::{FACTOR_WORDS, LIGHT_WORDS, PAIRS, PLACES, QUAD, QUARTERS, RUN_PARTS, SPLITS, TILE};
-use multibounce::{BlockCodec, BlockMatrix, BlockParams, RectangularTiles, Tiles};
+use multibounce::{BlockCodec, BlockMatrix, BlockParams, ExpandTables, NearTables, RectangularTiles, Tiles};
 
 use super::super::decode::{Decode, Decoder};
 use super::super::operator::{PatchOperator, apart};
@@ -362,23 +362,12 @@ pub(super) struct TileTables {
 
 impl TileTables {
     fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a Tiles) -> Self {
-        let tables = vec![
+        let mut tables = vec![
             uploads.named(plan, "order", cast_slice(&tiles.order)),
-            uploads.named(plan, "place", cast_slice(&tiles.place)),
-            uploads.named(plan, "root", cast_slice(&tiles.root)),
-            uploads.named(plan, "run_start", cast_slice(&tiles.run_start)),
-            uploads.named(plan, "runs", cast_slice(&tiles.runs)),
-            uploads.named(plan, "quads", cast_slice(&tiles.quads)),
-            uploads.named(plan, "words", cast_slice(&tiles.words)),
             uploads.named(plan, "scales", cast_slice(&tiles.scale)),
-            uploads.named(plan, "partner", cast_slice(&tiles.partner)),
-            uploads.named(plan, "square_start", cast_slice(&tiles.square_start)),
-            uploads.named(plan, "squares", cast_slice(&tiles.squares)),
-            uploads.named(plan, "square_words", cast_slice(&tiles.square_words)),
-            uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
-            uploads.named(plan, "entries", cast_slice(&tiles.entries)),
-            uploads.named(plan, "steps", cast_slice(&tiles.steps)),
         ];
+        let own = (&tiles.place[..], &tiles.root[..], &tiles.partner[..]);
+        tables.extend(rows_of(plan, uploads, own, tiles.expand_tables(), tiles.near_tables()));
         let runs = tiles.runs.len().saturating_sub(1);
         let counts = [tiles.patches(), tiles.patches(), tiles.quads.len(), runs, runs];
         Self::with(plan, tables.clone(), tables, counts)
@@ -394,21 +383,8 @@ impl TileTables {
             uploads.named(plan, "words", cast_slice(&tiles.sender_words)),
             uploads.named(plan, "scales", cast_slice(&tiles.scale)),
         ];
-        let receivers = vec![
-            uploads.named(plan, "place", cast_slice(&tiles.place)),
-            uploads.named(plan, "root", cast_slice(&tiles.root)),
-            uploads.named(plan, "run_start", cast_slice(&tiles.run_start)),
-            uploads.named(plan, "runs", cast_slice(&tiles.runs)),
-            uploads.named(plan, "quads", cast_slice(&tiles.quads)),
-            uploads.named(plan, "words", cast_slice(&tiles.words)),
-            uploads.named(plan, "partner", cast_slice(&tiles.partner)),
-            uploads.named(plan, "square_start", cast_slice(&tiles.square_start)),
-            uploads.named(plan, "squares", cast_slice(&tiles.squares)),
-            uploads.named(plan, "square_words", cast_slice(&tiles.square_words)),
-            uploads.named(plan, "row_start", cast_slice(&tiles.row_start)),
-            uploads.named(plan, "entries", cast_slice(&tiles.entries)),
-            uploads.named(plan, "steps", cast_slice(&tiles.steps)),
-        ];
+        let own = (&tiles.place[..], &tiles.root[..], &tiles.partner[..]);
+        let receivers = rows_of(plan, uploads, own, tiles.expand_tables(), tiles.near_tables());
         let runs = [&tiles.sender_runs, &tiles.runs].map(|runs| runs.len().saturating_sub(1));
         let counts = [tiles.senders(), tiles.receivers(), tiles.sender_quads.len(), runs[0], runs[1]];
         Self::with(plan, senders, receivers, counts)
@@ -463,6 +439,31 @@ impl TileTables {
         pass(plan, "method", &table::MULTIBOUNCE_TILES_LEAVE, &own, tables, &count(receivers), receivers)?;
         Ok(())
     }
+}
+
+/// Tables that make rows of sums.
+fn rows_of<'a>(
+    plan: &mut Plan,
+    uploads: &mut Uploads<'a>,
+    (place, root, partner): (&'a [u32], &'a [f32], &'a [u32]),
+    expand: ExpandTables<'a>,
+    near: NearTables<'a>,
+) -> Vec<(&'static str, Range)> {
+    vec![
+        uploads.named(plan, "place", cast_slice(place)),
+        uploads.named(plan, "root", cast_slice(root)),
+        uploads.named(plan, "partner", cast_slice(partner)),
+        uploads.named(plan, "run_start", cast_slice(expand.run_start)),
+        uploads.named(plan, "runs", cast_slice(expand.runs)),
+        uploads.named(plan, "quads", cast_slice(expand.quads)),
+        uploads.named(plan, "words", cast_slice(expand.words)),
+        uploads.named(plan, "square_start", cast_slice(near.square_start)),
+        uploads.named(plan, "squares", cast_slice(near.squares)),
+        uploads.named(plan, "square_words", cast_slice(near.square_words)),
+        uploads.named(plan, "row_start", cast_slice(near.row_start)),
+        uploads.named(plan, "entries", cast_slice(near.entries)),
+        uploads.named(plan, "steps", cast_slice(near.steps)),
+    ]
 }
 
 /// Irradiance of the receivers of tiles on a device, W/m², and the median of the times of so many products, ms.
