@@ -75,6 +75,46 @@ fn the_bench_of_patches_writes_its_tables_plots_and_report() {
 }
 
 #[test]
+fn bench_operator_keeps_the_error_of_every_kind_of_patches() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["bench", "operator", "cornell", "--out", out, "--device", "cpu", "--quiet"];
+    arguments.extend(["--kinds", "axis,cluster", "--counts", "300", "--rays", "256", "--epsilons", "0.1,0.02"]);
+    arguments.extend(["--codecs", "bc1", "--receivers", "700", "--receiver-rays", "64", "--receiver-epsilons", "0.1"]);
+    let markdown = succeeds(&arguments);
+    assert!(markdown.contains(" axis to 700 |") && markdown.contains(" cluster |"), "{markdown}");
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let rows = summary["rows"].as_array().unwrap();
+    assert_eq!(summary["builds"].as_array().unwrap().len(), 2);
+    for kind in ["axis", "cluster"] {
+        let of = |operator: &str, method: &str| {
+            let is_it =
+                |r: &&serde_json::Value| r["kind"] == kind && r["operator"] == operator && r["method"] == method;
+            rows.iter().filter(is_it).collect::<Vec<_>>()
+        };
+        // Three bounces and sparse rows of F, dense T, blocks of T, hits and sparse rows of F_r stand beside tiles.
+        let counts = [("F", "tiles"), ("T", "tiles"), ("T", "bc1"), ("F_r", "tiles"), ("F_r", "counts of hits")];
+        assert_eq!(counts.map(|(operator, method)| of(operator, method).len()), [2, 2, 1, 1, 1], "{kind}: {summary}");
+        for (operator, method) in [("F", "tiles"), ("T", "tiles"), ("F_r", "tiles")] {
+            for row in of(operator, method) {
+                let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
+                assert!(number("frobenius") > 0.0 && number("frobenius") <= number("epsilon"), "{row}");
+                // Light, being even, meets errors of one sign.
+                let worst = number("own_light").max(number("compact_lights"));
+                assert!(worst > 0.0 && worst < 3.0 * number("epsilon"), "{row}");
+                assert!(number("median_ms") > 0.0 && number("stored_bytes") <= number("bytes"), "{row}");
+            }
+        }
+        let bytes = |k: usize| of("T", "tiles")[k]["stored_bytes"].as_u64().unwrap();
+        assert!(bytes(0) < bytes(1), "less error takes more bytes: {summary}");
+    }
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(report.contains("polyline") && report.contains("Texture blocks") && !report.contains("http"));
+    assert!(leftovers(folder.path()).is_empty());
+}
+
+#[test]
 fn bench_firstshot_compares_both_ways_to_shoot() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
