@@ -167,7 +167,8 @@ const MOST_MARKS: usize = 6;
 fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
     const COLORS: [&str; 8] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633"];
     // Room for the names, some seven pixels a letter.
-    let longest = p.series.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
+    let names = p.series.iter().map(|s| &s.name).chain([&p.x]);
+    let longest = names.map(|name| name.chars().count()).max().unwrap_or(0);
     let right = (12.0 + 7.0 * longest as f64).max(170.0);
     let (width, height, left, bottom, top) = (590.0 + right, 240.0, 60.0, 28.0, 26.0);
     let points = || p.series.iter().flat_map(|s| &s.points);
@@ -176,8 +177,13 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
     marks.sort_by(f64::total_cmp);
     marks.dedup();
     let (first, last) = (marks.first().copied().unwrap_or(0.0), marks.last().copied().unwrap_or(0.0));
+    // What is none would be infinitely far.
+    let first = if p.logarithmic { first.max(1e-6 * last) } else { first };
     if marks.len() > MOST_MARKS {
-        marks = vec![first, last];
+        marks = match p.logarithmic {
+            true => round_levels(first, last),
+            false => vec![first, last],
+        };
     }
     let along = |from: f64, to: f64, v: f64| (scale(v) - scale(from)) / (scale(to) - scale(from)).max(1e-12);
     let greatest = points().fold(0.0f64, |a, b| a.max(b.1)).max(1e-12) * 1.08;
@@ -187,7 +193,7 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
         true => round_levels(least, greatest),
         false => (0..=4).map(|step| greatest * f64::from(step) / 4.0).collect(),
     };
-    let x = |v: f64| left + (width - left - right) * along(first, last, v);
+    let x = |v: f64| left + (width - left - right) * along(first, last, v.max(first));
     let y = |v: f64| height - bottom - (height - bottom - top) * along(least, greatest, v.max(least));
     html! {
         svg xmlns=[namespace] viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) role="img"
@@ -224,7 +230,8 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
 /// Round numbers in a range: 1, 2 and 5 times powers of ten, and more of them in less than a decade.
 fn round_levels(least: f64, greatest: f64) -> Vec<f64> {
     let digits: &[f64] = if greatest < 10.0 * least { &[1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0] } else { &[1.0, 2.0, 5.0] };
-    let powers = least.log10().floor() as i32..=greatest.log10().floor() as i32;
+    let power = |x: f64| x.max(f64::MIN_POSITIVE).log10().floor() as i32;
+    let powers = power(least)..=power(greatest);
     let levels = powers.flat_map(|power| digits.iter().map(move |digit| digit * 10f64.powi(power)));
     levels.filter(|level| (least..=greatest).contains(level)).collect()
 }
@@ -254,6 +261,20 @@ mod tests {
         let line = svg.split("polyline points=\"").nth(1).unwrap().split('"').next().unwrap();
         let places: Vec<f64> = line.split(' ').map(|p| p.split(',').next().unwrap().parse().unwrap()).collect();
         assert!((places[0] + places[2] - 2.0 * places[1]).abs() < 0.2 && places[2] > places[0], "{places:?}");
+    }
+
+    #[test]
+    fn many_places_are_named_by_round_numbers_and_names_fit() {
+        let points: Vec<(f64, f64)> = (0..20).map(|k| (0.3 * 1.3f64.powi(k), 1.0 + f64::from(k))).collect();
+        // An error may be none.
+        let none = points.iter().copied().chain([(0.0, 1.0)]).collect();
+        let with_none = Plot { series: vec![Series { name: "s".into(), points: none }], ..line() }.svg();
+        assert!(with_none.contains(">10<") && with_none.contains("cx=\"60\""), "{with_none}");
+        let plot = Plot { x: "a".repeat(60), series: vec![Series { name: "s".into(), points }], ..line() };
+        let svg = plot.svg();
+        assert!([">0.500<", ">1<", ">10<"].iter().all(|mark| svg.contains(mark)) && !svg.contains(">0.300<"), "{svg}");
+        let width: f64 = svg.split("width=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap();
+        assert!(width > 590.0 + 60.0 * 6.5, "{width}");
     }
 
     #[test]
