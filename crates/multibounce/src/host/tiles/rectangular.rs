@@ -82,7 +82,7 @@ pub struct RectangularTiles {
     pub square_start: Vec<u32>,
     /// Dense squares.
     pub squares: Vec<TileSquare>,
-    /// Their elements of 8 bits, [`SQUARE_WORDS`] each.
+    /// Their elements of 8 bits, [`crate::kernel::tiles::SQUARE_WORDS`] each.
     pub square_words: Vec<u32>,
     /// Entries of each receiver's place, `[blocks · TILE + 1]`.
     pub row_start: Vec<u32>,

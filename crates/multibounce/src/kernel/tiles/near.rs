@@ -72,7 +72,7 @@ fn add_group(sum: Eight<IVec3>, (x, y): (UVec4, UVec4), first: UVec3, last: UVec
 /// Eight rows of what stands by itself, those of places `8 k` and on: the squares of their part, in the order in which they
 /// stand, then the single entries.
 ///
-/// Shapes: `square_start[blocks · PARTS + 1]`, `squares[n]`, `square_words[n · SQUARE_WORDS / 4]`, `light` of [`round`] by
+/// Shapes: `square_start[blocks · PARTS + 1]`, `squares[n]`, `square_words[n · SQUARE_WORDS / 4]`, `light` of [`super::round`] by
 /// fours, `row_start[blocks · TILE + 1]`, `steps[blocks · TILE]`, `ordered` long enough for the entries' columns. Needs
 /// `8 k < blocks · TILE`.
 #[inline]
