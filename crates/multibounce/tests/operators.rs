@@ -1,5 +1,7 @@
 //! Operators of many bounces against each other, and their compression against what it promises.
 
+mod support;
+
 use bytemuck::{cast_slice, cast_slice_mut};
 use faer::Mat;
 use glam::{UVec4, Vec3, Vec4};
@@ -9,15 +11,7 @@ use multibounce::{
     weigh_all,
 };
 use proptest::prelude::*;
-use scene::sampling::{hash3, unit};
-
-fn random(a: usize, b: usize, c: u32) -> f32 {
-    unit(hash3(a as u32, b as u32, c))
-}
-
-fn go(_: usize, _: usize) -> Proceed {
-    Proceed::Continue(())
-}
+use support::{go, random};
 
 /// Reciprocal form factors of a closed set of patches on a line: near ones see more of each other.
 struct Case {

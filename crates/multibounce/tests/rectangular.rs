@@ -1,5 +1,7 @@
 //! Operators from few senders to many receivers in tiles, against their rows.
 
+mod support;
+
 use bytemuck::cast_slice;
 use glam::{Vec3, Vec4};
 use multibounce::kernel::tiles as body;
@@ -7,15 +9,7 @@ use multibounce::{
     Error, Proceed, RectangularRoom, RectangularTiles, TileSide, enter_all, halving_order, project_all, round_all,
     weigh_all,
 };
-use scene::sampling::{hash3, unit};
-
-fn random(a: usize, b: usize, c: u32) -> f32 {
-    unit(hash3(a as u32, b as u32, c))
-}
-
-fn go(_: usize, _: usize) -> Proceed {
-    Proceed::Continue(())
-}
+use support::{go, random};
 
 /// Senders on a line and receivers on another above it, a third of which sees nothing far away.
 struct Case {

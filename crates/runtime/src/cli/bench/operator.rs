@@ -183,7 +183,7 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
             .flat_map(|build| [(build, "F"), (build, "T"), (build, "F_r")])
             .map(|(build, operator)| {
                 let own = |row: &&Row| {
-                    (&row.scene, row.kind, row.patches) == (&build.scene, build.kind, build.patches)
+                    row.senders() == (&build.scene, build.kind, build.patches)
                         && row.operator == operator
                         && row.epsilon.is_some()
                 };
@@ -217,6 +217,11 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
 }
 
 impl Row {
+    /// Whose light it is: the scene, what the patches are, and how many.
+    fn senders(&self) -> (&str, &str, usize) {
+        (&self.scene, self.kind, self.patches)
+    }
+
     /// Relative error of irradiance, the greatest of all lights.
     fn worst_light(&self) -> f64 {
         self.own_light.max(self.compact_lights)

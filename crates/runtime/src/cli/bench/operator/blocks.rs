@@ -131,8 +131,7 @@ pub(super) fn table(rows: &[Row]) -> Option<Table> {
         let power = |x: Option<f64>| x.map(|x| format!("{x:.2e}")).unwrap_or_default();
         let ratio = |order: &str| Some(mse(order)? / mse("projected")?);
         let time = |method: &str| {
-            let of = |row: &Row| (row.scene.clone(), row.kind, row.patches);
-            let same = |other: &&Row| other.method == method && of(other) == of(row);
+            let same = |other: &&Row| other.method == method && other.senders() == row.senders();
             rows.iter().find(same).map(|other| other.median_ms)
         };
         let mut cells = vec![row.scene.clone(), format!("{} {}", row.patches, row.kind), row.method.to_owned()];

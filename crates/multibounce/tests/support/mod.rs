@@ -1,0 +1,14 @@
+//! What tests of operators have in common.
+
+use multibounce::Proceed;
+use scene::sampling::{hash3, unit};
+
+/// A number from 0 to 1 that follows from three.
+pub fn random(a: usize, b: usize, c: u32) -> f32 {
+    unit(hash3(a as u32, b as u32, c))
+}
+
+/// Progress that never cancels.
+pub fn go(_: usize, _: usize) -> Proceed {
+    Proceed::Continue(())
+}
