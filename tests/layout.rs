@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use glam::{UVec2, UVec4, Vec2, Vec3, Vec4};
-use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ProjectParams, ToneMapParams};
 use gpu_kernels::table::{BindingKind, KERNELS};
 use integration_tests::spirv::Module;
 use localmatrix::{FadeParams, SlotParams, UpdateParams};
@@ -156,6 +156,7 @@ structure!(PhotonParams {
 });
 structure!(CountParams { count: u32 });
 structure!(EnterParams { count: u32, patches: u32 });
+structure!(ProjectParams { axes: Vec4, count: u32, reserved: [u32; 3] });
 structure!(FeedbackParams { count: u32, step: f32, momentum: f32 });
 structure!(MultiplyParams { tiles: u32, row_tiles: u32, vectors: u32, inner: u32, first_inner: u32 });
 structure!(TileQuad { group: u32, tag: u32 });
@@ -272,6 +273,7 @@ fn push(kernel: &str) -> Layout {
         "formfactor_gather_hits" => layout::<HitsParams>(),
         k if k.starts_with("firstshot_") => layout::<PhotonParams>(),
         "multibounce_tiles_enter" => layout::<EnterParams>(),
+        "multibounce_tiles_project" => layout::<ProjectParams>(),
         "multibounce_feedback" => layout::<FeedbackParams>(),
         "multibounce_multiply" => layout::<MultiplyParams>(),
         k if k.starts_with("multibounce_blocks_gather") => layout::<BlockParams>(),

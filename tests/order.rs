@@ -63,7 +63,7 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
             [(out, bytes)].into()
         }};
     }
-    use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ToneMapParams};
+    use gpu_kernels::params::{CountParams, EnterParams, PixelParams, ProjectParams, ToneMapParams};
     Some(match i.kernel.name {
         "scene_closest_hit" => entry!(sc::closest_hit, CountParams, Hit, [0, 1, 2, 3, 4, 5, 6]),
         "scene_any_hit" => entry!(sc::any_hit, CountParams, u32, [0, 1, 2, 3, 4, 5, 6]),
@@ -114,7 +114,7 @@ fn run_entry(i: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize, Byt
         }
         "multibounce_tiles_enter" => entry!(ti::tiles_enter, EnterParams, Vec4, [0, 1, 2]),
         "multibounce_tiles_round" => entry!(ti::tiles_round, CountParams, u32, [0]),
-        "multibounce_tiles_project" => entry!(ti::tiles_project, CountParams, Vec4, [0, 1, 2, 3, 4]),
+        "multibounce_tiles_project" => entry!(ti::tiles_project, ProjectParams, Vec4, [0, 1, 2, 3, 4]),
         "multibounce_tiles_weigh" => entry!(ti::tiles_weigh, CountParams, UVec4, [0, 1, 2]),
         "multibounce_tiles_expand" => entry!(ti::tiles_expand, CountParams, Vec4, [0, 1, 2, 3, 4]),
         "multibounce_tiles_near" => entry!(ti::tiles_near, CountParams, Vec4, [0, 1, 2, 3, 4, 5, 6, 7]),

@@ -2,6 +2,7 @@
 
 use ::scene::Camera;
 use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
 
 /// Kernels that need to know only how many elements there are.
 #[repr(C)]
@@ -22,6 +23,19 @@ pub struct EnterParams {
     pub patches: u32,
 }
 const _: () = assert!(size_of::<EnterParams>() == 8);
+
+/// Sums of the vectors of tiles.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ProjectParams {
+    /// Red and blue of both axes of the differences.
+    pub axes: Vec4,
+    /// Number of parts of runs.
+    pub count: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 3],
+}
+const _: () = assert!(size_of::<ProjectParams>() == 32);
 
 /// Primary rays and shading of one sub-frame.
 #[repr(C)]

@@ -8,7 +8,7 @@ use glam::{UVec2, UVec3, UVec4, Vec4};
 use spirv_std::spirv;
 
 use crate::invocation::element;
-use crate::params::{CountParams, EnterParams};
+use crate::params::{CountParams, EnterParams, ProjectParams};
 
 /// Exitance in the order of the tiles: [`tiles::enter`].
 #[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_enter"))]
@@ -50,7 +50,7 @@ pub fn tiles_round(
 pub fn tiles_project(
     #[spirv(global_invocation_id)] id: UVec3,
     #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
+    #[spirv(push_constant)] p: &ProjectParams,
     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] runs: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] quads: &[TileQuad],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] words: &[UVec4],
@@ -62,7 +62,7 @@ pub fn tiles_project(
     if k < p.count {
         let (quad, count) = tiles::quads_of(k, runs);
         if count > 0 {
-            let sixteen = tiles::project(quad, count, quads, words, scales, light);
+            let sixteen = tiles::project(quad, count, p.axes, quads, words, scales, light);
             let first = (tiles::QUAD * quad) as usize;
             sums[first] = sixteen[0];
             sums[first + 1] = sixteen[1];

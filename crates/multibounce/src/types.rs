@@ -57,13 +57,13 @@ pub struct MultiplyParams {
 }
 const _: () = assert!(size_of::<MultiplyParams>() == 20);
 
-/// Four slots of [`crate::Tiles`], one after another: vectors of one block that are for one channel.
+/// Four slots of [`crate::Tiles`], one after another: vectors of one block that are for one colour.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct TileQuad {
     /// First group of [`crate::kernel::tiles::LANES`] words of the first vector; the others' follow.
     pub group: u32,
-    /// The block in the lower 16 bits; then the colour channel that the vectors are for: 0, 1, 2, or
+    /// The block in the lower 16 bits; then the colour that the vectors are for: an axis of the differences, 0 or 1, or
     /// [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8.
     pub tag: u32,
 }
@@ -81,10 +81,10 @@ pub struct TileSquare {
 const _: () = assert!(size_of::<TileSquare>() == 8);
 
 impl TileQuad {
-    /// Vectors of a block, for a channel, with elements of 4 or 8 bits.
+    /// Vectors of a block, for a colour, with elements of 4 or 8 bits.
     #[inline]
-    pub fn new(group: u32, block: u32, channel: u32, is_short: bool) -> Self {
-        Self { group, tag: (block & 0xffff) | (channel & 3) << 16 | u32::from(is_short) << 18 }
+    pub fn new(group: u32, block: u32, color: u32, is_short: bool) -> Self {
+        Self { group, tag: (block & 0xffff) | (color & 3) << 16 | u32::from(is_short) << 18 }
     }
 
     /// Block of rows or columns that the vectors belong to.
@@ -93,9 +93,9 @@ impl TileQuad {
         self.tag & 0xffff
     }
 
-    /// Colour channel that they are for.
+    /// Colour that they are for.
     #[inline]
-    pub fn channel(self) -> u32 {
+    pub fn color(self) -> u32 {
         self.tag >> 16 & 3
     }
 

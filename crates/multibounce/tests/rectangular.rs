@@ -159,7 +159,7 @@ fn like_the_bodies(tiles: &RectangularTiles, exitance: &[Vec4]) {
     let mut light = vec![0; tiles.sender_blocks() * body::LIGHT_WORDS as usize];
     round_all(&ordered[..columns], &mut light);
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
-    project_all(&tiles.sender_quads, &tiles.sender_words, &tiles.scale, &light, &mut sums);
+    project_all(&tiles.project_tables(), &light, &mut sums);
     let runs = &tiles.runs;
     let mut factors = vec![0; (runs.len() - 1) * body::FACTOR_WORDS as usize];
     weigh_all(runs, &tiles.partner, &sums, &mut factors);

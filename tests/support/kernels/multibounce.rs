@@ -4,18 +4,21 @@ use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 use ::multibounce::kernel::tiles::{
     FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, QUARTERS, RUN_PARTS, RUN_QUADS, SPLITS,
-    SQUARE_WORDS, TILE, masked,
+    SQUARE_WORDS, TILE, tint,
 };
 use ::multibounce::{
     BlockCodec, BlockParams, Companding, FeedbackParams, MultiplyParams, TileQuad, TileSquare, round_all, weigh_all,
 };
 use glam::{UVec2, Vec4};
-use gpu_kernels::params::{CountParams, EnterParams};
+use gpu_kernels::params::{CountParams, EnterParams, ProjectParams};
 use gpu_kernels::table::ImageFormat;
 
 use super::{Bytes, Data, Random, Tables, buffer, call, offsets, room};
 
-/// Quads of two blocks, for one channel or for all, of short and long elements, and their words: those of the runs of
+/// Red and blue of the axes of the differences.
+const AXES: Vec4 = Vec4::new(0.8, -0.6, 0.6, 0.8);
+
+/// Quads of two blocks, for one colour or for all, of short and long elements, and their words: those of the runs of
 /// [`TILE_RUNS`] are alike.
 fn tile_quads(r: &mut Random) -> (Vec<TileQuad>, Vec<u32>) {
     let (mut groups, n) = (0, TILE_RUNS[TILE_RUNS.len() - 1]);
@@ -32,17 +35,17 @@ fn tile_quads(r: &mut Random) -> (Vec<TileQuad>, Vec<u32>) {
 /// First quads of runs, half of them of the first block.
 const TILE_RUNS: [u32; 13] = [0, 8, 9, 12, 16, 18, 20, 28, 29, 30, 34, 37, 40];
 
-/// The partner of each slot and sums for its channels.
+/// The partner of each slot and sums for the slots' channels.
 fn tile_sums(r: &mut Random, quads: &[TileQuad]) -> (Vec<u32>, Vec<Vec4>) {
-    // Partners are for the same channel, and so are their sums.
+    // Partners are for the same colour, and so are their sums.
     let (n, slots) = (quads.len() as u32, QUAD * quads.len() as u32);
     let other = |k: u32| {
-        let alike = |quad: &u32| quads[*quad as usize].channel() == quads[(k / QUAD) as usize].channel();
+        let alike = |quad: &u32| quads[*quad as usize].color() == quads[(k / QUAD) as usize].color();
         (0..n).map(|d| (k / QUAD + 5 + d) % n).find(alike).unwrap() * QUAD + k * 3 % QUAD
     };
     let partner = (0..slots).map(|k| if k % 7 == 3 { NO_SLOT } else { other(k) }).collect();
     let colors = r.colors(slots as usize);
-    let sum = |k: usize| masked(colors[k].truncate() - 0.4, quads[k / QUAD as usize].channel()).extend(0.0);
+    let sum = |k: usize| ((colors[k].truncate() - 0.4) * tint(quads[k / QUAD as usize].color(), AXES)).extend(0.0);
     (partner, (0..slots as usize).map(sum).collect())
 }
 
@@ -163,7 +166,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                 buffer("light", &light),
                 room::<Vec4>("sums", (QUAD * n) as usize),
             ];
-            call(count, CountParams { count }, tables)
+            call(count, ProjectParams { axes: AXES, count, reserved: [0; 3] }, tables)
         }
         "multibounce_tiles_expand" => {
             let (places, runs) = (2 * TILE, TILE_RUNS.len() as u32 - 1);

@@ -5,13 +5,13 @@ use ::multibounce::kernel::tiles::{
     SQUARE_WORDS, TILE,
 };
 use ::multibounce::{
-    ExpandTables, NearTables, TileQuad, TileSquare, enter_all, expand_all, leave_all, near_all, project_all, round_all,
-    weigh_all,
+    ExpandTables, NearTables, ProjectTables, TileQuad, TileSquare, enter_all, expand_all, leave_all, near_all,
+    project_all, round_all, weigh_all,
 };
 use ::scene::Rgb;
 
 use super::{HostCall, HostError, agreed};
-use crate::params::{CountParams, EnterParams};
+use crate::params::{CountParams, EnterParams, ProjectParams};
 use crate::table::Kernel;
 
 /// The greatest number in a table, and one more.
@@ -51,14 +51,15 @@ pub(crate) fn round(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 
 pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let elements = call.elements;
-    let (p, [runs, quads, words, scale, light, sums]) = call.parts::<CountParams, 6>(kernel)?;
+    let (p, [runs, quads, words, scale, light, sums]) = call.parts::<ProjectParams, 6>(kernel)?;
     let runs_count = agreed(elements, p.count)? / RUN_PARTS as usize;
     let n = runs_of(&runs.read::<u32>(runs_count + 1)?[..runs_count + 1]);
     let quads = &quads.read::<TileQuad>(n)?[..n];
     let words = words.read::<u32>(words_of(quads))?;
     let blocks = quads.iter().map(|quad| quad.block() as usize + 1).max().unwrap_or(0);
     let (slots, light) = (QUAD as usize * n, light.read::<u32>(blocks * LIGHT_WORDS as usize)?);
-    project_all(quads, words, scale.read(slots)?, light, sums.write(slots)?);
+    let tables = ProjectTables { axes: p.axes, quads, words, scale: scale.read(slots)? };
+    project_all(&tables, light, sums.write(slots)?);
     Ok(())
 }
 

@@ -7,7 +7,7 @@ use glam::{UVec2, UVec4, Vec4};
 use super::{Access, Aligned, ImageFormat, Kernel, buffer, image, read, write};
 use crate::host;
 use crate::invocation::WORKGROUP;
-use crate::params::{CountParams, EnterParams};
+use crate::params::{CountParams, EnterParams, ProjectParams};
 
 /// Product with a matrix in blocks of BC1 (`multibounce::BlockMatrix`), decoded in the kernel. An element is a row of blocks;
 /// `exitance` and `irradiance` are in the order of the blocks, `exitance` holds 4 elements for each column of blocks.
@@ -140,7 +140,7 @@ pub static MULTIBOUNCE_TILES_PROJECT: Kernel = Kernel {
     spv: spv!("multibounce_tiles_project"),
     workgroup: WORKGROUP,
     elements_per_group: WORKGROUP,
-    push_bytes: size_of::<CountParams>() as u32,
+    push_bytes: size_of::<ProjectParams>() as u32,
     bindings: &[
         read::<u32>("runs"),
         read::<TileQuad>("quads"),

@@ -10,6 +10,7 @@ mod source;
 use std::vec::Vec;
 
 use faer::Mat;
+use glam::Vec4;
 
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
@@ -20,7 +21,8 @@ use crate::types::{TileQuad, TileSquare};
 pub(super) use reduce::SIDE;
 
 pub use product::{
-    ExpandTables, NearTables, TileRoom, enter_all, expand_all, leave_all, near_all, project_all, round_all, weigh_all,
+    ExpandTables, NearTables, ProjectTables, TileRoom, enter_all, expand_all, leave_all, near_all, project_all,
+    round_all, weigh_all,
 };
 
 pub use rectangular::{MOST_TILE_RECEIVERS, RectangularRoom, RectangularTiles, SparseRows, TileSide};
@@ -43,8 +45,10 @@ pub enum Channels<'a> {
 
 /// A symmetric operator, `T̂ ≈ Σ_k s_k (u_k v_kᵀ + v_k u_kᵀ) + D + S`: the upper triangle is cut into tiles of [`TILE`] rows and
 /// columns, each the sum of a few pairs of vectors of 4 or 8 bits, of dense squares of 8 bits and of single entries of 16
-/// bits; a tile may have none of them. Three colour channels share what they have in common: green is the common part, red and
-/// blue are stored as differences to it, which have far fewer components, because the light that arrives directly is the same.
+/// bits; a tile may have none of them. Three colour channels share what they have in common: green is the common part. Red and
+/// blue are stored as differences to it, which have far fewer components, because the light that arrives directly is the same,
+/// and which are turned so that the first of their two axes has most of both: where walls are of one hue, red and blue differ
+/// from green alike.
 ///
 /// A component is kept when it takes more from the squared error than λ times its bytes, squares and entries likewise, and λ
 /// is found so that the whole has the error that was asked for. Errors that are even over neighbouring places are weighted by
@@ -67,6 +71,8 @@ pub struct Tiles {
     pub quads: Vec<TileQuad>,
     /// Elements of the vectors, in groups of [`LANES`] words.
     pub words: Vec<u32>,
+    /// Red and blue of the first axis of the differences, then of the second, [`crate::kernel::tiles::tint`].
+    pub axes: Vec4,
     /// What the sum of each slot is multiplied by.
     pub scale: Vec<f32>,
     /// Slot of the other vector of each slot's component, by whose sum the slot's is multiplied; [`NO_SLOT`] where that is

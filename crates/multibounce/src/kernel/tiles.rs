@@ -49,7 +49,7 @@ pub const NO_SLOT: u32 = u32::MAX;
 pub const BIAS: i32 = 128;
 /// See [`BIAS`].
 pub const SHORT_BIAS: i32 = 8;
-/// Channel of components that are for all three.
+/// Colour of components that are for all channels alike; 0 and 1 are for the differences of red and blue to green.
 pub const ALL_CHANNELS: u32 = 3;
 /// Words of a channel in a block of [`round`].
 pub const CHANNEL_WORDS: u32 = TWOS * LANES;
@@ -249,18 +249,23 @@ pub fn element(words: &[u32], vector: TileVector, r: u32) -> i32 {
     if part < TWOS { first_of(word, bias) } else { last_of(word, bias) }
 }
 
-/// The channels of a sum that a slot is for.
+/// What the channels of a sum are multiplied by, given the kind of its slot: all by 1, or red and blue by those of an axis of
+/// the differences, whose two are in `axes`.
 #[inline]
-pub fn masked(sum: Vec3, channel: u32) -> Vec3 {
-    if channel == 0 {
-        Vec3::new(sum.x, 0.0, 0.0)
-    } else if channel == 1 {
-        Vec3::new(0.0, sum.y, 0.0)
-    } else if channel == 2 {
-        Vec3::new(0.0, 0.0, sum.z)
+pub fn tint(color: u32, axes: Vec4) -> Vec3 {
+    if color == ALL_CHANNELS {
+        Vec3::ONE
+    } else if color == 0 {
+        Vec3::new(axes.x, 0.0, axes.y)
     } else {
-        sum
+        Vec3::new(axes.z, 0.0, axes.w)
     }
+}
+
+/// The channels of a sum that a slot is for: green has no differences.
+#[inline]
+fn masked(sum: Vec3, color: u32) -> Vec3 {
+    if color == ALL_CHANNELS { sum } else { Vec3::new(sum.x, 0.0, sum.z) }
 }
 
 /// Place `p` of the ordered exitance, `x_p = √a_i B_i` with `i = order[p]`; 0 beyond the patches.
@@ -404,13 +409,14 @@ pub fn quads_of(k: u32, runs: &[u32]) -> (u32, u32) {
     }
 }
 
-/// Sums of the slots of [`quads_of`], `z = s (v·x)`, for their channels. What is beyond them says nothing.
+/// Sums of the slots of [`quads_of`], `z = s (v·x)`, for their channels, times their [`tint`]. What is beyond them says nothing.
 ///
 /// Shapes, by fours: `quads[n]`, `scale[n]`, `words[groups · QUARTERS]`, `light` of [`round`]. Needs `first < n`.
 #[inline]
 pub fn project(
     first: u32,
     count: u32,
+    axes: Vec4,
     quads: &[TileQuad],
     words: &[UVec4],
     scale: &[Vec4],
@@ -439,26 +445,28 @@ pub fn project(
         }
     }
     let steps = steps_at(light, quad.block() * (LIGHT_WORDS / 4) + 3 * CHANNEL_WORDS / 4);
+    // Steps are powers of two: nothing is rounded.
+    let steps = steps * tint(quad.color(), axes);
     let (x, y) = (scale[first as usize], scale[second as usize]);
     let (z, w) = (scale[third as usize], scale[last as usize]);
-    let channel = quad.channel();
+    let color = quad.color();
     [
-        masked(p.a.as_vec3() * steps * x.x, channel).extend(0.0),
-        masked(p.b.as_vec3() * steps * x.y, channel).extend(0.0),
-        masked(p.c.as_vec3() * steps * x.z, channel).extend(0.0),
-        masked(p.d.as_vec3() * steps * x.w, channel).extend(0.0),
-        masked(q.a.as_vec3() * steps * y.x, channel).extend(0.0),
-        masked(q.b.as_vec3() * steps * y.y, channel).extend(0.0),
-        masked(q.c.as_vec3() * steps * y.z, channel).extend(0.0),
-        masked(q.d.as_vec3() * steps * y.w, channel).extend(0.0),
-        masked(r.a.as_vec3() * steps * z.x, channel).extend(0.0),
-        masked(r.b.as_vec3() * steps * z.y, channel).extend(0.0),
-        masked(r.c.as_vec3() * steps * z.z, channel).extend(0.0),
-        masked(r.d.as_vec3() * steps * z.w, channel).extend(0.0),
-        masked(s.a.as_vec3() * steps * w.x, channel).extend(0.0),
-        masked(s.b.as_vec3() * steps * w.y, channel).extend(0.0),
-        masked(s.c.as_vec3() * steps * w.z, channel).extend(0.0),
-        masked(s.d.as_vec3() * steps * w.w, channel).extend(0.0),
+        masked(p.a.as_vec3() * steps * x.x, color).extend(0.0),
+        masked(p.b.as_vec3() * steps * x.y, color).extend(0.0),
+        masked(p.c.as_vec3() * steps * x.z, color).extend(0.0),
+        masked(p.d.as_vec3() * steps * x.w, color).extend(0.0),
+        masked(q.a.as_vec3() * steps * y.x, color).extend(0.0),
+        masked(q.b.as_vec3() * steps * y.y, color).extend(0.0),
+        masked(q.c.as_vec3() * steps * y.z, color).extend(0.0),
+        masked(q.d.as_vec3() * steps * y.w, color).extend(0.0),
+        masked(r.a.as_vec3() * steps * z.x, color).extend(0.0),
+        masked(r.b.as_vec3() * steps * z.y, color).extend(0.0),
+        masked(r.c.as_vec3() * steps * z.z, color).extend(0.0),
+        masked(r.d.as_vec3() * steps * z.w, color).extend(0.0),
+        masked(s.a.as_vec3() * steps * w.x, color).extend(0.0),
+        masked(s.b.as_vec3() * steps * w.y, color).extend(0.0),
+        masked(s.c.as_vec3() * steps * w.z, color).extend(0.0),
+        masked(s.d.as_vec3() * steps * w.w, color).extend(0.0),
     ]
 }
 

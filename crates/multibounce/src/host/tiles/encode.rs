@@ -3,6 +3,8 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::vec::Vec;
 
+use faer::{unzip, zip};
+use glam::Vec4;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 
@@ -45,7 +47,7 @@ impl Tiles {
             return Err(Error::Setting { name: "epsilon", value: epsilon, rule: "at least 0.000001 and below 1" });
         }
         let place = checked_places(area, order)?;
-        let source = Source::new(channels, area, order, &place)?;
+        let mut source = Source::new(channels, area, order, &place)?;
         let blocks = n.div_ceil(SIDE);
         let all: Vec<(usize, usize)> = (0..blocks).flat_map(|i| (i..blocks).map(move |j| (i, j))).collect();
         let some: Vec<(usize, usize)> = if all.len() < MANY_TILES {
@@ -53,6 +55,7 @@ impl Tiles {
         } else {
             all.iter().copied().filter(|&(i, j)| hash3(i as u32, j as u32, 0).is_multiple_of(PART)).collect()
         };
+        source.turn_axes(&some)?;
         let silent = |_: usize, _: usize| Proceed::Continue(());
 
         // λ from a part of the tiles first, then from all of them, each time a little less when it was too much.
@@ -100,20 +103,20 @@ impl Tiles {
                 rule: "more: single precision cannot give it",
             });
         };
-        Ok(Self::assemble(area, order, place, &all, parts, rows, norms))
+        let [first, second] = source.axes;
+        let tables = Self {
+            order: order.to_vec(),
+            place,
+            root: area.iter().map(|&a| scene::math::sqrt(a)).collect(),
+            axes: Vec4::new(first[0], first[1], second[0], second[1]),
+            ..Self::default()
+        };
+        Ok(tables.assemble(&all, parts, rows, norms))
     }
 
     /// Tables from the tiles' parts.
-    fn assemble(
-        area: &[f32],
-        order: &[u32],
-        place: Vec<u32>,
-        tiles: &[(usize, usize)],
-        parts: Vec<Part>,
-        rows: Rows,
-        norms: [f64; 3],
-    ) -> Self {
-        let blocks = area.len().div_ceil(SIDE);
+    fn assemble(self, tiles: &[(usize, usize)], parts: Vec<Part>, rows: Rows, norms: [f64; 3]) -> Self {
+        let blocks = self.blocks();
         let mut report = TileReport::default();
         let squares = Squares::pack(tiles, &parts, blocks * SIDE / EDGE, true);
         // Vectors of the blocks: component, side, and what makes them alike.
@@ -122,7 +125,7 @@ impl Tiles {
         for (&(i, j), part) in tiles.iter().zip(&parts) {
             report.add(part);
             for component in &part.components {
-                let alike = (component.channel, component.is_short);
+                let alike = (component.color, component.is_short);
                 let vector = |side, is_multiplied| Vector { alike, is_multiplied, component: components.len(), side };
                 vectors[i].push(vector(0, true));
                 // A tile on the diagonal is whole: its second vectors only make sums.
@@ -134,7 +137,7 @@ impl Tiles {
             *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
         }
         let Bank { run_start, runs, quads, words, slots } =
-            Bank::new(&mut vectors, |vector| components[vector.component].words(vector.side));
+            Bank::new(&mut vectors, |vector| &components[vector.component].words[vector.side]);
         let scale = slots.iter().map(|slot| slot.map_or(0.0, |vector| components[vector.component].scale)).collect();
         let mut slot_of = vec![[NO_SLOT; 2]; components.len()];
         for (slot, vector) in (0u32..).zip(&slots) {
@@ -149,9 +152,6 @@ impl Tiles {
         let partner = slots.iter().map(partner).collect();
         let Rows { row_start, entries, steps, .. } = rows;
         Self {
-            order: order.to_vec(),
-            place,
-            root: area.iter().map(|&a| scene::math::sqrt(a)).collect(),
             run_start,
             runs,
             quads,
@@ -165,6 +165,7 @@ impl Tiles {
             entries,
             steps,
             report,
+            ..self
         }
     }
 }
@@ -185,7 +186,7 @@ impl TileReport {
             *sum += error;
         }
         for component in &part.components {
-            self.components[usize::from(component.channel != ALL_CHANNELS)] += 1;
+            self.components[usize::from(component.color != ALL_CHANNELS)] += 1;
         }
     }
 }
@@ -386,23 +387,21 @@ impl Source<'_> {
     }
 
     fn part(&self, at: (usize, usize), lambda: f32) -> Result<Part, Error> {
-        let mut part = Part::default();
-        let mut common = self.common(at)?;
-        let given = [self.other(0, at)?, self.other(1, at)?].map(|tile| tile.map(|tile| tile - &common));
+        let (mut part, prices) = (Part::default(), Prices { lambda, ..Prices::SYMMETRIC });
         let weights = (&self.weights[at.0], &self.weights[at.1]);
-        let prices = Prices { lambda, ..Prices::SYMMETRIC };
-        reduce(&mut common, weights, &prices, ALL_CHANNELS, true, &mut part);
-        part.error[1] = twice(at) * squared_norm(&common);
-        for (k, channel) in [(0, 0), (1, 2)] {
-            part.error[channel] = match &given[k] {
-                Some(difference) => {
-                    let mut rest = difference.clone();
-                    reduce(&mut rest, weights, &prices, channel as u32, false, &mut part);
-                    twice(at) * squared_norm(&(rest + &common))
-                }
-                None => part.error[1],
-            };
+        let mut planes = self.planes(at)?;
+        for (plane, color) in planes.iter_mut().zip([ALL_CHANNELS, 0, 1]) {
+            reduce(plane, weights, &prices, color, &mut part);
         }
+        part.error = [squared_norm(&planes[0]); 3];
+        if let [common, first, second] = &planes[..] {
+            let [one, other] = self.axes;
+            for (channel, a, b) in [(0, one[0], other[0]), (2, one[1], other[1])] {
+                let rest = zip!(common, first, second).map(|unzip!(common, x, y)| common + a * x + b * y);
+                part.error[channel] = squared_norm(&rest);
+            }
+        }
+        part.error = part.error.map(|error| twice(at) * error);
         Ok(part)
     }
 }

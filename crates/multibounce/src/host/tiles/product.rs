@@ -10,8 +10,8 @@ use super::{Tiles, check_bank, check_below, check_finite, check_starts};
 use crate::error::{Error, check_length};
 use crate::kernel::tiles::{
     ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PAIRS_AT, PARTS, PLACES, QUAD,
-    RUN_PAIRS, RUN_QUADS, SHORT_BIAS, SPLITS, SQUARE_WORDS, TILE, TWOS, element, enter, inverse_of, leave, masked,
-    row_of, split_of, step_of, whole,
+    RUN_PAIRS, RUN_QUADS, SHORT_BIAS, SPLITS, SQUARE_WORDS, TILE, TWOS, element, enter, inverse_of, leave, row_of,
+    split_of, step_of, tint, whole,
 };
 use crate::types::{TileQuad, TileSquare};
 
@@ -63,7 +63,7 @@ impl Tiles {
         self.prepare(exitance, &mut ordered[..self.blocks() * SIDE], light);
         // Neither needs the other: one pause of the cores less.
         rayon::join(
-            || project_all(&self.quads, &self.words, &self.scale, light, sums),
+            || project_all(&self.project_tables(), light, sums),
             || near_all(&self.near_tables(), light, ordered, near),
         );
         expand_by(&self.expand_tables(), Sums { runs: &self.runs, partner: &self.partner, sums }, rows);
@@ -103,7 +103,7 @@ impl Tiles {
             let vector = |slot: u32| self.quads[(slot / QUAD) as usize].vector(slot % QUAD);
             let quad = self.quads[(partner / QUAD) as usize];
             let factor = self.scale[partner as usize] * element(&self.words, vector(slot), r) as f32;
-            let factor = masked(Vec3::splat(factor), quad.channel());
+            let factor = factor * tint(quad.color(), self.axes);
             let first = quad.block() as usize * SIDE;
             for (c, sum) in places[first..first + SIDE].iter_mut().enumerate() {
                 *sum += factor * element(&self.words, vector(partner), c as u32) as f32;
@@ -125,6 +125,12 @@ impl Tiles {
             *value = places[self.place[j] as usize] * (self.root[j] / self.root[i]);
         }
         Ok(())
+    }
+
+    /// The tables of [`project_all`].
+    pub fn project_tables(&self) -> ProjectTables<'_> {
+        let Self { axes, quads, words, scale, .. } = self;
+        ProjectTables { axes: *axes, quads, words, scale }
     }
 
     /// The tables of [`expand_all`].
@@ -195,8 +201,22 @@ impl WithLanes for Round<'_> {
     }
 }
 
+/// What [`project_all`] reads beside the light.
+#[derive(Clone, Copy, Debug)]
+pub struct ProjectTables<'a> {
+    /// Red and blue of the axes of the differences, [`tint`].
+    pub axes: Vec4,
+    /// Vectors by fours, block by block, alike ones together.
+    pub quads: &'a [TileQuad],
+    /// Their elements, in groups of [`LANES`] words.
+    pub words: &'a [u32],
+    /// What the sum of each slot is multiplied by.
+    pub scale: &'a [f32],
+}
+
 /// [`crate::kernel::tiles::project`] for every quad, bit for bit.
-pub fn project_all(quads: &[TileQuad], words: &[u32], scale: &[f32], light: &[u32], sums: &mut [Vec4]) {
+pub fn project_all(tables: &ProjectTables, light: &[u32], sums: &mut [Vec4]) {
+    let ProjectTables { axes, quads, words, scale } = *tables;
     let (groups, _) = words.as_chunks::<GROUP>();
     let ((light, _), (scale, _)) = (light.as_chunks::<GROUP>(), scale.as_chunks::<FOUR>());
     let (sums, _) = sums.as_chunks_mut::<FOUR>();
@@ -208,7 +228,8 @@ pub fn project_all(quads: &[TileQuad], words: &[u32], scale: &[f32], light: &[u3
             done = end;
             let block = (LIGHT_WORDS / LANES) as usize * alike[0].block() as usize;
             let light = &light[block..block + (LIGHT_WORDS / LANES) as usize];
-            let steps = steps_of(&light[(3 * CHANNEL_WORDS / LANES) as usize]);
+            let steps = Vec3::from_array(steps_of(&light[(3 * CHANNEL_WORDS / LANES) as usize]));
+            let steps = (steps * tint(alike[0].color(), axes)).to_array();
             // Nothing comes of darkness.
             if steps == [0.0; 3] {
                 sums[first..end].fill([Vec4::ZERO; FOUR]);
@@ -426,14 +447,14 @@ impl WithLanes for Squares<'_> {
     }
 }
 
-/// Calls a function for elements of 4 or 8 bits, of one channel or of all.
+/// Calls a function for elements of 4 or 8 bits, of all channels or of red and blue.
 macro_rules! for_kind {
     ($quad:expr, $lanes:ty, $own:ident.$function:ident($($argument:expr),*)) => {
-        match ($quad.is_short(), $quad.channel()) {
+        match ($quad.is_short(), $quad.color()) {
             (true, ALL_CHANNELS) => $own.$function::<$lanes, true, 1, 3>($($argument,)* [0, 1, 2]),
-            (true, channel) => $own.$function::<$lanes, true, 1, 1>($($argument,)* [channel as usize]),
+            (true, _) => $own.$function::<$lanes, true, 1, 2>($($argument,)* [0, 2]),
             (false, ALL_CHANNELS) => $own.$function::<$lanes, false, 2, 3>($($argument,)* [0, 1, 2]),
-            (false, channel) => $own.$function::<$lanes, false, 2, 1>($($argument,)* [channel as usize]),
+            (false, _) => $own.$function::<$lanes, false, 2, 2>($($argument,)* [0, 2]),
         }
     };
 }

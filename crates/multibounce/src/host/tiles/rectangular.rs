@@ -9,7 +9,9 @@ use rayon::prelude::*;
 use scene::sampling::hash3;
 
 use super::encode::{Bank, CLOSE, MOST_ROUNDS, Rows, Squares, Vector, checked_places, next_lambda};
-use super::product::{ExpandTables, NearTables, enter_all, expand_all, near_all, project_all, round_all, weigh_all};
+use super::product::{
+    ExpandTables, NearTables, ProjectTables, enter_all, expand_all, near_all, project_all, round_all, weigh_all,
+};
 use super::reduce::{Component, Part, Prices, SIDE, Weights, reduce, squared_norm};
 use super::{MOST_TILE_PATCHES, TileReport, check_bank, check_below, check_finite, check_root};
 use crate::error::{Error, check_length};
@@ -160,7 +162,7 @@ impl Source<'_> {
                 let mut tile = dense(&entries);
                 whole += squared_norm(&tile);
                 let mut part = Part::default();
-                reduce(&mut tile, (&self.even, &self.light[j]), prices, ALL_CHANNELS, true, &mut part);
+                reduce(&mut tile, (&self.even, &self.light[j]), prices, ALL_CHANNELS, &mut part);
                 parts.push((j, Part { error: [squared_norm(&tile); 3], ..part }));
             }
         }
@@ -316,7 +318,7 @@ impl RectangularTiles {
         for (&(i, j), part) in at.iter().zip(parts) {
             report.add(part);
             for (component, number) in part.components.iter().zip(&mut own) {
-                let alike = (component.channel, component.is_short);
+                let alike = (component.color, component.is_short);
                 let vector = |side| Vector { alike, is_multiplied: side == 0, component: number, side };
                 rows[i].push(vector(0));
                 columns[j].push(vector(1));
@@ -324,8 +326,8 @@ impl RectangularTiles {
         }
         report.tiles[0] += self.blocks() * self.sender_blocks() - at.len();
         report.error = [error; 3];
-        let rows = Bank::new(&mut rows, |vector| components[vector.component].words(0));
-        let columns = Bank::new(&mut columns, |vector| components[vector.component].words(1));
+        let rows = Bank::new(&mut rows, |vector| &components[vector.component].words[0]);
+        let columns = Bank::new(&mut columns, |vector| &components[vector.component].words[1]);
         let scale = |slot: &Option<&Vector>| slot.map_or(0.0, |vector| components[vector.component].scale);
         let mut slot_of = vec![NO_SLOT; components.len()];
         for (slot, vector) in (0u32..).zip(&columns.slots) {
@@ -442,7 +444,7 @@ impl RectangularTiles {
         factors.resize(self.runs.len().saturating_sub(1) * FACTOR_WORDS as usize, 0);
         enter_all(&self.sender_order, &self.sender_root, exitance, &mut ordered[..columns]);
         round_all(&ordered[..columns], light);
-        project_all(&self.sender_quads, &self.sender_words, &self.scale, light, sums);
+        project_all(&self.project_tables(), light, sums);
         weigh_all(&self.runs, &self.partner, sums, factors);
         // Receivers that stand in their order are written where they belong at once.
         let is_ordered = self.place.iter().zip(0..).all(|(&place, i)| place == i);
@@ -485,6 +487,11 @@ impl RectangularTiles {
                 *out = leave(r as u32, &own, &roots, &rows, &near);
             }
         });
+    }
+
+    /// The tables of [`project_all`].
+    pub fn project_tables(&self) -> ProjectTables<'_> {
+        ProjectTables { axes: Vec4::ZERO, quads: &self.sender_quads, words: &self.sender_words, scale: &self.scale }
     }
 
     /// The tables of [`expand_all`].

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use faer::Mat;
 
-use crate::kernel::tiles::{BIAS, LANES, SHORT_BIAS, TILE, TWOS};
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, SHORT_BIAS, TILE, TWOS};
 use crate::types::TileQuad;
 
 /// Size of a tile.
@@ -14,14 +14,17 @@ pub(super) const EDGE: usize = LANES as usize;
 /// Largest elements of vectors of 4 and of 8 bits.
 const MOST_SHORT: f32 = 7.0;
 const MOST_LONG: f32 = 127.0;
-/// An entry is taken out before components are looked for when it is so many times greater than those that are kept.
-const PEAK: f32 = 4.0;
 /// Times that what components, squares and entries leave is looked at again.
 const MOST_STAGES: usize = 6;
 /// Components and squares up to which a tile is not tried again.
 const FEW_PARTS: usize = 8;
-/// How many times its bytes a component must be worth to come before squares, in the other tries; in the last, none is.
-const FIRST: [f32; 3] = [6.0, 36.0, f32::INFINITY];
+/// What is taken from a tile first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Start {
+    Components,
+    /// And squares.
+    Entries,
+}
 
 /// What parts of a tile cost, bytes, and what a byte must take from the squared error.
 #[derive(Clone, Copy)]
@@ -32,23 +35,19 @@ pub(super) struct Prices {
     pub long: f32,
     pub square: f32,
     pub entry: f32,
-    /// Orders in which parts are taken that are tried besides: how many times its bytes a component must be worth to come before
-    /// squares.
-    pub tries: &'static [f32],
 }
 
 impl Prices {
     /// Both vectors of a component are projected and expanded. An entry is 8 bytes on both sides of the diagonal, but the time
     /// of 12 bytes of components.
     pub const SYMMETRIC: Self = Self::new((2 * (8 + size_of::<TileQuad>() / 4)) as f32, 12.0);
-    /// One vector is projected, which has a scale, the other expanded, which has a partner; an entry is in one row. There are too
-    /// many tiles to try other orders.
-    pub const RECTANGULAR: Self = Self { tries: &[], ..Self::new((2 * (4 + size_of::<TileQuad>() / 4)) as f32, 8.0) };
+    /// One vector is projected, which has a scale, the other expanded, which has a partner; an entry is in one row.
+    pub const RECTANGULAR: Self = Self::new((2 * (4 + size_of::<TileQuad>() / 4)) as f32, 8.0);
 
     /// With so much for a component beside its vectors, and for an entry.
     const fn new(fixed: f32, entry: f32) -> Self {
         let (short, square) = (SIDE as f32 + fixed, (EDGE * EDGE + 8) as f32);
-        Self { lambda: 0.0, short, long: short + SIDE as f32, square, entry, tries: &FIRST }
+        Self { lambda: 0.0, short, long: short + SIDE as f32, square, entry }
     }
 
     /// Of all that a tile became.
@@ -63,18 +62,10 @@ impl Prices {
 /// A pair of vectors of a tile.
 pub(super) struct Component {
     pub scale: f32,
-    pub channel: u32,
+    pub color: u32,
     pub is_short: bool,
-    /// Groups of words.
-    pub rows: Vec<u32>,
-    pub columns: Vec<u32>,
-}
-
-impl Component {
-    /// Of the vector along the rows (0) or along the columns.
-    pub fn words(&self, side: usize) -> &[u32] {
-        if side == 0 { &self.rows } else { &self.columns }
-    }
+    /// Groups of words along the rows and along the columns.
+    pub words: [Vec<u32>; 2],
 }
 
 /// A dense part of a tile: [`EDGE`] rows and columns.
@@ -98,6 +89,12 @@ pub(super) struct Part {
 }
 
 impl Part {
+    fn append(&mut self, other: &mut Self) {
+        self.components.append(&mut other.components);
+        self.squares.append(&mut other.squares);
+        self.entries.append(&mut other.entries);
+    }
+
     fn count(&self) -> usize {
         self.components.len() + self.squares.len() + self.entries.len()
     }
@@ -105,7 +102,13 @@ impl Part {
 
 /// Sum of the squares.
 pub(super) fn squared_norm(tile: &Mat<f32>) -> f64 {
-    tile.col_iter().flat_map(|column| column.iter()).map(|&x| f64::from(x) * f64::from(x)).sum()
+    dot(tile, tile)
+}
+
+/// Sum of the products.
+pub(super) fn dot(a: &Mat<f32>, b: &Mat<f32>) -> f64 {
+    let columns = a.col_iter().zip(b.col_iter());
+    columns.flat_map(|(a, b)| a.iter().zip(b.iter())).map(|(&a, &b)| f64::from(a) * f64::from(b)).sum()
 }
 
 /// What errors count that are even over some neighbours, in a block of the order: light is even over neighbours, so that such
@@ -197,70 +200,70 @@ fn weighted(tile: &Mat<f32>, (left, right): (&Weights, &Weights)) -> Mat<f32> {
     right.right(&left.left(tile))
 }
 
-/// Takes components, squares and entries out of a tile as long as they are worth their bytes, in the order that leaves least
-/// error and bytes.
+/// Takes components, and squares and entries from what all channels have in common, out of a tile as long as they are worth
+/// their bytes.
 ///
-/// Squares are for what is dense and of high rank, and each component that is found first makes them less dense: so a tile of
-/// many parts is tried again, with squares after the components that are worth many times their bytes, or before all.
-pub(super) fn reduce(
-    rest: &mut Mat<f32>,
-    weights: (&Weights, &Weights),
-    prices: &Prices,
-    channel: u32,
-    may_have_entries: bool,
-    part: &mut Part,
-) {
-    let cost = |rest: &Mat<f32>, part: &Part| {
+/// Each is looked for in what the others leave, in turn. What is taken first decides where that ends: components that stand for
+/// what a square holds, or squares where few components would do. So a tile of many parts is begun from both ends, and what
+/// leaves less error and bytes is kept.
+pub(super) fn reduce(rest: &mut Mat<f32>, weights: (&Weights, &Weights), prices: &Prices, color: u32, part: &mut Part) {
+    if color != ALL_CHANNELS {
+        return take(rest, weights, prices, color, part);
+    }
+    let cost = |(rest, part): &(Mat<f32>, Part)| {
         squared_norm(&weighted(rest, weights)) + f64::from(prices.lambda * prices.of(part))
     };
-    let (whole, mut own) = (rest.clone(), Part::default());
-    take(rest, weights, prices, channel, may_have_entries, None, &mut own);
-    if may_have_entries && own.components.len() + own.squares.len() > FEW_PARTS {
-        let mut least = cost(rest, &own);
-        for &first in prices.tries {
-            let (mut left, mut other) = (whole.clone(), Part::default());
-            take(&mut left, weights, prices, channel, true, Some(first), &mut other);
-            let found = cost(&left, &other);
-            if found < least {
-                (least, own) = (found, other);
-                *rest = left;
-            }
+    let mut least = begin(Start::Components, rest, weights, prices);
+    if least.1.components.len() + least.1.squares.len() > FEW_PARTS {
+        let other = begin(Start::Entries, rest, weights, prices);
+        if cost(&other) < cost(&least) {
+            least = other;
         }
     }
-    part.components.append(&mut own.components);
-    part.squares.append(&mut own.squares);
-    part.entries.append(&mut own.entries);
+    let mut own;
+    (*rest, own) = least;
+    part.append(&mut own);
 }
 
-/// Great entries are set aside first, for they would need many components; then components; then squares and entries; and
-/// again, because few bits leave something. With `first`, components that are worth so many times their bytes, and squares,
-/// before all.
-fn take(
-    rest: &mut Mat<f32>,
-    weights: (&Weights, &Weights),
-    prices: &Prices,
-    channel: u32,
-    may_have_entries: bool,
-    first: Option<f32>,
-    part: &mut Part,
-) {
-    if let Some(times) = first {
-        take_components(rest, weights, times, prices, channel, part);
-        take_squares(rest, prices, &mut part.squares);
-    }
-    for stage in 0..MOST_STAGES {
+/// What is left of a tile, and what is taken.
+fn begin(start: Start, tile: &Mat<f32>, weights: (&Weights, &Weights), prices: &Prices) -> (Mat<f32>, Part) {
+    let smooth = match start {
+        Start::Components => tile.clone(),
+        Start::Entries => tile - stands_out(tile, prices),
+    };
+    // Squares and entries are what stands out from components with all of their bits.
+    let single = stands_out(&(tile - low_rank(&smooth, weights, prices)), prices);
+    let (mut rest, mut part) = (tile - &single, Part::default());
+    take_components(&mut rest, weights, prices, ALL_CHANNELS, &mut part.components);
+    rest += single;
+    take_squares(&mut rest, prices, &mut part.squares);
+    take_entries(&mut rest, prices, &mut part.entries);
+    take(&mut rest, weights, prices, ALL_CHANNELS, &mut part);
+    (rest, part)
+}
+
+/// The components that are worth their bytes, with all of their bits.
+fn low_rank(tile: &Mat<f32>, weights: (&Weights, &Weights), prices: &Prices) -> Mat<f32> {
+    let Some((u, v)) = components(tile, weights, prices.lambda * prices.short) else { return Mat::zeros(SIDE, SIDE) };
+    u * v.transpose()
+}
+
+/// The squares and entries that are worth their bytes, with all of their bits; 0 in between.
+fn stands_out(rest: &Mat<f32>, prices: &Prices) -> Mat<f32> {
+    let (mut left, mut part) = (rest.clone(), Part::default());
+    take_squares(&mut left, prices, &mut part.squares);
+    take_entries(&mut left, prices, &mut part.entries);
+    rest - left
+}
+
+/// Takes components, squares and entries, and again, because few bits leave something.
+fn take(rest: &mut Mat<f32>, weights: (&Weights, &Weights), prices: &Prices, color: u32, part: &mut Part) {
+    for _ in 0..MOST_STAGES {
         let before = part.count();
-        let mut peaks = Vec::new();
-        if may_have_entries && stage == 0 {
-            take_entries(rest, prices.lambda * prices.entry * PEAK * PEAK, &mut peaks);
-        }
-        take_components(rest, weights, 1.0, prices, channel, part);
-        for &(r, c, value) in &peaks {
-            rest[(r as usize, c as usize)] += value;
-        }
-        if may_have_entries {
+        take_components(rest, weights, prices, color, &mut part.components);
+        if color == ALL_CHANNELS {
             take_squares(rest, prices, &mut part.squares);
-            take_entries(rest, prices.lambda * prices.entry, &mut part.entries);
+            take_entries(rest, prices, &mut part.entries);
         }
         if before == part.count() {
             return;
@@ -297,11 +300,11 @@ fn take_squares(rest: &mut Mat<f32>, prices: &Prices, out: &mut Vec<Square>) {
     }
 }
 
-fn take_entries(rest: &mut Mat<f32>, least: f32, out: &mut Vec<(u8, u8, f32)>) {
+fn take_entries(rest: &mut Mat<f32>, prices: &Prices, out: &mut Vec<(u8, u8, f32)>) {
     for c in 0..SIDE {
         for r in 0..SIDE {
             let value = rest[(r, c)];
-            if value * value > least {
+            if value * value > prices.lambda * prices.entry {
                 out.push((r as u8, c as u8, value));
                 rest[(r, c)] = 0.0;
             }
@@ -309,44 +312,47 @@ fn take_entries(rest: &mut Mat<f32>, least: f32, out: &mut Vec<(u8, u8, f32)>) {
     }
 }
 
+/// Vectors of the components of a tile that take more than `least` from its weighted squared error, one a column: `u vᵀ`.
+fn components(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(Mat<f32>, Mat<f32>)> {
+    let weighted = weighted(tile, weights);
+    // Squares of singular values add up to those of the entries.
+    if squared_norm(&weighted) <= f64::from(least) {
+        return None;
+    }
+    let svd = weighted.thin_svd().ok()?;
+    let sigma = svd.S().column_vector();
+    // The values descend.
+    let count = (0..sigma.nrows()).take_while(|&k| sigma[k] * sigma[k] > least && sigma[k].is_finite()).count();
+    let (mut u, v) = (weights.0.back(svd.U().subcols(0, count)), weights.1.back(svd.V().subcols(0, count)));
+    for k in 0..count {
+        u.col_mut(k).iter_mut().for_each(|x| *x *= sigma[k]);
+    }
+    Some((u, v))
+}
+
 fn take_components(
     rest: &mut Mat<f32>,
     weights: (&Weights, &Weights),
-    worth: f32,
     prices: &Prices,
-    channel: u32,
-    part: &mut Part,
+    color: u32,
+    out: &mut Vec<Component>,
 ) {
-    if worth.is_infinite() {
-        return;
-    }
-    let weighted = weighted(rest, weights);
-    let least = worth * prices.lambda * prices.short;
-    // Squares of singular values add up to those of the entries.
-    if squared_norm(&weighted) <= f64::from(least) {
-        return;
-    }
-    let Ok(svd) = weighted.thin_svd() else { return };
-    let sigma = svd.S().column_vector();
-    // The values descend.
-    let count = (0..SIDE).take_while(|&k| sigma[k] * sigma[k] > least && sigma[k].is_finite()).count();
-    let (u, v) = (weights.0.back(svd.U().subcols(0, count)), weights.1.back(svd.V().subcols(0, count)));
-    for k in 0..count {
-        let (u, v) = (u.col(k), v.col(k));
+    let Some((u, v)) = components(rest, weights, prices.lambda * prices.short) else { return };
+    for (u, v) in u.col_iter().zip(v.col_iter()) {
         let short = Rounded::new(u, v, MOST_SHORT);
         let long = Rounded::new(u, v, MOST_LONG);
         let (Some(short), Some(long)) = (short, long) else { continue };
-        let saved = sigma[k] * sigma[k] * (short.error - long.error);
+        let saved = short.error - long.error;
         let is_short = saved <= prices.lambda * (prices.long - prices.short);
         let rounded = if is_short { short } else { long };
-        let scale = sigma[k] * rounded.scale;
+        let scale = rounded.scale;
         for (c, column) in rounded.columns.iter().enumerate() {
             for (r, row) in rounded.rows.iter().enumerate() {
                 rest[(r, c)] -= scale * row * column;
             }
         }
-        let (rows, columns) = (pack(&rounded.rows, is_short), pack(&rounded.columns, is_short));
-        part.components.push(Component { scale, channel, is_short, rows, columns });
+        let words = [&rounded.rows, &rounded.columns].map(|vector| pack(vector, is_short));
+        out.push(Component { scale, color, is_short, words });
     }
 }
 

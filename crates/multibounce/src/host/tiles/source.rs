@@ -2,11 +2,11 @@
 
 use std::vec::Vec;
 
-use faer::Mat;
+use faer::{Mat, unzip, zip};
 use rayon::prelude::*;
 
 use super::Channels;
-use super::reduce::{SIDE, Weights, squared_norm};
+use super::reduce::{SIDE, Weights, dot, squared_norm};
 use crate::error::{Error, check_length};
 use crate::host::solve::Factors;
 use crate::host::stored::StoredOperator;
@@ -76,8 +76,10 @@ impl Matrix<'_> {
 pub(super) struct Source<'a> {
     common: Matrix<'a>,
     /// Red and blue, when they differ from the common one.
-    others: [Option<Matrix<'a>>; 2],
+    others: Option<[Matrix<'a>; 2]>,
     order: &'a [u32],
+    /// Red and blue of the first axis of the differences, then of the second: unit vectors at a right angle.
+    pub axes: [[f32; 2]; 2],
     /// Of each block.
     pub weights: Vec<Weights>,
 }
@@ -85,33 +87,57 @@ pub(super) struct Source<'a> {
 impl<'a> Source<'a> {
     pub fn new(channels: Channels<'a>, area: &[f32], order: &'a [u32], place: &[u32]) -> Result<Self, Error> {
         let (common, others) = match channels {
-            Channels::One(matrix) => (dense(matrix, order.len())?, [None, None]),
+            Channels::One(matrix) => (dense(matrix, order.len())?, None),
             Channels::Three([red, green, blue]) => {
                 let [red, blue] = [dense(red, order.len())?, dense(blue, order.len())?];
-                (dense(green, order.len())?, [Some(red), Some(blue)])
+                (dense(green, order.len())?, Some([red, blue]))
             }
             Channels::Stored([red, green, blue]) => {
                 let [red, blue] = [stored(red, order)?, stored(blue, order)?];
-                (stored(green, order)?, [Some(red), Some(blue)])
+                (stored(green, order)?, Some([red, blue]))
             }
             Channels::Factors(factors) => {
                 check_length("rows", order.len(), factors.patches())?;
-                (Matrix::sparse(&factors, order, place)?, [None, None])
+                (Matrix::sparse(&factors, order, place)?, None)
             }
         };
         let root = |&i: &u32| scene::math::sqrt(area[i as usize]);
         let weights = |block: &[u32]| Weights::new(&block.iter().map(root).collect::<Vec<_>>());
-        Ok(Self { common, others, order, weights: order.chunks(SIDE).map(weights).collect() })
+        let weights = order.par_chunks(SIDE).map(weights).collect();
+        Ok(Self { common, others, order, axes: [[1.0, 0.0], [0.0, 1.0]], weights })
     }
 
-    /// A tile of green.
-    pub fn common(&self, at: (usize, usize)) -> Result<Mat<f32>, Error> {
-        self.common.tile(self.order, at)
+    /// A tile of green, then its differences along both axes when red and blue are others.
+    pub fn planes(&self, at: (usize, usize)) -> Result<Vec<Mat<f32>>, Error> {
+        let common = self.common.tile(self.order, at)?;
+        let Some([red, blue]) = self.differences(at, &common)? else { return Ok(vec![common]) };
+        let along = |[a, b]: [f32; 2]| zip!(&red, &blue).map(|unzip!(red, blue)| a * red + b * blue);
+        let [first, second] = self.axes.map(along);
+        Ok(vec![common, first, second])
     }
 
-    /// A tile of red (0) or blue (1), when they differ from green.
-    pub fn other(&self, k: usize, at: (usize, usize)) -> Result<Option<Mat<f32>>, Error> {
-        self.others[k].as_ref().map(|matrix| matrix.tile(self.order, at)).transpose()
+    /// Tiles of red and blue less that of green.
+    fn differences(&self, at: (usize, usize), common: &Mat<f32>) -> Result<Option<[Mat<f32>; 2]>, Error> {
+        let Some([red, blue]) = &self.others else { return Ok(None) };
+        Ok(Some([red.tile(self.order, at)? - common, blue.tile(self.order, at)? - common]))
+    }
+
+    /// Turns the axes so that the first has most of what these tiles' red and blue differ from green.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn turn_axes(&mut self, tiles: &[(usize, usize)]) -> Result<(), Error> {
+        let products = |&at: &(usize, usize)| -> Result<[f64; 3], Error> {
+            let Some([red, blue]) = self.differences(at, &self.common.tile(self.order, at)?)? else {
+                return Ok([0.0; 3]);
+            };
+            Ok([(&red, &red), (&red, &blue), (&blue, &blue)].map(|(a, b)| twice(at) * dot(a, b)))
+        };
+        let own = tiles.par_iter().map(products).collect::<Result<Vec<_>, Error>>()?;
+        let [red, both, blue] = own.iter().fold([0.0; 3], |sum, own| std::array::from_fn(|k| sum[k] + own[k]));
+        let (sin, cos) = (0.5 * (2.0 * both).atan2(red - blue)).sin_cos();
+        self.axes = [[cos as f32, sin as f32], [-sin as f32, cos as f32]];
+        Ok(())
     }
 
     /// Frobenius norm of each channel over these tiles, both sides of the diagonal.
@@ -132,8 +158,10 @@ impl<'a> Source<'a> {
             }
         };
         let green = of(&self.common)?;
-        let other = |k: usize| self.others[k].as_ref().map_or(Ok(green), of);
-        Ok([other(0)?, green, other(1)?])
+        match &self.others {
+            Some([red, blue]) => Ok([of(red)?, green, of(blue)?]),
+            None => Ok([green; 3]),
+        }
     }
 }
 

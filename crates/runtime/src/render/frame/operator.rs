@@ -3,7 +3,7 @@
 use bytemuck::cast_slice;
 use formfactor::GatherParams;
 use glam::{UVec2, UVec4, Vec4};
-use gpu_kernels::params::{CountParams, EnterParams};
+use gpu_kernels::params::{CountParams, EnterParams, ProjectParams};
 use gpu_kernels::table::{self, ImageFormat, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use multibounce::kernel::tiles::{FACTOR_WORDS, LIGHT_WORDS, PAIRS, PLACES, QUAD, QUARTERS, RUN_PARTS, SPLITS, TILE};
@@ -350,6 +350,8 @@ pub(super) struct TileTables {
     /// What makes sums of the exitance, and what makes rows of the sums: the same tables where patches are both.
     senders: Vec<(&'static str, Range)>,
     receivers: Vec<(&'static str, Range)>,
+    /// Of the differences of red and blue to green.
+    axes: Vec4,
     ordered: BufferId,
     light: BufferId,
     sums: BufferId,
@@ -370,7 +372,7 @@ impl TileTables {
         tables.extend(rows_of(plan, uploads, own, tiles.expand_tables(), tiles.near_tables()));
         let runs = tiles.runs.len().saturating_sub(1);
         let counts = [tiles.patches(), tiles.patches(), tiles.quads.len(), runs, runs];
-        Self::with(plan, tables.clone(), tables, counts)
+        Self::with(plan, tables.clone(), tables, tiles.axes, counts)
     }
 
     /// Of many receivers.
@@ -387,13 +389,14 @@ impl TileTables {
         let receivers = rows_of(plan, uploads, own, tiles.expand_tables(), tiles.near_tables());
         let runs = [&tiles.sender_runs, &tiles.runs].map(|runs| runs.len().saturating_sub(1));
         let counts = [tiles.senders(), tiles.receivers(), tiles.sender_quads.len(), runs[0], runs[1]];
-        Self::with(plan, senders, receivers, counts)
+        Self::with(plan, senders, receivers, Vec4::ZERO, counts)
     }
 
     fn with(
         plan: &mut Plan,
         senders: Vec<(&'static str, Range)>,
         receivers: Vec<(&'static str, Range)>,
+        axes: Vec4,
         counts: [usize; 5],
     ) -> Self {
         let [patches, points, quads, _, runs] = counts;
@@ -401,6 +404,7 @@ impl TileTables {
         Self {
             senders,
             receivers,
+            axes,
             // Single entries name any of these.
             ordered: plan.storage("ordered", rgb(PLACES)),
             light: plan.storage("light", u64::from(LIGHT_WORDS * 4) * patches.div_ceil(TILE as usize) as u64),
@@ -431,7 +435,8 @@ impl TileTables {
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ENTER, &own, tables, &enter, from)?;
         let (lanes, parts) = (from / TILE * QUARTERS, RUN_PARTS * sender_runs);
         pass(plan, "method", &table::MULTIBOUNCE_TILES_ROUND, &own, tables, &count(lanes), lanes)?;
-        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &count(parts), parts)?;
+        let project = ProjectParams { axes: self.axes, count: parts, reserved: [0; 3] };
+        pass(plan, "method", &table::MULTIBOUNCE_TILES_PROJECT, &own, tables, &project, parts)?;
         let (tables, lanes) = (&self.receivers, SPLITS * to / TILE * PAIRS);
         pass(plan, "method", &table::MULTIBOUNCE_TILES_WEIGH, &own, tables, &count(runs), runs)?;
         pass(plan, "method", &table::MULTIBOUNCE_TILES_EXPAND, &own, tables, &count(lanes), lanes)?;
