@@ -18,11 +18,12 @@ const MOST_LONG: f32 = 127.0;
 const MOST_STAGES: usize = 6;
 /// Components and squares up to which a tile is not tried again.
 const FEW_PARTS: usize = 8;
+
 /// What is taken from a tile first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Start {
     Components,
-    /// And squares.
+    /// Squares, too.
     Entries,
 }
 
