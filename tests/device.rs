@@ -243,7 +243,8 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
             each(j as u32, (1.0 + random(i, j, 2)) / (0.003 + x * x));
         }
     };
-    let line = |n: usize| halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n]);
+    let line =
+        |n: usize| halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n], &[]);
     let area: Vec<f32> = (0..300).map(|j| 0.2 + random(j, 0, 1)).collect();
     let (order, sender_order) = (line(421), line(300));
     let receivers = TileSide { area: &[1.0; 421], order: &order };

@@ -31,7 +31,7 @@
 //! let (area, values) = ([1.0, 2.0], [0.5, 0.25]);
 //! let factors = Factors { row_start: &[0, 1, 2], columns: &[1, 0], values: &values, area: &area };
 //! let operator = all_bounces(&factors.symmetric()?, &[0.8, 0.5])?;
-//! let order = halving_order(&[Vec3::ZERO, Vec3::Z], &[Vec3::Z, Vec3::NEG_Z]);
+//! let order = halving_order(&[Vec3::ZERO, Vec3::Z], &[Vec3::Z, Vec3::NEG_Z], &[]);
 //! let go_on = |_, _| Proceed::Continue(());
 //! let tiles = Tiles::encode(Channels::One(&operator), &area, &order, 1e-3, &go_on)?;
 //!

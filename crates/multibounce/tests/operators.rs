@@ -60,7 +60,7 @@ impl Case {
 
     fn order(&self) -> Vec<u32> {
         let n = self.area.len();
-        halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n])
+        halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n], &[])
     }
 }
 

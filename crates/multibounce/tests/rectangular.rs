@@ -22,7 +22,8 @@ struct Case {
 
 impl Case {
     fn new(receivers: usize, senders: usize) -> Self {
-        let line = |n: usize| halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n]);
+        let line =
+            |n: usize| halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n], &[]);
         let sender_area: Vec<f32> = (0..senders).map(|j| 0.2 + random(j, 0, 1)).collect();
         let row = |i: usize| -> Vec<(u32, f32)> {
             let x = |j: usize| (i as f32 / receivers as f32 - j as f32 / senders as f32).abs();

@@ -5,7 +5,7 @@ pub(crate) mod measure;
 
 use faer::Mat;
 use formfactor::kernel::product::packed_row_words;
-use formfactor::{Csr, Dense, Half, Operator as _, Reciprocal, reciprocal, widen_half};
+use formfactor::{Csr, Dense, Half, Operator, Reciprocal, reciprocal, widen_half};
 use glam::{Vec3, Vec4};
 use multibounce::{
     Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Room,
@@ -344,6 +344,18 @@ fn available_memory() -> Option<u64> {
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
+/// `Σ_j F_ij (p_j, 1)` of each row: what [`halving_order`] takes.
+pub(crate) fn seen(factors: &impl Operator, positions: &[Vec3]) -> Result<Vec<Vec4>, Error> {
+    let of = |light: Vec<Vec4>| -> Result<Vec<Vec4>, Error> {
+        let mut sums = vec![Vec4::ZERO; factors.rows()];
+        factors.product(&light, &mut sums)?;
+        Ok(sums)
+    };
+    let sums = of(positions.iter().map(|p| p.extend(0.0)).collect())?;
+    let shares = of(vec![Vec4::ONE; positions.len()])?;
+    Ok(sums.iter().zip(&shares).map(|(sum, share)| sum.truncate().extend(share.x)).collect())
+}
+
 /// The exchange between patches in symmetric form.
 pub(crate) struct Between {
     /// Reciprocal form factors.
@@ -359,7 +371,7 @@ impl Between {
         let Reciprocal { factors, area, .. } = reciprocal(factors, &senders.areas())?;
         let positions: Vec<Vec3> = senders.patches.iter().map(|p| p.centroid).collect();
         let normals: Vec<Vec3> = senders.patches.iter().map(|p| p.normal).collect();
-        let order = halving_order(&positions, &normals);
+        let order = halving_order(&positions, &normals, &seen(&factors, &positions)?);
         Ok(Self { factors, area, order })
     }
 

@@ -271,7 +271,7 @@ impl Set<'_> {
         let first = self.points.len();
         let added = self.samples.split_off(first);
         let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = added.iter().map(|s| (s.position, s.normal)).unzip();
-        let order = halving_order(&positions, &normals);
+        let order = halving_order(&positions, &normals, &[]);
         self.samples.extend(order.iter().map(|&k| added[k as usize]));
         let point =
             |(s, patch): (&Sample, u32)| SurfacePoint { position: s.position, patch, normal: s.normal, weight: 1.0 };

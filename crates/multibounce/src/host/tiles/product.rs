@@ -35,7 +35,6 @@ pub struct TileRoom {
     light: Vec<u32>,
     sums: Vec<Vec4>,
     rows: Vec<Vec4>,
-    near: Vec<Vec4>,
 }
 
 impl Tiles {
@@ -54,20 +53,21 @@ impl Tiles {
     pub fn product_in(&self, room: &mut TileRoom, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
         check_length("exitance", self.patches(), exitance.len())?;
         check_length("irradiance", self.patches(), irradiance.len())?;
-        let TileRoom { ordered, light, sums, rows, near } = room;
+        let TileRoom { ordered, light, sums, rows } = room;
         ordered.resize(PLACES, Vec4::ZERO);
         light.resize(self.blocks() * LIGHT_WORDS as usize, 0);
         sums.resize(self.scale.len(), Vec4::ZERO);
-        rows.resize(self.blocks() * SPLITS as usize * SIDE, Vec4::ZERO);
-        near.resize(self.blocks() * SIDE, Vec4::ZERO);
+        rows.resize(self.blocks() * SIDE, Vec4::ZERO);
         self.prepare(exitance, &mut ordered[..self.blocks() * SIDE], light);
         // Neither needs the other: one pause of the cores less.
         rayon::join(
             || project_all(&self.project_tables(), light, sums),
-            || near_all(&self.near_tables(), light, ordered, near),
+            || near_all(&self.near_tables(), light, ordered, rows),
         );
-        expand_by(&self.expand_tables(), Sums { runs: &self.runs, partner: &self.partner, sums }, rows);
-        leave_all(&self.place, &self.root, rows, near, irradiance);
+        let (tables, factors) = (self.expand_tables(), Sums { runs: &self.runs, partner: &self.partner, sums });
+        let (blocks, _) = rows.as_chunks_mut::<SIDE>();
+        blocks.par_iter_mut().enumerate().for_each(|(block, rows)| add_rows(&tables, factors, block, rows));
+        leave_places(&self.place, &self.root, rows, irradiance);
         Ok(())
     }
 
@@ -157,6 +157,12 @@ pub fn enter_all(order: &[u32], root: &[f32], exitance: &[Vec4], ordered: &mut [
 pub fn leave_all(place: &[u32], root: &[f32], rows: &[Vec4], near: &[Vec4], irradiance: &mut [Vec4]) {
     let tasks = irradiance.par_iter_mut().enumerate().with_min_len(TASK_PLACES);
     tasks.for_each(|(i, h)| *h = leave(i as u32, place, root, rows, near));
+}
+
+/// [`leave`] from rows that are added up, for every patch.
+pub(super) fn leave_places(place: &[u32], root: &[f32], rows: &[Vec4], irradiance: &mut [Vec4]) {
+    let tasks = irradiance.par_iter_mut().zip(place).zip(root).with_min_len(TASK_PLACES);
+    tasks.for_each(|((h, &place), root)| *h = rows[place as usize] / *root);
 }
 
 /// [`crate::kernel::tiles::round`] for every lane, bit for bit.
@@ -254,13 +260,13 @@ pub fn weigh_all(runs: &[u32], partner: &[u32], sums: &[Vec4], factors: &mut [u3
 }
 
 /// What vectors are multiplied by.
-trait Factors: Copy + Sync {
+pub(super) trait Factors: Copy + Sync {
     /// The words of a run.
     fn of(self, run: usize) -> RunFactors;
 }
 
 /// Words of [`crate::kernel::tiles::weigh`] for one run.
-type RunFactors = [u32; FACTOR_WORDS as usize];
+pub(super) type RunFactors = [u32; FACTOR_WORDS as usize];
 
 impl Factors for &[RunFactors] {
     #[inline(always)]
@@ -271,10 +277,10 @@ impl Factors for &[RunFactors] {
 
 /// Sums that become factors when they are needed.
 #[derive(Clone, Copy)]
-struct Sums<'a> {
-    runs: &'a [u32],
-    partner: &'a [u32],
-    sums: &'a [Vec4],
+pub(super) struct Sums<'a> {
+    pub runs: &'a [u32],
+    pub partner: &'a [u32],
+    pub sums: &'a [Vec4],
 }
 
 impl Factors for Sums<'_> {
@@ -331,21 +337,41 @@ impl ExpandTables<'_> {
 
 /// [`crate::kernel::tiles::expand`] for every lane, bit for bit.
 pub fn expand_all(tables: &ExpandTables, factors: &[u32], rows: &mut [Vec4]) {
-    expand_by(tables, factors.as_chunks::<{ FACTOR_WORDS as usize }>().0, rows);
+    let (factors, (splits, _)) = (factors.as_chunks().0, rows.as_chunks_mut::<SIDE>());
+    splits.par_iter_mut().enumerate().for_each(|(k, rows)| {
+        let (block, split) = (k / SPLITS as usize, k % SPLITS as usize);
+        let mut planes = NO_PLANES;
+        add_split(tables, factors, block, split, &mut planes);
+        rows.iter_mut().enumerate().for_each(|(r, row)| *row = row_of_planes(&planes, r));
+    });
 }
 
-fn expand_by(tables: &ExpandTables, factors: impl Factors, rows: &mut [Vec4]) {
-    rows.par_chunks_mut(SPLITS as usize * SIDE).enumerate().for_each(|(block, rows)| {
-        for (split, rows) in rows.chunks_exact_mut(SIDE).enumerate() {
-            let (first, end) = split_of(split as u32, tables.run_start[block], tables.run_start[block + 1]);
-            let mut planes = [[[0.0; GROUP]; PARTS as usize]; 3];
-            dispatch(Expand { tables, factors, runs: first as usize..end as usize, planes: &mut planes });
-            let planes = planes.each_ref().map(|plane| plane.as_flattened());
-            for (r, row) in rows.iter_mut().enumerate() {
-                *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
-            }
-        }
-    });
+/// Rows of a colour channel each.
+type Planes = [Plane; 3];
+const NO_PLANES: Planes = [[[0.0; GROUP]; PARTS as usize]; 3];
+
+/// Adds what the vectors of a split of a block make.
+fn add_split(tables: &ExpandTables, factors: impl Factors, block: usize, split: usize, planes: &mut Planes) {
+    let (first, end) = split_of(split as u32, tables.run_start[block], tables.run_start[block + 1]);
+    dispatch(Expand { tables, factors, runs: first as usize..end as usize, planes });
+}
+
+fn row_of_planes(planes: &Planes, r: usize) -> Vec4 {
+    let [red, green, blue] = planes.each_ref().map(|plane| plane.as_flattened());
+    Vec4::new(red[r], green[r], blue[r], 0.0)
+}
+
+/// Adds what the vectors of a block make to its rows, as [`leave`] does.
+pub(super) fn add_rows(tables: &ExpandTables, factors: impl Factors, block: usize, rows: &mut [Vec4; SIDE]) {
+    let mut splits = [NO_PLANES; SPLITS as usize];
+    splits.iter_mut().enumerate().for_each(|(k, planes)| add_split(tables, factors, block, k, planes));
+    let [sums, one, two, three] = &mut splits;
+    let [one, two, three] = [one, two, three].map(|planes| planes.as_flattened().as_flattened());
+    let sums = sums.as_flattened_mut().as_flattened_mut();
+    for (((sum, one), two), three) in sums.iter_mut().zip(one).zip(two).zip(three) {
+        *sum = (*sum + one) + (two + three);
+    }
+    rows.iter_mut().enumerate().for_each(|(r, row)| *row += row_of_planes(&splits[0], r));
 }
 
 /// What [`near_all`] reads beside the light.
@@ -395,19 +421,29 @@ impl NearTables<'_> {
 /// Unless `ordered` has [`PLACES`] elements, as many as entries can name.
 pub fn near_all(tables: &NearTables, light: &[u32], ordered: &[Vec4], rows: &mut [Vec4]) {
     let ordered: &[Vec4; PLACES] = ordered.try_into().expect("PLACES elements");
+    let (blocks, _) = rows.as_chunks_mut::<SIDE>();
+    blocks.par_iter_mut().enumerate().for_each(|(block, rows)| near_block(tables, light, ordered, block, rows));
+}
+
+/// [`near_all`] for one block.
+pub(super) fn near_block(
+    tables: &NearTables,
+    light: &[u32],
+    ordered: &[Vec4; PLACES],
+    block: usize,
+    rows: &mut [Vec4; SIDE],
+) {
     let light = light.as_chunks::<{ LIGHT_WORDS as usize }>().0;
-    rows.par_chunks_mut(SIDE).enumerate().for_each(|(block, rows)| {
-        for (part, rows) in rows.chunks_exact_mut(GROUP).enumerate() {
-            let (edge, mut planes) = (block * PARTS as usize + part, [[0.0; GROUP]; 3]);
-            let own = tables.square_start[edge] as usize..tables.square_start[edge + 1] as usize;
-            let words = &tables.square_words.as_chunks::<{ SQUARE_WORDS as usize }>().0[own.clone()];
-            dispatch(Squares { squares: &tables.squares[own], words, light, planes: &mut planes });
-            for (r, row) in rows.iter_mut().enumerate() {
-                *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
-            }
+    for (part, rows) in rows.chunks_exact_mut(GROUP).enumerate() {
+        let (edge, mut planes) = (block * PARTS as usize + part, [[0.0; GROUP]; 3]);
+        let own = tables.square_start[edge] as usize..tables.square_start[edge + 1] as usize;
+        let words = &tables.square_words.as_chunks::<{ SQUARE_WORDS as usize }>().0[own.clone()];
+        dispatch(Squares { squares: &tables.squares[own], words, light, planes: &mut planes });
+        for (r, row) in rows.iter_mut().enumerate() {
+            *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
         }
-        dispatch(Entries { tables, first: block * SIDE, ordered, rows });
-    });
+    }
+    dispatch(Entries { tables, first: block * SIDE, ordered, rows });
 }
 
 /// Rows of the squares of one part.
@@ -562,7 +598,7 @@ struct Expand<'a, F> {
     tables: &'a ExpandTables<'a>,
     factors: F,
     runs: std::ops::Range<usize>,
-    planes: &'a mut [Plane; 3],
+    planes: &'a mut Planes,
 }
 
 impl<F: Factors> WithLanes for Expand<'_, F> {
@@ -646,21 +682,29 @@ impl WithLanes for Entries<'_> {
     fn with<L: Lanes>(self, _: L) {
         let Self { tables, first, ordered, rows } = self;
         for (p, row) in (first..).zip(rows) {
-            let own = &tables.entries[tables.row_start[p] as usize..tables.row_start[p + 1] as usize];
+            let (start, end) = (tables.row_start[p] as usize, tables.row_start[p + 1] as usize);
+            let (fours, rest) = tables.entries[start..end].as_chunks::<4>();
+            // The last ones are made four by nothing of the first place: how many there are is hard to foretell.
+            let last = match tables.entries[end - rest.len()..].first_chunk::<4>() {
+                Some(window) => std::array::from_fn(|k| window[k] & KEPT[rest.len() % 4][k]),
+                None => std::array::from_fn(|k| rest.get(k).copied().unwrap_or(0)),
+            };
             let mut sums = [Vec4::ZERO; 4];
-            // Eight values are made at a time.
-            let (eights, rest) = own.as_chunks::<8>();
-            for eight in eights {
-                let values = eight.map(|entry| ((entry as i32) >> 16) as f32);
-                for (k, (entry, value)) in eight.iter().zip(values).enumerate() {
-                    sums[k % 4] += ordered[usize::from(*entry as u16)] * value;
-                }
-            }
-            for (k, entry) in rest.iter().enumerate() {
-                sums[k % 4] += ordered[usize::from(*entry as u16)] * ((*entry as i32) >> 16) as f32;
-            }
+            fours.iter().for_each(|four| add_entries(&mut sums, four, ordered));
+            add_entries(&mut sums, &last, ordered);
             let [a, b, c, d] = sums;
             *row += (((a + b) + (c + d)) * tables.steps[p]).truncate().extend(0.0);
         }
+    }
+}
+
+/// Bits that are kept of four entries, the first of which are some row's.
+const KEPT: [[u32; 4]; 4] = [[0; 4], [!0, 0, 0, 0], [!0, !0, 0, 0], [!0, !0, !0, 0]];
+
+#[inline(always)]
+fn add_entries(sums: &mut [Vec4; 4], four: &[u32; 4], ordered: &[Vec4; PLACES]) {
+    let values = four.map(|entry| ((entry as i32) >> 16) as f32);
+    for ((sum, entry), value) in sums.iter_mut().zip(four).zip(values) {
+        *sum += ordered[usize::from(*entry as u16)] * value;
     }
 }

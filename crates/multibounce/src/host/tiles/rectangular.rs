@@ -10,13 +10,14 @@ use scene::sampling::hash3;
 
 use super::encode::{Bank, CLOSE, MOST_ROUNDS, Rows, Squares, Vector, checked_places, next_lambda};
 use super::product::{
-    ExpandTables, NearTables, ProjectTables, enter_all, expand_all, near_all, project_all, round_all, weigh_all,
+    ExpandTables, NearTables, ProjectTables, Sums, add_rows, enter_all, leave_places, near_block, project_all,
+    round_all,
 };
 use super::reduce::{Component, Part, Prices, SIDE, Weights, reduce, squared_norm};
 use super::{MOST_TILE_PATCHES, TileReport, check_bank, check_below, check_finite, check_root};
 use crate::error::{Error, check_length};
 use crate::host::solve::Proceed;
-use crate::kernel::tiles::{ALL_CHANNELS, FACTOR_WORDS, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD, SPLITS, leave};
+use crate::kernel::tiles::{ALL_CHANNELS, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD};
 use crate::types::{TileQuad, TileSquare};
 
 /// Most receivers: vectors name blocks by 16 bits.
@@ -24,11 +25,6 @@ pub const MOST_TILE_RECEIVERS: usize = SIDE << 16;
 /// Blocks of rows from which on λ is first looked for with a part of them, and that part.
 const MANY_BLOCKS: usize = 64;
 const PART: u32 = 16;
-/// Receivers that one task takes.
-const TASK: usize = 1024;
-/// Rows of a block with all of its splits.
-const BLOCK_ROWS: usize = SPLITS as usize * SIDE;
-
 /// The rows of a rectangular operator: calls the function with each column of this row, and its value. A column may come more
 /// than once.
 pub type SparseRows<'a> = dyn Fn(usize, &mut dyn FnMut(u32, f32)) + Sync + 'a;
@@ -102,7 +98,6 @@ pub struct RectangularRoom {
     ordered: Vec<Vec4>,
     light: Vec<u32>,
     sums: Vec<Vec4>,
-    factors: Vec<u32>,
     placed: Vec<Vec4>,
 }
 
@@ -436,25 +431,24 @@ impl RectangularTiles {
     ) -> Result<(), Error> {
         check_length("exitance", self.senders(), exitance.len())?;
         check_length("irradiance", self.receivers(), irradiance.len())?;
-        let RectangularRoom { ordered, light, sums, factors, placed } = room;
+        let RectangularRoom { ordered, light, sums, placed } = room;
         let columns = self.sender_blocks() * SIDE;
         ordered.resize(PLACES, Vec4::ZERO);
         light.resize(self.sender_blocks() * LIGHT_WORDS as usize, 0);
         sums.resize(self.scale.len(), Vec4::ZERO);
-        factors.resize(self.runs.len().saturating_sub(1) * FACTOR_WORDS as usize, 0);
         enter_all(&self.sender_order, &self.sender_root, exitance, &mut ordered[..columns]);
         round_all(&ordered[..columns], light);
         project_all(&self.project_tables(), light, sums);
-        weigh_all(&self.runs, &self.partner, sums, factors);
+        let found = ordered.len();
+        let ordered = ordered.first_chunk().ok_or(Error::Length { name: "ordered", expected: PLACES, found })?;
         // Receivers that stand in their order are written where they belong at once.
         let is_ordered = self.place.iter().zip(0..).all(|(&place, i)| place == i);
         if is_ordered {
-            self.rows(light, ordered, factors, irradiance, |p| self.root[p]);
+            self.rows(light, ordered, sums, irradiance, |p| self.root[p]);
         } else {
             placed.resize(self.receivers(), Vec4::ZERO);
-            self.rows(light, ordered, factors, placed, |_| 1.0);
-            let tasks = irradiance.par_iter_mut().zip(&self.place).zip(&self.root).with_min_len(TASK);
-            tasks.for_each(|((h, &place), root)| *h = placed[place as usize] / *root);
+            self.rows(light, ordered, sums, placed, |_| 1.0);
+            leave_places(&self.place, &self.root, placed, irradiance);
         }
         Ok(())
     }
@@ -463,30 +457,21 @@ impl RectangularTiles {
     fn rows(
         &self,
         light: &[u32],
-        ordered: &[Vec4],
-        factors: &[u32],
+        ordered: &[Vec4; PLACES],
+        sums: &[Vec4],
         out: &mut [Vec4],
         root: impl Fn(usize) -> f32 + Sync,
     ) {
-        let own: [u32; SIDE] = std::array::from_fn(|r| r as u32);
-        out.par_chunks_mut(SIDE).enumerate().for_each(|(b, out)| {
-            let (mut rows, mut near) = ([Vec4::ZERO; BLOCK_ROWS], [Vec4::ZERO; SIDE]);
-            let expand = self.expand_tables();
-            expand_all(&ExpandTables { run_start: &expand.run_start[b..b + 2], ..expand }, factors, &mut rows);
-            let (tables, edge, first) = (self.near_tables(), b * PARTS as usize, b * SIDE);
-            let tables = NearTables {
-                square_start: &tables.square_start[edge..=edge + PARTS as usize],
-                row_start: &tables.row_start[first..=first + SIDE],
-                steps: &tables.steps[first..first + SIDE],
-                ..tables
-            };
-            near_all(&tables, light, ordered, &mut near);
-            let mut roots = [1.0; SIDE];
-            roots.iter_mut().zip(first..self.receivers()).for_each(|(own, p)| *own = root(p));
-            for (r, out) in out.iter_mut().enumerate() {
-                *out = leave(r as u32, &own, &roots, &rows, &near);
-            }
-        });
+        let (expand, near) = (self.expand_tables(), self.near_tables());
+        let factors = Sums { runs: &self.runs, partner: &self.partner, sums };
+        out.par_chunks_mut(SIDE).enumerate().for_each_init(
+            || [Vec4::ZERO; SIDE],
+            |rows, (b, out)| {
+                near_block(&near, light, ordered, b, rows);
+                add_rows(&expand, factors, b, rows);
+                out.iter_mut().zip(rows).zip(b * SIDE..).for_each(|((out, row), p)| *out = *row / root(p));
+            },
+        );
     }
 
     /// The tables of [`project_all`].

@@ -5,6 +5,7 @@ use std::time::Instant;
 use formfactor::{HitRows, Operator, add_hit_rows};
 use glam::{Vec3, Vec4};
 use multibounce::{RectangularRoom, RectangularTiles, TileSide, halving_order};
+use patches::Sample;
 use scene::sampling::hash3;
 use scene::{Scene, SurfacePoint};
 use serde::Serialize;
@@ -15,13 +16,15 @@ use crate::error::Error;
 use crate::executor::Executor;
 use crate::progress::Progress;
 use crate::render::frame::receivers_on_device;
-use crate::render::operator::Between;
 use crate::render::operator::measure::relative_error;
+use crate::render::operator::{Between, seen};
 use crate::render::proceed;
 use crate::render::senders::{Columns, Senders, lit_sampler};
 
 /// One receiver in so many tells the noise of the rows.
 const NOISE_SHARE: usize = 16;
+/// Rays that tell what a receiver sees, for its place in the order.
+const ORDER_RAYS: u32 = 64;
 /// Times that more receivers are asked for when there are too few, and how many more than it would take.
 const MORE_TIMES: usize = 4;
 const MORE: f64 = 1.02;
@@ -62,8 +65,8 @@ pub struct Receivers<'a> {
     pub sources: Vec<&'a [Vec4]>,
 }
 
-/// Exactly so many points that stand for equal areas to which light comes, in an order in which neighbours are alike; none
-/// where no light comes anywhere.
+/// Exactly so many points that stand for equal areas to which light comes, in an order in which neighbours are near; none where
+/// no light comes anywhere.
 fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<SurfacePoint>, Error> {
     let Some(sampler) = lit_sampler(scene, patches, seed)? else { return Ok(Vec::new()) };
     let (mut samples, mut wanted) = (Vec::new(), count);
@@ -77,14 +80,16 @@ fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<
     let found = samples.len();
     let kept = count.min(found);
     let samples: Vec<_> = (0..kept).map(|k| samples[k * found / kept]).collect();
-    let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = samples.iter().map(|s| (s.position, s.normal)).unzip();
-    let point = |(patch, &k): (u32, &u32)| SurfacePoint {
-        position: positions[k as usize],
-        patch,
-        normal: normals[k as usize],
-        weight: 1.0,
-    };
-    Ok((0..).zip(&halving_order(&positions, &normals)).map(point).collect())
+    let point =
+        |(patch, s): (u32, &Sample)| SurfacePoint { position: s.position, patch, normal: s.normal, weight: 1.0 };
+    Ok(ordered((0..).zip(&samples).map(point).collect(), &[]))
+}
+
+/// Points in an order in which neighbours are alike, by what they see unless that is unknown.
+fn ordered(points: Vec<SurfacePoint>, seen: &[Vec4]) -> Vec<SurfacePoint> {
+    let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = points.iter().map(|p| (p.position, p.normal)).unzip();
+    let point = |(patch, &k): (u32, &u32)| SurfacePoint { patch, ..points[k as usize] };
+    (0..).zip(&halving_order(&positions, &normals, seen)).map(point).collect()
 }
 
 impl Receivers<'_> {
@@ -139,6 +144,9 @@ impl Receivers<'_> {
             return Ok(None);
         }
         let start = Instant::now();
+        let few = self.rows(&points, rays.min(ORDER_RAYS), hash3(common.seed, 2, 0x6f72_6465), progress)?;
+        let centroids: Vec<Vec3> = self.senders.patches.iter().map(|p| p.centroid).collect();
+        let points = ordered(points, &seen(&few, &centroids)?);
         let hits = self.rows(&points, rays, common.seed, progress)?;
         let rows_s = start.elapsed().as_secs_f64();
         let (area, order): (Vec<f32>, Vec<u32>) = (vec![1.0; n], (0..n as u32).collect());
