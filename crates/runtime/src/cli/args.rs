@@ -459,6 +459,16 @@ pub enum Experiment {
     Firstshot,
 }
 
+impl Bench {
+    /// Rays from each receiver.
+    pub fn receiver_rays(&self) -> u32 {
+        self.receiver_rays.unwrap_or(match self.name {
+            Experiment::Operator => self.rays,
+            _ => ClassicSettings::default().receiver_rays,
+        })
+    }
+}
+
 /// `patchlight bench`.
 #[derive(Args, Clone, Debug)]
 pub struct Bench {
@@ -471,7 +481,7 @@ pub struct Bench {
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
-    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.0175,0.01,0.005", value_parser = parse_epsilon)]
+    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
     pub epsilons: Vec<f64>,
     /// Texture blocks that are measured beside tiles, or none (operator).
     #[arg(long, value_delimiter = ',', value_enum, default_value = "bc1,bc3,bc6h,bc7")]
@@ -509,9 +519,9 @@ pub struct Bench {
     /// Rays a row of the form factors.
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=131_072))]
     pub rays: u32,
-    /// Rays from each receiver.
-    #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=131_072))]
-    pub receiver_rays: u32,
+    /// Rays from each receiver [default: operator as many as --rays, others 1024].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(16..=131_072))]
+    pub receiver_rays: Option<u32>,
     /// Receivers of the operator from patches to receivers, 0 to leave it out (operator).
     #[arg(long, default_value_t = 160_000, value_parser = clap::value_parser!(u32).range(0..=4_000_000))]
     pub receivers: u32,

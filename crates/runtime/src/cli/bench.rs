@@ -60,8 +60,8 @@ struct Basis {
 
 impl Basis {
     fn new(common: &Common, args: &Bench, most_patches: u32) -> Self {
-        let Bench { rays, receiver_rays, sub_frames, size, spp, .. } = *args;
-        Self { seed: common.seed, rays, receiver_rays, sub_frames, size, spp, most_patches }
+        let Bench { rays, sub_frames, size, spp, .. } = *args;
+        Self { seed: common.seed, rays, receiver_rays: args.receiver_rays(), sub_frames, size, spp, most_patches }
     }
 }
 

@@ -203,7 +203,7 @@ pub(super) fn checked_places(area: &[f32], order: &[u32]) -> Result<Vec<u32>, Er
 /// A vector of a component.
 #[derive(Clone)]
 pub(super) struct Vector {
-    /// Channel and whether elements are short.
+    /// The channels that it is for, and whether elements are short.
     pub alike: (u32, bool),
     /// Whether it is multiplied by the sum of the other.
     pub is_multiplied: bool,
@@ -231,12 +231,12 @@ impl<'a> Bank<'a> {
         for (block, vectors) in (0u32..).zip(vectors) {
             vectors.sort_by_key(|vector| (vector.alike, vector.is_multiplied));
             for alike in vectors.chunk_by(|a, b| a.alike == b.alike) {
-                let (channel, is_short) = alike[0].alike;
+                let (color, is_short) = alike[0].alike;
                 for (k, four) in alike.chunks(QUAD as usize).enumerate() {
                     if k.is_multiple_of(RUN_QUADS as usize) {
                         runs.push(quads.len() as u32);
                     }
-                    let quad = TileQuad::new(words.len() as u32 / LANES, block, channel, is_short);
+                    let quad = TileQuad::new(words.len() as u32 / LANES, block, color, is_short);
                     for vector in four {
                         words.extend_from_slice(words_of(vector));
                     }

@@ -156,7 +156,7 @@ impl Measuring<'_> {
             patches: PatchKind::suited(loaded.scene.triangles.len(), count),
             patch_count: count,
             estimator: Estimator::Hemisphere { rays: args.rays },
-            receiver_rays: args.receiver_rays,
+            receiver_rays: args.receiver_rays(),
             sub_frames: args.sub_frames,
             seed: common.seed,
             size: truth.map_or(args.size, Truth::size),

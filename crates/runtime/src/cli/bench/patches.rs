@@ -149,7 +149,7 @@ impl Experiment<'_> {
             patches,
             patch_count,
             estimator: Estimator::Hemisphere { rays: self.args.rays },
-            receiver_rays: self.args.receiver_rays,
+            receiver_rays: self.args.receiver_rays(),
             sub_frames: self.args.sub_frames,
             seed: self.common.seed,
             size,
@@ -503,7 +503,7 @@ impl Experiment<'_> {
                 size.1,
                 self.args.sub_frames,
                 self.args.rays,
-                self.args.receiver_rays,
+                self.args.receiver_rays(),
                 self.args.frames,
                 self.main_count
             ),

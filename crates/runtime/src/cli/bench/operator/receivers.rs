@@ -139,7 +139,7 @@ impl Receivers<'_> {
         progress: &mut Progress,
     ) -> Result<Option<ReceiverRows>, Error> {
         let points = points(self.scene, self.senders.patches.len(), args.receivers as usize, common.seed)?;
-        let (n, rays) = (points.len(), args.receiver_rays);
+        let (n, rays) = (points.len(), args.receiver_rays());
         if n == 0 {
             return Ok(None);
         }
