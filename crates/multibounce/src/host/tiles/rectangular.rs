@@ -479,13 +479,13 @@ impl RectangularTiles {
         ProjectTables { axes: Vec4::ZERO, quads: &self.sender_quads, words: &self.sender_words, scale: &self.scale }
     }
 
-    /// The tables of [`expand_all`].
+    /// The tables of [`crate::expand_all`].
     pub fn expand_tables(&self) -> ExpandTables<'_> {
         let Self { run_start, runs, quads, words, .. } = self;
         ExpandTables { run_start, runs, quads, words }
     }
 
-    /// The tables of [`near_all`].
+    /// The tables of [`crate::near_all`].
     pub fn near_tables(&self) -> NearTables<'_> {
         let Self { square_start, squares, square_words, row_start, entries, steps, .. } = self;
         NearTables { square_start, squares, square_words, row_start, entries, steps }
