@@ -2,6 +2,7 @@
 
 mod encode;
 mod lanes;
+mod near;
 mod product;
 mod rectangular;
 mod reduce;
@@ -20,9 +21,9 @@ use crate::types::{TileQuad, TileSquare};
 
 pub(super) use reduce::SIDE;
 
+pub use near::{NearTables, near_all};
 pub use product::{
-    ExpandTables, NearTables, ProjectTables, TileRoom, enter_all, expand_all, leave_all, near_all, project_all,
-    round_all, weigh_all,
+    ExpandTables, ProjectTables, TileRoom, enter_all, expand_all, leave_all, project_all, round_all, weigh_all,
 };
 
 pub use rectangular::{MOST_TILE_RECEIVERS, RectangularRoom, RectangularTiles, SparseRows, TileSide};

@@ -49,7 +49,7 @@ pub const NO_SLOT: u32 = u32::MAX;
 pub const BIAS: i32 = 128;
 /// See [`BIAS`].
 pub const SHORT_BIAS: i32 = 8;
-/// Colour of components that are for all channels alike; 0 and 1 are for the differences of red and blue to green.
+/// Colour of components that are for all channels alike; 0 and 1 are the axes of the differences of red and blue to green.
 pub const ALL_CHANNELS: u32 = 3;
 /// Words of a channel in a block of [`round`].
 pub const CHANNEL_WORDS: u32 = TWOS * LANES;

@@ -459,16 +459,6 @@ pub enum Experiment {
     Firstshot,
 }
 
-impl Bench {
-    /// Rays from each receiver.
-    pub fn receiver_rays(&self) -> u32 {
-        self.receiver_rays.unwrap_or(match self.name {
-            Experiment::Operator => self.rays,
-            _ => ClassicSettings::default().receiver_rays,
-        })
-    }
-}
-
 /// `patchlight bench`.
 #[derive(Args, Clone, Debug)]
 pub struct Bench {
@@ -531,6 +521,16 @@ pub struct Bench {
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
     #[arg(long)]
     pub resume: bool,
+}
+
+impl Bench {
+    /// Rays from each receiver.
+    pub fn receiver_rays(&self) -> u32 {
+        self.receiver_rays.unwrap_or(match self.name {
+            Experiment::Operator => self.rays,
+            _ => ClassicSettings::default().receiver_rays,
+        })
+    }
 }
 
 /// A number of bounces, or all of them.

@@ -9,10 +9,8 @@ use rayon::prelude::*;
 use scene::sampling::hash3;
 
 use super::encode::{Bank, CLOSE, MOST_ROUNDS, Rows, Squares, Vector, checked_places, next_lambda};
-use super::product::{
-    ExpandTables, NearTables, ProjectTables, Sums, add_rows, enter_all, leave_places, near_block, project_all,
-    round_all,
-};
+use super::near::{NearTables, near_block};
+use super::product::{ExpandTables, ProjectTables, Sums, add_rows, enter_all, leave_places, project_all, round_all};
 use super::reduce::{Component, Part, Prices, SIDE, Weights, reduce, squared_norm};
 use super::{MOST_TILE_PATCHES, TileReport, check_bank, check_below, check_finite, check_root};
 use crate::error::{Error, check_length};
