@@ -1,0 +1,305 @@
+//! Every call of the renderer that the golden pictures need, so that a change of its interface is
+//! followed here alone.
+
+use std::path::Path;
+
+use integration_tests::vulkan;
+use localmatrix::{BakeFile, LocalSettings};
+use multibounce::BlockCodec;
+use reference::Picture;
+use reference::path::PathSettings;
+use runtime::bake::{BakeSettings, bake};
+use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
+use runtime::import::{Animation, LoadedScene, View};
+use runtime::procedural;
+use runtime::progress::Progress;
+use runtime::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use runtime::render::firstshot::FirstShotSettings;
+use runtime::render::local::LocalOptions;
+use runtime::render::operator::{Codec, Feedback, Transport};
+use runtime::render::path;
+use runtime::render::streamed::{StreamSettings, Streamed};
+use runtime::render::temporal::Temporal;
+use scene::Light;
+
+/// Picture size, pixels.
+const SIZE: (u32, u32) = (48, 32);
+/// Sub-frames a picture.
+const SUB_FRAMES: u32 = 2;
+/// Frames of a sequence.
+const FRAMES: u32 = 3;
+/// Frames of the whole flight of which a sequence shows the first: so close that the local matrix
+/// keeps most patches.
+const FLIGHT_FRAMES: f32 = 24.0;
+/// Paths a pixel.
+const PATHS: u32 = 4;
+const SEED: u32 = 3;
+/// The streaming world: as small as `city` can be.
+pub const CITY: &str = "city:125000";
+/// Resident memory of its bake at most, bytes.
+const CITY_MEMORY: u64 = 4 << 30;
+/// Bytes of its rows that stay in memory.
+const CITY_CACHE: usize = 1 << 20;
+
+/// Linear RGB row by row from the top, W/m²/sr.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pixels {
+    pub width: u32,
+    pub height: u32,
+    pub values: Vec<[f32; 3]>,
+}
+
+/// What a frame shows; streaming worlds do not tell indirect light apart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FramePixels {
+    pub full: Pixels,
+    pub indirect: Option<Pixels>,
+}
+
+/// What runs the kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Device {
+    Cpu,
+    Lavapipe,
+}
+
+/// How light goes from patch to patch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    Classic,
+    MultibounceDense,
+    MultibounceBc7,
+    Tiles,
+    Feedback,
+    Temporal,
+    Local,
+    FirstShot,
+    PathTracing,
+}
+
+/// A scene, what patches are and where irradiance is gathered.
+#[derive(Clone, Copy, Debug)]
+pub struct Subject {
+    /// Name in the table.
+    pub name: &'static str,
+    /// The built-in scene.
+    scene: &'static str,
+    patches: PatchKind,
+    receivers: ReceiverKind,
+    pub methods: &'static [Method],
+}
+
+impl Subject {
+    /// Three scenes with every method; other kinds of patches and receivers with one or two.
+    pub const ALL: [Self; 6] = [
+        Self::of("cornell", &Method::ALL),
+        Self::of("atrium:3000", &Method::ALL),
+        Self::of("office", &Method::ALL),
+        Self {
+            name: "cornell, polygon patches",
+            patches: PatchKind::Polygon,
+            ..Self::of("cornell", &[Method::Classic])
+        },
+        Self {
+            name: "cornell, axis patches as receivers",
+            patches: PatchKind::Axis,
+            receivers: ReceiverKind::SelfReceivers,
+            ..Self::of("cornell", &[Method::Classic, Method::Temporal])
+        },
+        Self {
+            name: "cornell, voxel patches, pixels as receivers",
+            patches: PatchKind::Voxel,
+            receivers: ReceiverKind::Pixels,
+            ..Self::of("cornell", &[Method::Classic])
+        },
+    ];
+
+    const fn of(scene: &'static str, methods: &'static [Method]) -> Self {
+        let patches = PatchKind::Cluster;
+        let receivers = ReceiverKind::Mesh;
+        Self { name: scene, scene, patches, receivers, methods }
+    }
+}
+
+impl Method {
+    /// All methods.
+    pub const ALL: [Self; 9] = [
+        Self::Classic,
+        Self::MultibounceDense,
+        Self::MultibounceBc7,
+        Self::Tiles,
+        Self::Feedback,
+        Self::Temporal,
+        Self::Local,
+        Self::FirstShot,
+        Self::PathTracing,
+    ];
+
+    /// Name in the table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Classic => "classic",
+            Self::MultibounceDense => "multibounce dense",
+            Self::MultibounceBc7 => "multibounce bc7",
+            Self::Tiles => "tiles",
+            Self::Feedback => "feedback",
+            Self::Temporal => "temporal",
+            Self::Local => "local",
+            Self::FirstShot => "firstshot",
+            Self::PathTracing => "path",
+        }
+    }
+
+    /// Whether it has no kernels, so that its pictures are the processor's on every device.
+    pub fn is_of_host(self) -> bool {
+        self == Self::PathTracing
+    }
+
+    /// None for path tracing.
+    fn transport(self) -> Option<Transport> {
+        let local = LocalOptions { slots: 96, budget: 16, ..LocalOptions::DEFAULT };
+        let photons = FirstShotSettings { error: 0.2, most_photons: 1 << 16 };
+        Some(match self {
+            Self::Classic => Transport::Classic,
+            Self::MultibounceDense => Transport::Operator(Codec::Dense),
+            Self::MultibounceBc7 => Transport::Operator(Codec::Blocks(BlockCodec::Bc7)),
+            Self::Tiles => Transport::Operator(Codec::Tiles { epsilon: 0.01 }),
+            Self::Feedback => Transport::Feedback(Feedback::default()),
+            Self::Temporal => Transport::Temporal(Temporal::default()),
+            Self::Local => Transport::Local(local),
+            Self::FirstShot => Transport::FirstShot(photons),
+            Self::PathTracing => return None,
+        })
+    }
+}
+
+/// A scene and its bake, for every method.
+pub struct BakedScene {
+    loaded: LoadedScene,
+    bake: Bake,
+}
+
+impl BakedScene {
+    /// Builds and bakes a scene.
+    pub fn new(subject: &Subject) -> Self {
+        let loaded = procedural::build(subject.scene).unwrap();
+        let settings = ClassicSettings {
+            patches: subject.patches,
+            patch_count: 250,
+            samples: 8,
+            sample_rays: 4,
+            estimator: Estimator::Hemisphere { rays: 256 },
+            receivers: subject.receivers,
+            most_receivers: Some(1000),
+            receiver_rays: 64,
+            sub_frames: SUB_FRAMES,
+            seed: SEED,
+            size: SIZE,
+            ..ClassicSettings::default()
+        };
+        let bake = Bake::new(&loaded, settings, &mut Progress::new(true)).unwrap();
+        Self { loaded, bake }
+    }
+}
+
+/// Frames of a method with the lights moving along the scene's default animation; in those of the
+/// local method the camera flies, too. Path tracing gives one frame with the lights at rest.
+pub fn render(scene: &BakedScene, method: Method, device: Device) -> Vec<FramePixels> {
+    let loaded = &scene.loaded;
+    let Some(transport) = method.transport() else { return vec![trace(loaded)] };
+    let mut progress = Progress::new(true);
+    let mut classic = scene.bake.clone().load(transport, executor(device), &mut progress).unwrap();
+    let mut frames = Vec::new();
+    for number in 0..FRAMES {
+        let lights = lights_at(loaded, number);
+        let view = if method == Method::Local { flown(loaded, number) } else { loaded.view };
+        let camera = view.camera(SIZE.0, SIZE.1);
+        let pictures = classic.frame(&lights, &camera, number).unwrap().pictures;
+        let indirect = Some(pixels(&pictures.indirect));
+        frames.push(FramePixels { full: pixels(&pictures.full), indirect });
+    }
+    frames
+}
+
+fn trace(loaded: &LoadedScene) -> FramePixels {
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    let settings = PathSettings { seed: SEED, ..PathSettings::default() };
+    let mut progress = Progress::new(true);
+    let scene = &loaded.scene;
+    let traced = path::render(scene, &camera, settings, PATHS, None, false, &mut progress);
+    let pictures = traced.unwrap().pictures;
+    FramePixels { full: pixels(&pictures.full), indirect: Some(pixels(&pictures.indirect)) }
+}
+
+/// Bakes the streaming world into a file.
+pub fn bake_city(loaded: &LoadedScene, file: &Path) {
+    let scene = CITY.to_owned();
+    let settings = BakeSettings { scene, voxel_size: None, patch_count: 400, rays: 64, seed: SEED };
+    bake(loaded, &settings, None, file, CITY_MEMORY, &mut Progress::new(true)).unwrap();
+}
+
+/// The streaming world itself.
+pub fn build_city() -> LoadedScene {
+    procedural::build(CITY).unwrap()
+}
+
+/// Frames of a flight through a bake, every one of which waits for its rows: what shows does not
+/// hang on the disk.
+pub fn fly_city(loaded: LoadedScene, file: &Path) -> Vec<FramePixels> {
+    let flight: Vec<View> = (0..FRAMES).map(|number| flown(&loaded, number)).collect();
+    let lights: Vec<Vec<Light>> = (0..FRAMES).map(|number| lights_at(&loaded, number)).collect();
+    let settings = StreamSettings {
+        local: LocalSettings { slots: 64, changes: 16, ..LocalSettings::default() },
+        // Rows ahead of the camera come when the disk has them.
+        look_ahead: 0.0,
+        at_rest: true,
+        cache: CITY_CACHE,
+        sub_frames: SUB_FRAMES,
+        size: SIZE,
+    };
+    let stops = loaded.exposure_stops;
+    let bake = BakeFile::open(file).unwrap();
+    let mut streamed = Streamed::new(loaded.scene, loaded.content_hash, bake, settings).unwrap();
+    streamed.settle(flight[0].eye, &|_| true).unwrap();
+    let mut frames = Vec::new();
+    for (view, lights) in flight.iter().zip(&lights) {
+        let camera = view.camera(SIZE.0, SIZE.1);
+        let (picture, _) = streamed.frame(lights, &camera, stops).unwrap();
+        frames.push(FramePixels { full: pixels(&picture), indirect: None });
+    }
+    frames
+}
+
+/// The driver of lavapipe; nothing, with the reason printed, where the best Vulkan device is
+/// another or none.
+pub fn lavapipe() -> Option<String> {
+    let vulkan = vulkan()?;
+    let device = vulkan.device();
+    if device.kind != DeviceKind::EmulatedOnCpu {
+        println!("skipped: the Vulkan device is {}, not lavapipe", device.name);
+        return None;
+    }
+    Some(format!("{}, {}", device.name, device.driver))
+}
+
+fn executor(device: Device) -> Box<dyn Executor> {
+    match device {
+        Device::Cpu => open(&DeviceChoice::Cpu).unwrap().0,
+        Device::Lavapipe => Box::new(vulkan().expect("lavapipe was there")),
+    }
+}
+
+fn lights_at(loaded: &LoadedScene, frame: u32) -> Vec<Light> {
+    let path = Animation::or_default_path(loaded);
+    path.at(path.duration() * frame as f32 / FRAMES as f32).0
+}
+
+fn flown(loaded: &LoadedScene, frame: u32) -> View {
+    let path = Animation::fly(loaded);
+    path.at(path.duration() * frame as f32 / FLIGHT_FRAMES).1
+}
+
+fn pixels(picture: &Picture) -> Pixels {
+    let values = picture.pixels.iter().map(|pixel| pixel.to_array()).collect();
+    Pixels { width: picture.width, height: picture.height, values }
+}
