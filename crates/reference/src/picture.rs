@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{Cursor, Write};
 use std::path::Path;
 
-use exr::prelude::{IntoSample, SpecificChannels, Vec2 as Position, WritableImage, f16};
+use exr::prelude::{Encoding, IntoSample, LineOrder, SpecificChannels, Vec2 as Position, WritableImage, f16};
 use glam::Vec3;
 use image::{ColorType, ImageFormat};
 use rayon::prelude::*;
@@ -72,7 +72,7 @@ impl Picture {
         Self::from_pixels(width, height, pixels).map_err(|e| failed(e.to_string()))
     }
 
-    /// Writes the linear values as an EXR file with the channels R, G, B.
+    /// Writes the linear values as an EXR file with the channels R, G, B: equal pictures give equal bytes.
     ///
     /// # Errors
     /// [`Error::Write`] or [`Error::Encode`] with the path.
@@ -90,8 +90,11 @@ impl Picture {
             let p = self.pixels[y * width + x];
             (convert(p.x), convert(p.y), convert(p.z))
         });
+        // In any other order tiles are written as threads finish them.
+        let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
+        let size = (width, self.height as usize);
         let mut bytes = Cursor::new(Vec::new());
-        exr::prelude::Image::from_channels((width, self.height as usize), channels)
+        exr::prelude::Image::from_encoded_channels(size, encoding, channels)
             .write()
             .to_buffered(&mut bytes)
             .map_err(|e| Error::Encode { path: path.to_path_buf(), reason: e.to_string() })?;

@@ -33,6 +33,29 @@ fn exr_keeps_linear_values() {
 }
 
 #[test]
+fn exr_files_of_equal_pictures_are_equal_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("picture.exr");
+    // 12 x 9 tiles of 64 x 64 pixels, those at the edges cut.
+    let (width, height) = (750, 550);
+    let value = |k: u32| Vec3::new(k as f32, (k % 97) as f32, 1.0 / (k + 1) as f32);
+    let pixels = (0..width * height).map(value).collect();
+    let mut p = Picture::from_pixels(width, height, pixels).expect("one for each pixel");
+    let written = |p: &Picture, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
+        pool.install(|| p.write_exr(&path, Precision::Single)).expect("written");
+        fs::read(&path).expect("read")
+    };
+    let bytes = written(&p, 1);
+    assert_eq!(Picture::read(&path).expect("read"), p);
+    for threads in [1, 2, 3, 8, 8, 8] {
+        assert!(written(&p, threads) == bytes, "{threads} threads");
+    }
+    p.pixels[100_000].y += 1.0;
+    assert!(written(&p, 2) != bytes, "another picture is noticed");
+}
+
+#[test]
 fn png_shows_exposed_srgb() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("picture.png");
