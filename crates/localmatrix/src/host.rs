@@ -1,6 +1,7 @@
 //! The host side: slots, borders, the choice of patches, and the camera's way through a world.
 
 mod assembly;
+mod camera;
 mod choice;
 mod cut;
 mod forest;
@@ -10,6 +11,7 @@ mod store;
 mod table;
 mod world;
 
+pub use camera::{CameraFrame, CameraMatrix, CameraSettings, HostFrame};
 pub use choice::{Choice, choose, distance_to_path};
 pub use cut::View;
 pub use forest::Forest;
