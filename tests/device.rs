@@ -233,6 +233,128 @@ fn buffers_stay_from_run_to_run_and_push_constants_change() {
     }
 }
 
+/// Values that the frames of [`frames_in_flight`] upload, and the number of elements that each of them works on.
+const FRAME_SOURCES: [f32; 5] = [1.0, 2.0, 3.0, 4.0, 5.0];
+const FRAME_COUNTS: [u32; 5] = [90, 50, 70, 20, 30];
+
+/// Submits five frames without waiting. Each uploads a source of its own to one buffer; a pass adds it up into an output of
+/// the frame, another one, with the frame's number of elements as push constant, into an output of all frames.
+/// Gives the outputs of the frames, then the common one.
+fn frames_in_flight(executor: &mut dyn Executor, counts: [u32; 5]) -> Vec<Vec<f32>> {
+    let count = 100;
+    let bytes = u64::from(count) * 16;
+    let mut plan = Plan::new();
+    let inputs = ["source", "albedo", "irradiance"].map(|name| plan.storage(name, bytes));
+    let outputs: Vec<_> = (0..6).map(|k| plan.storage(format!("output {k}"), bytes)).collect();
+    let mut passes = Vec::new();
+    for &output in &outputs {
+        let ranges = [inputs[0], inputs[1], inputs[2], output].map(Into::into);
+        let push = CountParams { count };
+        passes.push(plan.pass("bounce", &FORMFACTOR_BOUNCE, &ranges, &push, count).expect("a valid pass"));
+    }
+    executor.load(plan).expect("the plan loads");
+    executor.upload(inputs[1], &[0.5f32; 400]).expect("the upload fits");
+    executor.clear(inputs[2]).expect("a storage buffer");
+    for frame in 0..5 {
+        executor.upload(inputs[0], &[FRAME_SOURCES[frame]; 400]).expect("the upload fits");
+        executor.push(passes[5], &CountParams { count: counts[frame] }).expect("the length is right");
+        executor.set_elements(passes[5], counts[frame]).expect("the pass is known");
+        executor.submit_passes(&[passes[frame], passes[5]]).expect("the passes are submitted");
+    }
+    // Nothing of this reaches the frames above.
+    executor.upload(inputs[0], &[9.0f32; 400]).expect("the upload fits");
+    executor.push(passes[5], &CountParams { count }).expect("the length is right");
+    executor.set_elements(passes[5], count).expect("the pass is known");
+    let times = executor.wait().expect("the device is well");
+    assert!(times.len() == 10 && times.iter().all(|time| time.name == "bounce"), "{times:?}");
+    assert!(executor.wait().expect("the device is well").is_empty(), "times are given once");
+    let read = |&output: &BufferId| executor.download_table(output).expect("readable");
+    outputs.iter().map(read).collect()
+}
+
+#[test]
+fn frames_in_flight_keep_their_own_uploads_and_push_constants() {
+    let Some(vulkan) = vulkan() else { return };
+    let (native, _) = open(&DeviceChoice::Cpu).expect("native code is always there");
+    // Fewer submissions than frames: the ring wraps around.
+    let mut short = integration_tests::vulkan().expect("there was one");
+    short.set_submissions_in_flight(2).expect("the device is well");
+    let executors: [Box<dyn Executor>; 3] = [native, Box::new(vulkan), Box::new(short)];
+    for mut executor in executors {
+        let found = frames_in_flight(executor.as_mut(), FRAME_COUNTS);
+        for (frame, source) in FRAME_SOURCES.iter().enumerate() {
+            assert!(found[frame].iter().all(|value| value == source), "frame {frame}: {:?}", found[frame]);
+        }
+        // Element i is of the last frame that reached it.
+        let last = |i: usize| (0..5).rev().find(|&frame| i < FRAME_COUNTS[frame] as usize);
+        let expected: Vec<f32> =
+            (0..100).flat_map(|i| [last(i).map_or(0.0, |frame| FRAME_SOURCES[frame]); 4]).collect();
+        assert_eq!(found[5], expected);
+
+        let mut shifted = FRAME_COUNTS;
+        shifted.rotate_left(1);
+        let other = frames_in_flight(executor.as_mut(), shifted);
+        assert_ne!(other[5], expected, "push constants of another frame");
+        assert_eq!(other[..5], found[..5]);
+    }
+}
+
+#[test]
+fn times_of_submitted_passes_come_without_waiting() {
+    let Some(vulkan) = vulkan() else { return };
+    let (native, _) = open(&DeviceChoice::Cpu).expect("native code is always there");
+    let executors: [Box<dyn Executor>; 2] = [native, Box::new(vulkan)];
+    for mut executor in executors {
+        let (plan, [source, albedo, irradiance, _], pass) = small_plan(1000);
+        executor.load(plan).expect("the plan loads");
+        for id in [source, albedo, irradiance] {
+            executor.clear(id).expect("a storage buffer");
+        }
+        assert!(executor.finished_times().expect("the device is well").is_empty());
+        executor.submit_passes(&[pass]).expect("the pass is submitted");
+        executor.submit_passes(&[]).expect("nothing to do is no error");
+        let mut times = Vec::new();
+        while times.is_empty() {
+            times = executor.finished_times().expect("the device is well");
+        }
+        assert_eq!((times.len(), times[0].name.as_str()), (1, "bounce"));
+        assert!(executor.finished_times().expect("the device is well").is_empty());
+        // A run gives its own times only; those submitted before it are kept.
+        executor.submit_passes(&[pass, pass]).expect("the passes are submitted");
+        assert_eq!(executor.run_passes(&[pass]).expect("the pass runs").len(), 1);
+        assert_eq!(executor.wait().expect("the device is well").len(), 2);
+    }
+}
+
+#[test]
+fn cleared_buffers_and_pictures_are_zeros_and_later_uploads_stay() {
+    let Some(vulkan) = vulkan() else { return };
+    let (native, _) = open(&DeviceChoice::Cpu).expect("native code is always there");
+    let bytes: Vec<u8> = (0..5000u32).map(|k| (k % 255 + 1) as u8).collect();
+    let executors: [Box<dyn Executor>; 2] = [native, Box::new(vulkan)];
+    for mut executor in executors {
+        let mut plan = Plan::new();
+        let odd = plan.storage("odd", 1001);
+        let plain = plan.image("plain", ImageFormat::Rgba32Float, 7, 5);
+        let has_blocks = executor.device().has_block_images;
+        let blocks = has_blocks.then(|| plan.image("blocks", ImageFormat::Bc7, 9, 5));
+        let scratch = plan.scratch("scratch", 64);
+        executor.load(plan).expect("the plan loads");
+        let images = [Some((plain, 7 * 5 * 16)), blocks.map(|id| (id, 3 * 2 * 16))];
+        for (id, size) in [(odd, 1001)].into_iter().chain(images.into_iter().flatten()) {
+            executor.upload(id, &bytes[..size]).expect("fits");
+            assert!(executor.download(id).expect("readable") == bytes[..size]);
+            executor.clear(id).expect("not scratch");
+            assert!(executor.download(id).expect("readable").iter().all(|&byte| byte == 0));
+            executor.upload(id, &bytes[1..=size]).expect("fits");
+            executor.clear(id).expect("not scratch");
+            executor.upload(id, &bytes[2..size + 2]).expect("fits");
+            assert!(executor.download(id).expect("readable") == bytes[2..size + 2], "the later upload stays");
+        }
+        assert!(executor.clear(scratch).is_err(), "a scratch buffer has no contents between frames");
+    }
+}
+
 /// Operators from 300 senders to 421 receivers, in tiles of everything: components of 4 and 8 bits, squares, single entries.
 #[test]
 fn tiles_of_receivers_have_the_same_bits_on_every_device() {

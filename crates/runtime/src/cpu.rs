@@ -1,10 +1,11 @@
 //! Native code: each pass by the host form of its kernel, on all cores. Needs no driver.
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use gpu_kernels::host::{HostBinding, HostCall};
 
-use crate::executor::{DeviceInfo, DeviceKind, Executor, ExecutorError, PassTime};
+use crate::executor::{DeviceInfo, DeviceKind, Executor, ExecutorError, KEPT_TIMES, PassTime};
 use crate::graph::Graph;
 use crate::plan::{Bound, BufferId, BufferKind, Pass, PassId, Plan};
 
@@ -14,6 +15,8 @@ pub struct Cpu {
     info: DeviceInfo,
     graph: Graph,
     memory: Vec<Block>,
+    /// Times of submitted passes until they are asked for.
+    finished: VecDeque<Vec<PassTime>>,
 }
 
 /// Bytes on a 16-byte boundary, as every table needs.
@@ -59,7 +62,7 @@ impl Cpu {
             missing_feature: None,
             has_validation: false,
         };
-        Self { info, graph: Graph::default(), memory: Vec::new() }
+        Self { info, graph: Graph::default(), memory: Vec::new(), finished: VecDeque::new() }
     }
 
     fn run_pass(&mut self, id: PassId) -> Result<(), ExecutorError> {
@@ -141,6 +144,12 @@ impl Executor for Cpu {
         Ok(())
     }
 
+    fn clear(&mut self, buffer: BufferId) -> Result<(), ExecutorError> {
+        self.graph.note_clear(buffer)?;
+        self.memory[self.graph.slot_of(buffer)].words.fill(0);
+        Ok(())
+    }
+
     fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError> {
         Ok(self.graph.set_push(pass, push)?)
     }
@@ -159,6 +168,23 @@ impl Executor for Cpu {
             times.push(PassTime { name, milliseconds: start.elapsed().as_secs_f64() * 1e3 });
         }
         Ok(times)
+    }
+
+    fn submit_passes(&mut self, passes: &[PassId]) -> Result<(), ExecutorError> {
+        let times = self.run_passes(passes)?;
+        if self.finished.len() == KEPT_TIMES {
+            self.finished.pop_front();
+        }
+        self.finished.push_back(times);
+        Ok(())
+    }
+
+    fn wait(&mut self) -> Result<Vec<PassTime>, ExecutorError> {
+        Ok(self.finished.drain(..).flatten().collect())
+    }
+
+    fn finished_times(&mut self) -> Result<Vec<PassTime>, ExecutorError> {
+        self.wait()
     }
 
     fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError> {

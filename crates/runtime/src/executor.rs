@@ -86,7 +86,7 @@ pub struct DeviceInfo {
     pub name: String,
     /// What kind of machine it is.
     pub kind: DeviceKind,
-    /// Its number for `--device`; `None` for native code.
+    /// Its number in the list of devices, for [`DeviceChoice::Index`]; `None` for native code and for a caller's device.
     pub index: Option<usize>,
     /// Name and version of the driver.
     pub driver: String,
@@ -112,7 +112,7 @@ pub struct DeviceInfo {
     pub has_validation: bool,
 }
 
-/// What `--device` says.
+/// Which device is to run the kernels.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
     /// The best Vulkan device that is not the processor, else native code.
@@ -189,8 +189,14 @@ pub struct PassTime {
     pub milliseconds: f64,
 }
 
+/// Submissions whose times are kept for a caller that does not ask; older ones are dropped.
+pub(crate) const KEPT_TIMES: usize = 64;
+
 /// Runs plans. Buffers stay on the device from frame to frame: load once, then for each frame upload what changed, set push
 /// constants, run, download what is wanted.
+///
+/// Two ways to run: [`Executor::run_passes`] waits and gives times; [`Executor::submit_passes`] does not wait, so that the
+/// host prepares the next frame while the device is at work on this one. Native code does both at once.
 pub trait Executor: Send {
     /// What runs the kernels.
     fn device(&self) -> &DeviceInfo;
@@ -204,13 +210,21 @@ pub trait Executor: Send {
     /// The loaded plan.
     fn plan(&self) -> &Plan;
 
-    /// Puts bytes into a buffer from `offset` on; a picture takes all its bytes at once.
+    /// Puts bytes into a buffer from `offset` on; a picture takes all its bytes at once. Passes already submitted still see
+    /// the bytes before. Nothing is waited for, unless the staging memory of all submissions in flight is full: 16 MiB each.
     ///
     /// # Errors
     /// Bytes that do not fit, a scratch buffer, an unknown buffer; what the device says.
     fn upload_at(&mut self, buffer: BufferId, offset: u64, bytes: &[u8]) -> Result<(), ExecutorError>;
 
-    /// Replaces a pass's push constants.
+    /// Fills a buffer or a picture with zeros, in the order of the uploads. No bytes are transferred, but for pictures of
+    /// texture blocks.
+    ///
+    /// # Errors
+    /// A scratch buffer, an unknown buffer; what the device says.
+    fn clear(&mut self, buffer: BufferId) -> Result<(), ExecutorError>;
+
+    /// Replaces a pass's push constants from the next run on; passes already submitted keep theirs.
     ///
     /// # Errors
     /// Wrong length, unknown pass.
@@ -228,11 +242,36 @@ pub trait Executor: Send {
     /// A pass that reads what nothing was put into; what the device says.
     fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError>;
 
-    /// All bytes of a buffer.
+    /// Submits the uploads so far and passes in the order given, after everything submitted before. Nothing is waited for,
+    /// unless as many submissions are in flight as the executor allows: then for the oldest one.
+    ///
+    /// # Errors
+    /// As [`Executor::run_passes`].
+    fn submit_passes(&mut self, passes: &[PassId]) -> Result<(), ExecutorError>;
+
+    /// Waits for everything submitted; gives the times of the submitted passes that finished since times were last asked
+    /// for, in their order. Empty on a Vulkan device without timestamps.
+    ///
+    /// # Errors
+    /// What the device says.
+    fn wait(&mut self) -> Result<Vec<PassTime>, ExecutorError>;
+
+    /// As [`Executor::wait`], without waiting: the times of submissions that have finished.
+    ///
+    /// # Errors
+    /// What the device says.
+    fn finished_times(&mut self) -> Result<Vec<PassTime>, ExecutorError>;
+
+    /// All bytes of a buffer, after everything submitted before. Waits.
     ///
     /// # Errors
     /// A scratch buffer, an unknown buffer; what the device says.
     fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError>;
+
+    /// The Vulkan executor, if it is one: to record into a caller's command buffer and to hand out device buffers.
+    fn as_vulkan(&mut self) -> Option<&mut Vulkan> {
+        None
+    }
 
     /// Runs the whole plan.
     ///
@@ -275,7 +314,7 @@ impl dyn Executor + '_ {
     }
 }
 
-/// Opens what `--device` says. `auto` falls back to native code, with a note that says why.
+/// Opens the device that answers to the choice. `Auto` falls back to native code, with a note that says why.
 ///
 /// # Errors
 /// A device that was asked for and is not there, or lacks a feature.

@@ -111,6 +111,16 @@ impl Graph {
         Ok(())
     }
 
+    /// Checks that a buffer may be filled with zeros and notes that it has contents.
+    ///
+    /// # Errors
+    /// Unknown or scratch buffer.
+    pub fn note_clear(&mut self, id: BufferId) -> Result<(), PlanError> {
+        self.check_download(id)?;
+        self.written[id.0] = true;
+        Ok(())
+    }
+
     /// Checks that a buffer may be downloaded; gives its size.
     ///
     /// # Errors

@@ -215,7 +215,7 @@ pub enum PlanError {
         found: u64,
     },
     /// A scratch buffer has no contents outside of a frame.
-    #[error("`{buffer}` is a scratch buffer: it cannot be uploaded or downloaded")]
+    #[error("`{buffer}` is a scratch buffer: it cannot be uploaded, cleared or downloaded")]
     Scratch {
         /// The buffer.
         buffer: String,

@@ -1,34 +1,52 @@
-//! Runs plans on a Vulkan device: any driver of Vulkan 1.2 with rust-gpu's memory model, loaded when the program runs.
+//! Runs plans on a Vulkan device: any driver of Vulkan 1.2 with rust-gpu's memory model, loaded when the program runs; or a
+//! device that the caller has already.
 //!
-//! The one place with unsafe code. `device` makes and ends instance and device, `buffer` owns memory, `pipeline`
-//! compiles rows of the kernel table, `queue` submits and waits, `transfer` moves bytes to and fro.
+//! The one place with unsafe code. `device` makes or borrows instance and device, `features` says what they must offer,
+//! `buffer` owns memory, `pipeline` compiles rows of the kernel table, `sets` binds passes to buffers, `commands` records,
+//! `staging` collects uploads, `queue` submits, `recording` fills a caller's command buffer.
 #![allow(unsafe_code)]
 
 mod buffer;
+mod commands;
 mod device;
 mod error;
+mod features;
 mod pipeline;
 mod queue;
-mod transfer;
+mod recording;
+mod resource;
+mod sets;
+mod staging;
+mod work;
 
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ash::vk;
 use gpu_kernels::table::{BindingKind, ImageFormat, Kernel};
 
 use self::buffer::{Buffer, Image};
 use self::device::{Device, Instance};
-use self::pipeline::{Pipeline, descriptor_type};
-use self::queue::Queue;
-use self::transfer::Transfer;
+use self::features::BLOCK_IMAGES;
+use self::pipeline::Pipeline;
+use self::queue::{Queue, Ticket};
+use self::recording::Recordings;
+use self::resource::Resource;
+use self::sets::Sets;
+use self::staging::{STAGING_BYTES, Staging, record_download};
+use self::work::Work;
 use crate::executor::{DeviceChoice, DeviceInfo, Executor, ExecutorError, PassTime};
 use crate::graph::Graph;
 use crate::plan::{BufferId, BufferKind, Pass, PassId, Plan};
 
-pub use self::device::{Messages, Validation};
+/// The binding of Vulkan whose handles [`Vulkan::borrow`], [`Vulkan::begin_recording`] and [`BufferHandle`] name.
+pub use ash;
+
+pub use self::device::{BorrowedDevice, Messages, Validation, describe_device};
 pub use self::error::Error;
+pub use self::features::{API_VERSION, EnabledFeatures, FEATURES, Feature, enable_features};
+pub use self::recording::MAX_FRAMES;
+pub use self::resource::BufferHandle;
 
 /// All Vulkan devices in the loader's order, those that lack a feature too.
 ///
@@ -39,21 +57,17 @@ pub fn devices() -> Result<Vec<DeviceInfo>, Error> {
     Ok(instance.devices()?.into_iter().map(|candidate| candidate.info).collect())
 }
 
-/// What a slot of the graph is on the device.
-enum Resource {
-    Buffer(Buffer),
-    Image(Image),
-}
-
-/// Runs plans on a Vulkan device.
+/// Runs plans on a Vulkan device, its own or a caller's.
 pub struct Vulkan {
-    // Fields end from the first to the last; each holds the device by an `Arc`, the last one frees it.
+    // Fields end from the first to the last. The queue waits for everything in flight before anything that it uses goes;
+    // each holds the device by an `Arc`, the last one frees it.
+    queue: Queue,
+    recordings: Recordings,
     sets: Option<Sets>,
     resources: Vec<Resource>,
     /// By the address of the kernel's row.
     pipelines: HashMap<usize, Arc<Pipeline>>,
-    transfer: Transfer,
-    queue: Queue,
+    to_host: Option<Buffer>,
     graph: Graph,
     device: Arc<Device>,
     host_clock: bool,
@@ -67,13 +81,38 @@ impl Vulkan {
     pub fn open(choice: &DeviceChoice, validation: Validation) -> Result<Self, Error> {
         let instance = Instance::new(validation)?;
         let candidate = device::choose(instance.devices()?, choice)?;
-        let device = Arc::new(Device::new(instance, candidate)?);
+        Self::with_device(Device::new(instance, candidate)?)
+    }
+
+    /// Runs plans on a caller's device and queue. Memory, pipelines and all else that the executor makes on the device goes
+    /// with the executor, which waits for its own submissions only; instance, device and queue stay the caller's.
+    ///
+    /// The device must be made with [`FEATURES`] ([`enable_features`] fills the structures). What the validation layer says
+    /// goes to the caller's own messenger; [`Vulkan::messages`] stays empty.
+    ///
+    /// # Errors
+    /// A feature that the physical device lacks or that was not enabled, a queue family without compute: the error names it
+    /// and the remedy.
+    ///
+    /// # Safety
+    /// - All handles are alive and belong together: the device was made from the physical device of the instance, the queue
+    ///   is the device's, of the family named. They outlive the executor.
+    /// - The instance was made for [`API_VERSION`] or newer, the device with the features that `enabled` says.
+    /// - While a method of the executor runs, and while it is dropped, no other thread uses the queue.
+    pub unsafe fn borrow(caller: BorrowedDevice) -> Result<Self, Error> {
+        // SAFETY: as the caller promises.
+        Self::with_device(unsafe { Device::borrow(caller) }?)
+    }
+
+    fn with_device(device: Device) -> Result<Self, Error> {
+        let device = Arc::new(device);
         let vulkan = Self {
+            queue: Queue::new(&device)?,
+            recordings: Recordings::default(),
             sets: None,
             resources: Vec::new(),
             pipelines: HashMap::new(),
-            transfer: Transfer::new(&device),
-            queue: Queue::new(&device)?,
+            to_host: None,
             graph: Graph::default(),
             host_clock: !device.info.has_timestamps,
             device,
@@ -88,9 +127,37 @@ impl Vulkan {
         self.device.instance.messages.clone()
     }
 
-    /// Times each pass by the host's clock, with a submission of its own, as on devices without timestamps.
+    /// Times each pass of [`Executor::run_passes`] by the host's clock, with a submission of its own, as on devices without
+    /// timestamps.
     pub fn use_host_clock(&mut self) {
         self.host_clock = true;
+    }
+
+    /// Waits for everything in flight; from now on `count` submissions (at least 1; 4 unless this is called) may be in
+    /// flight before [`Executor::submit_passes`] or an upload waits for the oldest one. Each takes 16 MiB of memory that the
+    /// host sees once it uploads.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_submissions_in_flight(&mut self, count: usize) -> Result<(), Error> {
+        self.queue.resize(count)?;
+        self.device.check_messages()
+    }
+
+    /// A storage buffer of the loaded plan, for the caller's own shaders on the same device; see [`BufferHandle`] for layout
+    /// and lifetime. `None` for pictures, scratch buffers and unknown buffers.
+    ///
+    /// Contents are those of the last submission: a command of the caller on the same queue sees them after a memory
+    /// barrier from `VK_PIPELINE_STAGE_ALL_COMMANDS_BIT` (recordings end with one), one on another queue after a semaphore.
+    pub fn buffer(&self, id: BufferId) -> Option<BufferHandle> {
+        let spec = self.graph.plan().buffer(id).ok()?;
+        if spec.kind != BufferKind::Storage {
+            return None;
+        }
+        match self.resources.get(self.graph.slot_of(id))? {
+            Resource::Buffer(buffer) => Some(BufferHandle { buffer: buffer.raw, offset: 0, bytes: spec.bytes }),
+            Resource::Image(_) => None,
+        }
     }
 
     fn make_resources(&self, graph: &Graph) -> Result<Vec<Resource>, Error> {
@@ -115,7 +182,7 @@ impl Vulkan {
     fn check_picture(&self, name: &str, format: ImageFormat, width: u32, height: u32) -> Result<(), Error> {
         if format.block_edge() > 1 && !self.device.info.has_block_images {
             let remedy = "use the kernel that decodes blocks from a buffer";
-            return Err(self.device.limit(format!("picture `{name}`"), "textureCompressionBC", 0, 1, remedy));
+            return Err(self.device.limit(format!("picture `{name}`"), BLOCK_IMAGES, 0, 1, remedy));
         }
         let limit = self.device.limits.max_image_dimension2_d;
         let asked = width.max(height);
@@ -170,88 +237,154 @@ impl Vulkan {
         for pass in plan.passes() {
             pipelines.push(self.pipeline(pass.kernel)?);
         }
-        let resources = self.make_resources(&graph)?;
-        self.queue.submit(|raw, commands| clear(raw, commands, &resources))?;
-        for (slot, resource) in resources.iter().enumerate() {
-            if let Resource::Image(image) = resource
-                && image.is_blocks()
-            {
-                let bytes = image.format.image_bytes(image.extent.width, image.extent.height);
-                self.transfer.upload_zeros(&mut self.queue, &resources, slot, bytes)?;
+        self.resources = self.make_resources(&graph)?;
+        self.graph = graph;
+        self.initialise_resources()?;
+        self.sets = Some(Sets::new(&self.device, &self.graph, &self.resources, pipelines)?);
+        self.device.check_messages()
+    }
+
+    /// Fills new buffers and pictures with zeros and brings pictures into the layout that kernels fetch from.
+    fn initialise_resources(&mut self) -> Result<(), Error> {
+        let resources = &self.resources;
+        // SAFETY: the resources go in `unload`, which waits first.
+        unsafe {
+            self.queue.submit(Vec::new(), |commands, _, _| {
+                for resource in resources {
+                    resource.initialise(commands);
+                }
+            })?;
+        }
+        for slot in 0..self.resources.len() {
+            if self.resources[slot].is_blocks() {
+                self.clear_slot(slot)?;
             }
         }
-        self.transfer.flush(&mut self.queue, &resources)?;
-        let sets = Sets::new(&self.device, &graph, &resources, pipelines)?;
-        self.device.check_messages()?;
-        (self.sets, self.resources, self.graph) = (Some(sets), resources, graph);
         Ok(())
     }
 
-    /// Submits passes together; with timestamps the time of each.
-    fn submit(&mut self, passes: &[PassId], barriers: &[bool], timestamps: bool) -> Result<Vec<f64>, Error> {
-        let Some(sets) = &self.sets else { return Ok(Vec::new()) };
-        let count = passes.len() as u32 + 1;
-        let queries = if timestamps { self.queue.queries(count)? } else { vk::QueryPool::null() };
-        let plan = self.graph.plan();
-        self.queue.submit(|raw, commands| {
-            // SAFETY: the command buffer is being recorded; pool, pipelines, sets and what they point to live in `self`
-            // until after the wait; groups and push constants were checked against device and kernel when they were set.
-            unsafe {
-                let stamp = |query: u32| {
-                    if timestamps {
-                        raw.cmd_write_timestamp(commands, vk::PipelineStageFlags::BOTTOM_OF_PIPE, queries, query);
-                    }
-                };
-                if timestamps {
-                    raw.cmd_reset_query_pool(commands, queries, 0, count);
-                }
-                stamp(0);
-                for (k, (id, waits)) in passes.iter().zip(barriers).enumerate() {
-                    if *waits {
-                        let shader = vk::PipelineStageFlags::COMPUTE_SHADER;
-                        let barrier = [vk::MemoryBarrier::default()
-                            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
-                            .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE)];
-                        let flags = vk::DependencyFlags::empty();
-                        raw.cmd_pipeline_barrier(commands, shader, shader, flags, &barrier, &[], &[]);
-                    }
-                    let pass = &plan.passes()[id.0];
-                    let pipeline = &sets.pipelines[id.0];
-                    let compute = vk::PipelineBindPoint::COMPUTE;
-                    raw.cmd_bind_pipeline(commands, compute, pipeline.raw);
-                    raw.cmd_bind_descriptor_sets(commands, compute, pipeline.layout, 0, &[sets.sets[id.0]], &[]);
-                    if !pass.push.is_empty() {
-                        let stage = vk::ShaderStageFlags::COMPUTE;
-                        raw.cmd_push_constants(commands, pipeline.layout, stage, 0, &pass.push);
-                    }
-                    if pass.elements > 0 {
-                        let [x, y, z] = pass.kernel.groups(pass.elements);
-                        raw.cmd_dispatch(commands, x, y, z);
-                    }
-                    stamp(k as u32 + 1);
-                }
-            }
-        })?;
-        if timestamps { self.queue.intervals(count) } else { Ok(Vec::new()) }
+    /// Waits for everything in flight, then lets the plan and what belongs to it go.
+    fn unload(&mut self) -> Result<(), Error> {
+        let outcome = self.queue.finish();
+        self.queue.forget_uploads();
+        self.sets = None;
+        self.resources.clear();
+        self.graph = Graph::default();
+        outcome
     }
 
-    fn run_checked(&mut self, passes: &[PassId]) -> Result<Vec<f64>, Error> {
-        self.transfer.flush(&mut self.queue, &self.resources)?;
-        let barriers = self.graph.barriers(passes);
-        let times = if self.host_clock {
-            let mut times = Vec::with_capacity(passes.len());
-            for &id in passes {
-                // The submission itself is a barrier.
-                let start = Instant::now();
-                self.submit(&[id], &[false], false)?;
-                times.push(start.elapsed().as_secs_f64() * 1e3);
+    /// Where the next upload goes: to the command buffer that is being recorded, or to the next submission.
+    fn staging(&mut self) -> Result<&mut Staging, Error> {
+        match self.recordings.staging() {
+            Some(staging) => Ok(staging),
+            None => self.queue.staging(),
+        }
+    }
+
+    fn upload_to_slot(&mut self, slot: usize, mut offset: u64, mut bytes: &[u8]) -> Result<(), Error> {
+        let unit = self.resources[slot].unit();
+        while !bytes.is_empty() {
+            let taken = self.staging()?.upload(slot, unit, offset, bytes)?;
+            if taken == 0 {
+                self.make_staging_room()?;
             }
-            times
-        } else {
-            self.submit(passes, &barriers, true)?
-        };
-        self.device.check_messages()?;
+            offset += taken as u64;
+            bytes = &bytes[taken..];
+        }
+        Ok(())
+    }
+
+    fn make_staging_room(&mut self) -> Result<(), Error> {
+        if let Some(staging) = self.recordings.staging() {
+            // The caller's commands cannot be submitted here, so their bytes must all stay.
+            staging.add_chunk();
+            return Ok(());
+        }
+        self.submit_untimed(&[])?;
+        Ok(())
+    }
+
+    fn clear_slot(&mut self, slot: usize) -> Result<(), Error> {
+        match &self.resources[slot] {
+            Resource::Image(image) if image.is_blocks() => {
+                let bytes = image.format.image_bytes(image.extent.width, image.extent.height);
+                let part = STAGING_BYTES / image.row_bytes() * image.row_bytes();
+                let zeros = vec![0; part.min(bytes) as usize];
+                for offset in (0..bytes).step_by(zeros.len().max(1)) {
+                    self.upload_to_slot(slot, offset, &zeros[..part.min(bytes - offset) as usize])?;
+                }
+                Ok(())
+            }
+            _ => {
+                self.staging()?.clear(slot);
+                Ok(())
+            }
+        }
+    }
+
+    /// Submits what waits to be uploaded and passes, with the time of each where the device measures it.
+    fn submit_timed(&mut self, passes: &[PassId]) -> Result<Ticket, Error> {
+        if !self.device.info.has_timestamps {
+            return self.submit_untimed(passes);
+        }
+        let all = self.graph.plan().passes();
+        let names = passes.iter().map(|id| all[id.0].name.clone()).collect();
+        self.submit(passes, names)
+    }
+
+    fn submit_untimed(&mut self, passes: &[PassId]) -> Result<Ticket, Error> {
+        self.submit(passes, Vec::new())
+    }
+
+    fn submit(&mut self, passes: &[PassId], names: Vec<String>) -> Result<Ticket, Error> {
+        let work = Work { graph: &self.graph, sets: self.sets.as_ref(), resources: &self.resources, passes };
+        let is_timed = !names.is_empty();
+        // SAFETY: sets, pipelines, resources and staging memory go in `unload` and after the queue in `drop`, both of which
+        // wait first.
+        unsafe {
+            self.queue.submit(names, |commands, staging, queries| {
+                work.record(commands, staging, is_timed.then_some(queries));
+            })
+        }
+    }
+
+    /// Runs passes one by one, each timed by the host's clock.
+    fn run_by_host_clock(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, Error> {
+        let uploads = self.submit_untimed(&[])?;
+        self.queue.wait_for(&uploads)?;
+        let mut times = Vec::with_capacity(passes.len());
+        for &id in passes {
+            let start = Instant::now();
+            let ticket = self.submit_untimed(&[id])?;
+            self.queue.wait_for(&ticket)?;
+            let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+            times.push(PassTime { name: self.graph.plan().passes()[id.0].name.clone(), milliseconds });
+        }
         Ok(times)
+    }
+
+    fn download_slot(&mut self, slot: usize, bytes: u64) -> Result<Vec<u8>, Error> {
+        let mut out = Vec::with_capacity(bytes as usize);
+        let part = STAGING_BYTES / self.resources[slot].unit() * self.resources[slot].unit();
+        while (out.len() as u64) < bytes {
+            let offset = out.len() as u64;
+            let size = (bytes - offset).min(part);
+            if self.to_host.is_none() {
+                self.to_host = Some(Buffer::to_host(&self.device, STAGING_BYTES)?);
+            }
+            let Some(to_host) = &self.to_host else { continue };
+            let resources = &self.resources;
+            // SAFETY: the resources go in `unload` and, as the host's buffer, after the queue in `drop`; both wait first.
+            let ticket = unsafe {
+                self.queue.submit(Vec::new(), |commands, staging, _| {
+                    staging.record(commands, resources);
+                    record_download(commands, &resources[slot], to_host, offset, size);
+                })?
+            };
+            self.queue.wait_for(&ticket)?;
+            out.extend_from_slice(&to_host.mapped()[..size as usize]);
+        }
+        Ok(out)
     }
 }
 
@@ -261,11 +394,14 @@ impl Executor for Vulkan {
     }
 
     fn load(&mut self, plan: Plan) -> Result<(), ExecutorError> {
-        self.sets = None;
-        self.transfer.forget();
-        self.resources.clear();
-        self.graph = Graph::default();
-        Ok(self.load_graph(Graph::new(plan))?)
+        self.recordings.refuse("load")?;
+        self.unload()?;
+        if let Err(error) = self.load_graph(Graph::new(plan)) {
+            // The first error says more than what follows from it.
+            let _ = self.unload();
+            return Err(error.into());
+        }
+        Ok(())
     }
 
     fn plan(&self) -> &Plan {
@@ -274,8 +410,13 @@ impl Executor for Vulkan {
 
     fn upload_at(&mut self, buffer: BufferId, offset: u64, bytes: &[u8]) -> Result<(), ExecutorError> {
         self.graph.note_upload(buffer, offset, bytes.len() as u64)?;
-        let slot = self.graph.slot_of(buffer);
-        self.transfer.upload(&mut self.queue, &self.resources, slot, offset, bytes)?;
+        self.upload_to_slot(self.graph.slot_of(buffer), offset, bytes)?;
+        Ok(self.device.check_messages()?)
+    }
+
+    fn clear(&mut self, buffer: BufferId) -> Result<(), ExecutorError> {
+        self.graph.note_clear(buffer)?;
+        self.clear_slot(self.graph.slot_of(buffer))?;
         Ok(self.device.check_messages()?)
     }
 
@@ -291,127 +432,51 @@ impl Executor for Vulkan {
     }
 
     fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError> {
+        self.recordings.refuse("run_passes")?;
         self.graph.note_run(passes)?;
         if passes.is_empty() {
             return Ok(Vec::new());
         }
-        let times = self.run_checked(passes)?;
-        let plan = self.graph.plan();
-        let name = |id: &PassId| plan.passes()[id.0].name.clone();
-        Ok(passes.iter().zip(times).map(|(id, milliseconds)| PassTime { name: name(id), milliseconds }).collect())
+        let times = if self.host_clock {
+            self.run_by_host_clock(passes)?
+        } else {
+            let ticket = self.submit_timed(passes)?;
+            self.queue.wait_for(&ticket)?
+        };
+        self.device.check_messages()?;
+        Ok(times)
+    }
+
+    fn submit_passes(&mut self, passes: &[PassId]) -> Result<(), ExecutorError> {
+        self.graph.note_run(passes)?;
+        let is_recorded = self.record_passes(passes);
+        if !is_recorded && (!passes.is_empty() || self.queue.has_uploads()) {
+            self.submit_timed(passes)?;
+        }
+        Ok(self.device.check_messages()?)
+    }
+
+    fn wait(&mut self) -> Result<Vec<PassTime>, ExecutorError> {
+        self.queue.finish()?;
+        self.device.check_messages()?;
+        Ok(self.queue.take_times())
+    }
+
+    fn finished_times(&mut self) -> Result<Vec<PassTime>, ExecutorError> {
+        self.queue.poll()?;
+        self.device.check_messages()?;
+        Ok(self.queue.take_times())
     }
 
     fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError> {
+        self.recordings.refuse("download")?;
         let bytes = self.graph.check_download(buffer)?;
-        let slot = self.graph.slot_of(buffer);
-        let bytes = self.transfer.download(&mut self.queue, &self.resources, slot, bytes)?;
+        let bytes = self.download_slot(self.graph.slot_of(buffer), bytes)?;
         self.device.check_messages()?;
         Ok(bytes)
     }
-}
 
-/// Fills new buffers and pictures with zeros and brings pictures into the layout that kernels fetch from.
-fn clear(raw: &ash::Device, commands: vk::CommandBuffer, resources: &[Resource]) {
-    for resource in resources {
-        // SAFETY: the command buffer is being recorded; buffers and pictures are new, allow transfers and outlive the wait.
-        unsafe {
-            match resource {
-                Resource::Buffer(buffer) => raw.cmd_fill_buffer(commands, buffer.raw, 0, vk::WHOLE_SIZE, 0),
-                // Blocks cannot be cleared; they are copied.
-                Resource::Image(image) if image.is_blocks() => {
-                    transfer::change_layout(raw, commands, image, vk::ImageLayout::UNDEFINED, transfer::FETCHED);
-                }
-                Resource::Image(image) => {
-                    let destination = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
-                    transfer::change_layout(raw, commands, image, vk::ImageLayout::UNDEFINED, destination);
-                    let zero = vk::ClearColorValue { float32: [0.0; 4] };
-                    raw.cmd_clear_color_image(commands, image.raw, destination, &zero, &[buffer::WHOLE_IMAGE]);
-                    transfer::change_layout(raw, commands, image, destination, transfer::FETCHED);
-                }
-            }
-        }
-    }
-}
-
-/// One descriptor set for each pass, with its pipeline.
-struct Sets {
-    pool: vk::DescriptorPool,
-    sets: Vec<vk::DescriptorSet>,
-    pipelines: Vec<Arc<Pipeline>>,
-    device: Arc<Device>,
-}
-
-impl Sets {
-    fn new(
-        device: &Arc<Device>,
-        graph: &Graph,
-        resources: &[Resource],
-        pipelines: Vec<Arc<Pipeline>>,
-    ) -> Result<Self, Error> {
-        let mut made =
-            Self { pool: vk::DescriptorPool::null(), sets: Vec::new(), pipelines, device: Arc::clone(device) };
-        let passes = graph.plan().passes();
-        if passes.is_empty() {
-            return Ok(made);
-        }
-        let count = |kind: vk::DescriptorType| {
-            let of_kind =
-                |pass: &&Pass| pass.kernel.bindings.iter().filter(|b| descriptor_type(b.kind) == kind).count();
-            let descriptor_count = passes.iter().map(|pass| of_kind(&pass)).sum::<usize>() as u32;
-            vk::DescriptorPoolSize { ty: kind, descriptor_count }
-        };
-        let sizes: Vec<_> = [vk::DescriptorType::STORAGE_BUFFER, vk::DescriptorType::SAMPLED_IMAGE]
-            .into_iter()
-            .map(count)
-            .filter(|size| size.descriptor_count > 0)
-            .collect();
-        let create = vk::DescriptorPoolCreateInfo::default().max_sets(passes.len() as u32).pool_sizes(&sizes);
-        // SAFETY: the device is alive; `sizes` lives through the call.
-        made.pool = unsafe { device.raw.create_descriptor_pool(&create, None) }
-            .map_err(Error::call("vkCreateDescriptorPool"))?;
-        let layouts: Vec<_> = made.pipelines.iter().map(|p| p.set_layout).collect();
-        let allocate = vk::DescriptorSetAllocateInfo::default().descriptor_pool(made.pool).set_layouts(&layouts);
-        // SAFETY: the pool has room for exactly these sets; the layouts live in `made.pipelines`.
-        made.sets = unsafe { device.raw.allocate_descriptor_sets(&allocate) }
-            .map_err(Error::call("vkAllocateDescriptorSets"))?;
-        for (pass, set) in passes.iter().zip(&made.sets) {
-            for (binding, bound) in pass.bound.iter().enumerate() {
-                let write = vk::WriteDescriptorSet::default().dst_set(*set).dst_binding(binding as u32);
-                let resource = &resources[graph.slot_of(bound.buffer)];
-                let (buffers, images) = match resource {
-                    Resource::Buffer(buffer) => {
-                        let info =
-                            vk::DescriptorBufferInfo { buffer: buffer.raw, offset: bound.offset, range: bound.bytes };
-                        (Some([info]), None)
-                    }
-                    Resource::Image(image) => {
-                        let info = vk::DescriptorImageInfo {
-                            sampler: vk::Sampler::null(),
-                            image_view: image.view,
-                            image_layout: transfer::FETCHED,
-                        };
-                        (None, Some([info]))
-                    }
-                };
-                let write = match (&buffers, &images) {
-                    (Some(buffers), _) => {
-                        write.descriptor_type(vk::DescriptorType::STORAGE_BUFFER).buffer_info(buffers)
-                    }
-                    (_, Some(images)) => write.descriptor_type(vk::DescriptorType::SAMPLED_IMAGE).image_info(images),
-                    _ => continue,
-                };
-                // SAFETY: the set is new and not in use; the range lies in the buffer (checked by the plan) and buffer,
-                // picture and view outlive the set.
-                unsafe { device.raw.update_descriptor_sets(&[write], &[]) };
-            }
-        }
-        Ok(made)
-    }
-}
-
-impl Drop for Sets {
-    fn drop(&mut self) {
-        // SAFETY: every submission is waited for; a null pool is allowed; the sets go with their pool.
-        unsafe { self.device.raw.destroy_descriptor_pool(self.pool, None) };
+    fn as_vulkan(&mut self) -> Option<&mut Vulkan> {
+        Some(self)
     }
 }

@@ -99,6 +99,20 @@ fn what_nobody_wrote_is_not_read() {
 }
 
 #[test]
+fn a_cleared_buffer_has_contents() {
+    let mut plan = Plan::new();
+    let [a, b, c, d] = storage(&mut plan);
+    bounce(&mut plan, [a, b, c, d]).expect("valid");
+    let mut cpu = Cpu::new();
+    cpu.load(plan).expect("loads");
+    for id in [a, b, c] {
+        assert!(cpu.run().is_err(), "something is still unwritten");
+        cpu.clear(id).expect("a storage buffer");
+    }
+    cpu.run().expect("reads zeros");
+}
+
+#[test]
 fn uploads_that_do_not_fit_are_refused() {
     let mut plan = Plan::new();
     let [a] = storage(&mut plan);

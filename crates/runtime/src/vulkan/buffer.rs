@@ -86,9 +86,11 @@ pub(super) struct Buffer {
 }
 
 impl Buffer {
-    /// A buffer that kernels use.
+    /// A buffer that kernels use, and a caller's shaders as a storage, vertex or texel buffer.
     pub fn storage(device: &Arc<Device>, name: &str, bytes: u64) -> Result<Self, Error> {
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::VERTEX_BUFFER
+            | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
         Self::new(device, name, bytes, usage, MemoryLocation::GpuOnly)
@@ -149,8 +151,8 @@ impl Buffer {
 
 impl Drop for Buffer {
     fn drop(&mut self) {
-        // SAFETY: every submission is waited for before it returns, so no command uses the buffer; its memory goes after
-        // it (field drop).
+        // SAFETY: every submission that uses the buffer is waited for before its owner drops it; its memory goes after it
+        // (field drop).
         unsafe { self.device.raw.destroy_buffer(self.raw, None) };
     }
 }
@@ -176,19 +178,10 @@ impl Image {
         bytes: u64,
     ) -> Result<Self, Error> {
         check_size(device, "vkCreateImage", name, bytes)?;
-        let texels = format;
-        let format = match format {
-            ImageFormat::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
-            ImageFormat::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
-            ImageFormat::Bc1Rgb => vk::Format::BC1_RGB_UNORM_BLOCK,
-            ImageFormat::Bc3 => vk::Format::BC3_UNORM_BLOCK,
-            ImageFormat::Bc6hUfloat => vk::Format::BC6H_UFLOAT_BLOCK,
-            ImageFormat::Bc7 => vk::Format::BC7_UNORM_BLOCK,
-        };
         let extent = vk::Extent3D { width, height, depth: 1 };
         let create = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
-            .format(format)
+            .format(vulkan_format(format))
             .extent(extent)
             .mip_levels(1)
             .array_layers(1)
@@ -200,14 +193,8 @@ impl Image {
         // SAFETY: the device is alive; the caller keeps width and height within the device's limits and above 0.
         let raw =
             unsafe { device.raw.create_image(&create, None) }.map_err(creation_error("vkCreateImage", name, bytes))?;
-        let mut image = Self {
-            raw,
-            view: vk::ImageView::null(),
-            extent,
-            format: texels,
-            _memory: None,
-            device: Arc::clone(device),
-        };
+        let mut image =
+            Self { raw, view: vk::ImageView::null(), extent, format, _memory: None, device: Arc::clone(device) };
         // SAFETY: the image was made from this device.
         let requirements = unsafe { device.raw.get_image_memory_requirements(raw) };
         let memory = Memory::new(device, name, bytes, requirements, MemoryLocation::GpuOnly, false)?;
@@ -222,7 +209,7 @@ impl Image {
         let create = vk::ImageViewCreateInfo::default()
             .image(raw)
             .view_type(vk::ImageViewType::TYPE_2D)
-            .format(format)
+            .format(vulkan_format(format))
             .subresource_range(WHOLE_IMAGE);
         // SAFETY: the image is bound to memory and has the format and the one level that the view names.
         image.view = unsafe { device.raw.create_image_view(&create, None) }.map_err(creation_error(
@@ -246,12 +233,23 @@ impl Image {
 
 impl Drop for Image {
     fn drop(&mut self) {
-        // SAFETY: every submission is waited for before it returns; the view goes before its image, the memory after it
-        // (field drop). A null view is allowed.
+        // SAFETY: every submission that uses the picture is waited for before its owner drops it; the view goes before its
+        // image, the memory after it (field drop). A null view is allowed.
         unsafe {
             self.device.raw.destroy_image_view(self.view, None);
             self.device.raw.destroy_image(self.raw, None);
         }
+    }
+}
+
+fn vulkan_format(format: ImageFormat) -> vk::Format {
+    match format {
+        ImageFormat::Rgba32Float => vk::Format::R32G32B32A32_SFLOAT,
+        ImageFormat::Rgba16Float => vk::Format::R16G16B16A16_SFLOAT,
+        ImageFormat::Bc1Rgb => vk::Format::BC1_RGB_UNORM_BLOCK,
+        ImageFormat::Bc3 => vk::Format::BC3_UNORM_BLOCK,
+        ImageFormat::Bc6hUfloat => vk::Format::BC6H_UFLOAT_BLOCK,
+        ImageFormat::Bc7 => vk::Format::BC7_UNORM_BLOCK,
     }
 }
 

@@ -1,4 +1,4 @@
-//! Instance, choice of a device, logical device. Everything here is freed in the right order on drop.
+//! Instance, choice of a device, logical device; each ours or a caller's. What is ours is freed in the right order on drop.
 
 use std::ffi::{CStr, c_char, c_void};
 use std::mem::ManuallyDrop;
@@ -8,6 +8,7 @@ use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::error::Error;
+use super::features::{API_VERSION, COMPUTE_QUEUE, EnabledFeatures, enable_features};
 use crate::executor::{DeviceChoice, DeviceInfo, DeviceKind};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -46,30 +47,32 @@ impl Validation {
     }
 }
 
+/// An instance of ours, or a caller's.
 pub(super) struct Instance {
     raw: ash::Instance,
-    debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    /// What only an instance of ours has; `None` where the caller made the instance and ends it.
+    own: Option<OwnInstance>,
     pub messages: Messages,
+}
+
+struct OwnInstance {
+    debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     // Last: the library is unloaded after everything that points into it.
-    _entry: ash::Entry,
+    entry: ash::Entry,
 }
 
 impl Instance {
+    /// Makes an instance.
     pub fn new(validation: Validation) -> Result<Self, Error> {
         // SAFETY: the loader library is the system's; loading it has no precondition of ours.
         let entry = unsafe { ash::Entry::load() }?;
-        // SAFETY: no pointer is passed; the function is called before any instance exists, as the specification allows.
-        let layers = unsafe { entry.enumerate_instance_layer_properties() }
-            .map_err(Error::call("vkEnumerateInstanceLayerProperties"))?;
-        let has_layer = layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION_LAYER));
-        if validation == Validation::Required && !has_layer {
+        let watched = validation != Validation::Off && has_validation_layer(&entry)?;
+        if validation == Validation::Required && !watched {
             return Err(Error::NoValidationLayer);
         }
-        let watched = validation != Validation::Off && has_layer;
         let layer_names: &[*const c_char] = if watched { &[VALIDATION_LAYER.as_ptr()] } else { &[] };
         let extension_names: &[*const c_char] = if watched { &[ext::debug_utils::NAME.as_ptr()] } else { &[] };
-        let application =
-            vk::ApplicationInfo::default().application_name(c"patchlight").api_version(vk::API_VERSION_1_2);
+        let application = vk::ApplicationInfo::default().application_name(c"patchlight").api_version(API_VERSION);
         let create = vk::InstanceCreateInfo::default()
             .application_info(&application)
             .enabled_layer_names(layer_names)
@@ -81,23 +84,39 @@ impl Instance {
             }
             result => Error::Call { call: "vkCreateInstance", result },
         })?;
-        let mut instance = Self { raw, debug: None, messages: Messages::default(), _entry: entry };
+        let own = Some(OwnInstance { debug: None, entry });
+        let mut instance = Self { raw, own, messages: Messages::default() };
         if watched {
-            let debug = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);
-            let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
-                .message_severity(
-                    vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
-                )
-                .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-                .pfn_user_callback(Some(collect_message))
-                .user_data(Arc::as_ptr(&instance.messages.0).cast_mut().cast());
-            // SAFETY: the user data is the mutex inside `messages`, which lives as long as the messenger: both end in
-            // `drop`, the messenger first. The callback only locks it.
-            let messenger = unsafe { debug.create_debug_utils_messenger(&create, None) }
-                .map_err(Error::call("vkCreateDebugUtilsMessengerEXT"))?;
-            instance.debug = Some((debug, messenger));
+            instance.collect_messages()?;
         }
         Ok(instance)
+    }
+
+    /// A caller's instance, whose messages go to the caller's own messenger.
+    pub fn borrow(raw: ash::Instance) -> Self {
+        Self { raw, own: None, messages: Messages::default() }
+    }
+
+    fn collect_messages(&mut self) -> Result<(), Error> {
+        let Some(own) = &mut self.own else { return Ok(()) };
+        let debug = ext::debug_utils::Instance::new(&own.entry, &self.raw);
+        let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
+            .message_severity(
+                vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
+            )
+            .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
+            .pfn_user_callback(Some(collect_message))
+            .user_data(Arc::as_ptr(&self.messages.0).cast_mut().cast());
+        // SAFETY: the user data is the mutex inside `messages`, which lives as long as the messenger: both end in `drop`,
+        // the messenger first. The callback only locks it.
+        let messenger = unsafe { debug.create_debug_utils_messenger(&create, None) }
+            .map_err(Error::call("vkCreateDebugUtilsMessengerEXT"))?;
+        own.debug = Some((debug, messenger));
+        Ok(())
+    }
+
+    fn has_validation(&self) -> bool {
+        self.own.as_ref().is_some_and(|own| own.debug.is_some())
     }
 
     /// All devices in the loader's order.
@@ -108,106 +127,36 @@ impl Instance {
             Err(vk::Result::ERROR_INITIALIZATION_FAILED) => Vec::new(),
             other => other.map_err(Error::call("vkEnumeratePhysicalDevices"))?,
         };
-        Ok(physical.into_iter().enumerate().map(|(index, physical)| self.describe(index, physical)).collect())
-    }
-
-    fn describe(&self, index: usize, physical: vk::PhysicalDevice) -> Candidate {
-        // SAFETY: `physical` comes from this live instance.
-        let plain = unsafe { self.raw.get_physical_device_properties(physical) };
-        let has_1_2 = plain.api_version >= vk::API_VERSION_1_2;
-        let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
-        let mut allocation = vk::PhysicalDeviceMaintenance3Properties::default();
-        let mut driver = vk::PhysicalDeviceDriverProperties::default();
-        let mut features_1_2 = vk::PhysicalDeviceVulkan12Features::default();
-        if has_1_2 {
-            let mut properties = vk::PhysicalDeviceProperties2::default()
-                .push_next(&mut subgroup)
-                .push_next(&mut allocation)
-                .push_next(&mut driver);
-            // SAFETY: the chain holds structures of Vulkan 1.2, which the device offers, and lives through the call.
-            unsafe { self.raw.get_physical_device_properties2(physical, &mut properties) };
-            let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut features_1_2);
-            // SAFETY: as above.
-            unsafe { self.raw.get_physical_device_features2(physical, &mut features) };
+        let mut candidates = Vec::with_capacity(physical.len());
+        for (index, physical) in physical.into_iter().enumerate() {
+            // SAFETY: `physical` comes from this live instance, which asked for `API_VERSION`.
+            let report = unsafe { Report::new(&self.raw, physical) };
+            let mut candidate = report.candidate(report.best_family());
+            candidate.info.index = Some(index);
+            candidate.info.has_validation = self.has_validation();
+            candidates.push(candidate);
         }
-        // SAFETY: `physical` comes from this live instance.
-        let features = unsafe { self.raw.get_physical_device_features(physical) };
-        // SAFETY: as above.
-        let memory = unsafe { self.raw.get_physical_device_memory_properties(physical) };
-        // SAFETY: as above.
-        let families = unsafe { self.raw.get_physical_device_queue_family_properties(physical) };
-
-        let memory = memory
-            .memory_heaps_as_slice()
-            .iter()
-            .filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
-            .map(|h| h.size)
-            .sum();
-        let family = families
-            .iter()
-            .enumerate()
-            .filter(|(_, f)| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
-            .max_by_key(|(k, f)| (f.timestamp_valid_bits, std::cmp::Reverse(*k)))
-            .map(|(k, f)| (k as u32, f.timestamp_valid_bits));
-        let missing = if !has_1_2 {
-            Some("Vulkan 1.2")
-        } else if features_1_2.vulkan_memory_model == 0 {
-            Some("vulkanMemoryModel")
-        } else if features_1_2.vulkan_memory_model_device_scope == 0 {
-            Some("vulkanMemoryModelDeviceScope")
-        } else if family.is_none() {
-            Some("a compute queue")
-        } else {
-            None
-        };
-        let (family, timestamp_bits) = family.unwrap_or_default();
-        let version =
-            |v: u32| format!("{}.{}.{}", vk::api_version_major(v), vk::api_version_minor(v), vk::api_version_patch(v));
-        let text = |c: Result<&CStr, _>| c.map(|c: &CStr| c.to_string_lossy().into_owned()).unwrap_or_default();
-        let info = DeviceInfo {
-            name: text(plain.device_name_as_c_str()),
-            kind: match plain.device_type {
-                vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
-                vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
-                vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::Virtual,
-                vk::PhysicalDeviceType::CPU => DeviceKind::EmulatedOnCpu,
-                _ => DeviceKind::Other,
-            },
-            index: Some(index),
-            driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()))
-                .trim()
-                .to_owned(),
-            api_version: version(plain.api_version),
-            memory_bytes: memory,
-            max_storage_buffer_range: u64::from(plain.limits.max_storage_buffer_range),
-            max_image_edge: plain.limits.max_image_dimension2_d,
-            has_block_images: features.texture_compression_bc == vk::TRUE,
-            shared_memory_bytes: plain.limits.max_compute_shared_memory_size,
-            subgroup_size: subgroup.subgroup_size,
-            has_timestamps: timestamp_bits > 0,
-            missing_feature: missing,
-            has_validation: self.debug.is_some(),
-        };
-        Candidate {
-            physical,
-            info,
-            family,
-            timestamp_bits,
-            limits: plain.limits,
-            max_allocation_bytes: allocation.max_memory_allocation_size,
-        }
+        Ok(candidates)
     }
 }
 
 impl Drop for Instance {
     fn drop(&mut self) {
-        if let Some((debug, messenger)) = self.debug.take() {
+        let Some(own) = &mut self.own else { return };
+        if let Some((debug, messenger)) = own.debug.take() {
             // SAFETY: made from this instance, destroyed once; no other call is under way, since we own the instance.
             unsafe { debug.destroy_debug_utils_messenger(messenger, None) };
         }
         // SAFETY: every child (device, messenger) is gone: `Device` owns the instance and ends before it.
         unsafe { self.raw.destroy_instance(None) };
     }
+}
+
+fn has_validation_layer(entry: &ash::Entry) -> Result<bool, Error> {
+    // SAFETY: no pointer is passed; the function is called before any instance exists, as the specification allows.
+    let layers = unsafe { entry.enumerate_instance_layer_properties() }
+        .map_err(Error::call("vkEnumerateInstanceLayerProperties"))?;
+    Ok(layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)))
 }
 
 /// Puts a message of the layer into the list.
@@ -227,7 +176,146 @@ unsafe extern "system" fn collect_message(
     vk::FALSE
 }
 
-/// A device that the loader offers.
+/// What a physical device reports about itself.
+struct Report {
+    physical: vk::PhysicalDevice,
+    plain: vk::PhysicalDeviceProperties,
+    driver: String,
+    subgroup_size: u32,
+    max_allocation_bytes: u64,
+    supported: EnabledFeatures,
+    memory_bytes: u64,
+    families: Vec<vk::QueueFamilyProperties>,
+}
+
+impl Report {
+    /// Asks a physical device.
+    ///
+    /// # Safety
+    /// `physical` is one of the instance's; the instance is alive and was made for [`API_VERSION`] or newer.
+    unsafe fn new(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Self {
+        let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
+        let mut allocation = vk::PhysicalDeviceMaintenance3Properties::default();
+        let mut driver = vk::PhysicalDeviceDriverProperties::default();
+        let mut features_1_2 = vk::PhysicalDeviceVulkan12Features::default();
+        // SAFETY: handle and instance are as the caller promises; the chains hold structures of Vulkan 1.2, are given only
+        // to devices that offer it, and live through the calls.
+        let (plain, features, memory, families) = unsafe {
+            let plain = instance.get_physical_device_properties(physical);
+            if plain.api_version >= API_VERSION {
+                let mut properties = vk::PhysicalDeviceProperties2::default()
+                    .push_next(&mut subgroup)
+                    .push_next(&mut allocation)
+                    .push_next(&mut driver);
+                instance.get_physical_device_properties2(physical, &mut properties);
+                let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut features_1_2);
+                instance.get_physical_device_features2(physical, &mut features);
+            }
+            let features = instance.get_physical_device_features(physical);
+            let memory = instance.get_physical_device_memory_properties(physical);
+            (plain, features, memory, instance.get_physical_device_queue_family_properties(physical))
+        };
+        let driver = format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()));
+        Self {
+            physical,
+            plain,
+            driver: driver.trim().to_owned(),
+            subgroup_size: subgroup.subgroup_size,
+            max_allocation_bytes: allocation.max_memory_allocation_size,
+            supported: EnabledFeatures::of(&features, &features_1_2),
+            memory_bytes: device_local_bytes(&memory),
+            families,
+        }
+    }
+
+    /// The first compute family with the most bits in its timestamps.
+    fn best_family(&self) -> Option<u32> {
+        let families = self.families.iter().enumerate();
+        let compute = families.filter(|(_, family)| family.queue_flags.contains(vk::QueueFlags::COMPUTE));
+        let best = compute.max_by_key(|(k, family)| (family.timestamp_valid_bits, std::cmp::Reverse(*k)));
+        best.map(|(k, _)| k as u32)
+    }
+
+    /// Whether a queue family runs compute shaders.
+    fn has_compute(&self, family: u32) -> bool {
+        let family = self.families.get(family as usize);
+        family.is_some_and(|family| family.queue_flags.contains(vk::QueueFlags::COMPUTE))
+    }
+
+    fn missing_feature(&self, family: Option<u32>) -> Option<&'static str> {
+        if self.plain.api_version < API_VERSION {
+            return Some("Vulkan 1.2");
+        }
+        let no_queue = if family.is_none() { Some(COMPUTE_QUEUE) } else { None };
+        self.supported.missing().or(no_queue)
+    }
+
+    /// The device with the queue family that it is to be used with.
+    fn candidate(&self, family: Option<u32>) -> Candidate {
+        let properties = family.and_then(|family| self.families.get(family as usize));
+        let timestamp_bits = properties.map_or(0, |family| family.timestamp_valid_bits);
+        let limits = self.plain.limits;
+        let info = DeviceInfo {
+            name: text(self.plain.device_name_as_c_str()),
+            kind: device_kind(self.plain.device_type),
+            index: None,
+            driver: self.driver.clone(),
+            api_version: version(self.plain.api_version),
+            memory_bytes: self.memory_bytes,
+            max_storage_buffer_range: u64::from(limits.max_storage_buffer_range),
+            max_image_edge: limits.max_image_dimension2_d,
+            has_block_images: self.supported.texture_compression_bc,
+            shared_memory_bytes: limits.max_compute_shared_memory_size,
+            subgroup_size: self.subgroup_size,
+            has_timestamps: timestamp_bits > 0,
+            missing_feature: self.missing_feature(family),
+            has_validation: false,
+        };
+        Candidate {
+            physical: self.physical,
+            info,
+            family: family.unwrap_or_default(),
+            timestamp_bits,
+            limits,
+            max_allocation_bytes: self.max_allocation_bytes,
+        }
+    }
+}
+
+fn text<E>(from_driver: Result<&CStr, E>) -> String {
+    from_driver.map(|text| text.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+fn version(v: u32) -> String {
+    format!("{}.{}.{}", vk::api_version_major(v), vk::api_version_minor(v), vk::api_version_patch(v))
+}
+
+fn device_kind(kind: vk::PhysicalDeviceType) -> DeviceKind {
+    match kind {
+        vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::Discrete,
+        vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::Integrated,
+        vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::Virtual,
+        vk::PhysicalDeviceType::CPU => DeviceKind::EmulatedOnCpu,
+        _ => DeviceKind::Other,
+    }
+}
+
+fn device_local_bytes(memory: &vk::PhysicalDeviceMemoryProperties) -> u64 {
+    let heaps = memory.memory_heaps_as_slice().iter();
+    heaps.filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|heap| heap.size).sum()
+}
+
+/// What a physical device of a caller's instance offers; `missing_feature` says what it lacks. Its `index` is `None`.
+///
+/// # Safety
+/// The instance is alive and was made for [`API_VERSION`] or newer, and the physical device is one of its.
+pub unsafe fn describe_device(instance: &ash::Instance, physical_device: vk::PhysicalDevice) -> DeviceInfo {
+    // SAFETY: as the caller promises.
+    let report = unsafe { Report::new(instance, physical_device) };
+    report.candidate(report.best_family()).info
+}
+
+/// A device that the loader offers, or a caller lends.
 pub(super) struct Candidate {
     physical: vk::PhysicalDevice,
     pub info: DeviceInfo,
@@ -235,6 +323,23 @@ pub(super) struct Candidate {
     timestamp_bits: u32,
     limits: vk::PhysicalDeviceLimits,
     max_allocation_bytes: u64,
+}
+
+/// A caller's device, for [`Vulkan::borrow`](super::Vulkan::borrow). The handles stay the caller's.
+#[derive(Clone)]
+pub struct BorrowedDevice {
+    /// The instance, made for [`API_VERSION`] or newer.
+    pub instance: ash::Instance,
+    /// The physical device that `device` was made from.
+    pub physical_device: vk::PhysicalDevice,
+    /// The device, made with [`FEATURES`](super::FEATURES).
+    pub device: ash::Device,
+    /// The family of `queue`; it has `VK_QUEUE_COMPUTE_BIT`.
+    pub queue_family: u32,
+    /// The queue that passes, uploads and downloads are submitted to.
+    pub queue: vk::Queue,
+    /// The features that `device` was made with; [`EnabledFeatures::of`] reads them from Vulkan's structures.
+    pub enabled: EnabledFeatures,
 }
 
 /// Picks the device that answers to the choice; among several the best kind, then the first.
@@ -256,9 +361,11 @@ pub(super) fn choose(mut candidates: Vec<Candidate>, choice: &DeviceChoice) -> R
     }
 }
 
-/// A logical device with its one queue and its memory.
+/// A logical device with its one queue and its memory; ours, or a caller's.
 pub(super) struct Device {
     pub raw: ash::Device,
+    /// Whether the caller made the device and ends it.
+    is_borrowed: bool,
     pub queue: vk::Queue,
     pub family: u32,
     pub info: DeviceInfo,
@@ -271,50 +378,80 @@ pub(super) struct Device {
 }
 
 impl Device {
+    /// Makes a device with one queue.
     pub fn new(instance: Instance, candidate: Candidate) -> Result<Self, Error> {
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(candidate.family).queue_priorities(&[1.0])];
-        let mut features = vk::PhysicalDeviceVulkan12Features::default()
-            .vulkan_memory_model(true)
-            .vulkan_memory_model_device_scope(true);
-        let plain = vk::PhysicalDeviceFeatures::default().texture_compression_bc(candidate.info.has_block_images);
+        // SAFETY: the physical device belongs to the live instance.
+        let supported = unsafe { instance.raw.get_physical_device_features(candidate.physical) };
+        let mut features = vk::PhysicalDeviceFeatures::default();
+        let mut features_1_2 = vk::PhysicalDeviceVulkan12Features::default();
+        enable_features(&supported, &mut features, &mut features_1_2);
         let create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
-            .enabled_features(&plain)
-            .push_next(&mut features);
+            .enabled_features(&features)
+            .push_next(&mut features_1_2);
         // SAFETY: the physical device belongs to the instance; `choose` made sure of queue family and features; the chain
         // lives through the call.
         let raw = unsafe { instance.raw.create_device(candidate.physical, &create, None) }
             .map_err(Error::call("vkCreateDevice"))?;
-        // SAFETY: the device was made with one queue of this family.
-        let queue = unsafe { raw.get_device_queue(candidate.family, 0) };
-        let allocator = Allocator::new(&AllocatorCreateDesc {
-            instance: instance.raw.clone(),
-            device: raw.clone(),
-            physical_device: candidate.physical,
-            debug_settings: Default::default(),
-            buffer_device_address: false,
-            allocation_sizes: Default::default(),
-        });
-        let allocator = match allocator {
-            Ok(allocator) => ManuallyDrop::new(Mutex::new(allocator)),
+        let allocator = match make_allocator(&instance.raw, &raw, candidate.physical) {
+            Ok(allocator) => allocator,
             Err(error) => {
                 // SAFETY: nothing was made from the device yet.
                 unsafe { raw.destroy_device(None) };
-                return Err(Error::Allocator { what: "allocator".into(), bytes: 0, reason: error.to_string() });
+                return Err(error);
             }
         };
-        Ok(Self {
+        // SAFETY: the device was made with one queue of this family.
+        let queue = unsafe { raw.get_device_queue(candidate.family, 0) };
+        Ok(Self::with_parts(instance, candidate, raw, queue, allocator, false))
+    }
+
+    /// Takes a caller's device for the time that the executor lives.
+    ///
+    /// # Safety
+    /// As [`Vulkan::borrow`](super::Vulkan::borrow).
+    pub unsafe fn borrow(caller: BorrowedDevice) -> Result<Self, Error> {
+        // SAFETY: as the caller promises.
+        let report = unsafe { Report::new(&caller.instance, caller.physical_device) };
+        let mut candidate = report.candidate(Some(caller.queue_family));
+        let device = candidate.info.name.clone();
+        if let Some(feature) = candidate.info.missing_feature {
+            return Err(Error::MissingFeature { device, feature });
+        }
+        if !report.has_compute(caller.queue_family) {
+            return Err(Error::QueueFamily { device, family: caller.queue_family });
+        }
+        if let Some(feature) = caller.enabled.missing() {
+            return Err(Error::FeatureNotEnabled { device, feature });
+        }
+        candidate.info.has_block_images &= caller.enabled.texture_compression_bc;
+        let allocator = make_allocator(&caller.instance, &caller.device, caller.physical_device)?;
+        let instance = Instance::borrow(caller.instance);
+        Ok(Self::with_parts(instance, candidate, caller.device, caller.queue, allocator, true))
+    }
+
+    fn with_parts(
+        instance: Instance,
+        candidate: Candidate,
+        raw: ash::Device,
+        queue: vk::Queue,
+        allocator: Allocator,
+        is_borrowed: bool,
+    ) -> Self {
+        Self {
             raw,
+            is_borrowed,
             queue,
             family: candidate.family,
             info: candidate.info,
             limits: candidate.limits,
             timestamp_bits: candidate.timestamp_bits,
             max_allocation_bytes: candidate.max_allocation_bytes,
-            allocator,
+            allocator: ManuallyDrop::new(Mutex::new(allocator)),
             instance,
-        })
+        }
     }
 
     /// An error when the validation layer has said anything.
@@ -331,13 +468,30 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        // SAFETY: every child holds an `Arc` of this device, so all are gone. The allocator frees its blocks while the
-        // device is alive, and is never used again.
+        // SAFETY: every child holds an `Arc` of this device, so all are gone, and `Queue` waited for every submission of
+        // ours before it went. The allocator frees its blocks while the device is alive, and is never used again. A
+        // device of ours has no other user.
         unsafe {
-            // A lost device is idle.
-            let _ = self.raw.device_wait_idle();
             ManuallyDrop::drop(&mut self.allocator);
-            self.raw.destroy_device(None);
+            if !self.is_borrowed {
+                self.raw.destroy_device(None);
+            }
         }
     }
+}
+
+fn make_allocator(
+    instance: &ash::Instance,
+    device: &ash::Device,
+    physical_device: vk::PhysicalDevice,
+) -> Result<Allocator, Error> {
+    let made = Allocator::new(&AllocatorCreateDesc {
+        instance: instance.clone(),
+        device: device.clone(),
+        physical_device,
+        debug_settings: Default::default(),
+        buffer_device_address: false,
+        allocation_sizes: Default::default(),
+    });
+    made.map_err(|error| Error::Allocator { what: "allocator".into(), bytes: 0, reason: error.to_string() })
 }

@@ -7,10 +7,10 @@ use ash::vk;
 #[non_exhaustive]
 pub enum Error {
     /// There is no Vulkan loader on this machine.
-    #[error("no Vulkan loader: {0}; install a graphics driver, or choose --device cpu")]
+    #[error("no Vulkan loader: {0}; install a graphics driver, or use the CPU executor")]
     NoLoader(#[from] ash::LoadingError),
     /// The loader works but no driver offers a device.
-    #[error("no Vulkan device: {reason}; install a graphics driver, or choose --device cpu")]
+    #[error("no Vulkan device: {reason}; install a graphics driver, or use the CPU executor")]
     NoDevice {
         /// What the loader says.
         reason: String,
@@ -24,12 +24,47 @@ pub enum Error {
         available: Vec<String>,
     },
     /// A device lacks what every kernel needs.
-    #[error("{device} lacks {feature}; update its driver, choose another device, or --device cpu")]
+    #[error("{device} lacks {feature}; update its driver, choose another device, or the CPU executor")]
     MissingFeature {
         /// Name of the device.
         device: String,
         /// The feature as the Vulkan specification names it.
         feature: &'static str,
+    },
+    /// A caller's device was made without a feature that every kernel needs.
+    #[error("{device} was made without {feature}: enable it when the device is made, `vulkan::enable_features` does")]
+    FeatureNotEnabled {
+        /// Name of the device.
+        device: String,
+        /// The feature as the Vulkan specification names it.
+        feature: &'static str,
+    },
+    /// A caller's queue family does not run compute shaders.
+    #[error("queue family {family} of {device} lacks VK_QUEUE_COMPUTE_BIT: give a queue of a family that has it")]
+    QueueFamily {
+        /// Name of the device.
+        device: String,
+        /// The family given.
+        family: u32,
+    },
+    /// A call that waits for the device, while commands are recorded into a caller's command buffer.
+    #[error(
+        "{call} cannot be recorded into a command buffer: call end_recording, submit the buffer, then call it again"
+    )]
+    Recording {
+        /// The call.
+        call: &'static str,
+    },
+    /// `end_recording` without `begin_recording`.
+    #[error("no command buffer is being recorded: call begin_recording first")]
+    NotRecording,
+    /// A slot for the uploads of a recorded frame that there is not.
+    #[error("frame slot {frame} of {count}: give the number of the frame modulo the frames in flight")]
+    FrameSlot {
+        /// The slot asked for.
+        frame: usize,
+        /// How many there are.
+        count: usize,
     },
     /// The validation layer was asked for by `PATCHLIGHT_VALIDATION=1` and is not installed.
     #[error(
@@ -46,7 +81,7 @@ pub enum Error {
     /// A buffer or picture does not fit on the device.
     #[error(
         "{call} for `{what}`, {bytes} bytes: out of device memory ({reason}); choose fewer patches, a smaller picture, or \
-         --device cpu"
+         the CPU executor"
     )]
     OutOfMemory {
         /// The call.
@@ -117,13 +152,13 @@ fn remedy(result: vk::Result) -> &'static str {
     match result {
         vk::Result::ERROR_DEVICE_LOST => {
             "the device was reset, often because one pass ran too long: try again with fewer patches or rays a pass, or \
-             --device cpu"
+             the CPU executor"
         }
         vk::Result::ERROR_OUT_OF_HOST_MEMORY => "main memory is full: close programs or choose fewer patches",
-        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => "device memory is full: choose fewer patches, or --device cpu",
+        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => "device memory is full: choose fewer patches, or the CPU executor",
         vk::Result::ERROR_INITIALIZATION_FAILED | vk::Result::ERROR_INCOMPATIBLE_DRIVER => {
-            "the driver does not work: update it, choose another device, or --device cpu"
+            "the driver does not work: update it, choose another device, or the CPU executor"
         }
-        _ => "update the driver, choose another device, or --device cpu",
+        _ => "update the driver, choose another device, or the CPU executor",
     }
 }

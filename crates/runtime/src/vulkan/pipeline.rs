@@ -90,7 +90,7 @@ impl Pipeline {
 
 impl Drop for Pipeline {
     fn drop(&mut self) {
-        // SAFETY: every submission is waited for before it returns, so no command uses them; null handles are allowed.
+        // SAFETY: `Vulkan` waits for every submission before its pipelines go, so no command uses them; null handles are allowed.
         unsafe {
             self.device.raw.destroy_pipeline(self.raw, None);
             self.device.raw.destroy_pipeline_layout(self.layout, None);
@@ -113,7 +113,13 @@ fn check_limits(device: &Device, kernel: &Kernel) -> Result<(), Error> {
     for (name, limit, asked) in facts {
         if asked > u64::from(limit) {
             let what = format!("kernel `{}`", kernel.name);
-            return Err(device.limit(what, name, u64::from(limit), asked, "choose another device, or --device cpu"));
+            return Err(device.limit(
+                what,
+                name,
+                u64::from(limit),
+                asked,
+                "choose another device, or the CPU executor",
+            ));
         }
     }
     Ok(())

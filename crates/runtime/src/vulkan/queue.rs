@@ -1,31 +1,57 @@
-//! Submissions: one command buffer, one fence, a timestamp pool. Every submission is waited for.
+//! Submissions: a ring of command buffers, each with its fence, its timestamps and the staging memory of its uploads.
+//!
+//! Nothing is waited for but what is asked for, or the oldest submission when the ring is full.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
 use ash::vk;
 
+use super::commands::{Commands, Scope};
 use super::device::Device;
 use super::error::Error;
+use super::staging::Staging;
+use crate::executor::{KEPT_TIMES, PassTime};
+
+/// Submissions that may be in flight unless the caller says otherwise.
+const SUBMISSIONS: usize = 4;
 
 /// Records and submits commands to the device's queue.
 pub(super) struct Queue {
     device: Arc<Device>,
     pool: vk::CommandPool,
-    commands: vk::CommandBuffer,
-    fence: vk::Fence,
-    queries: vk::QueryPool,
-    query_count: u32,
+    ring: Vec<Submission>,
+    /// Index of the submission that is being prepared.
+    next: usize,
+    /// Times of the passes of finished submissions, one entry each, until they are asked for.
+    finished: VecDeque<Vec<PassTime>>,
 }
 
+/// One place of the ring.
+struct Submission {
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+    is_in_flight: bool,
+    staging: Staging,
+    queries: vk::QueryPool,
+    query_capacity: u32,
+    /// Names of the passes between the timestamps; empty without timestamps.
+    names: Vec<String>,
+}
+
+/// A submission that may be waited for; valid until the next one is made.
+pub(super) struct Ticket(usize);
+
 impl Queue {
+    /// A queue that allows as many submissions in flight as is usual.
     pub fn new(device: &Arc<Device>) -> Result<Self, Error> {
         let mut queue = Self {
             device: Arc::clone(device),
             pool: vk::CommandPool::null(),
-            commands: vk::CommandBuffer::null(),
-            fence: vk::Fence::null(),
-            queries: vk::QueryPool::null(),
-            query_count: 0,
+            ring: Vec::new(),
+            next: 0,
+            finished: VecDeque::new(),
         };
         let create = vk::CommandPoolCreateInfo::default()
             .queue_family_index(device.family)
@@ -33,111 +59,269 @@ impl Queue {
         // SAFETY: the family is the one that the device was made with.
         queue.pool =
             unsafe { device.raw.create_command_pool(&create, None) }.map_err(Error::call("vkCreateCommandPool"))?;
-        let allocate = vk::CommandBufferAllocateInfo::default()
-            .command_pool(queue.pool)
-            .level(vk::CommandBufferLevel::PRIMARY)
-            .command_buffer_count(1);
-        // SAFETY: the pool was just made from this device.
-        let buffers = unsafe { device.raw.allocate_command_buffers(&allocate) }
-            .map_err(Error::call("vkAllocateCommandBuffers"))?;
-        queue.commands = buffers.into_iter().next().unwrap_or_default();
-        // SAFETY: the device is alive.
-        queue.fence = unsafe { device.raw.create_fence(&vk::FenceCreateInfo::default(), None) }
-            .map_err(Error::call("vkCreateFence"))?;
+        queue.resize(SUBMISSIONS)?;
         Ok(queue)
     }
 
-    /// Records what `record` records, submits it and waits until the device is done. Everything that earlier submissions
-    /// wrote is visible to it.
-    pub fn submit(&mut self, record: impl FnOnce(&ash::Device, vk::CommandBuffer)) -> Result<(), Error> {
-        let raw = &self.device.raw;
-        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the command buffer is not in use: every earlier submission was waited for. Its pool allows the implicit
-        // reset.
-        unsafe { raw.begin_command_buffer(self.commands, &begin) }.map_err(Error::call("vkBeginCommandBuffer"))?;
-        let all = vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE;
-        self.barrier(vk::PipelineStageFlags::ALL_COMMANDS, all, vk::PipelineStageFlags::ALL_COMMANDS, all);
-        record(raw, self.commands);
-        self.barrier(
-            vk::PipelineStageFlags::ALL_COMMANDS,
-            vk::AccessFlags::MEMORY_WRITE,
-            vk::PipelineStageFlags::HOST,
-            vk::AccessFlags::HOST_READ,
-        );
-        // SAFETY: the command buffer is being recorded.
-        unsafe { raw.end_command_buffer(self.commands) }.map_err(Error::call("vkEndCommandBuffer"))?;
-        let commands = [self.commands];
-        let submits = [vk::SubmitInfo::default().command_buffers(&commands)];
-        // SAFETY: the fence is unsignalled and not in use; `&mut self` and the device's single owner keep other threads from
-        // the queue; what the commands use outlives the wait below.
-        unsafe {
-            raw.queue_submit(self.device.queue, &submits, self.fence).map_err(Error::call("vkQueueSubmit"))?;
-            if let Err(result) = raw.wait_for_fences(&[self.fence], true, u64::MAX) {
-                // Nothing may be freed under running commands; a lost device runs none.
-                let _ = raw.device_wait_idle();
-                return Err(Error::Call { call: "vkWaitForFences", result });
+    /// Waits for everything in flight and allows `count` submissions (at least 1) from now on. Uploads that wait stay.
+    pub fn resize(&mut self, count: usize) -> Result<(), Error> {
+        self.finish()?;
+        if !self.ring.is_empty() {
+            // The submission that is being prepared becomes the first.
+            self.ring.rotate_left(self.next);
+            self.next = 0;
+        }
+        while self.ring.len() > count.max(1) {
+            if let Some(submission) = self.ring.pop() {
+                submission.destroy(&self.device.raw, self.pool);
             }
-            raw.reset_fences(&[self.fence]).map_err(Error::call("vkResetFences"))?;
+        }
+        while self.ring.len() < count.max(1) {
+            let submission = self.new_submission()?;
+            self.ring.push(submission);
         }
         Ok(())
     }
 
-    fn barrier(
-        &self,
-        from: vk::PipelineStageFlags,
-        from_access: vk::AccessFlags,
-        to: vk::PipelineStageFlags,
-        to_access: vk::AccessFlags,
-    ) {
-        let barriers = [vk::MemoryBarrier::default().src_access_mask(from_access).dst_access_mask(to_access)];
-        // SAFETY: the command buffer is being recorded; the stages and accesses are those of every queue.
-        unsafe {
-            self.device.raw.cmd_pipeline_barrier(
-                self.commands,
-                from,
-                to,
-                vk::DependencyFlags::empty(),
-                &barriers,
-                &[],
-                &[],
-            );
+    fn new_submission(&self) -> Result<Submission, Error> {
+        let raw = &self.device.raw;
+        // SAFETY: the device is alive.
+        let fence =
+            unsafe { raw.create_fence(&vk::FenceCreateInfo::default(), None) }.map_err(Error::call("vkCreateFence"))?;
+        let mut submission = Submission {
+            commands: vk::CommandBuffer::null(),
+            fence,
+            is_in_flight: false,
+            staging: Staging::new(&self.device),
+            queries: vk::QueryPool::null(),
+            query_capacity: 0,
+            names: Vec::new(),
+        };
+        let allocate = vk::CommandBufferAllocateInfo::default()
+            .command_pool(self.pool)
+            .level(vk::CommandBufferLevel::PRIMARY)
+            .command_buffer_count(1);
+        // SAFETY: the pool was made from this device.
+        match unsafe { raw.allocate_command_buffers(&allocate) } {
+            Ok(buffers) => {
+                submission.commands = buffers.into_iter().next().unwrap_or_default();
+                Ok(submission)
+            }
+            Err(result) => {
+                submission.destroy(raw, self.pool);
+                Err(Error::Call { call: "vkAllocateCommandBuffers", result })
+            }
         }
     }
 
-    /// A pool of at least `count` timestamps.
-    pub fn queries(&mut self, count: u32) -> Result<vk::QueryPool, Error> {
-        if count > self.query_count {
-            let create = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);
-            // SAFETY: the queue's family has timestamps (the caller asks only then).
-            let pool = unsafe { self.device.raw.create_query_pool(&create, None) }
-                .map_err(Error::call("vkCreateQueryPool"))?;
-            // SAFETY: no submission is under way; a null pool is allowed.
-            unsafe { self.device.raw.destroy_query_pool(self.queries, None) };
-            (self.queries, self.query_count) = (pool, count);
+    /// Where the uploads of the next submission are collected. Waits for the oldest submission when the ring is full.
+    pub fn staging(&mut self) -> Result<&mut Staging, Error> {
+        if self.ring[self.next].is_in_flight {
+            self.finish_and_keep(self.next)?;
         }
-        Ok(self.queries)
+        Ok(&mut self.ring[self.next].staging)
     }
 
-    /// Milliseconds between successive timestamps of the last submission.
-    pub fn intervals(&self, count: u32) -> Result<Vec<f64>, Error> {
-        let mut ticks = vec![0u64; count as usize];
+    /// Whether uploads or clears wait for the next submission.
+    pub fn has_uploads(&self) -> bool {
+        !self.ring[self.next].is_in_flight && !self.ring[self.next].staging.is_empty()
+    }
+
+    /// Drops the uploads that wait for the next submission.
+    pub fn forget_uploads(&mut self) {
+        if !self.ring[self.next].is_in_flight {
+            self.ring[self.next].staging.reset();
+        }
+    }
+
+    /// Records what `record` records and submits it. Everything that earlier submissions wrote is visible to it. `names` are
+    /// those of the passes that are timed: `record` then writes one timestamp more than there are names.
+    ///
+    /// # Safety
+    /// What `record` records outlives its execution, which [`Queue::finish`] waits for.
+    pub unsafe fn submit(
+        &mut self,
+        names: Vec<String>,
+        record: impl FnOnce(&Commands<'_>, &mut Staging, vk::QueryPool),
+    ) -> Result<Ticket, Error> {
+        self.staging()?;
+        let raw = &self.device.raw;
+        let index = self.next;
+        let submission = &mut self.ring[index];
+        if !names.is_empty() {
+            submission.reserve_queries(raw, names.len() as u32 + 1)?;
+        }
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the command buffer is not in use, see `staging`. Its pool allows the implicit reset.
+        unsafe { raw.begin_command_buffer(submission.commands, &begin) }
+            .map_err(Error::call("vkBeginCommandBuffer"))?;
+        // SAFETY: recording has begun, with the device's own compute family; the rest is the caller's promise.
+        let commands = unsafe { Commands::new(raw, submission.commands) };
+        commands.barrier(Scope::ALL, Scope::ALL);
+        record(&commands, &mut submission.staging, submission.queries);
+        let buffers = [submission.commands];
+        let submits = [vk::SubmitInfo::default().command_buffers(&buffers)];
+        // SAFETY: the command buffer is being recorded, then executable; the fence is unsignalled and not in use;
+        // `&mut self` keeps our threads from the queue, and the lender of a borrowed queue keeps theirs from it; what the
+        // commands use outlives them, as the caller promises.
+        let submitted = unsafe {
+            raw.end_command_buffer(submission.commands).map_err(Error::call("vkEndCommandBuffer")).and_then(|()| {
+                raw.queue_submit(self.device.queue, &submits, submission.fence).map_err(Error::call("vkQueueSubmit"))
+            })
+        };
+        if let Err(error) = submitted {
+            submission.staging.reset();
+            return Err(error);
+        }
+        submission.is_in_flight = true;
+        submission.names = names;
+        self.next = (index + 1) % self.ring.len();
+        Ok(Ticket(index))
+    }
+
+    /// Waits for a submission and all before it; gives the times of its passes.
+    pub fn wait_for(&mut self, ticket: &Ticket) -> Result<Vec<PassTime>, Error> {
+        for index in self.oldest_first() {
+            if index == ticket.0 {
+                break;
+            }
+            self.finish_and_keep(index)?;
+        }
+        self.finish_one(ticket.0)
+    }
+
+    /// Waits for everything in flight.
+    pub fn finish(&mut self) -> Result<(), Error> {
+        let mut outcome = Ok(());
+        for index in self.oldest_first() {
+            // The others are waited for even when one fails.
+            outcome = outcome.and(self.finish_and_keep(index));
+        }
+        outcome
+    }
+
+    /// Takes note of what is finished, without waiting.
+    pub fn poll(&mut self) -> Result<(), Error> {
+        for index in self.oldest_first() {
+            let submission = &self.ring[index];
+            if !submission.is_in_flight {
+                continue;
+            }
+            // SAFETY: the fence is alive.
+            let status = unsafe { self.device.raw.get_fence_status(submission.fence) };
+            if !status.map_err(Error::call("vkGetFenceStatus"))? {
+                break;
+            }
+            self.finish_and_keep(index)?;
+        }
+        Ok(())
+    }
+
+    /// Times of the passes that finished since the last call, in their order.
+    pub fn take_times(&mut self) -> Vec<PassTime> {
+        self.finished.drain(..).flatten().collect()
+    }
+
+    fn oldest_first(&self) -> impl Iterator<Item = usize> + use<> {
+        let count = self.ring.len();
+        let next = self.next;
+        (0..count).map(move |k| (next + k) % count)
+    }
+
+    fn finish_and_keep(&mut self, index: usize) -> Result<(), Error> {
+        let times = self.finish_one(index)?;
+        if !times.is_empty() {
+            if self.finished.len() == KEPT_TIMES {
+                self.finished.pop_front();
+            }
+            self.finished.push_back(times);
+        }
+        Ok(())
+    }
+
+    /// Waits for a submission if it is in flight, makes its place free, and gives the times of its passes.
+    fn finish_one(&mut self, index: usize) -> Result<Vec<PassTime>, Error> {
+        let submission = &mut self.ring[index];
+        if !submission.is_in_flight {
+            return Ok(Vec::new());
+        }
+        let raw = &self.device.raw;
+        // SAFETY: the fence was given to a submission.
+        let waited = unsafe { raw.wait_for_fences(&[submission.fence], true, u64::MAX) };
+        if waited.is_err() {
+            settle(raw, submission.fence);
+        }
+        submission.is_in_flight = false;
+        submission.staging.reset();
+        waited.map_err(Error::call("vkWaitForFences"))?;
+        // SAFETY: the fence is signalled and not in use.
+        unsafe { raw.reset_fences(&[submission.fence]) }.map_err(Error::call("vkResetFences"))?;
+        let names = std::mem::take(&mut submission.names);
+        if names.is_empty() {
+            return Ok(Vec::new());
+        }
+        let milliseconds = submission.intervals(&self.device, names.len() + 1)?;
+        let times = names.into_iter().zip(milliseconds);
+        Ok(times.map(|(name, milliseconds)| PassTime { name, milliseconds }).collect())
+    }
+}
+
+/// Nothing may be freed under running commands: asks until they are done. A lost device runs none.
+fn settle(raw: &ash::Device, fence: vk::Fence) {
+    // SAFETY: the fence is alive and was given to a submission.
+    while unsafe { raw.get_fence_status(fence) } == Ok(false) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+impl Submission {
+    /// Makes room for `count` timestamps.
+    fn reserve_queries(&mut self, raw: &ash::Device, count: u32) -> Result<(), Error> {
+        if count <= self.query_capacity {
+            return Ok(());
+        }
+        let create = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);
+        // SAFETY: the queue's family has timestamps (only then are passes timed).
+        let pool = unsafe { raw.create_query_pool(&create, None) }.map_err(Error::call("vkCreateQueryPool"))?;
+        // SAFETY: this place of the ring is not in flight; a null pool is allowed.
+        unsafe { raw.destroy_query_pool(self.queries, None) };
+        self.queries = pool;
+        self.query_capacity = count;
+        Ok(())
+    }
+
+    /// Milliseconds between successive timestamps of the last execution.
+    fn intervals(&self, device: &Device, count: usize) -> Result<Vec<f64>, Error> {
+        let mut ticks = vec![0u64; count];
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-        // SAFETY: the first `count` queries were written by the last submission, which is done.
-        unsafe { self.device.raw.get_query_pool_results(self.queries, 0, &mut ticks, flags) }
+        // SAFETY: the first `count` queries were written by the last execution, which is done.
+        unsafe { device.raw.get_query_pool_results(self.queries, 0, &mut ticks, flags) }
             .map_err(Error::call("vkGetQueryPoolResults"))?;
-        let mask = u64::MAX >> (64 - self.device.timestamp_bits.clamp(1, 64));
-        let period = f64::from(self.device.limits.timestamp_period);
+        let mask = u64::MAX >> (64 - device.timestamp_bits.clamp(1, 64));
+        let period = f64::from(device.limits.timestamp_period);
         Ok(ticks.windows(2).map(|t| (t[1].wrapping_sub(t[0]) & mask) as f64 * period * 1e-6).collect())
+    }
+
+    fn destroy(self, raw: &ash::Device, pool: vk::CommandPool) {
+        // SAFETY: this place of the ring is not in flight, or the device is lost; null handles are allowed.
+        unsafe {
+            raw.destroy_query_pool(self.queries, None);
+            raw.destroy_fence(self.fence, None);
+            if self.commands != vk::CommandBuffer::null() {
+                raw.free_command_buffers(pool, &[self.commands]);
+            }
+        }
     }
 }
 
 impl Drop for Queue {
     fn drop(&mut self) {
-        // SAFETY: no submission is under way, or the device is lost; null handles are allowed.
-        unsafe {
-            self.device.raw.destroy_query_pool(self.queries, None);
-            self.device.raw.destroy_fence(self.fence, None);
-            self.device.raw.destroy_command_pool(self.pool, None);
+        // What is lost with the device cannot be reported here.
+        let _ = self.finish();
+        for submission in self.ring.drain(..) {
+            submission.destroy(&self.device.raw, self.pool);
         }
+        // SAFETY: no submission is under way, or the device is lost; a null handle is allowed.
+        unsafe { self.device.raw.destroy_command_pool(self.pool, None) };
     }
 }
