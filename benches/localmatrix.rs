@@ -68,7 +68,8 @@ fn street() -> Result<Table, Error> {
         }
         starts.push(columns.len() as u32);
     }
-    Table::new(&surfaces, starts, columns, values)
+    let factors = transport::Csr { rows: WORLD, columns: WORLD, row_start: starts, column_index: columns, values };
+    Table::new(&surfaces, factors)
 }
 
 /// Steps of a camera that goes to and fro, and that stands.

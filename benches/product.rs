@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 use assets::import::load_or_build;
 use benches::{PRODUCT_SIZES, Stream, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
+use experiments::Error;
 use formfactor::Operator;
 use glam::Vec4;
 use multibounce::BlockCodec;
-use experiments::Error;
 use patchlight::progress::Progress;
 use patchlight::render::classic::{Bake, ClassicSettings, ReceiverKind};
 use patchlight::render::operator::{Codec, Feedback, Transport};
@@ -69,7 +69,7 @@ fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl Operator
     let light = exitance(n, n);
     let mut out = vec![Vec4::ZERO; n];
     measure(criterion, "product/native", name, n, bytes, || {
-        operator.product(black_box(&light), &mut out).expect("the shapes agree");
+        operator.apply(black_box(&light), &mut out).expect("the shapes agree");
     });
 }
 
@@ -90,11 +90,11 @@ fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error
     let one_bounce = ("F-tiles".to_owned(), Transport::Feedback(Feedback { epsilon: EPSILON, ..Feedback::default() }));
     for (name, transport) in all_bounces.chain([one_bounce]) {
         let Some(operator) = bake.operator(transport, None, &mut progress)? else { continue };
-        let (n, bytes) = (operator.patches(), operator.bytes().iter().map(|part| part.1).sum::<u64>());
+        let (n, bytes) = (operator.patches(), operator.bytes());
         let light = exitance(n, n);
         let mut out = vec![Vec4::ZERO; n];
         measure(criterion, &format!("product/{}", loaded.name), &name, n, bytes as usize, || {
-            operator.product(black_box(&light), &mut out).expect("the shapes agree");
+            operator.apply(black_box(&light), &mut out).expect("the shapes agree");
         });
     }
     Ok(())

@@ -128,7 +128,7 @@ fn measure(criterion: &mut Criterion, name: &str, operator: &impl Operator, tabl
     let bytes = tables + size_of_val(&light[..]) + size_of_val(&out[..]);
     let mut run = || {
         let start = Instant::now();
-        operator.product(black_box(&light), &mut out).expect("the shapes agree");
+        operator.apply(black_box(&light), &mut out).expect("the shapes agree");
         start.elapsed()
     };
     let mut group = criterion.benchmark_group("receivers/native");
@@ -174,7 +174,7 @@ fn main() {
         csr_bytes(&csr) as f64 / csr.values.len() as f64,
         start.elapsed().as_secs_f64()
     );
-    measure(&mut criterion, "hits", &rows, rows.bytes());
+    measure(&mut criterion, "hits", &rows, rows.bytes() as usize);
     measure(&mut criterion, "csr", &csr, csr_bytes(&csr));
     criterion.final_summary();
 }

@@ -207,7 +207,7 @@ fn main() -> Result<(), ExecutorError> {
             let dense = factors(n, n, n);
             let bytes = 4.0 * (n * n) as f64;
             let ms = measure(&mut criterion, "dense", n, || {
-                dense.product(black_box(&light), &mut out).expect("the shapes agree");
+                dense.apply(black_box(&light), &mut out).expect("the shapes agree");
             });
             println!("N {n}: dense {ms:.3} ms, {:.1} GB/s", bytes * 1e-6 / ms);
         }
@@ -219,7 +219,7 @@ fn main() -> Result<(), ExecutorError> {
             values: values.clone(),
         };
         let ms = measure(&mut criterion, "sparse", n, || {
-            csr.product(black_box(&light), &mut out).expect("the shapes agree");
+            csr.apply(black_box(&light), &mut out).expect("the shapes agree");
         });
         println!("N {n}: sparse rows of {entries} entries {ms:.3} ms, {:.1} MB", 8e-6 * entries as f64);
 

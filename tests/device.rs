@@ -11,6 +11,7 @@ use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devic
 use runtime::plan::{BufferId, PassId, Plan};
 use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::sampling::{hash3, unit};
+use transport::LinearOperator;
 
 /// `exchange = 1 + 0.5 * 2` for `count` elements, as a plan with its output and its pass.
 fn small_plan(count: u32) -> (Plan, [BufferId; 4], PassId) {
@@ -375,7 +376,7 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let light: Vec<Vec4> =
         (0..300).map(|j| Vec4::new(random(j, 0, 9), random(j, 1, 9), random(j, 2, 9), 0.0)).collect();
     let mut expected = vec![Vec4::ZERO; 421];
-    tiles.product(&light, &mut expected).unwrap();
+    tiles.apply(&light, &mut expected).unwrap();
     let mut other = light.clone();
     other[299].y *= 2.0;
     let check = |executor: &mut dyn Executor| {

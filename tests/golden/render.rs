@@ -3,23 +3,23 @@
 
 use std::path::Path;
 
+use assets::import::{Animation, LoadedScene, View};
+use assets::procedural;
+use experiments::path;
 use integration_tests::vulkan;
 use localmatrix::{BakeFile, LocalSettings};
 use multibounce::BlockCodec;
+use patchlight::bake::{BakeSettings, bake};
+use patchlight::progress::Progress;
+use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use patchlight::render::firstshot::FirstShotSettings;
+use patchlight::render::local::LocalOptions;
+use patchlight::render::operator::{Codec, Feedback, Transport};
+use patchlight::render::streamed::{StreamSettings, Streamed};
+use patchlight::render::temporal::Temporal;
 use reference::Picture;
 use reference::path::PathSettings;
-use runtime::bake::{BakeSettings, bake};
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
-use runtime::import::{Animation, LoadedScene, View};
-use runtime::procedural;
-use runtime::progress::Progress;
-use runtime::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use runtime::render::firstshot::FirstShotSettings;
-use runtime::render::local::LocalOptions;
-use runtime::render::operator::{Codec, Feedback, Transport};
-use runtime::render::path;
-use runtime::render::streamed::{StreamSettings, Streamed};
-use runtime::render::temporal::Temporal;
 use scene::Light;
 
 /// Picture size, pixels.
@@ -197,7 +197,7 @@ impl BakedScene {
             size: SIZE,
             ..ClassicSettings::default()
         };
-        let bake = Bake::new(&loaded, settings, &mut Progress::new(true)).unwrap();
+        let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &mut Progress::new(true)).unwrap();
         Self { loaded, bake }
     }
 }
@@ -235,7 +235,7 @@ fn trace(loaded: &LoadedScene) -> FramePixels {
 pub fn bake_city(loaded: &LoadedScene, file: &Path) {
     let scene = CITY.to_owned();
     let settings = BakeSettings { scene, voxel_size: None, patch_count: 400, rays: 64, seed: SEED };
-    bake(loaded, &settings, None, file, CITY_MEMORY, &mut Progress::new(true)).unwrap();
+    bake(&loaded.scene, loaded.content_hash, &settings, None, file, CITY_MEMORY, &mut Progress::new(true)).unwrap();
 }
 
 /// The streaming world itself.

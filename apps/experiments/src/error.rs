@@ -77,11 +77,10 @@ macro_rules! through_library {
 through_library!(
     ExecutorError,
     reference::Error,
+    transport::Error,
     formfactor::Error,
     patches::Error,
-    firstshot::Error,
     multibounce::Error,
-    temporal::Error,
     localmatrix::Error,
     localmatrix::BakeError
 );

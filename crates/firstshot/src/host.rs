@@ -7,14 +7,10 @@ mod pieces;
 mod trace;
 mod tracer;
 
-use std::ops::ControlFlow;
-
 pub use alias::alias_table;
 pub use emission::{Emission, Texels};
 pub use maps::IlluminationMaps;
 pub use pieces::{Piece, PieceSettings, lit_pieces};
 pub use trace::trace_photons;
 pub use tracer::{Estimate, PhotonSettings, Registry, Round, Sequences, Tracer};
-
-/// What a progress callback `(done, total)` answers.
-pub type Proceed = ControlFlow<()>;
+pub use transport::Proceed;

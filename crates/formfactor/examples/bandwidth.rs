@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
-use formfactor::{Dense, Error, Operator};
 use glam::Vec4;
 use rayon::prelude::*;
+use transport::{Dense, Error, LinearOperator};
 
 /// Best of a few runs, s.
 fn best(mut run: impl FnMut()) -> f64 {
@@ -29,9 +29,9 @@ fn main() -> Result<(), Error> {
         let read = best(|| {
             total ^= words.par_chunks(1 << 16).map(|c| c.iter().fold(0, |a, x| a ^ x)).reduce(|| 0, |a, b| a ^ b)
         });
-        let product = best(|| dense.product(&exitance, &mut irradiance).unwrap_or_default());
+        let product = best(|| dense.apply(&exitance, &mut irradiance).unwrap_or_default());
         let half = dense.to_half();
-        let packed = best(|| half.product(&exitance, &mut irradiance).unwrap_or_default());
+        let packed = best(|| half.apply(&exitance, &mut irradiance).unwrap_or_default());
         println!(
             "N {n}: read {:.1} GB/s, f32 {:.1} GB/s ({:.0} %, {:.2} ms), f16 {:.1} GB/s ({:.2} ms) [{total:x}]",
             bytes / read * 1e-9,

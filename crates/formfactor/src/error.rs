@@ -3,38 +3,9 @@
 /// Why a form-factor computation was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A table has the wrong length.
-    #[error("{name} holds {found} entries where {expected} are needed")]
-    Length {
-        /// The table.
-        name: &'static str,
-        /// Entries needed.
-        expected: usize,
-        /// Entries found.
-        found: usize,
-    },
-    /// A setting lies outside its range.
-    #[error("{name} is {value}; it must be {rule}")]
-    Setting {
-        /// The setting.
-        name: &'static str,
-        /// The value given.
-        value: f64,
-        /// What it must be.
-        rule: &'static str,
-    },
-    /// A value of a table is not a number that can stand there.
-    #[error("{name}[{index}] is {value}; it must be {rule}")]
-    Value {
-        /// The table.
-        name: &'static str,
-        /// The entry.
-        index: usize,
-        /// Its value.
-        value: f64,
-        /// What it must be.
-        rule: &'static str,
-    },
+    /// A table, a setting, a value or a number that cannot be, or an end that was asked for.
+    #[error(transparent)]
+    Shared(#[from] transport::Error),
     /// A polygon has too few or too many corners.
     #[error("a polygon with {found} corners: 3 to {most} are possible")]
     PolygonCorners {
@@ -62,22 +33,6 @@ pub enum Error {
     EmptyRow {
         /// The row.
         row: usize,
-    },
-    /// More patches than indices.
-    #[error("{found} patches or receivers; at most {limit} can be numbered")]
-    TooMany {
-        /// How many there would be.
-        found: u64,
-        /// How many there may be.
-        limit: u64,
-    },
-    /// The progress callback asked to stop.
-    #[error("cancelled after {done} of {total} rows")]
-    Cancelled {
-        /// Rows done.
-        done: usize,
-        /// Rows in all.
-        total: usize,
     },
     /// I − diag(ρ) F has no inverse that double precision can give.
     #[error("channel {channel}: the equations have no solution at patch {patch}")]

@@ -5,34 +5,30 @@ mod balance;
 mod contour;
 mod estimate;
 mod file;
-mod hits;
 mod polygon;
-mod product;
 mod quarters;
 mod receivers;
 mod reciprocal;
 mod solve;
 mod sparse;
-mod storage;
 mod subdivide;
 
 pub use balance::{Balance, balance, closure_residual, normalise_rows, reciprocity_residual};
 pub use contour::point_to_polygon;
 pub use estimate::{
-    AreaToArea, Contour, Estimator, FactorRows, Hemisphere, Owner, PointToPoint, Proceed, Surfaces, form_factor_blocks,
+    AreaToArea, Contour, Estimator, FactorRows, Hemisphere, Owner, PointToPoint, Surfaces, form_factor_blocks,
     form_factors,
 };
 pub use file::{RowFile, RowFileWriter};
-pub use hits::HitRows;
 pub use polygon::Polygon;
-pub use product::{Operator, widen_half};
 pub use quarters::{QUARTERS, turns};
 pub use receivers::Receivers;
 pub use reciprocal::{Reciprocal, reciprocal};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
 pub use sparse::{SparseRows, add_hit_rows, add_quarter_rows, gather_by_rays, sparse_rows};
-pub use storage::{Csr, Dense, Half};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,
     divisions_for_gradient, subdivide,
 };
+// The names that these had here, until all callers take them from `transport`.
+pub use transport::{Csr, Dense, Half, HitCounts as HitRows, LinearOperator as Operator, Proceed, widen_half};

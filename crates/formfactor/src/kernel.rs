@@ -2,5 +2,6 @@
 
 pub mod grid;
 pub mod hemisphere;
-pub mod hits;
 pub mod product;
+
+pub use transport::kernel::hits;

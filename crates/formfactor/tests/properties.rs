@@ -142,7 +142,7 @@ fn solvers_agree() {
     let two = jacobi(f, &source, &albedo, Stop::Bounces(2)).unwrap();
     let (mut h, mut b) = (vec![Vec4::ZERO; n], source.clone());
     for _ in 0..2 {
-        f.product(&b, &mut h).unwrap();
+        f.apply(&b, &mut h).unwrap();
         b = (0..n).map(|i| source[i] + albedo[i] * h[i]).collect();
     }
     assert!(two.irradiance.iter().zip(&h).all(|(a, b)| (*a - *b).truncate().abs().max_element() < 1e-6));
@@ -233,14 +233,20 @@ fn cancelling_and_bad_input_give_typed_errors() {
     let surfaces = Surfaces::of_patches(&scene, &cut, &[]);
     let stop = |done: usize, _: usize| if done >= 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let rays = Hemisphere { rays: 16 };
-    assert!(matches!(form_factors(&rays, &surfaces, &stop), Err(Error::Cancelled { .. })));
+    assert!(matches!(form_factors(&rays, &surfaces, &stop), Err(Error::Shared(transport::Error::Cancelled { .. }))));
     assert!(matches!(form_factors(&Contour::default(), &surfaces, &go), Err(Error::NoOutlines { .. })));
-    assert!(matches!(form_factors(&Hemisphere { rays: 0 }, &surfaces, &go), Err(Error::Setting { name: "rays", .. })));
-    assert!(matches!(divisions_for_area(&scene, f32::NAN), Err(Error::Setting { name: "area", .. })));
+    assert!(matches!(
+        form_factors(&Hemisphere { rays: 0 }, &surfaces, &go),
+        Err(Error::Shared(transport::Error::Setting { name: "rays", .. }))
+    ));
+    assert!(matches!(
+        divisions_for_area(&scene, f32::NAN),
+        Err(Error::Shared(transport::Error::Setting { name: "area", .. }))
+    ));
     let mut bad = Dense::zeros(2, 2);
     bad.values[3] = f32::NAN;
     let found = balance(&mut bad, &mut [0.0; 2], &[1.0; 2], None);
-    assert!(matches!(found, Err(Error::Value { name: "factors", index: 3, .. })));
+    assert!(matches!(found, Err(Error::Shared(transport::Error::Value { name: "factors", index: 3, .. }))));
     // Blocks give the rows of the whole.
     let whole = form_factors(&rays, &surfaces, &go).unwrap();
     let mut values = Vec::new();

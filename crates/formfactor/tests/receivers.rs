@@ -190,11 +190,14 @@ fn wrong_edges_are_refused() {
     for edge in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         let sides = find_sides(&scene, SidePolicy::Both);
         let found = Receivers::new(&scene, &sides, edge, 0.1, |_, _| Some(0.1), |_| None);
-        assert!(matches!(found, Err(Error::Setting { name: "edge", .. })), "{edge}");
+        assert!(matches!(found, Err(Error::Shared(transport::Error::Setting { name: "edge", .. }))), "{edge}");
         let found = Receivers::new(&scene, &sides, 0.1, edge, |_, _| Some(0.1), |_| None);
-        assert!(matches!(found, Err(Error::Setting { name: "weld", .. })), "{edge}");
+        assert!(matches!(found, Err(Error::Shared(transport::Error::Setting { name: "weld", .. }))), "{edge}");
     }
-    assert!(matches!(Receivers::new(&scene, &[], 1.0, 0.1, |_, _| None, |_| None), Err(Error::Length { .. })));
+    assert!(matches!(
+        Receivers::new(&scene, &[], 1.0, 0.1, |_, _| None, |_| None),
+        Err(Error::Shared(transport::Error::Length { .. }))
+    ));
 }
 
 #[test]
@@ -227,7 +230,7 @@ fn corners_of_the_mesh_have_the_values_of_their_receivers() {
         let found = interpolate_receivers(&set.grids, &set.cells, &set.vertices, &values, hit, true);
         assert!((found - front[triangle as usize][k]).abs().max_element() < 1e-5);
     }
-    assert!(matches!(set.corner_irradiance(&values[1..], true), Err(Error::Length { .. })));
+    assert!(matches!(set.corner_irradiance(&values[1..], true), Err(Error::Shared(transport::Error::Length { .. }))));
     // A side without receivers is dark.
     let front_only = vec![Sides { front: true, back: false }; scene.triangles.len()];
     let half = Receivers::new(&scene, &front_only, 0.21, 0.028, |_, _| Some(0.07), |_| None).unwrap();

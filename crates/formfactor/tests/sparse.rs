@@ -1,12 +1,13 @@
 //! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
 
 use formfactor::{
-    Csr, Error, HitRows, Operator, PatchSize, Proceed, QUARTERS, SubdivideSettings, Subdivision, Surfaces,
-    add_hit_rows, add_quarter_rows, gather_by_rays, sparse_rows, subdivide, turns,
+    Error, PatchSize, QUARTERS, SubdivideSettings, Subdivision, Surfaces, add_hit_rows, add_quarter_rows,
+    gather_by_rays, sparse_rows, subdivide, turns,
 };
 use glam::{Vec3, Vec4};
 use scene::sampling::{hash3, unit};
 use scene::{Material, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
+use transport::{Csr, HitCounts, LinearOperator, Proceed};
 
 /// A box with an open lid, fronts inside.
 fn open_box() -> Scene {
@@ -54,15 +55,15 @@ fn three_forms_of_the_same_rows() {
     let light = exitance(subdivision.patches.len());
     let rows = sparse_rows(&surfaces, 96, &on).unwrap();
     let mut expected = vec![Vec4::ZERO; points.len()];
-    rows.factors.product(&light, &mut expected).unwrap();
+    rows.factors.apply(&light, &mut expected).unwrap();
 
-    let mut counts = HitRows::new(light.len()).unwrap();
+    let mut counts = HitCounts::new(light.len()).unwrap();
     let sky = add_hit_rows(&mut counts, &surfaces, 96, &on).unwrap();
     assert_eq!(sky.len(), points.len());
     assert!(sky.iter().zip(&rows.sky_factor).all(|(a, b)| (a - b).abs() < 1e-5), "the lid is open to the sky");
     assert!(sky.iter().all(|&s| s > 0.0));
     let mut found = vec![Vec4::ZERO; points.len()];
-    counts.product(&light, &mut found).unwrap();
+    counts.apply(&light, &mut found).unwrap();
     assert!(worst(&found, &expected) < 1e-5, "{}", worst(&found, &expected));
     let gathered = gather_by_rays(&surfaces, 96, &light, &on).unwrap();
     assert!(worst(&gathered, &expected) < 1e-5, "{}", worst(&gathered, &expected));
@@ -87,11 +88,11 @@ fn quarters_add_up_and_turn_with_the_normal() {
     let shine = |c: Vec3| Vec4::new(0.2 + c.x, 1.0, 1.0 - c.x, 0.0);
     let light: Vec<Vec4> = subdivision.patches.iter().map(|p| shine(p.centroid)).collect();
     let gathered = gather_by_rays(&surfaces, 4096, &light, &on).unwrap();
-    let mut rows = HitRows::new(light.len()).unwrap();
+    let mut rows = HitCounts::new(light.len()).unwrap();
     add_quarter_rows(&mut rows, &surfaces, 4096, &on).unwrap();
     assert_eq!(rows.rows(), QUARTERS * points.len());
     let mut quarters = vec![Vec4::ZERO; rows.rows()];
-    rows.product(&light, &mut quarters).unwrap();
+    rows.apply(&light, &mut quarters).unwrap();
     let sums: Vec<Vec4> = quarters.chunks(QUARTERS).map(|q| q.iter().sum()).collect();
     assert!(worst(&sums, &gathered) < 1e-4, "{}", worst(&sums, &gathered));
 
@@ -130,23 +131,29 @@ fn wrong_shapes_and_cancelling_are_errors() {
     let surfaces = Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets);
     let light = exitance(subdivision.patches.len());
     let length = |found: Result<(), Error>, wrong: &str| {
-        assert!(matches!(found, Err(Error::Length { name, .. }) if name == wrong), "{wrong}");
+        assert!(matches!(found, Err(Error::Shared(transport::Error::Length { name, .. })) if name == wrong), "{wrong}");
     };
     length(gather_by_rays(&surfaces, 16, &light[1..], &on).map(|_| ()), "exitance");
-    let mut few = HitRows::new(light.len() - 1).unwrap();
+    let mut few = HitCounts::new(light.len() - 1).unwrap();
     length(add_hit_rows(&mut few, &surfaces, 16, &on).map(|_| ()), "columns");
     let stop = |_, _| Proceed::Break(());
-    let mut rows = HitRows::new(light.len()).unwrap();
-    assert!(matches!(add_hit_rows(&mut rows, &surfaces, 16, &stop), Err(Error::Cancelled { total: 100, .. })));
+    let mut rows = HitCounts::new(light.len()).unwrap();
+    assert!(matches!(
+        add_hit_rows(&mut rows, &surfaces, 16, &stop),
+        Err(Error::Shared(transport::Error::Cancelled { total: 100, .. }))
+    ));
     assert_eq!(rows.rows(), 0);
-    assert!(matches!(gather_by_rays(&surfaces, 16, &light, &stop), Err(Error::Cancelled { .. })));
+    assert!(matches!(
+        gather_by_rays(&surfaces, 16, &light, &stop),
+        Err(Error::Shared(transport::Error::Cancelled { .. }))
+    ));
 }
 
 #[test]
 fn means_of_rows_and_sums_of_columns_are_those_of_dense_rows() {
     const RAYS: u32 = 40;
     let columns: Vec<u32> = (0..7 * RAYS).map(|k| hash3(k, 0, 1) % 5).collect();
-    let mut rows = HitRows::new(5).unwrap();
+    let mut rows = HitCounts::new(5).unwrap();
     rows.push(&columns, &[1.0 / RAYS as f32; 7]).unwrap();
     let (groups, weights, owner) = ([0, 1, 4, 4, 7], [1.0, 0.25, 0.5, 0.25, 0.1, 0.2, 0.7], [2, 0, 0, 2, 1]);
     let mean = rows.means(&groups, &weights, &owner, 3).unwrap();
@@ -165,9 +172,18 @@ fn means_of_rows_and_sums_of_columns_are_those_of_dense_rows() {
     // Equal weights and other owners give other rows.
     assert_ne!(rows.means(&groups, &[1.0; 7], &owner, 3).unwrap(), mean);
     assert_ne!(rows.means(&groups, &weights, &[0, 0, 0, 2, 1], 3).unwrap(), mean);
-    assert!(matches!(rows.means(&groups, &weights[1..], &owner, 3), Err(Error::Length { name: "weights", .. })));
-    assert!(matches!(rows.means(&[0, 3], &weights, &owner, 3), Err(Error::Length { name: "groups", .. })));
-    assert!(matches!(rows.means(&groups, &weights, &owner[1..], 3), Err(Error::Length { name: "owner", .. })));
-    assert!(matches!(rows.means(&groups, &weights, &owner, 2), Err(Error::Value { name: "column_index", .. })));
-    assert!(matches!(Csr::from_rows(2, &[vec![(2, 1.0)]]), Err(Error::Value { name: "column_index", .. })));
+    assert!(matches!(
+        rows.means(&groups, &weights[1..], &owner, 3),
+        Err(transport::Error::Length { name: "weights", .. })
+    ));
+    assert!(matches!(rows.means(&[0, 3], &weights, &owner, 3), Err(transport::Error::Length { name: "groups", .. })));
+    assert!(matches!(
+        rows.means(&groups, &weights, &owner[1..], 3),
+        Err(transport::Error::Length { name: "owner", .. })
+    ));
+    assert!(matches!(
+        rows.means(&groups, &weights, &owner, 2),
+        Err(transport::Error::Value { name: "column_index", .. })
+    ));
+    assert!(matches!(Csr::from_rows(2, &[vec![(2, 1.0)]]), Err(transport::Error::Value { name: "column_index", .. })));
 }

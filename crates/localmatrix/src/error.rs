@@ -3,26 +3,9 @@
 /// Why a change was refused. The patches that are there stay as they were; ghosts may have made room.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// A table has the wrong length.
-    #[error("{name} holds {found} entries where {expected} are needed")]
-    Length {
-        /// The table.
-        name: &'static str,
-        /// Entries needed.
-        expected: usize,
-        /// Entries found.
-        found: usize,
-    },
-    /// A setting lies outside its range.
-    #[error("{name} is {value}; it must be {rule}")]
-    Setting {
-        /// The setting.
-        name: &'static str,
-        /// The value given.
-        value: f64,
-        /// What it must be.
-        rule: &'static str,
-    },
+    /// A table or a setting that cannot be.
+    #[error(transparent)]
+    Shared(#[from] transport::Error),
     /// A patch has a value that is no number, or out of range.
     #[error("{name} of patch {patch} is {value}; it must be {rule}")]
     Value {

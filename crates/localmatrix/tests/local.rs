@@ -5,6 +5,13 @@ use localmatrix::kernel::fade;
 use localmatrix::{Error, FadeParams, Form, Local, LocalSettings, NO_NODE, Node, Surface, Table, View, World};
 use scene::kernel::shade::encode_srgb;
 use scene::sampling::{hash3, unit};
+use transport::Csr;
+
+/// Square sparse rows.
+fn csr(row_start: Vec<u32>, column_index: Vec<u32>, values: Vec<f32>) -> Csr {
+    let rows = row_start.len() - 1;
+    Csr { rows, columns: rows, row_start, column_index, values }
+}
 
 fn random(a: usize, b: usize, c: u32) -> f32 {
     unit(hash3(a as u32, b as u32, c))
@@ -45,7 +52,7 @@ impl Line {
         let n = self.surfaces.len();
         let row_start = (0..=n).map(|i| (i * n) as u32).collect();
         let columns = (0..n * n).map(|k| (k % n) as u32).collect();
-        Table::new(&self.surfaces, row_start, columns, self.factors.concat()).unwrap()
+        Table::new(&self.surfaces, csr(row_start, columns, self.factors.concat())).unwrap()
     }
 
     /// Relative error of the matrix against `T = F (I − diag(ρ) F)⁻¹` between the nodes of a cut, made anew in double precision, the worst of
@@ -472,7 +479,7 @@ fn unlike_pairs(factor: f32, others: f32) -> (usize, usize) {
         }
         starts.push(columns.len() as u32);
     }
-    let table = Table::new(&surfaces, starts, columns, values).unwrap();
+    let table = Table::new(&surfaces, csr(starts, columns, values)).unwrap();
     let parent = |i: usize| table.nodes()[table.node_of()[i] as usize].parent;
     let pairs: Vec<(usize, usize)> =
         (0..n).flat_map(|i| (0..i).map(move |j| (i, j))).filter(|&(i, j)| parent(i) == parent(j)).collect();
@@ -592,11 +599,14 @@ fn nodes_that_are_no_forest_and_settings_out_of_range_are_refused() {
         LocalSettings { fade: 0, ..settings(8) },
         LocalSettings { tolerance: 0.0, ..settings(8) },
     ] {
-        assert!(matches!(Local::new(table.nodes(), wrong), Err(Error::Setting { .. })));
+        assert!(matches!(Local::new(table.nodes(), wrong), Err(Error::Shared(transport::Error::Setting { .. }))));
     }
-    assert!(matches!(Table::new(&[], vec![0, 1], vec![], vec![]), Err(Error::Length { .. })));
+    assert!(matches!(
+        Table::new(&[], csr(vec![0, 0], vec![], vec![])),
+        Err(Error::Shared(transport::Error::Length { .. }))
+    ));
     // An empty world.
-    let mut empty = Table::new(&[], vec![0], vec![], vec![]).unwrap();
+    let mut empty = Table::new(&[], csr(vec![0], vec![], vec![])).unwrap();
     let mut local = Local::new(empty.nodes(), settings(8)).unwrap();
     assert!(local.step(&mut empty, view(0.0)).unwrap().entered == 0);
 }

@@ -298,7 +298,10 @@ fn products_take_lit_and_visible_slots_only() {
         assert_eq!(found.w, 0.0);
     }
     assert!(matches!(matrix.product(&[32], &lit, &exitance, &mut irradiance), Err(Error::NoSlot { slot: 32, .. })));
-    assert!(matches!(matrix.product(&visible, &lit, &exitance[1..], &mut irradiance), Err(Error::Length { .. })));
+    assert!(matches!(
+        matrix.product(&visible, &lit, &exitance[1..], &mut irradiance),
+        Err(Error::Shared(transport::Error::Length { .. }))
+    ));
 }
 
 #[test]
@@ -363,7 +366,10 @@ fn bad_patches_are_refused_and_change_nothing() {
     assert_eq!(matrix.state(), before);
     assert_eq!(matrix.patches().count(), 4);
     for slots in [0, 40_000] {
-        assert!(matches!(LocalMatrix::new(slots, Form::Exact), Err(Error::Setting { name: "slots", .. })));
+        assert!(matches!(
+            LocalMatrix::new(slots, Form::Exact),
+            Err(Error::Shared(transport::Error::Setting { name: "slots", .. }))
+        ));
     }
     // An empty matrix.
     let mut empty = LocalMatrix::new(3, Form::Exact).unwrap();

@@ -25,7 +25,8 @@
 //!
 //! ```
 //! use glam::{Vec3, Vec4};
-//! use multibounce::{Channels, Factors, Proceed, Tiles, all_bounces, halving_order};
+//! use multibounce::{Channels, Factors, Tiles, all_bounces, halving_order};
+//! use transport::{LinearOperator, Proceed};
 //!
 //! // Two plates that see each other by half, one twice as large.
 //! let (area, values) = ([1.0, 2.0], [0.5, 0.25]);
@@ -36,7 +37,7 @@
 //! let tiles = Tiles::encode(Channels::One(&operator), &area, &order, 1e-3, &go_on)?;
 //!
 //! let mut irradiance = [Vec4::ZERO; 2];
-//! tiles.product(&[Vec4::ONE, Vec4::ZERO], &mut irradiance)?;
+//! tiles.apply(&[Vec4::ONE, Vec4::ZERO], &mut irradiance)?;
 //! // H_2 = F_21 B_1 and B_1 = 1 + ρ_1 F_12 ρ_2 H_2.
 //! let expected = 0.25 / (1.0 - 0.8 * 0.5 * 0.5 * 0.25);
 //! assert!((irradiance[1].x - expected).abs() < 2e-3 * expected);

@@ -4,6 +4,7 @@ use glam::Vec4;
 use multibounce::kernel::feedback::change;
 use multibounce::{Acceleration, Error, spectral_range};
 use scene::sampling::{hash3, unit};
+use transport::FnOperator;
 
 const N: usize = 60;
 
@@ -58,22 +59,22 @@ fn distances(acceleration: Acceleration, bounces: usize) -> Vec<f32> {
 
 fn range() -> std::ops::RangeInclusive<f32> {
     let matrix = matrix();
-    let mut product = |light: &[Vec4], out: &mut [Vec4]| {
+    let operator = FnOperator::new(N, N, |light: &[Vec4], out: &mut [Vec4]| {
         multiply(&matrix, light, out);
         Ok(())
-    };
-    spectral_range(N, &albedo(), &mut product, 1e-4, 1000).unwrap()
+    });
+    spectral_range(&operator, &albedo(), 1e-4, 1000).unwrap()
 }
 
 #[test]
 fn eigenvalues_of_two_plates_are_known() {
     // diag(ρ) F = [[0, a], [b, 0]]: ± √(a b).
     let albedo = [Vec4::new(0.8, 0.2, 0.0, 0.0), Vec4::new(0.5, 0.9, 0.3, 0.0)];
-    let mut product = |light: &[Vec4], out: &mut [Vec4]| {
+    let operator = FnOperator::new(2, 2, |light: &[Vec4], out: &mut [Vec4]| {
         (out[0], out[1]) = (light[1] * 0.9, light[0] * 0.4);
         Ok(())
-    };
-    let range = spectral_range(2, &albedo, &mut product, 1e-5, 500).unwrap();
+    });
+    let range = spectral_range(&operator, &albedo, 1e-5, 500).unwrap();
     let expected = (0.8f32 * 0.9 * 0.5 * 0.4).sqrt();
     assert!((range.end() - expected).abs() < 1e-4 && (range.start() + expected).abs() < 1e-4, "{range:?}");
 }
@@ -104,7 +105,10 @@ fn light_settles_at_the_stated_rates() {
 #[test]
 fn light_that_grows_is_refused() {
     for range in [-0.1..=1.0, -0.1..=f32::NAN, f32::NEG_INFINITY..=0.5, 0.5..=0.4] {
-        assert!(matches!(Acceleration::new(range), Err(Error::Setting { name: "eigenvalues", .. })));
+        assert!(matches!(
+            Acceleration::new(range),
+            Err(Error::Shared(transport::Error::Setting { name: "eigenvalues", .. }))
+        ));
     }
     let none = Acceleration::new(0.0..=0.0).unwrap();
     assert_eq!((none.step, none.momentum, none.bounces(1e-3)), (1.0, 0.0, 1));

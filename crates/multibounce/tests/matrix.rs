@@ -9,6 +9,7 @@ use multibounce::{
     projected_order, spectral_radius,
 };
 use scene::sampling::{hash3, unit};
+use transport::{FnOperator, LinearOperator};
 
 const COMPANDINGS: [Companding; 3] = [Companding::None, Companding::Sqrt, Companding::Log2];
 
@@ -81,14 +82,14 @@ fn in_a_furnace_every_row_keeps_its_sum() {
         for (rows, red) in all {
             let mut matrix = encode(37, rows, Permutation::identity(37), settings);
             let mut irradiance = vec![Vec4::ZERO; 37];
-            matrix.product(&[Vec4::ONE; 37], &mut irradiance).unwrap();
+            matrix.apply(&[Vec4::ONE; 37], &mut irradiance).unwrap();
             let sums: Vec<Vec3> = dense(37, rows).chunks(37).map(|row| row.iter().copied().sum()).collect();
             assert!((sums[0].x - red).abs() < 1e-5);
             for (h, sum) in irradiance.iter().zip(&sums) {
                 assert!((h.truncate() - *sum).abs().max_element() < 4e-6, "{settings:?}: {h} for {sum}");
             }
             matrix.words_mut().iter_mut().step_by(3).for_each(|word| *word ^= 0x0100_8421);
-            matrix.product(&[Vec4::ONE; 37], &mut irradiance).unwrap();
+            matrix.apply(&[Vec4::ONE; 37], &mut irradiance).unwrap();
             let worst = irradiance.iter().zip(&sums).map(|(h, s)| (h.truncate() - *s).abs().max_element());
             assert!(worst.fold(0.0, f32::max) > 1e-4, "{settings:?}: damaged blocks pass");
         }
@@ -132,7 +133,7 @@ fn an_order_is_worth_what_its_matrix_reports() {
     let stop = |_: usize, _: usize| ControlFlow::Break(());
     let order = Permutation::identity(n);
     let stopped = BlockMatrix::order_mse(n, &rows, &order, BlockSettings::default(), 1, &stop);
-    assert!(matches!(stopped, Err(Error::Cancelled { total: 2, .. })));
+    assert!(matches!(stopped, Err(Error::Shared(transport::Error::Cancelled { total: 2, .. }))));
 }
 
 #[test]
@@ -140,7 +141,7 @@ fn the_settings_of_a_codec_keep_to_a_third_of_single_precision() {
     let n = 1600;
     let rows = room(n, 0.8);
     for codec in BlockCodec::ALL {
-        let bytes = encode(n, &rows, Permutation::identity(n), BlockSettings::of(codec)).bytes();
+        let bytes = encode(n, &rows, Permutation::identity(n), BlockSettings::of(codec)).bytes_by_part();
         assert!(3 * bytes.total() <= 4 * (n * n) as u64, "{codec:?}: {bytes:?}");
         assert!(bytes.outliers > (n * n) as u64 / 4, "{codec:?}: {bytes:?}");
     }
@@ -152,7 +153,7 @@ fn more_outliers_leave_less_error_and_all_of_them_only_rounding() {
     let error = |outliers| {
         let settings = BlockSettings { outliers, ..BlockSettings::default() };
         let matrix = encode(n, &rows, Permutation::identity(n), settings);
-        assert_eq!(matrix.bytes().outliers, 4 * 61 + 8 * matrix.outliers().entries.len() as u64);
+        assert_eq!(matrix.bytes_by_part().outliers, 4 * 61 + 8 * matrix.outliers().entries.len() as u64);
         matrix.report().frobenius
     };
     let (none, some, many, all) = (error(0.0), error(0.05), error(0.3), error(1.0));
@@ -192,7 +193,7 @@ fn the_product_is_that_of_the_kernels_and_of_the_decoded_matrix() {
     for settings in every_kind() {
         let matrix = encode(n, &rows, projected_order(n, &rows, 1), settings);
         let mut irradiance = vec![Vec4::ZERO; n];
-        matrix.product(&exitance, &mut irradiance).unwrap();
+        matrix.apply(&exitance, &mut irradiance).unwrap();
         let kernels = match settings.codec {
             BlockCodec::Bc1 => by_kernels::<Bc1>(&matrix, &exitance),
             BlockCodec::Bc3 => by_kernels::<Bc3>(&matrix, &exitance),
@@ -216,7 +217,7 @@ fn the_number_of_threads_changes_no_byte() {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
             let matrix = encode(n, &rows, projected_order(n, &rows, seed), BlockSettings::default());
             let mut irradiance = vec![Vec4::ZERO; n];
-            matrix.product(&exitance, &mut irradiance).unwrap();
+            matrix.apply(&exitance, &mut irradiance).unwrap();
             (matrix, irradiance)
         })
     };
@@ -266,12 +267,12 @@ fn light_never_grows() {
     for settings in every_kind() {
         let matrix = encode(n, &rows, projected_order(n, &rows, 1), settings);
         let radius = |scale: f32| {
-            let mut product = |b: &[Vec4], h: &mut [Vec4]| {
-                matrix.product(b, h)?;
+            let scaled = FnOperator::new(n, n, |b: &[Vec4], h: &mut [Vec4]| {
+                matrix.apply(b, h)?;
                 h.iter_mut().for_each(|h| *h *= scale);
                 Ok(())
-            };
-            spectral_radius(n, &albedo, &mut product, 1e-6, 200).unwrap()
+            });
+            spectral_radius(&scaled, &albedo, 1e-6, 200).unwrap()
         };
         let found = radius(1.0);
         assert!(found.cmple(Vec3::new(0.95, 0.5, 0.9) * 1.000_01).all(), "{settings:?}: {found}");
@@ -283,14 +284,17 @@ fn light_never_grows() {
 #[test]
 fn the_spectral_radius_of_two_patches_is_known() {
     // diag(ρ) M = [[0, 0.4], [0.9, 0]]: eigenvalues ±0.6, in the second channel one patch is black.
-    let mut product = |b: &[Vec4], h: &mut [Vec4]| {
+    let operator = FnOperator::new(2, 2, |b: &[Vec4], h: &mut [Vec4]| {
         (h[0], h[1]) = (b[1] * 0.5, b[0]);
         Ok(())
-    };
+    });
     let albedo = [Vec4::new(0.8, 0.0, 0.2, 0.0), Vec4::new(0.9, 0.9, 0.9, 0.0)];
-    let radius = spectral_radius(2, &albedo, &mut product, 0.0, 64).unwrap();
+    let radius = spectral_radius(&operator, &albedo, 0.0, 64).unwrap();
     assert!((radius - Vec3::new(0.6, 0.0, 0.3)).abs().max_element() < 1e-5, "{radius}");
-    assert!(matches!(spectral_radius(3, &albedo, &mut product, 0.0, 1), Err(Error::Length { .. })));
+    assert!(matches!(
+        spectral_radius(&operator, &albedo[1..], 0.0, 1),
+        Err(Error::Shared(transport::Error::Length { .. }))
+    ));
 }
 
 #[test]
@@ -321,7 +325,7 @@ fn bytes_are_counted() {
     for (codec, blocks) in [(BlockCodec::Bc1, 25 * 25 * 8), (BlockCodec::Bc7, 25 * 25 * 16)] {
         let matrix =
             encode(100, &rows, Permutation::identity(100), BlockSettings { codec, ..BlockSettings::default() });
-        let bytes = matrix.bytes();
+        let bytes = matrix.bytes_by_part();
         assert_eq!((bytes.blocks, bytes.scales, bytes.vectors), (blocks, 4 * 16, 100 * 20));
         assert_eq!(bytes.outliers, 101 * 4 + 500 * 8);
         assert_eq!(bytes.total(), bytes.blocks + bytes.scales + bytes.vectors + bytes.outliers);
@@ -336,7 +340,7 @@ fn empty_and_tiny_matrices_work() {
         assert_eq!(greedy_order(n, &rows).len(), n);
         let matrix = encode(n, &rows, order, BlockSettings::default());
         let mut irradiance = vec![Vec4::ZERO; n];
-        matrix.product(&vec![Vec4::ONE; n], &mut irradiance).unwrap();
+        matrix.apply(&vec![Vec4::ONE; n], &mut irradiance).unwrap();
         for h in irradiance {
             assert!((h.x - 0.1 * n as f32).abs() < 1e-5);
         }
@@ -344,7 +348,7 @@ fn empty_and_tiny_matrices_work() {
     }
     let black = encode(9, &|_, row| row.fill(Vec3::ZERO), Permutation::identity(9), BlockSettings::default());
     let mut irradiance = vec![Vec4::ONE; 9];
-    black.product(&[Vec4::ONE; 9], &mut irradiance).unwrap();
+    black.apply(&[Vec4::ONE; 9], &mut irradiance).unwrap();
     assert!(irradiance.iter().all(|h| h.truncate() == Vec3::ZERO) && black.report().frobenius == 0.0);
 }
 
@@ -357,15 +361,21 @@ fn what_cannot_be_encoded_is_refused() {
     };
     let default = BlockSettings::default();
     with(20, default).unwrap();
-    assert!(matches!(with(19, default), Err(Error::Length { name: "order", expected: 20, found: 19 })));
+    assert!(matches!(
+        with(19, default),
+        Err(Error::Shared(transport::Error::Length { name: "order", expected: 20, found: 19 }))
+    ));
     for outliers in [-0.1, 1.1, f64::NAN] {
         assert!(matches!(
             with(20, BlockSettings { outliers, ..default }),
-            Err(Error::Setting { name: "outliers", .. })
+            Err(Error::Shared(transport::Error::Setting { name: "outliers", .. }))
         ));
     }
     for tile in [0, 2, 12, 2048] {
-        assert!(matches!(with(20, BlockSettings { tile, ..default }), Err(Error::Setting { name: "tile", .. })));
+        assert!(matches!(
+            with(20, BlockSettings { tile, ..default }),
+            Err(Error::Shared(transport::Error::Setting { name: "tile", .. }))
+        ));
     }
     for bad in [f32::NAN, f32::INFINITY, -1e-9] {
         let broken = |i: usize, row: &mut [Vec3]| {
@@ -375,16 +385,31 @@ fn what_cannot_be_encoded_is_refused() {
             }
         };
         let found = BlockMatrix::encode(20, &broken, Permutation::identity(20), default, &go);
-        assert!(matches!(found, Err(Error::Value { name: "matrix", index: 65, .. })), "{bad}: {found:?}");
+        assert!(
+            matches!(found, Err(Error::Shared(transport::Error::Value { name: "matrix", index: 65, .. }))),
+            "{bad}: {found:?}"
+        );
     }
     let many = BlockMatrix::encode(65_537, &rows, Permutation::identity(65_537), default, &go);
-    assert!(matches!(many, Err(Error::TooMany { found: 65_537, .. })));
+    assert!(matches!(many, Err(Error::Shared(transport::Error::TooMany { found: 65_537, .. }))));
     let stopped = BlockMatrix::encode(20, &rows, Permutation::identity(20), default, &|_, _| ControlFlow::Break(()));
-    assert!(matches!(stopped, Err(Error::Cancelled { total: 1, .. })));
+    assert!(matches!(stopped, Err(Error::Shared(transport::Error::Cancelled { total: 1, .. }))));
     let matrix = encode(20, &rows, Permutation::identity(20), default);
     let mut irradiance = vec![Vec4::ZERO; 20];
-    assert!(matches!(matrix.product(&light(19), &mut irradiance), Err(Error::Length { name: "exitance", .. })));
-    assert!(matches!(matrix.product(&light(20), &mut irradiance[1..]), Err(Error::Length { name: "irradiance", .. })));
-    assert!(matches!(matrix.row(20, &mut [Vec3::ZERO; 20]), Err(Error::Value { name: "row", .. })));
-    assert!(matches!(matrix.row(0, &mut [Vec3::ZERO; 21]), Err(Error::Length { name: "row", .. })));
+    assert!(matches!(
+        matrix.apply(&light(19), &mut irradiance),
+        Err(transport::Error::Length { name: "exitance", .. })
+    ));
+    assert!(matches!(
+        matrix.apply(&light(20), &mut irradiance[1..]),
+        Err(transport::Error::Length { name: "irradiance", .. })
+    ));
+    assert!(matches!(
+        matrix.row(20, &mut [Vec3::ZERO; 20]),
+        Err(Error::Shared(transport::Error::Value { name: "row", .. }))
+    ));
+    assert!(matches!(
+        matrix.row(0, &mut [Vec3::ZERO; 21]),
+        Err(Error::Shared(transport::Error::Length { name: "row", .. }))
+    ));
 }

@@ -12,6 +12,7 @@ use multibounce::{
 };
 use proptest::prelude::*;
 use support::{go, random};
+use transport::LinearOperator;
 
 /// Reciprocal form factors of a closed set of patches on a line: near ones see more of each other.
 struct Case {
@@ -110,7 +111,7 @@ fn horner_is_the_sum_of_explicit_powers() {
         assert!(difference(&horner, &sum) < 1e-6, "{bounces}: {}", difference(&horner, &sum));
     }
     let stop = |_: usize, _: usize| Proceed::Break(());
-    assert_eq!(some_bounces(&f, &rho, 3, &stop), Err(Error::Cancelled { done: 1, total: 2 }));
+    assert_eq!(some_bounces(&f, &rho, 3, &stop), Err(transport::Error::Cancelled { done: 1, total: 2 }.into()));
 }
 
 /// All of an operator in a file.
@@ -187,7 +188,10 @@ fn tiles_of_operators_in_files_are_those_of_operators_in_memory() {
     let mut other = order.clone();
     other.swap(5, 6);
     let refused = encode(Channels::Stored(stored.each_ref()), &other);
-    assert!(matches!(refused, Err(Error::Value { name: "order", index: 5, .. })), "{refused:?}");
+    assert!(
+        matches!(refused, Err(Error::Shared(transport::Error::Value { name: "order", index: 5, .. }))),
+        "{refused:?}"
+    );
 }
 
 #[test]
@@ -203,11 +207,23 @@ fn what_is_wrong_with_a_file_or_its_room_is_said() {
     let nowhere = make(&rho, &order, 1 << 20, &folder.join("is not there")).unwrap_err();
     let message = nowhere.to_string();
     assert!(message.contains("is not there") && message.contains("another folder"), "{message}");
-    assert!(matches!(make(&rho[1..], &order, 1 << 20, &folder), Err(Error::Length { name: "albedo", .. })));
-    assert!(matches!(make(&rho, &order[1..], 1 << 20, &folder), Err(Error::Length { name: "order", .. })));
+    assert!(matches!(
+        make(&rho[1..], &order, 1 << 20, &folder),
+        Err(Error::Shared(transport::Error::Length { name: "albedo", .. }))
+    ));
+    assert!(matches!(
+        make(&rho, &order[1..], 1 << 20, &folder),
+        Err(Error::Shared(transport::Error::Length { name: "order", .. }))
+    ));
     let twice: Vec<u32> = order.iter().map(|&i| if i == 7 { 8 } else { i }).collect();
-    assert!(matches!(make(&rho, &twice, 1 << 20, &folder), Err(Error::Value { name: "order", .. })));
-    assert!(matches!(make(&[1.0; 300], &order, 1 << 20, &folder), Err(Error::Value { name: "albedo", .. })));
+    assert!(matches!(
+        make(&rho, &twice, 1 << 20, &folder),
+        Err(Error::Shared(transport::Error::Value { name: "order", .. }))
+    ));
+    assert!(matches!(
+        make(&[1.0; 300], &order, 1 << 20, &folder),
+        Err(Error::Shared(transport::Error::Value { name: "albedo", .. }))
+    ));
     // Light that grows.
     let bright: Vec<f32> = case.values.iter().map(|f| 3.0 * f).collect();
     let bright = Factors { values: &bright, ..case.factors() };
@@ -216,7 +232,7 @@ fn what_is_wrong_with_a_file_or_its_room_is_said() {
     assert!(matches!(grows, Err(Error::Singular { .. })), "{grows:?}");
     let stop = |done, _| if done > 3 { Proceed::Break(()) } else { Proceed::Continue(()) };
     let stopped = all_bounces_stored(&case.factors(), &rho, &order, &room, &stop);
-    assert!(matches!(stopped, Err(Error::Cancelled { done: 4, .. })), "{stopped:?}");
+    assert!(matches!(stopped, Err(Error::Shared(transport::Error::Cancelled { done: 4, .. }))), "{stopped:?}");
 }
 
 /// The operator that tiles multiply by, column by column.
@@ -225,7 +241,7 @@ fn decoded(tiles: &Tiles, n: usize, channel: usize) -> Mat<f32> {
     for j in 0..n {
         let (mut unit, mut column) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
         unit[j] = Vec4::ONE;
-        tiles.product(&unit, &mut column).unwrap();
+        tiles.apply(&unit, &mut column).unwrap();
         (0..n).for_each(|i| out[(i, j)] = column[i][channel]);
     }
     out
@@ -257,7 +273,7 @@ fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_ope
     let case = Case::new(n, 0.3);
     let symmetric = case.factors().symmetric().unwrap();
     let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
-    let bytes = |tiles: &Tiles| tiles.bytes().iter().map(|part| part.1).sum::<u64>();
+    let bytes = |tiles: &Tiles| tiles.bytes_by_part().iter().map(|part| part.1).sum::<u64>();
     let mut last = 0;
     for epsilon in [1e-1, 1e-2, 1e-3, 1e-4] {
         let channels = Channels::Three([&made[0], &made[1], &made[2]]);
@@ -357,7 +373,7 @@ fn a_furnace_stays_one() {
         ("three", Tiles::encode(Channels::Three([&all, &all, &all]), &case.area, &case.order(), 1e-3, &go).unwrap()),
     ] {
         let mut h = vec![Vec4::ZERO; n];
-        tiles.product(&vec![Vec4::ONE; n], &mut h).unwrap();
+        tiles.apply(&vec![Vec4::ONE; n], &mut h).unwrap();
         for h in &h {
             assert!((h.truncate() - Vec3::splat(expected)).abs().max_element() < 0.01 * expected, "{name}: {h}");
         }
@@ -366,7 +382,7 @@ fn a_furnace_stays_one() {
     let tiles = Tiles::encode(Channels::One(&symmetric), &case.area, &case.order(), 1e-3, &go).unwrap();
     let (mut b, mut h) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
     for _ in 0..40 {
-        tiles.product(&b, &mut h).unwrap();
+        tiles.apply(&b, &mut h).unwrap();
         b.iter_mut().zip(&h).for_each(|(b, h)| *b = Vec4::ONE + *h * 0.6);
     }
     assert!(h.iter().all(|h| (h.x - expected).abs() < 0.02 * expected), "{:?}", h[0]);
@@ -386,7 +402,7 @@ fn tiles_of_sparse_form_factors_are_those_of_the_dense_matrix() {
     unlike[2] *= 2.0;
     let unlike = Factors { values: &unlike, ..case.factors() };
     let found = Tiles::encode(Channels::Factors(unlike), &case.area, &case.order(), 1e-2, &go);
-    assert!(matches!(found, Err(Error::Value { name: "factors", .. })), "{found:?}");
+    assert!(matches!(found, Err(Error::Shared(transport::Error::Value { name: "factors", .. }))), "{found:?}");
 }
 
 #[test]
@@ -400,7 +416,7 @@ fn light_that_is_even_costs_less_error_than_light_that_is_not() {
     let error = |light: &dyn Fn(usize) -> f32| {
         let light: Vec<Vec4> = (0..n).map(|i| Vec4::splat(light(i))).collect();
         let (mut ours, mut exact) = (vec![Vec4::ZERO; n], vec![0.0; n]);
-        tiles.product(&light, &mut ours).unwrap();
+        tiles.apply(&light, &mut ours).unwrap();
         for (i, x) in exact.iter_mut().enumerate() {
             *x = (0..n).map(|j| symmetric[(i, j)] * (case.area[j] / case.area[i]).sqrt() * light[j].x).sum();
         }
@@ -481,7 +497,7 @@ fn like_the_bodies(tiles: &Tiles, exitance: &[Vec4]) {
     }
     // A product makes the same of them, step by step.
     let mut irradiance = vec![Vec4::ZERO; tiles.patches()];
-    tiles.product(exitance, &mut irradiance).unwrap();
+    tiles.apply(exitance, &mut irradiance).unwrap();
     for (i, h) in (0u32..).zip(&irradiance) {
         assert_eq!(*h, kernel::tiles::leave(i, &tiles.place, &tiles.root, &rows, &near), "patch {i}");
     }
@@ -494,35 +510,50 @@ fn what_is_wrong_is_said() {
     let encode =
         |area: &[f32], order: &[u32], epsilon| Tiles::encode(Channels::One(&symmetric), area, order, epsilon, &go);
     let order = case.order();
-    assert!(matches!(encode(&case.area, &order, 0.0), Err(Error::Setting { name: "epsilon", .. })));
-    assert!(matches!(encode(&case.area, &order[1..], 0.1), Err(Error::Length { name: "order", .. })));
+    assert!(matches!(
+        encode(&case.area, &order, 0.0),
+        Err(Error::Shared(transport::Error::Setting { name: "epsilon", .. }))
+    ));
+    assert!(matches!(
+        encode(&case.area, &order[1..], 0.1),
+        Err(Error::Shared(transport::Error::Length { name: "order", .. }))
+    ));
     let twice: Vec<u32> = (0..20).map(|p| if p == 3 { 2 } else { p }).collect();
-    assert!(matches!(encode(&case.area, &twice, 0.1), Err(Error::Value { name: "order", index: 3, .. })));
+    assert!(matches!(
+        encode(&case.area, &twice, 0.1),
+        Err(Error::Shared(transport::Error::Value { name: "order", index: 3, .. }))
+    ));
     let mut area = case.area.clone();
     area[5] = f32::NAN;
-    assert!(matches!(encode(&area, &order, 0.1), Err(Error::Value { name: "area", index: 5, .. })));
+    assert!(matches!(
+        encode(&area, &order, 0.1),
+        Err(Error::Shared(transport::Error::Value { name: "area", index: 5, .. }))
+    ));
     let mut broken = symmetric.clone();
     broken[(3, 4)] = f32::INFINITY;
     let found = Tiles::encode(Channels::One(&broken), &case.area, &order, 0.1, &go);
-    assert!(matches!(found, Err(Error::Value { name: "operator", index: 4, .. })));
+    assert!(matches!(found, Err(Error::Shared(transport::Error::Value { name: "operator", index: 4, .. }))));
     let stop = |_: usize, _: usize| Proceed::Break(());
     let found = Tiles::encode(Channels::One(&symmetric), &case.area, &order, 0.1, &stop);
-    assert!(matches!(found, Err(Error::Cancelled { .. })));
+    assert!(matches!(found, Err(Error::Shared(transport::Error::Cancelled { .. }))));
 
     // Light that grows: rows above 1.
     let bright = Mat::from_fn(20, 20, |i, j| 3.0 * symmetric[(i, j)]);
     assert!(matches!(all_bounces(&bright, &[0.9; 20]), Err(Error::Singular { .. })));
-    assert!(matches!(all_bounces(&symmetric, &[1.0; 20]), Err(Error::Value { name: "albedo", index: 0, .. })));
+    assert!(matches!(
+        all_bounces(&symmetric, &[1.0; 20]),
+        Err(Error::Shared(transport::Error::Value { name: "albedo", index: 0, .. }))
+    ));
 
     // Not reciprocal.
     let mut values = case.values.clone();
     values[2] *= 2.0;
     let unlike = Factors { values: &values, ..case.factors() };
-    assert!(matches!(unlike.symmetric(), Err(Error::Value { name: "factors", .. })));
+    assert!(matches!(unlike.symmetric(), Err(Error::Shared(transport::Error::Value { name: "factors", .. }))));
     let beyond = [vec![20], case.columns[1..].to_vec()].concat();
     assert!(matches!(
         Factors { columns: &beyond, ..case.factors() }.symmetric(),
-        Err(Error::Value { name: "columns", index: 0, .. })
+        Err(Error::Shared(transport::Error::Value { name: "columns", index: 0, .. }))
     ));
 
     // Tables that lead beyond their end.
@@ -532,22 +563,22 @@ fn what_is_wrong_is_said() {
     good.check().unwrap();
     let mut tiles = good.clone();
     tiles.squares[0].column = 24;
-    assert!(matches!(tiles.check(), Err(Error::Value { name: "squares", index: 0, .. })));
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "squares", index: 0, .. }))));
     let mut tiles = good.clone();
     tiles.squares[0].step = f32::NAN;
-    assert!(matches!(tiles.check(), Err(Error::Value { name: "squares", index: 0, .. })));
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "squares", index: 0, .. }))));
     let mut tiles = good.clone();
     tiles.square_words.pop();
-    assert!(matches!(tiles.check(), Err(Error::Length { name: "square_words", .. })));
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Length { name: "square_words", .. }))));
     let mut tiles = good.clone();
     tiles.partner[0] = tiles.partner.len() as u32;
-    assert!(matches!(tiles.check(), Err(Error::Value { name: "partner", index: 0, .. })));
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "partner", index: 0, .. }))));
     let mut tiles = good.clone();
     tiles.words.pop();
-    assert!(matches!(tiles.check(), Err(Error::Length { name: "words", .. })));
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Length { name: "words", .. }))));
     let mut h = vec![Vec4::ZERO; 300];
-    assert!(good.product(&[Vec4::ONE; 299], &mut h).is_err());
+    assert!(good.apply(&[Vec4::ONE; 299], &mut h).is_err());
     // No patches at all.
     let empty = Tiles::encode(Channels::One(&Mat::zeros(0, 0)), &[], &[], 0.1, &go).unwrap();
-    empty.product(&[], &mut []).unwrap();
+    empty.apply(&[], &mut []).unwrap();
 }

@@ -10,6 +10,7 @@ use multibounce::{
     weigh_all,
 };
 use support::{go, random};
+use transport::LinearOperator;
 
 /// Senders on a line and receivers on another above it, a third of which sees nothing far away.
 struct Case {
@@ -61,7 +62,7 @@ impl Case {
             let mut unit = vec![Vec4::ZERO; self.sender_area.len()];
             let mut column = vec![Vec4::ZERO; self.area.len()];
             unit[j] = Vec4::ONE;
-            tiles.product_in(&mut room, &unit, &mut column).unwrap();
+            tiles.apply_in(&mut room, &unit, &mut column).unwrap();
             for (i, h) in column.iter().enumerate() {
                 assert_eq!((h.x, h.x, 0.0), (h.y, h.z, h.w));
                 let exact: f32 = self.rows[i].iter().filter(|entry| entry.0 == j as u32).map(|entry| entry.1).sum();
@@ -80,7 +81,7 @@ fn light(n: usize) -> Vec<Vec4> {
 
 fn product(tiles: &RectangularTiles, light: &[Vec4]) -> Vec<Vec4> {
     let mut irradiance = vec![Vec4::ZERO; tiles.receivers()];
-    tiles.product(light, &mut irradiance).unwrap();
+    tiles.apply(light, &mut irradiance).unwrap();
     irradiance
 }
 
@@ -95,7 +96,7 @@ fn the_error_that_was_asked_for_is_kept_and_less_of_it_costs_more() {
         let found = case.error_of(&tiles);
         assert!(found <= epsilon * 1.01 + 1e-4 && found > 0.5 * epsilon, "{epsilon}: {found}");
         assert!((found - tiles.report.error[0]).abs() < 0.02 * epsilon + 1e-4, "{epsilon}: {found} {:?}", tiles.report);
-        let bytes = tiles.bytes().iter().map(|part| part.1).sum();
+        let bytes = tiles.bytes_by_part().iter().map(|part| part.1).sum();
         assert!(bytes > last, "{epsilon}: {bytes}");
         last = bytes;
         // Other rows than those that were encoded are further away.
@@ -212,44 +213,53 @@ fn no_receivers_and_no_senders_are_no_light() {
 fn what_is_wrong_is_said() {
     let good = || Case::new(140, 40);
     for epsilon in [0.0, 1.0, f64::NAN] {
-        assert!(matches!(good().encode(epsilon), Err(Error::Setting { name: "epsilon", .. })));
+        assert!(matches!(
+            good().encode(epsilon),
+            Err(Error::Shared(transport::Error::Setting { name: "epsilon", .. }))
+        ));
     }
     let mut case = good();
     case.order.pop();
-    assert!(matches!(case.encode(0.1), Err(Error::Length { name: "order", expected: 140, found: 139 })));
+    assert!(matches!(
+        case.encode(0.1),
+        Err(Error::Shared(transport::Error::Length { name: "order", expected: 140, found: 139 }))
+    ));
     let mut case = good();
     case.sender_order[3] = case.sender_order[2];
-    assert!(matches!(case.encode(0.1), Err(Error::Value { name: "order", index: 3, .. })));
+    assert!(matches!(case.encode(0.1), Err(Error::Shared(transport::Error::Value { name: "order", index: 3, .. }))));
     let mut case = good();
     case.sender_area[5] = 0.0;
-    assert!(matches!(case.encode(0.1), Err(Error::Value { name: "area", index: 5, .. })));
+    assert!(matches!(case.encode(0.1), Err(Error::Shared(transport::Error::Value { name: "area", index: 5, .. }))));
     let mut case = good();
     case.rows[77][0].0 = 40;
-    assert!(matches!(case.encode(0.1), Err(Error::Value { name: "columns", index: 77, .. })));
+    assert!(matches!(case.encode(0.1), Err(Error::Shared(transport::Error::Value { name: "columns", index: 77, .. }))));
     let mut case = good();
     case.rows[77][0].1 = f32::NAN;
-    assert!(matches!(case.encode(0.1), Err(Error::Value { name: "values", index: 77, .. })));
+    assert!(matches!(case.encode(0.1), Err(Error::Shared(transport::Error::Value { name: "values", index: 77, .. }))));
     let case = good();
     let stop = |_: usize, _: usize| Proceed::Break(());
     let rows = |_: usize, each: &mut dyn FnMut(u32, f32)| each(0, 1.0);
     let found = RectangularTiles::encode(&rows, case.receivers(), case.senders(), 0.1, &stop);
-    assert!(matches!(found, Err(Error::Cancelled { total: 2, .. })));
+    assert!(matches!(found, Err(Error::Shared(transport::Error::Cancelled { total: 2, .. }))));
     let many = vec![1.0; 65_536];
     let order: Vec<u32> = (0..65_536).collect();
     let senders = TileSide { area: &many, order: &order };
     let found = RectangularTiles::encode(&rows, case.receivers(), senders, 0.1, &go);
-    assert!(matches!(found, Err(Error::TooMany { name: "senders", .. })));
+    assert!(matches!(found, Err(Error::Shared(transport::Error::TooMany { name: "senders", .. }))));
 
     let case = Case::new(300, 200);
     let tiles = case.encode(0.01).unwrap();
-    assert!(tiles.product(&light(199), &mut vec![Vec4::ZERO; 300]).is_err());
-    assert!(tiles.product(&light(200), &mut vec![Vec4::ZERO; 299]).is_err());
+    assert!(tiles.apply(&light(199), &mut vec![Vec4::ZERO; 300]).is_err());
+    assert!(tiles.apply(&light(200), &mut vec![Vec4::ZERO; 299]).is_err());
     // Tables that lead beyond their end.
     let broken = |change: &dyn Fn(&mut RectangularTiles), named: &str| {
         let mut tiles = tiles.clone();
         change(&mut tiles);
         match tiles.check() {
-            Err(Error::Length { name, .. } | Error::Value { name, .. }) => assert_eq!(name, named),
+            Err(
+                Error::Shared(transport::Error::Length { name, .. })
+                | Error::Shared(transport::Error::Value { name, .. }),
+            ) => assert_eq!(name, named),
             other => panic!("{named}: {other:?}"),
         }
     };

@@ -17,18 +17,15 @@ pub enum Error {
     /// Virtual patches.
     #[error("patches: {0}")]
     Patches(#[from] patches::Error),
-    /// Photons.
-    #[error("photons: {0}")]
-    Photons(#[from] firstshot::Error),
+    /// Tables, settings and sizes of any method.
+    #[error(transparent)]
+    Transport(#[from] transport::Error),
     /// Receivers that photons do not serve.
     #[error("--method firstshot gathers at the mesh or at the pixels; choose --receivers mesh or pixels")]
     FirstShotReceivers,
     /// The operator of the light between patches.
     #[error("operator: {0}")]
     Operator(#[from] multibounce::Error),
-    /// Rows that frames sample.
-    #[error("temporal radiosity: {0}")]
-    Temporal(#[from] temporal::Error),
     /// The matrix round the camera.
     #[error("local matrix: {0}")]
     Local(#[from] localmatrix::Error),

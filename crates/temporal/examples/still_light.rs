@@ -2,7 +2,8 @@
 
 use glam::Vec4;
 use scene::sampling::{hash3, unit};
-use temporal::{Blend, Distribution, Error, RayLists, Settings, State};
+use temporal::{Blend, Error, RayLists, Settings, State};
+use transport::LinearOperator;
 
 fn main() -> Result<(), Error> {
     // A closed room of 500 patches that see each other at random, 256 rays each; every 20th shines.
@@ -14,7 +15,7 @@ fn main() -> Result<(), Error> {
 
     let (mut exitance, mut exact) = (source.clone(), vec![Vec4::ZERO; n]);
     for _ in 0..100 {
-        lists.product(&exitance, &mut exact)?;
+        lists.apply(&exitance, &mut exact)?;
         exitance = (0..n).map(|i| source[i] + albedo[i] * exact[i]).collect();
     }
     let apart = |a: &[Vec4], b: &[Vec4]| {

@@ -5,6 +5,7 @@ use scene::math::luminance;
 use temporal::kernel::split::{pack_entry, scan_row};
 use temporal::kernel::tables::{color_at, draw};
 use temporal::{AliasTables, Blend, Distribution, Error, Packing, RayLists, SampleParams, Settings, State, SumParams};
+use transport::LinearOperator;
 
 const PACKINGS: [Packing; 2] = [Packing::Stacks, Packing::Split];
 
@@ -21,12 +22,12 @@ fn lists_hold_what_rays_hit() {
     assert_eq!(lists.words(), [2 << 16, 1 << 16 | 2, 1 << 16 | 1, 1]);
     let light = [Vec4::splat(4.0), Vec4::splat(8.0), Vec4::splat(16.0)];
     let mut out = [Vec4::ONE; 3];
-    lists.product(&light, &mut out).unwrap();
+    lists.apply(&light, &mut out).unwrap();
     assert_eq!(out.map(|h| h.x), [4.0 / 4.0 + 2.0 * 16.0 / 4.0, 0.0, 8.0]);
     // A sky that shines is a column.
     let with_sky = RayLists::from_hits(4, &[2, 0, 2, 3], 4).unwrap();
     let light = [light[0], light[1], light[2], Vec4::splat(2.0)];
-    with_sky.product(&light, &mut out[..1]).unwrap();
+    with_sky.apply(&light, &mut out[..1]).unwrap();
     assert_eq!(out[0].x, 1.0 + 8.0 + 0.5);
 }
 
@@ -92,7 +93,7 @@ fn rows_of_nothing_of_one_entry_and_of_more_than_one() {
         let rows: [&dyn Distribution; 2] = [&tables, &lists];
         for rows in rows {
             let mut exact = [Vec4::ONE; 4];
-            rows.product(&light, &mut exact).unwrap();
+            rows.apply(&light, &mut exact).unwrap();
             assert_eq!(exact.map(|h| h.x), [0.0, 1.0, 0.0, 5.0]);
             let settings =
                 Settings { control_variate: false, blend: Blend::Fixed(0.0), samples: 64, ..Settings::default() };
@@ -159,7 +160,7 @@ fn colours_keep_luminance_and_the_rows_channels() {
                 let mut light = [Vec4::ZERO; 4];
                 light[j] = Vec4::ONE;
                 let mut found = [Vec4::ZERO; 2];
-                tables.product(&light, &mut found).unwrap();
+                tables.apply(&light, &mut found).unwrap();
                 let error = (found[i].truncate() - *expected).abs().max_element();
                 // The greatest step, at a blue of 13.85 for a luminance of 1, is 0.11; as much may come from the entry before.
                 assert!(error <= 0.22 * luminance(*expected) + 2e-4, "{i} {j}: {} for {expected}", found[i]);
@@ -167,7 +168,7 @@ fn colours_keep_luminance_and_the_rows_channels() {
         }
         // Light of all columns: the rows' sums, channel by channel.
         let mut found = [Vec4::ZERO; 2];
-        tables.product(&[Vec4::ONE; 4], &mut found).unwrap();
+        tables.apply(&[Vec4::ONE; 4], &mut found).unwrap();
         for (row, found) in rows.iter().zip(found) {
             let sum: Vec3 = row.iter().sum();
             assert!((found.truncate() - sum).abs().max_element() < 0.01 * sum.max_element(), "{found} for {sum}");
@@ -234,8 +235,8 @@ fn what_cannot_be_is_refused() {
 
     let lists = RayLists::from_hits(2, &[0, 1], 1).unwrap();
     let (two, mut one) = ([Vec4::ONE; 2], [Vec4::ONE; 1]);
-    assert!(matches!(lists.product(&two, &mut one), Err(Length { name: "irradiance", .. })));
-    assert!(matches!(lists.product(&one.clone(), &mut two.clone()), Err(Length { name: "exitance", .. })));
+    assert!(matches!(lists.apply(&two, &mut one), Err(Length { name: "irradiance", .. })));
+    assert!(matches!(lists.apply(&one.clone(), &mut two.clone()), Err(Length { name: "exitance", .. })));
     let mut out = two;
     let sum = |count, first| SumParams { count, first, ..SumParams::default() };
     assert!(matches!(lists.sum(&sum(3, 0), &two, &mut out), Err(Setting { name: "count", .. })));

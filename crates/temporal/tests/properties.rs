@@ -5,6 +5,7 @@ use scene::sampling::{hash3, unit};
 use temporal::kernel::sample::{first_word, word};
 use temporal::kernel::tables::draw;
 use temporal::{AliasTables, Blend, Distribution, Packing, RayLists, SampleParams, Settings, State};
+use transport::LinearOperator;
 
 const FRAMES: u32 = 4096;
 
@@ -121,13 +122,13 @@ fn the_mean_of_many_frames_is_the_product() {
     // Lists whose hits are the rows.
     let lists = lists(n, seed);
     let mut of_lists = vec![Vec4::ZERO; n as usize];
-    lists.product(&light, &mut of_lists).unwrap();
+    lists.apply(&light, &mut of_lists).unwrap();
     assert!(unbiased(&scores(&lists, &light, &of_lists, false)));
     assert!(!unbiased(&scores(&lists, &wrong, &of_lists, false)));
     // Of a lattice frames are not independent: their mean comes much closer.
     for rows in [&lists as &dyn Distribution, &tables(n, seed, Packing::Stacks)] {
         let mut product = vec![Vec4::ZERO; n as usize];
-        rows.product(&light, &mut product).unwrap();
+        rows.apply(&light, &mut product).unwrap();
         let scores = scores(rows, &light, &product, true);
         let most = scores.iter().fold(0.0f64, |m, z| m.max(z.abs()));
         println!("lattice: greatest score {most:.3}");
@@ -151,7 +152,7 @@ fn rgb_operators_have_the_products_mean() {
     assert_eq!(tables.bytes(), 8 * 3600 + 4 * 61 + 4 * 60);
     let light = light(n, 6);
     let mut product = vec![Vec4::ZERO; n as usize];
-    tables.product(&light, &mut product).unwrap();
+    tables.apply(&light, &mut product).unwrap();
     // The operator itself, to the steps of its colours.
     let mut colors = vec![Vec3::ZERO; n as usize];
     for (i, found) in product.iter().enumerate() {
@@ -250,7 +251,7 @@ fn at_rest(rows: &dyn Distribution, source: &[Vec4], albedo: &[Vec4]) -> Vec<Vec
     let mut irradiance = vec![Vec4::ZERO; source.len()];
     for _ in 0..400 {
         let exitance: Vec<Vec4> = (0..source.len()).map(|i| source[i] + albedo[i] * irradiance[i]).collect();
-        rows.product(&exitance, &mut irradiance).unwrap();
+        rows.apply(&exitance, &mut irradiance).unwrap();
     }
     irradiance
 }
@@ -344,7 +345,7 @@ fn increments_are_unbiased() {
     let lights =
         [light(n, 5), light(n, 6), light(n, 7)].map(|l| l.iter().map(|b| *b + Vec4::splat(4.0)).collect::<Vec<_>>());
     let mut product = vec![Vec4::ZERO; n as usize];
-    rows.product(&lights[2], &mut product).unwrap();
+    rows.apply(&lights[2], &mut product).unwrap();
     let (mut sum, mut squares, seeds) = (vec![0.0f64; n as usize], vec![0.0f64; n as usize], 2048);
     for seed in 0..seeds {
         let settings = Settings { samples: 16, rotated: false, refresh: 0, seed, ..Settings::default() };
@@ -416,7 +417,7 @@ fn light_that_chooses_its_weight_follows_and_rests() {
         for frame in 0..400 {
             let now = at((frame as f32).min(200.0));
             state.advance(&rows, &now, &black, &settings).unwrap();
-            rows.product(&now, &mut exact).unwrap();
+            rows.apply(&now, &mut exact).unwrap();
             let error = apart(&state.irradiance, &exact);
             match frame {
                 50..200 => mean[0] += error / 150.0,

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use formfactor::Operator as _;
 use glam::Vec4;
 use multibounce::{Channels, spectral_radius};
 use serde::Serialize;
+use transport::LinearOperator as _;
 
 use crate::args::{OperatorOptions, Storage};
 use assets::import::LoadedScene;
@@ -102,12 +102,7 @@ impl Operator {
         let mut lights = vec![own_light(&loaded.scene, senders, settings)];
         lights.extend(compact_lights(senders, settings.seed));
         let factors = &between.factors;
-        let mut product = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
-            // Its lengths are those of the factors: it cannot fail.
-            let _ = factors.product(exitance, irradiance);
-            Ok(())
-        };
-        let radius = spectral_radius(n, &senders.albedo, &mut product, TOLERANCE, STEPS)?.max_element();
+        let radius = spectral_radius(factors, &senders.albedo, TOLERANCE, STEPS)?.max_element();
 
         let codec = options.codec.codec(options.epsilon);
         let device = match codec {
@@ -182,11 +177,11 @@ impl Stored {
         let mut irradiance = vec![Vec4::ZERO; albedo.len()];
         let mut errors = Vec::new();
         for light in lights {
-            kept.product(light, &mut irradiance)?;
+            kept.apply(light, &mut irradiance)?;
             errors.push(relative_error(&irradiance, &exact_product(channels, &between.area, light), &between.area));
         }
-        let radius = growth(albedo, &|light, out| kept.product(light, out))?;
-        let bytes = kept.bytes();
+        let radius = growth(albedo, kept)?;
+        let bytes = kept.bytes_by_part();
         let tiles = match kept {
             PatchOperator::Tiles(tiles) => {
                 let report = &tiles.report;

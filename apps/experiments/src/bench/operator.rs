@@ -312,8 +312,8 @@ fn measure(
         }
     };
     let operator_s = operators.is_some().then(|| start.elapsed().as_secs_f64());
-    let product = |light: &[Vec4], out: &mut [Vec4]| Ok(between.factors.product(light, out)?);
-    let both = accelerations(&senders.albedo, &product)?;
+    let product = |light: &[Vec4], out: &mut [Vec4]| Ok(between.factors.apply(light, out)?);
+    let both = accelerations(&senders.albedo, &between.factors)?;
 
     // The scene's own light, then compact ones.
     let mut sources = vec![own_light(scene, &senders, &settings)];
@@ -321,7 +321,7 @@ fn measure(
     sources.extend(compact_lights(&senders, common.seed));
     let truth = |source: Vec<Vec4>| -> Result<Truth, Error> {
         let mut direct = vec![Vec4::ZERO; n];
-        between.factors.product(&source, &mut direct)?;
+        between.factors.apply(&source, &mut direct)?;
         let all =
             operators.as_ref().map(|three| exact_product(Channels::Three(three.each_ref()), &between.area, &source));
         Ok(Truth { source, direct, all })
@@ -351,7 +351,7 @@ fn measure(
     let csr = &between.factors;
     let csr_bytes = (size_of_val(&csr.row_start[..]) + 8 * csr.values.len()) as u64;
     let mut h = vec![Vec4::ZERO; n];
-    let once = median_ms(|| Ok(csr.product(&truths[0].source, &mut h)?))?;
+    let once = median_ms(|| Ok(csr.apply(&truths[0].source, &mut h)?))?;
     rows.push(row("F", "sparse rows", csr_bytes, once));
     let bounces = median_ms(|| {
         jacobi(csr, &truths[0].source, &senders.albedo, Stop::Bounces(BOUNCES))?;
@@ -362,7 +362,7 @@ fn measure(
         // Symmetric: its columns are its rows.
         let values = (0..n).flat_map(|j| operators[1].col(j).iter().copied()).collect();
         let dense = formfactor::Dense::new(n, n, values)?;
-        let time = median_ms(|| Ok(dense.product(&truths[0].source, &mut h)?))?;
+        let time = median_ms(|| Ok(dense.apply(&truths[0].source, &mut h)?))?;
         rows.push(row("T", "dense f32, three products", 12 * (n * n) as u64, 3.0 * time));
     }
     if let Some(operators) = &operators {
@@ -380,15 +380,15 @@ fn measure(
             })?;
             let seconds = start.elapsed().as_secs_f64();
             let errors = truths.iter().map(|truth| {
-                tiles.product(&truth.source, &mut h)?;
+                tiles.apply(&truth.source, &mut h)?;
                 let exact = truth.all.as_ref().filter(|_| operator == "T").unwrap_or(&truth.direct);
                 Ok(relative_error(&h, exact, &between.area))
             });
             let errors = errors.collect::<Result<Vec<f64>, Error>>()?;
             let mut room = TileRoom::default();
-            let time = median_ms(|| Ok(tiles.product_in(&mut room, &truths[0].source, &mut h)?))?;
+            let time = median_ms(|| Ok(tiles.apply_in(&mut room, &truths[0].source, &mut h)?))?;
             let compact = errors[1..].iter().copied().fold(0.0, f64::max);
-            let read = tiles.bytes().iter().map(|part| part.1).sum();
+            let read = tiles.bytes();
             let mut measured = Row {
                 epsilon: Some(epsilon),
                 stored_bytes: tiles.stored_bytes(),

@@ -2,6 +2,8 @@
 
 use std::vec::Vec;
 
+use transport::alias::pair_entries;
+
 use crate::types::AliasEntry;
 
 /// The alias table of entries with these weights ≥ 0 (Vose 1991), in O(n): a slot each, filled by its own entry up to the
@@ -15,22 +17,12 @@ pub fn alias_table(weights: &[f64]) -> Vec<AliasEntry> {
     let mut share: Vec<f64> = weights.iter().map(|w| w * scale).collect();
     let mut table: Vec<AliasEntry> =
         (0..weights.len() as u32).map(|k| AliasEntry { threshold: u32::MAX, other: k }).collect();
-    let (mut small, mut large): (Vec<u32>, Vec<u32>) =
-        (0..weights.len() as u32).partition(|&k| share[k as usize] < 1.0);
-    while let (Some(&s), Some(&l)) = (small.last(), large.last()) {
-        small.pop();
-        let kept = share[s as usize];
-        table[s as usize] = AliasEntry { threshold: (kept * 2f64.powi(32)) as u32, other: l };
-        let rest = &mut share[l as usize];
-        *rest -= 1.0 - kept;
-        if *rest < 1.0 {
-            large.pop();
-            small.push(l);
-        }
-    }
+    let left = pair_entries(&mut share, 1.0, 0..weights.len() as u32, |entry, kept, other| {
+        table[entry as usize] = AliasEntry { threshold: (kept * 2f64.powi(32)) as u32, other };
+    });
     // What rounding has left over is one whole slot; only an entry that has any weight may keep it.
     if let Some(heaviest) = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b])) {
-        for k in small.into_iter().filter(|&k| weights[k as usize] <= 0.0) {
+        for k in left.into_iter().filter(|&k| weights[k as usize] <= 0.0) {
             table[k as usize] = AliasEntry { threshold: 0, other: heaviest as u32 };
         }
     }

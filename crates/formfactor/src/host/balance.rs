@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 use std::vec::Vec;
 
-use super::storage::{Dense, check_length};
 use crate::error::Error;
+use transport::{Dense, check_length};
 
 /// What [`balance`] found and left.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,7 +60,7 @@ pub fn closure_residual(factors: &Dense, sky: &[f32]) -> f64 {
 /// Rows of any rectangular matrix; rows that see no patch stay as they are.
 ///
 /// # Errors
-/// [`Error::Length`] unless there is one sky factor a row.
+/// [`transport::Error::Length`] unless there is one sky factor a row.
 pub fn normalise_rows(factors: &mut Dense, sky: &[f32]) -> Result<(), Error> {
     check_length("sky_factor", factors.rows, sky.len())?;
     if factors.columns == 0 {
@@ -89,7 +89,7 @@ pub fn normalise_rows(factors: &mut Dense, sky: &[f32]) -> Result<(), Error> {
 /// Shapes: `factors[n · n]`, `sky_factor[n]`, `area[n]`.
 ///
 /// # Errors
-/// [`Error::Length`] for a table of another size, [`Error::Value`] for a factor that is negative or not finite or an area
+/// [`transport::Error::Length`] for a table of another size, [`transport::Error::Value`] for a factor that is negative or not finite or an area
 /// that is not positive.
 pub fn balance(
     factors: &mut Dense,
@@ -182,7 +182,7 @@ fn check_values(
     rule: &'static str,
 ) -> Result<(), Error> {
     match values.iter().position(|&x| !good(x)) {
-        Some(index) => Err(Error::Value { name, index, value: f64::from(values[index]), rule }),
+        Some(index) => Err(transport::Error::Value { name, index, value: f64::from(values[index]), rule }.into()),
         None => Ok(()),
     }
 }

@@ -1,7 +1,6 @@
 //! The four estimators behind one trait, and the loop over rows.
 
 use std::boxed::Box;
-use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::vec::Vec;
 
@@ -13,14 +12,11 @@ use scene::{Hit, Scene, SurfacePoint, Visibility};
 use super::area;
 use super::contour;
 use super::polygon::Polygon;
-use super::storage::{Dense, check_length};
 use super::subdivide::Subdivision;
 use crate::error::Error;
 use crate::kernel::hemisphere::{EXTRA_COLUMNS, hemisphere_ray, hemisphere_row, ray_share};
 use crate::types::{HemisphereParams, Patch};
-
-/// Whether a long computation goes on: `Break(())` cancels it.
-pub type Proceed = ControlFlow<()>;
+use transport::{Dense, Proceed, check_length};
 
 /// Finds the patch that owns a hit of a ray in a direction, or [`scene::NONE`].
 pub type Owner<'a> = Box<dyn Fn(&Hit, Vec3) -> u32 + Sync + 'a>;
@@ -89,7 +85,7 @@ impl<'a> Surfaces<'a> {
     pub(super) fn check(&self) -> Result<(), Error> {
         let rows = self.rows();
         if self.offsets.is_empty() {
-            return Err(Error::Length { name: "offsets", expected: 1, found: 0 });
+            return Err(transport::Error::Length { name: "offsets", expected: 1, found: 0 }.into());
         }
         for (row, pair) in self.offsets.windows(2).enumerate() {
             if pair[0] >= pair[1] {
@@ -134,7 +130,7 @@ pub trait Estimator: Sync {
     /// Whether the settings suit the surfaces.
     ///
     /// # Errors
-    /// [`Error::Setting`] or [`Error::NoOutlines`].
+    /// [`transport::Error::Setting`] or [`Error::NoOutlines`].
     fn check(&self, surfaces: &Surfaces) -> Result<(), Error>;
 
     /// Writes `F_ij` of row i for every patch j into `factors[patches]` and returns (sky factor, lost share).
@@ -205,7 +201,7 @@ fn check_rays(name: &'static str, value: u32) -> Result<(), Error> {
     if (1..=1 << 24).contains(&value) {
         Ok(())
     } else {
-        Err(Error::Setting { name, value: f64::from(value), rule: "in 1..=2^24" })
+        Err(transport::Error::Setting { name, value: f64::from(value), rule: "in 1..=2^24" }.into())
     }
 }
 
@@ -441,7 +437,7 @@ fn weighted(points: &[SurfacePoint], value: impl Fn(DVec3, DVec3) -> f64) -> f32
 /// every row, from any thread; breaking it cancels.
 ///
 /// # Errors
-/// What is wrong with the surfaces or the settings, [`Error::Cancelled`].
+/// What is wrong with the surfaces or the settings, [`transport::Error::Cancelled`].
 pub fn form_factors(
     estimator: &dyn Estimator,
     surfaces: &Surfaces,
@@ -459,7 +455,7 @@ pub fn form_factors(
 /// than one block is in memory.
 ///
 /// # Errors
-/// As [`form_factors`], [`Error::Setting`] for blocks of no rows, and what `sink` returns.
+/// As [`form_factors`], [`transport::Error::Setting`] for blocks of no rows, and what `sink` returns.
 pub fn form_factor_blocks(
     estimator: &dyn Estimator,
     surfaces: &Surfaces,
@@ -470,7 +466,7 @@ pub fn form_factor_blocks(
     surfaces.check()?;
     estimator.check(surfaces)?;
     if block_rows == 0 {
-        return Err(Error::Setting { name: "block_rows", value: 0.0, rule: "at least 1" });
+        return Err(transport::Error::Setting { name: "block_rows", value: 0.0, rule: "at least 1" }.into());
     }
     let (total, columns) = (surfaces.rows(), surfaces.patches.len());
     let (done, cancelled) = (AtomicUsize::new(0), AtomicBool::new(false));
@@ -494,7 +490,7 @@ pub fn form_factor_blocks(
             }
         });
         if cancelled.load(Ordering::Relaxed) {
-            return Err(Error::Cancelled { done: done.load(Ordering::Relaxed), total });
+            return Err(transport::Error::Cancelled { done: done.load(Ordering::Relaxed), total }.into());
         }
         sink(first, block)?;
     }

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::string::ToString;
 use std::vec::Vec;
 
-use super::storage::{Dense, check_length};
 use crate::error::Error;
+use transport::{Dense, check_length};
 
 const MAGIC: [u8; 8] = *b"PLROWS\r\n";
 const VERSION: u32 = 1;
@@ -85,7 +85,7 @@ impl RowFileWriter {
     /// Appends whole rows.
     ///
     /// # Errors
-    /// [`Error::Length`] when `values` is not a whole number of rows or more than are still missing; [`Error::File`].
+    /// [`transport::Error::Length`] when `values` is not a whole number of rows or more than are still missing; [`Error::File`].
     pub fn push(&mut self, values: &[f32]) -> Result<(), Error> {
         let count = values.len().checked_div(self.columns).unwrap_or(0);
         check_length("rows", count.min(self.rows - self.written) * self.columns, values.len())?;
@@ -107,7 +107,7 @@ impl RowFileWriter {
     /// Gives the file its name.
     ///
     /// # Errors
-    /// [`Error::Length`] when rows are missing, [`Error::File`].
+    /// [`transport::Error::Length`] when rows are missing, [`Error::File`].
     pub fn finish(mut self) -> Result<(), Error> {
         check_length("rows", self.rows, self.written)?;
         if let Some(out) = self.out.take() {
@@ -190,10 +190,10 @@ impl RowFile {
     /// Reads a block: its first row and its rows.
     ///
     /// # Errors
-    /// [`Error::Length`] for a block that does not exist, [`Error::FileContent`] when its checksum is wrong, [`Error::File`].
+    /// [`transport::Error::Length`] for a block that does not exist, [`Error::FileContent`] when its checksum is wrong, [`Error::File`].
     pub fn read_block(&mut self, block: usize) -> Result<(usize, Dense), Error> {
         if block >= self.blocks() {
-            return Err(Error::Length { name: "blocks", expected: block + 1, found: self.blocks() });
+            return Err(transport::Error::Length { name: "blocks", expected: block + 1, found: self.blocks() }.into());
         }
         let first = block * self.block_rows;
         let rows = self.block_rows.min(self.rows - first);
@@ -222,7 +222,7 @@ impl RowFile {
         for block in 0..self.blocks() {
             values.extend(self.read_block(block)?.1.values);
         }
-        Dense::new(self.rows, self.columns, values)
+        Ok(Dense::new(self.rows, self.columns, values)?)
     }
 }
 

@@ -8,12 +8,12 @@ use rayon::prelude::*;
 use scene::sampling::hash3;
 use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Visibility, is_open};
 
-use super::storage::check_length;
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
 use crate::kernel::grid::{cell_corners, cell_count, vertex_at, vertex_count};
 use crate::kernel::product::interpolate_receivers;
 use crate::types::{ReceiverCell, TriangleGrid};
+use transport::check_length;
 
 /// Least cosine between their normals.
 const LEAST_COSINE: f32 = 0.995;
@@ -58,7 +58,7 @@ impl Receivers {
     /// the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver.
     ///
     /// # Errors
-    /// [`Error::Setting`] for an edge that is not positive, [`Error::Length`], [`Error::TooMany`].
+    /// [`transport::Error::Setting`] for an edge that is not positive, [`transport::Error::Length`], [`transport::Error::TooMany`].
     pub fn new(
         scene: &Scene,
         sides: &[Sides],
@@ -87,7 +87,7 @@ impl Receivers {
                 block.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
             let found = new.vertices.len() as u64 + places.iter().flatten().map(|p| p.1.len() as u64).sum::<u64>();
             if found >= u64::from(NONE) {
-                return Err(Error::TooMany { found, limit: u64::from(NONE) - 1 });
+                return Err(transport::Error::TooMany { name: "receivers", found, limit: u64::from(NONE) - 1 }.into());
             }
             for (side, places) in block.iter().zip(places) {
                 for (k, (divisions, points)) in (0u32..).zip(places) {
@@ -119,7 +119,7 @@ impl Receivers {
     /// beside them. Returns what number each of those that are left had. `good` holds one flag a receiver.
     ///
     /// # Errors
-    /// [`Error::Length`] for a wrong number of flags.
+    /// [`transport::Error::Length`] for a wrong number of flags.
     pub fn retain(&mut self, scene: &Scene, good: &[bool]) -> Result<Vec<u32>, Error> {
         check_length("good", self.points.len(), good.len())?;
         for side in self.sides(scene) {
@@ -178,7 +178,7 @@ impl Receivers {
     /// `values` holds one entry a receiver.
     ///
     /// # Errors
-    /// [`Error::Length`] for a wrong number of values.
+    /// [`transport::Error::Length`] for a wrong number of values.
     pub fn corner_irradiance(&self, values: &[Vec4], front: bool) -> Result<Vec<[Vec4; 3]>, Error> {
         check_length("values", self.points.len(), values.len())?;
         let corner = |triangle: usize, u: f32, v: f32| {

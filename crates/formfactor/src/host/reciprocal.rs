@@ -4,8 +4,8 @@ use std::vec::Vec;
 
 use rayon::prelude::*;
 
-use super::storage::{Csr, check_length};
 use crate::error::Error;
+use transport::{Csr, check_length};
 
 /// Steps towards the areas, and towards closed rows.
 const STEPS: usize = 60;
@@ -38,18 +38,20 @@ pub struct Reciprocal {
 /// Half of the noise of F goes with it: the two estimates of each pair are independent.
 ///
 /// # Errors
-/// [`Error::Length`] for tables of other sizes, [`Error::Value`] for areas that are not positive or factors that are negative.
+/// [`transport::Error::Length`] for tables of other sizes, [`transport::Error::Value`] for areas that are not positive or factors that are negative.
 pub fn reciprocal(factors: &Csr, area: &[f32]) -> Result<Reciprocal, Error> {
     factors.check()?;
     let n = factors.rows;
     check_length("columns", n, factors.columns)?;
     check_length("area", n, area.len())?;
     if let Some(index) = area.iter().position(|&a| !(a > 0.0 && a.is_finite())) {
-        return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
+        return Err(
+            transport::Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" }.into()
+        );
     }
     if let Some(index) = factors.values.iter().position(|&f| !(f >= 0.0 && f.is_finite())) {
         let value = f64::from(factors.values[index]);
-        return Err(Error::Value { name: "factors", index, value, rule: "finite and not negative" });
+        return Err(transport::Error::Value { name: "factors", index, value, rule: "finite and not negative" }.into());
     }
     let transposed = transpose(factors);
     let sums: Vec<f64> = (0..n).into_par_iter().map(|i| row(factors, i).map(|(_, f)| f64::from(f)).sum()).collect();

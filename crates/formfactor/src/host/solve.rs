@@ -5,10 +5,10 @@ use faer::linalg::solvers::Solve;
 use glam::Vec4;
 use std::vec::Vec;
 
-use super::product::Operator;
-use super::storage::{Dense, check_length};
 use crate::error::Error;
 use crate::kernel::product::bounce;
+use transport::LinearOperator;
+use transport::{Dense, check_length};
 
 /// When an iteration ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +43,7 @@ fn check_inputs(rows: usize, columns: usize, source: &[Vec4], albedo: &[Vec4]) -
             let x = x.truncate();
             if !(x.is_finite() && x.min_element() >= 0.0) {
                 let value = f64::from(if x.is_finite() { x.min_element() } else { f32::NAN });
-                return Err(Error::Value { name, index, value, rule: "finite and not negative" });
+                return Err(transport::Error::Value { name, index, value, rule: "finite and not negative" }.into());
             }
         }
     }
@@ -70,7 +70,7 @@ fn bounce_all(source: &[Vec4], albedo: &[Vec4], irradiance: &[Vec4]) -> Vec<Vec4
 
 /// Residual of a finished solution: one more product.
 fn finish(
-    operator: &(impl Operator + ?Sized),
+    operator: &(impl LinearOperator + ?Sized),
     source: &[Vec4],
     albedo: &[Vec4],
     irradiance: Vec<Vec4>,
@@ -78,7 +78,7 @@ fn finish(
 ) -> Result<Solution, Error> {
     let exitance = bounce_all(source, albedo, &irradiance);
     let mut next = vec![Vec4::ZERO; source.len()];
-    operator.product(&exitance, &mut next)?;
+    operator.apply(&exitance, &mut next)?;
     let residual = largest_difference(&bounce_all(source, albedo, &next), &exitance);
     Ok(Solution { irradiance, exitance, residual, iterations })
 }
@@ -88,9 +88,9 @@ fn finish(
 /// Shapes: `operator` n × n, `source` (E, W/m²) and `albedo` (ρ) `[n]`.
 ///
 /// # Errors
-/// [`Error::Length`]; [`Error::Value`] for a source or albedo that is negative or not finite.
+/// [`transport::Error::Length`]; [`transport::Error::Value`] for a source or albedo that is negative or not finite.
 pub fn jacobi(
-    operator: &(impl Operator + ?Sized),
+    operator: &(impl LinearOperator + ?Sized),
     source: &[Vec4],
     albedo: &[Vec4],
     stop: Stop,
@@ -101,7 +101,7 @@ pub fn jacobi(
     let most = if let Stop::Bounces(k) = stop { k } else { MOST_STEPS };
     let mut iterations = 0;
     while iterations < most {
-        operator.product(&exitance, &mut irradiance)?;
+        operator.apply(&exitance, &mut irradiance)?;
         let next = bounce_all(source, albedo, &irradiance);
         let change = largest_difference(&exitance, &next);
         exitance = next;
@@ -150,12 +150,14 @@ pub fn gauss_seidel(factors: &Dense, source: &[Vec4], albedo: &[Vec4], stop: Sto
 /// `Stop::Bounces` says.
 ///
 /// # Errors
-/// As [`jacobi`], and [`Error::Value`] for an area that is not positive.
+/// As [`jacobi`], and [`transport::Error::Value`] for an area that is not positive.
 pub fn shoot(factors: &Dense, area: &[f32], source: &[Vec4], albedo: &[Vec4], stop: Stop) -> Result<Solution, Error> {
     check_inputs(factors.rows, factors.columns, source, albedo)?;
     check_length("area", factors.rows, area.len())?;
     if let Some(index) = area.iter().position(|&a| !(a > 0.0 && a.is_finite())) {
-        return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
+        return Err(
+            transport::Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" }.into()
+        );
     }
     let n = source.len();
     let mut irradiance = vec![Vec4::ZERO; n];
@@ -214,6 +216,6 @@ pub fn lu(factors: &Dense, source: &[Vec4], albedo: &[Vec4]) -> Result<Solution,
         }
     }
     let mut irradiance = vec![Vec4::ZERO; n];
-    factors.product(&exitance, &mut irradiance)?;
+    factors.apply(&exitance, &mut irradiance)?;
     finish(factors, source, albedo, irradiance, 1)
 }

@@ -8,12 +8,10 @@ use glam::Vec4;
 use rayon::prelude::*;
 use scene::NONE;
 
-use super::estimate::{Estimator, Hemisphere, Proceed, Surfaces, hemisphere_hits, like_rays, quarter_hits};
-use super::hits::HitRows;
-use super::product::Operator;
+use super::estimate::{Estimator, Hemisphere, Surfaces, hemisphere_hits, like_rays, quarter_hits};
 use super::quarters::QUARTERS;
-use super::storage::{Csr, check_length};
 use crate::error::Error;
+use transport::{Csr, HitCounts, LinearOperator, Proceed, check_length};
 
 /// Rows that one task makes.
 const TASK_ROWS: usize = 64;
@@ -35,7 +33,7 @@ pub struct SparseRows {
 /// `progress(done, total)` is called now and then, from any thread; breaking it cancels.
 ///
 /// # Errors
-/// What is wrong with the surfaces or the number of rays, [`Error::TooMany`] entries, [`Error::Cancelled`].
+/// What is wrong with the surfaces or the number of rays, [`transport::Error::TooMany`] entries, [`transport::Error::Cancelled`].
 pub fn sparse_rows(
     surfaces: &Surfaces,
     rays: u32,
@@ -52,7 +50,9 @@ pub fn sparse_rows(
     let parts = Watch::new(total, progress).tasks(0..total, task)?;
     let found: u64 = parts.iter().map(|p| p.values.len() as u64).sum();
     if found > u64::from(u32::MAX) {
-        return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+        return Err(
+            transport::Error::TooMany { name: "entries of sparse rows", found, limit: u64::from(u32::MAX) }.into()
+        );
     }
     let factors = Csr { rows: total, columns: patches as usize, row_start: std::vec![0], ..Csr::default() };
     let mut out = SparseRows { factors, ..SparseRows::default() };
@@ -74,10 +74,10 @@ pub fn sparse_rows(
 /// Returns the sky factors of the new rows.
 ///
 /// # Errors
-/// As [`sparse_rows`]; [`Error::Length`] unless `rows` has one column a patch. Nothing is left half done: the rows of whole
+/// As [`sparse_rows`]; [`transport::Error::Length`] unless `rows` has one column a patch. Nothing is left half done: the rows of whole
 /// blocks stay.
 pub fn add_hit_rows(
-    rows: &mut HitRows,
+    rows: &mut HitCounts,
     surfaces: &Surfaces,
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
@@ -93,7 +93,7 @@ pub fn add_hit_rows(
 /// # Errors
 /// As [`add_hit_rows`].
 pub fn add_quarter_rows(
-    rows: &mut HitRows,
+    rows: &mut HitCounts,
     surfaces: &Surfaces,
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
@@ -110,7 +110,7 @@ pub fn add_quarter_rows(
 
 /// Adds `parts` rows for each of the surfaces' from the columns that its rays hit, all rays for each part.
 fn add_rows(
-    rows: &mut HitRows,
+    rows: &mut HitCounts,
     surfaces: &Surfaces,
     (rays, parts): (u32, usize),
     hits: &(dyn Fn(usize) -> Vec<u32> + Sync),
@@ -137,7 +137,7 @@ fn add_rows(
 /// asked once. The fourth component is 0.
 ///
 /// # Errors
-/// As [`sparse_rows`]; [`Error::Length`] unless there is one exitance a patch.
+/// As [`sparse_rows`]; [`transport::Error::Length`] unless there is one exitance a patch.
 pub fn gather_by_rays(
     surfaces: &Surfaces,
     rays: u32,
@@ -183,7 +183,9 @@ impl<'a> Watch<'a> {
         let starts: Vec<usize> = rows.clone().step_by(TASK_ROWS).collect();
         let made: Vec<Option<T>> = starts.into_par_iter().map(task).collect();
         if self.cancelled.load(Ordering::Relaxed) {
-            return Err(Error::Cancelled { done: self.done.load(Ordering::Relaxed), total: self.total });
+            return Err(
+                transport::Error::Cancelled { done: self.done.load(Ordering::Relaxed), total: self.total }.into()
+            );
         }
         Ok(made.into_iter().flatten().collect())
     }

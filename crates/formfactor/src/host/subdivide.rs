@@ -7,10 +7,10 @@ use scene::{Hit, NONE, POINT_WALKS, Scene, SidePolicy, Sides, SurfacePoint, find
 use std::vec::Vec;
 
 use super::polygon::Polygon;
-use super::storage::check_length;
 use crate::error::Error;
 use crate::kernel::grid::{cell_corners, cell_count, owner};
 use crate::types::{Patch, TriangleGrid};
+use transport::check_length;
 
 /// Most pieces along an edge.
 pub(super) const MOST_DIVISIONS: u32 = 4096;
@@ -75,14 +75,14 @@ pub(super) fn check_positive(name: &'static str, value: f32) -> Result<(), Error
     if value > 0.0 && value.is_finite() {
         Ok(())
     } else {
-        Err(Error::Setting { name, value: f64::from(value), rule: "positive and finite" })
+        Err(transport::Error::Setting { name, value: f64::from(value), rule: "positive and finite" }.into())
     }
 }
 
 /// Divisions of every triangle so that patches have at most `area` m²: `n = ⌈√(A / area)⌉`.
 ///
 /// # Errors
-/// [`Error::Setting`] for an area that is not positive.
+/// [`transport::Error::Setting`] for an area that is not positive.
 pub fn divisions_for_area(scene: &Scene, area: f32) -> Result<Vec<u32>, Error> {
     check_positive("area", area)?;
     Ok((0..scene.triangles.len()).map(|t| pieces(triangle_area(scene, t) / area)).collect())
@@ -95,7 +95,7 @@ fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {
 /// Divisions of every triangle for about `count` patches of like area.
 ///
 /// # Errors
-/// [`Error::Setting`] for a count of 0, [`Error::Length`] unless there is one entry of `sides` a triangle.
+/// [`transport::Error::Setting`] for a count of 0, [`transport::Error::Length`] unless there is one entry of `sides` a triangle.
 pub fn divisions_for_count(scene: &Scene, sides: &[Sides], count: u32) -> Result<Vec<u32>, Error> {
     check_length("sides", scene.triangles.len(), sides.len())?;
     check_positive("count", count as f32)?;
@@ -120,7 +120,7 @@ pub fn divisions_for_count(scene: &Scene, sides: &[Sides], count: u32) -> Result
 /// `fine_area` m². `estimate` is asked at points a little inside the triangle, on every side that has patches.
 ///
 /// # Errors
-/// [`Error::Setting`] for an area or tolerance that is not positive, [`Error::Length`].
+/// [`transport::Error::Setting`] for an area or tolerance that is not positive, [`transport::Error::Length`].
 pub fn divisions_for_gradient(
     scene: &Scene,
     sides: &[Sides],
@@ -195,7 +195,7 @@ fn table_start(next: &mut u64, alive: bool, count: u32) -> Result<u32, Error> {
     let start = *next;
     *next += u64::from(count);
     if *next > MOST_ENTRIES {
-        return Err(Error::TooMany { found: *next, limit: MOST_ENTRIES });
+        return Err(transport::Error::TooMany { name: "patches or cells", found: *next, limit: MOST_ENTRIES }.into());
     }
     Ok(start as u32)
 }
@@ -210,7 +210,7 @@ pub(super) fn number_entries(
     for (index, (side, &divisions)) in sides.iter().zip(divisions).enumerate() {
         if divisions == 0 || divisions > MOST_DIVISIONS {
             let value = f64::from(divisions);
-            return Err(Error::Value { name: "divisions", index, value, rule: "in 1..=4096" });
+            return Err(transport::Error::Value { name: "divisions", index, value, rule: "in 1..=4096" }.into());
         }
         let front = table_start(&mut next, side.front, count(divisions))?;
         let back = table_start(&mut next, side.back, count(divisions))?;
@@ -222,7 +222,7 @@ pub(super) fn number_entries(
 /// Numbers the cells of all triangles, `divisions²` on each of their sides.
 ///
 /// # Errors
-/// [`Error::Value`] for divisions outside 1..=4096, [`Error::Length`], [`Error::TooMany`].
+/// [`transport::Error::Value`] for divisions outside 1..=4096, [`transport::Error::Length`], [`transport::Error::TooMany`].
 pub fn cell_grids(sides: &[Sides], divisions: &[u32]) -> Result<Vec<TriangleGrid>, Error> {
     check_length("divisions", sides.len(), divisions.len())?;
     number_entries(sides, divisions, cell_count)
@@ -239,8 +239,8 @@ impl Subdivision {
     /// its area.
     ///
     /// # Errors
-    /// [`Error::Length`] unless there is one entry of `sides` and `divisions` a triangle, [`Error::Value`] for divisions
-    /// outside 1..=4096, [`Error::Setting`] for no points, [`Error::TooMany`].
+    /// [`transport::Error::Length`] unless there is one entry of `sides` and `divisions` a triangle, [`transport::Error::Value`] for divisions
+    /// outside 1..=4096, [`transport::Error::Setting`] for no points, [`transport::Error::TooMany`].
     pub fn new(scene: &Scene, sides: &[Sides], divisions: &[u32], points: u32, seed: u32) -> Result<Self, Error> {
         check_length("sides", scene.triangles.len(), sides.len())?;
         check_length("divisions", scene.triangles.len(), divisions.len())?;
@@ -278,7 +278,7 @@ impl Subdivision {
             out.points.extend(cell.points);
             let found = out.points.len() as u64;
             if found > MOST_ENTRIES {
-                return Err(Error::TooMany { found, limit: MOST_ENTRIES });
+                return Err(transport::Error::TooMany { name: "points of patches", found, limit: MOST_ENTRIES }.into());
             }
             out.offsets.push(found as u32);
         }

@@ -6,6 +6,7 @@ use std::vec::Vec;
 
 use glam::Vec4;
 use rayon::prelude::*;
+use transport::LinearOperator;
 
 use super::assembly::{Row, assemble};
 use super::cut::{Chooser, Exchange, View};
@@ -65,9 +66,9 @@ impl Default for LocalSettings {
 
 impl LocalSettings {
     /// # Errors
-    /// [`Error::Setting`] for values out of their range.
+    /// [`transport::Error::Setting`] for values out of their range.
     pub fn check(&self) -> Result<(), Error> {
-        let refuse = |name, value, rule| Err(Error::Setting { name, value, rule });
+        let refuse = |name, value, rule| Err(transport::Error::Setting { name, value, rule }.into());
         if self.changes == 0 {
             return refuse("changes", 0.0, "at least 1");
         }
@@ -173,7 +174,7 @@ impl Local {
     /// An empty matrix for a world.
     ///
     /// # Errors
-    /// [`Error::Setting`], [`Error::Node`] where the nodes are no forest.
+    /// [`transport::Error::Setting`], [`Error::Node`] where the nodes are no forest.
     pub fn new(nodes: &[Node], settings: LocalSettings) -> Result<Self, Error> {
         settings.check()?;
         let forest = Forest::new(nodes)?;
@@ -492,7 +493,7 @@ impl Local {
     /// use, the others get nothing. No light comes to leaves that nothing stands for. Returns how many nodes are lit.
     ///
     /// # Errors
-    /// [`Error::Length`] unless both have one element a leaf.
+    /// [`transport::Error::Length`] unless both have one element a leaf.
     pub fn product(
         &self,
         exitance: &[Vec4],
@@ -501,7 +502,7 @@ impl Local {
     ) -> Result<usize, Error> {
         for (name, found) in [("exitance", exitance.len()), ("irradiance", irradiance.len())] {
             if found != self.leaf_area.len() {
-                return Err(Error::Length { name, expected: self.leaf_area.len(), found });
+                return Err(transport::Error::Length { name, expected: self.leaf_area.len(), found }.into());
             }
         }
         let (slot_of, runs) = self.places();
@@ -514,7 +515,7 @@ impl Local {
     /// As [`Self::product`], from the exitance of each slot to its irradiance, W/m², `[M]`, where the light of leaves is that of their node.
     ///
     /// # Errors
-    /// [`Error::Length`] unless there is one element a slot.
+    /// [`transport::Error::Length`] unless there is one element a slot.
     pub fn slot_product(&self, exitance: &[Vec4], is_seen: impl Fn(u32) -> bool) -> Result<(Vec<Vec4>, usize), Error> {
         let visible: Vec<u32> =
             self.matrix.patches().filter(|&(_, node)| is_seen(node)).map(|(slot, _)| slot).collect();

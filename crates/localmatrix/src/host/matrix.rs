@@ -8,6 +8,7 @@ use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Side, get_global_parallelism};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
+use transport::LinearOperator;
 
 use crate::error::Error;
 use crate::kernel::gather;
@@ -87,14 +88,33 @@ pub struct LocalMatrix {
     record: Option<Vec<Update>>,
 }
 
+/// `H = T E` between the patches that are in the matrix, by slots; what other slots have is not looked at, and they get 0.
+impl LinearOperator for LocalMatrix {
+    fn shape(&self) -> (usize, usize) {
+        (self.slots(), self.slots())
+    }
+
+    fn bytes(&self) -> u64 {
+        (size_of_val(&self.state[..]) + size_of_val(&self.factors[..])) as u64
+    }
+
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), transport::Error> {
+        self.check_vectors(exitance, irradiance)?;
+        let slots: Vec<u32> = self.patches().map(|(_, slot)| slot).collect();
+        irradiance.fill(Vec4::ZERO);
+        self.multiply(&slots, &slots, exitance, irradiance);
+        Ok(())
+    }
+}
+
 impl LocalMatrix {
     /// Room for so many patches, all free: 16 bytes for each pair of slots.
     ///
     /// # Errors
-    /// [`Error::Setting`] for no slots or more than [`MOST_SLOTS`].
+    /// [`transport::Error::Setting`] for no slots or more than [`MOST_SLOTS`].
     pub fn new(slots: usize, form: Form) -> Result<Self, Error> {
         if !(1..=MOST_SLOTS).contains(&slots) {
-            return Err(Error::Setting { name: "slots", value: slots as f64, rule: "1 to 32768" });
+            return Err(transport::Error::Setting { name: "slots", value: slots as f64, rule: "1 to 32768" }.into());
         }
         Ok(Self {
             form,
@@ -154,11 +174,6 @@ impl LocalMatrix {
     /// `√a` of each slot, m; 1 where it is free.
     pub fn root(&self) -> &[f32] {
         &self.root
-    }
-
-    /// Bytes of the matrix and of F̂.
-    pub fn bytes(&self) -> u64 {
-        (size_of_val(&self.state[..]) + size_of_val(&self.factors[..])) as u64
     }
 
     /// From now on changes are kept, for [`Self::take_updates`].
@@ -262,7 +277,7 @@ impl LocalMatrix {
     /// Work in proportion to both numbers: leave out slots that are not seen, and those that are not lit.
     ///
     /// # Errors
-    /// [`Error::Length`] unless both have one element a slot, [`Error::NoSlot`].
+    /// [`transport::Error::Length`] unless both have one element a slot, [`Error::NoSlot`].
     pub fn product(
         &self,
         visible: &[u32],
@@ -270,22 +285,24 @@ impl LocalMatrix {
         exitance: &[Vec4],
         irradiance: &mut [Vec4],
     ) -> Result<(), Error> {
+        self.check_vectors(exitance, irradiance)?;
         let slots = self.slots();
-        for (name, found) in [("exitance", exitance.len()), ("irradiance", irradiance.len())] {
-            if found != slots {
-                return Err(Error::Length { name, expected: slots, found });
-            }
-        }
         if let Some(&slot) = visible.iter().chain(lit).find(|&&slot| slot as usize >= slots) {
             return Err(Error::NoSlot { slot, slots });
         }
+        self.multiply(visible, lit, exitance, irradiance);
+        Ok(())
+    }
+
+    /// [`Self::product`] of slots that are there.
+    fn multiply(&self, visible: &[u32], lit: &[u32], exitance: &[Vec4], irradiance: &mut [Vec4]) {
+        let slots = self.slots();
         let plane = |c: usize| &self.state[c * slots * slots..(c + 1) * slots * slots];
         let [red, green, blue] = [0, 1, 2].map(plane);
         let count = lit.len() as u32;
         let one = |&slot: &u32| gather(slot, slots as u32, count, lit, red, green, blue, &self.root, exitance);
         let gathered: Vec<Vec4> = visible.par_iter().with_min_len(16).map(one).collect();
         visible.iter().zip(gathered).for_each(|(&slot, value)| irradiance[slot as usize] = value);
-        Ok(())
     }
 
     /// Takes the error of rounding out of the next so many columns and their rows, by a step of Newton and Schulz,

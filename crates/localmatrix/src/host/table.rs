@@ -4,6 +4,8 @@ use std::vec::Vec;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use transport::bisect::bisect;
+use transport::{Csr, LinearOperator, check_length};
 
 use super::assembly::Row;
 use super::world::{NO_NODE, Node, World};
@@ -37,53 +39,42 @@ pub struct Table {
     order: Vec<u32>,
     runs: Vec<[u32; 2]>,
     area: Vec<f32>,
-    row_start: Vec<u32>,
-    columns: Vec<u32>,
-    values: Vec<f32>,
+    factors: Csr,
 }
 
 impl Table {
-    /// A world of patches and the rows of F between them: those of patch i are `row_start[i]..row_start[i + 1]` of `columns` and `values`.
+    /// A world of patches and the rows of F between them.
     ///
     /// # Errors
-    /// [`Error::Length`] for rows that do not fit together; values are checked by [`super::Local::new`] and by the matrix.
-    pub fn new(surfaces: &[Surface], row_start: Vec<u32>, columns: Vec<u32>, values: Vec<f32>) -> Result<Self, Error> {
+    /// [`transport::Error::Length`] unless there is one row and one column a patch, and what [`Csr::check`] finds; values are
+    /// checked by [`super::Local::new`] and by the matrix.
+    pub fn new(surfaces: &[Surface], factors: Csr) -> Result<Self, Error> {
         let count = surfaces.len();
-        let check = |name, expected, found| match expected == found {
-            true => Ok(()),
-            false => Err(Error::Length { name, expected, found }),
-        };
-        check("row_start", count + 1, row_start.len())?;
-        check("columns", row_start[count] as usize, columns.len())?;
-        check("values", columns.len(), values.len())?;
-        if row_start.windows(2).any(|two| two[0] > two[1]) || columns.iter().any(|&j| j as usize >= count) {
-            return Err(Error::Length { name: "rows", expected: count, found: columns.len() });
-        }
-        let seen = what_is_seen(surfaces, &row_start, &columns, &values);
+        check_length("rows", count, factors.rows)?;
+        check_length("columns", count, factors.columns)?;
+        factors.check()?;
+        let seen = what_is_seen(surfaces, &factors);
         let mut order: Vec<u32> = (0..count as u32).collect();
-        let (mut nodes, mut runs, mut node_of) = (Vec::new(), Vec::new(), vec![NO_NODE; count]);
-        if count > 0 {
-            nodes.push(merged(surfaces, &order, NO_NODE));
-            runs.push([0, count as u32]);
-        }
-        let mut next = 0;
-        while next < nodes.len() {
-            let [first, end] = runs[next].map(|k| k as usize);
-            if end - first == 1 {
-                node_of[order[first] as usize] = next as u32;
-            } else {
-                halve(surfaces, &seen, &mut order[first..end]);
-                let middle = first.midpoint(end);
-                (nodes[next].first_child, nodes[next].children) = (nodes.len() as u32, 2);
-                for [first, end] in [[first, middle], [middle, end]] {
-                    nodes.push(merged(surfaces, &order[first..end], next as u32));
-                    runs.push([first as u32, end as u32]);
+        let parts = bisect(&mut order, |part| {
+            let node = merged(surfaces, part);
+            (node, if part.len() > 1 { halve(surfaces, &seen, part) } else { 0 })
+        });
+        let mut nodes: Vec<Node> = parts.iter().map(|part| part.value).collect();
+        let mut node_of = vec![NO_NODE; count];
+        for (i, part) in parts.iter().enumerate() {
+            match part.first_child {
+                Some(child) => {
+                    nodes[i].first_child = child as u32;
+                    nodes[i].children = 2;
+                    nodes[child].parent = i as u32;
+                    nodes[child + 1].parent = i as u32;
                 }
+                None => node_of[order[part.range.start] as usize] = i as u32,
             }
-            next += 1;
         }
+        let runs = parts.iter().map(|part| [part.range.start as u32, part.range.end as u32]).collect();
         let area = surfaces.iter().map(|one| one.area).collect();
-        Ok(Self { nodes, node_of, order, runs, area, row_start, columns, values })
+        Ok(Self { nodes, node_of, order, runs, area, factors })
     }
 
     /// Node of each patch.
@@ -98,13 +89,7 @@ impl Table {
 
     /// Bytes of the rows and of the nodes.
     pub fn bytes(&self) -> u64 {
-        let rows = size_of_val(&self.row_start[..]) + size_of_val(&self.columns[..]) + size_of_val(&self.values[..]);
-        (rows + size_of_val(&self.nodes[..]) + size_of_val(&self.runs[..])) as u64
-    }
-
-    fn entries(&self, patch: u32) -> impl Iterator<Item = (u32, f32)> + '_ {
-        let own = self.row_start[patch as usize] as usize..self.row_start[patch as usize + 1] as usize;
-        self.columns[own.clone()].iter().copied().zip(self.values[own].iter().copied())
+        self.factors.bytes() + (size_of_val(&self.nodes[..]) + size_of_val(&self.runs[..])) as u64
     }
 }
 
@@ -119,13 +104,13 @@ impl World for Table {
     fn row(&mut self, node: u32) -> Result<Option<Row>, Error> {
         let [first, end] = self.runs[node as usize].map(|k| k as usize);
         if end - first == 1 {
-            let row = self.entries(self.order[first]).map(|(j, f)| (self.node_of[j as usize], f));
+            let row = self.factors.row(self.order[first] as usize).map(|(j, f)| (self.node_of[j], f));
             return Ok(Some(row.collect()));
         }
         let mut sums = vec![0.0f64; self.area.len()];
         for &patch in &self.order[first..end] {
             let area = f64::from(self.area[patch as usize]);
-            self.entries(patch).for_each(|(j, f)| sums[j as usize] += area * f64::from(f));
+            self.factors.row(patch as usize).for_each(|(j, f)| sums[j] += area * f64::from(f));
         }
         let whole: f64 = self.order[first..end].iter().map(|&patch| f64::from(self.area[patch as usize])).sum();
         let entries = sums.par_iter().zip(&self.node_of).filter(|(sum, _)| **sum > 0.0);
@@ -133,8 +118,8 @@ impl World for Table {
     }
 }
 
-/// Several patches as one node without children.
-fn merged(surfaces: &[Surface], patches: &[u32], parent: u32) -> Node {
+/// Several patches as one node, without parent and children.
+fn merged(surfaces: &[Surface], patches: &[u32]) -> Node {
     let (mut centre, mut normal, mut albedo, mut area) = ([0.0f64; 3], [0.0f64; 3], [0.0f64; 3], 0.0f64);
     for &patch in patches {
         let one = &surfaces[patch as usize];
@@ -160,19 +145,18 @@ fn merged(surfaces: &[Surface], patches: &[u32], parent: u32) -> Node {
         normal: mean(normal),
         area: area as f32,
         albedo: mean(albedo),
-        parent,
+        parent: NO_NODE,
         first_child: 0,
         children: 0,
     }
 }
 
 /// Middle of what a patch sees, by its row, and which share of its sight that is.
-fn what_is_seen(surfaces: &[Surface], row_start: &[u32], columns: &[u32], values: &[f32]) -> Vec<(Vec3, f32)> {
+fn what_is_seen(surfaces: &[Surface], factors: &Csr) -> Vec<(Vec3, f32)> {
     let of = |i: usize| {
-        let own = row_start[i] as usize..row_start[i + 1] as usize;
         let (mut middle, mut whole) = (Vec3::ZERO, 0.0);
-        for (&j, &factor) in columns[own.clone()].iter().zip(&values[own]) {
-            middle += surfaces[j as usize].centre * factor;
+        for (j, factor) in factors.row(i) {
+            middle += surfaces[j].centre * factor;
             whole += factor;
         }
         if whole > 0.0 { (middle / whole, whole) } else { (surfaces[i].centre, 0.0) }
@@ -181,8 +165,8 @@ fn what_is_seen(surfaces: &[Surface], row_start: &[u32], columns: &[u32], values
 }
 
 /// Brings patches into two halves, across the axis along which they are spread most: of place, direction, the place of what they see, and
-/// the share of their sight that meets anything; what is under the sky and what is not have little light in common.
-fn halve(surfaces: &[Surface], seen: &[(Vec3, f32)], patches: &mut [u32]) {
+/// the share of their sight that meets anything; what is under the sky and what is not have little light in common. Returns where they are cut.
+fn halve(surfaces: &[Surface], seen: &[(Vec3, f32)], patches: &mut [u32]) -> usize {
     let spread = |of: &dyn Fn(u32) -> Vec3| {
         let wider = |(low, high): (Vec3, Vec3), &patch: &u32| (low.min(of(patch)), high.max(of(patch)));
         let (low, high) = patches.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), wider);
@@ -203,4 +187,5 @@ fn halve(surfaces: &[Surface], seen: &[(Vec3, f32)], patches: &mut [u32]) {
     };
     let middle = patches.len() / 2;
     patches.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+    middle
 }

@@ -8,10 +8,11 @@ use glam::{UVec4, Vec3, Vec4};
 use rayon::prelude::*;
 use std::vec;
 use std::vec::Vec;
+use transport::{Permutation, check_length};
 
-use super::order::{MatrixRows, Permutation};
+use super::order::MatrixRows;
 use super::outliers::Outliers;
-use crate::error::{Error, check_length};
+use crate::error::Error;
 use crate::kernel::blocks::{
     BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, COMPANDING_LOG2, COMPANDING_NONE, COMPANDING_SQRT, entry,
     widen_signed_half,
@@ -211,7 +212,7 @@ impl BlockMatrix {
     }
 
     /// Bytes of each part.
-    pub fn bytes(&self) -> BlockBytes {
+    pub fn bytes_by_part(&self) -> BlockBytes {
         BlockBytes {
             blocks: size_of_val(&*self.words) as u64,
             scales: size_of_val(&*self.scales) as u64,
@@ -235,17 +236,18 @@ impl BlockMatrix {
     /// Row `i` as the product has it, columns in the order of the patches.
     ///
     /// # Errors
-    /// [`Error::Length`] unless `row` has an entry a column; [`Error::Value`] for a row that is not there.
+    /// [`transport::Error::Length`] unless `row` has an entry a column; [`transport::Error::Value`] for a row that is not there.
     pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
         let n = self.len();
         check_length("row", n, row.len())?;
         let Some(&place) = self.permutation.place().get(i) else {
-            return Err(Error::Value {
+            return Err(transport::Error::Value {
                 name: "row",
                 index: 0,
                 value: i as f64,
                 rule: "smaller than the number of rows",
-            });
+            }
+            .into());
         };
         let place = place as usize;
         let (p, edge) = (self.params(0, 0), BLOCK as usize);

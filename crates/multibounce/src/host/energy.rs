@@ -3,8 +3,9 @@
 use glam::{Vec3, Vec4};
 use std::vec;
 use std::vec::Vec;
+use transport::{FnOperator, LinearOperator, check_length};
 
-use crate::error::{Error, check_length};
+use crate::error::Error;
 
 /// Factors that give the rows of a decoded matrix the sums of the original, `f_i = Σ_j m_ij / Σ_j m'_ij` for each channel.
 /// A row that has lost all its light keeps what it has, and none grows by more than `limit`.
@@ -17,42 +18,40 @@ pub(super) fn row_factor(original: Vec3, decoded: Vec3, limit: f32) -> Vec3 {
     Vec3::new(one(original.x, decoded.x), one(original.y, decoded.y), one(original.z, decoded.z))
 }
 
-/// Multiplies a vector (first) by a matrix, into another (second).
-pub type VectorProduct<'a> = dyn FnMut(&[Vec4], &mut [Vec4]) -> Result<(), Error> + 'a;
-
-/// The spectral radius of `diag(ρ) M` in each channel, M ≥ 0, to about `tolerance` relative: below 1 light dies out from
-/// bounce to bounce. Power iteration from constant light; the mean growth of two steps, for where light goes to and fro
-/// between two sets of patches the single steps differ for ever. `product` multiplies by M.
+/// The spectral radius of `diag(ρ) M` in each channel, M ≥ 0, to about `tolerance` relative: below
+/// 1 light dies out from bounce to bounce. Power iteration from constant light; the mean growth of
+/// two steps, for where light goes to and fro between two sets of patches the single steps differ
+/// for ever.
 ///
 /// # Errors
-/// [`Error::Length`] for an albedo of another length, and what `product` says.
+/// [`transport::Error::Length`] for an albedo of another length, and what the operator says.
 pub fn spectral_radius(
-    n: usize,
+    operator: &dyn LinearOperator,
     albedo: &[Vec4],
-    product: &mut VectorProduct,
     tolerance: f32,
     iterations: usize,
 ) -> Result<Vec3, Error> {
+    let n = operator.rows();
     check_length("albedo", n, albedo.len())?;
-    let mut bounce = |light: &[Vec4], out: &mut [Vec4]| {
-        product(light, out)?;
+    let bounce = FnOperator::new(n, n, |light: &[Vec4], out: &mut [Vec4]| {
+        operator.apply(light, out)?;
         out.iter_mut().zip(albedo).for_each(|(out, albedo)| *out *= *albedo);
         Ok(())
-    };
-    power(vec![Vec4::ONE; n], &mut bounce, tolerance, iterations)
+    });
+    power(vec![Vec4::ONE; n], &bounce, tolerance, iterations)
 }
 
-/// The greatest eigenvalue, by its absolute value, of what `product` multiplies each channel by.
+/// The greatest eigenvalue, by its absolute value, of a square operator in each channel.
 pub(super) fn power(
     mut light: Vec<Vec4>,
-    product: &mut VectorProduct,
+    operator: &dyn LinearOperator,
     tolerance: f32,
     iterations: usize,
 ) -> Result<Vec3, Error> {
     let mut next = vec![Vec4::ZERO; light.len()];
     let (mut radius, mut last) = (Vec3::ZERO, Vec3::ZERO);
     for step in 0..iterations {
-        product(&light, &mut next)?;
+        operator.apply(&light, &mut next)?;
         // The light has length 1 after the first step.
         let growth = norm(&next);
         let found = (growth * last).map(scene::math::sqrt);

@@ -3,41 +3,44 @@
 use glam::{Vec3, Vec4};
 use scene::sampling::hash3;
 use std::ops::RangeInclusive;
-use std::vec;
 use std::vec::Vec;
+use transport::{FnOperator, LinearOperator};
 
-use super::energy::{VectorProduct, power, spectral_radius};
-use crate::error::{Error, check_length};
+use super::energy::{power, spectral_radius};
+use crate::error::Error;
 use crate::types::FeedbackParams;
 
-/// The eigenvalues of `diag(ρ) F` of all channels, which are real for F ≥ 0 that is reciprocal or symmetric by areas: from
-/// the least, which is negative, to the greatest. `product` multiplies by F; to about `tolerance` of their distance.
+/// The eigenvalues of `diag(ρ) F` of all channels, which are real for F ≥ 0 that is reciprocal or
+/// symmetric by areas: from the least, which is negative, to the greatest, to about `tolerance` of
+/// their distance. The operator is F.
 ///
-/// The greatest by [`spectral_radius`], the least by the same on the difference to it, from light without any order.
+/// The greatest by [`spectral_radius`], the least by the same on the difference to it, from light
+/// without any order.
 ///
 /// # Errors
 /// As [`spectral_radius`].
 pub fn spectral_range(
-    n: usize,
+    operator: &dyn LinearOperator,
     albedo: &[Vec4],
-    product: &mut VectorProduct,
     tolerance: f32,
     iterations: usize,
 ) -> Result<RangeInclusive<f32>, Error> {
-    check_length("albedo", n, albedo.len())?;
-    let greatest = spectral_radius(n, albedo, product, tolerance, iterations)?.max_element();
-    let sign = |i: usize| if hash3(i as u32, 0, 0) & 1 == 0 { 1.0 } else { -1.0 };
-    let start: Vec<Vec4> = (0..n).map(|i| Vec4::splat(sign(i))).collect();
-    let mut irradiance = vec![Vec4::ZERO; n];
-    let mut difference = |light: &[Vec4], out: &mut [Vec4]| {
-        product(light, &mut irradiance)?;
-        for (((out, light), albedo), irradiance) in out.iter_mut().zip(light).zip(albedo).zip(&irradiance) {
-            *out = *light * greatest - *albedo * *irradiance;
+    let n = albedo.len();
+    let greatest = spectral_radius(operator, albedo, tolerance, iterations)?.max_element();
+    let start: Vec<Vec4> = (0..n).map(|i| Vec4::splat(random_sign(i))).collect();
+    let difference = FnOperator::new(n, n, |light: &[Vec4], out: &mut [Vec4]| {
+        operator.apply(light, out)?;
+        for ((out, light), albedo) in out.iter_mut().zip(light).zip(albedo) {
+            *out = *light * greatest - *albedo * *out;
         }
         Ok(())
-    };
-    let distance: Vec3 = power(start, &mut difference, tolerance, iterations)?;
+    });
+    let distance: Vec3 = power(start, &difference, tolerance, iterations)?;
     Ok((greatest - distance.max_element()).min(0.0)..=greatest)
+}
+
+fn random_sign(i: usize) -> f32 {
+    if hash3(i as u32, 0, 0) & 1 == 0 { 1.0 } else { -1.0 }
 }
 
 /// How a bounce uses where the light was going, so that it settles in fewer bounces. Light that stays then is the same.
@@ -65,12 +68,12 @@ impl Acceleration {
     /// Source: B. T. Polyak, 1964; G. H. Golub, R. S. Varga, "Chebyshev semi-iterative methods", 1961.
     ///
     /// # Errors
-    /// [`Error::Setting`] for eigenvalues that are not in order, or not below 1: light would grow.
+    /// [`transport::Error::Setting`] for eigenvalues that are not in order, or not below 1: light would grow.
     pub fn new(eigenvalues: RangeInclusive<f32>) -> Result<Self, Error> {
         let (least, greatest) = (*eigenvalues.start(), *eigenvalues.end());
         if !(greatest < 1.0 && least <= greatest && least.is_finite()) {
             let rule = "in ascending order and below 1";
-            return Err(Error::Setting { name: "eigenvalues", value: f64::from(greatest), rule });
+            return Err(transport::Error::Setting { name: "eigenvalues", value: f64::from(greatest), rule }.into());
         }
         let (q, p) = (scene::math::sqrt(1.0 - least), scene::math::sqrt(1.0 - greatest));
         let rate = (q - p) / (q + p);

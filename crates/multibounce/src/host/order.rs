@@ -1,98 +1,14 @@
 //! Orders of rows and columns in which neighbours are alike, so that blocks of the matrix are smooth.
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 use std::vec;
 use std::vec::Vec;
-
-use crate::error::{Error, check_length};
+use transport::Permutation;
 
 /// The rows of a square RGB matrix: fills the slice, as long as the matrix has columns, with the row of this number.
 pub type MatrixRows<'a> = dyn Fn(usize, &mut [Vec3]) + Sync + 'a;
-
-/// An order of the rows and columns of a square matrix, one for both, so that the diagonal stays where it is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Permutation {
-    order: Vec<u32>,
-    place: Vec<u32>,
-}
-
-impl Permutation {
-    /// The order that changes nothing.
-    pub fn identity(n: usize) -> Self {
-        let order: Vec<u32> = (0..n as u32).collect();
-        Self { place: order.clone(), order }
-    }
-
-    /// An order by the old number of what comes to each new place.
-    ///
-    /// # Errors
-    /// [`Error::Value`] names the first place whose number is too large or was there before; [`Error::TooMany`] beyond
-    /// 2³² − 1 numbers.
-    pub fn new(order: Vec<u32>) -> Result<Self, Error> {
-        let n = order.len();
-        if n >= u32::MAX as usize {
-            return Err(Error::TooMany { name: "order", found: n as u64, limit: u64::from(u32::MAX - 1) });
-        }
-        let mut place = vec![u32::MAX; n];
-        for (new, &old) in order.iter().enumerate() {
-            match place.get_mut(old as usize) {
-                Some(slot) if *slot == u32::MAX => *slot = new as u32,
-                _ => {
-                    let rule = "smaller than their number and occur once";
-                    return Err(Error::Value { name: "order", index: new, value: f64::from(old), rule });
-                }
-            }
-        }
-        Ok(Self { order, place })
-    }
-
-    /// Number of places.
-    pub fn len(&self) -> usize {
-        self.order.len()
-    }
-
-    /// True without places.
-    pub fn is_empty(&self) -> bool {
-        self.order.is_empty()
-    }
-
-    /// Old number of what is at each new place.
-    pub fn order(&self) -> &[u32] {
-        &self.order
-    }
-
-    /// New place of each old number.
-    pub fn place(&self) -> &[u32] {
-        &self.place
-    }
-
-    /// A vector by old numbers in the new order, `ordered[k] = values[order[k]]`.
-    ///
-    /// # Errors
-    /// [`Error::Length`] unless both have one entry a place.
-    pub fn apply(&self, values: &[Vec4], ordered: &mut [Vec4]) -> Result<(), Error> {
-        gather(&self.order, values, ordered)
-    }
-
-    /// A vector in the new order by old numbers again, `values[i] = ordered[place[i]]`.
-    ///
-    /// # Errors
-    /// [`Error::Length`] unless both have one entry a place.
-    pub fn undo(&self, ordered: &[Vec4], values: &mut [Vec4]) -> Result<(), Error> {
-        gather(&self.place, ordered, values)
-    }
-}
-
-fn gather(from: &[u32], input: &[Vec4], output: &mut [Vec4]) -> Result<(), Error> {
-    check_length("values", from.len(), input.len())?;
-    check_length("ordered", from.len(), output.len())?;
-    for (slot, &k) in output.iter_mut().zip(from) {
-        *slot = input[k as usize];
-    }
-    Ok(())
-}
 
 /// Vectors of one length, one after the other.
 struct Features {
@@ -126,11 +42,11 @@ const TASK: usize = 2048;
 
 /// Starts with number 0 and goes on to the nearest of the rest each time (thesis, listing 3.1): `swap(i + 1, nearest)`. Of
 /// equally near ones the first in the present order is taken.
-fn nearest_neighbour_chain(features: &Features, n: usize) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..n as u32).collect();
+fn nearest_neighbour_chain(features: &Features, n: usize) -> Permutation {
+    let mut chain = Permutation::identity(n);
     for i in 0..n.saturating_sub(2) {
-        let last = order[i] as usize;
-        let rest = &order[i + 1..];
+        let last = chain.order()[i] as usize;
+        let rest = &chain.order()[i + 1..];
         let nearest_of = |(task, part): (usize, &[u32])| {
             let mut best = (f32::INFINITY, 0);
             for (k, &candidate) in part.iter().enumerate() {
@@ -149,10 +65,10 @@ fn nearest_neighbour_chain(features: &Features, n: usize) -> Vec<u32> {
         };
         // Distances that are no numbers leave the order as it is.
         if best.1 < rest.len() {
-            order.swap(i + 1, i + 1 + best.1);
+            chain.swap(i + 1, i + 1 + best.1);
         }
     }
-    order
+    chain
 }
 
 /// The greedy order of the thesis, listing 3.1: starts with column 0, and each next column is the one of the rest at the
@@ -170,16 +86,7 @@ pub fn greedy_order(n: usize, rows: &MatrixRows) -> Permutation {
             }
         }
     }
-    from_chain(nearest_neighbour_chain(&Features { dimensions: 3 * n, values }, n))
-}
-
-/// An order that has been made by swaps and so is a permutation.
-fn from_chain(order: Vec<u32>) -> Permutation {
-    let mut place = vec![0; order.len()];
-    for (new, &old) in order.iter().enumerate() {
-        place[old as usize] = new as u32;
-    }
-    Permutation { order, place }
+    nearest_neighbour_chain(&Features { dimensions: 3 * n, values }, n)
 }
 
 /// Dimensions that columns are projected to.
@@ -228,7 +135,7 @@ pub fn projected_order(n: usize, rows: &MatrixRows, seed: u32) -> Permutation {
             }
         });
     }
-    from_chain(nearest_neighbour_chain(&Features { dimensions: D, values }, n))
+    nearest_neighbour_chain(&Features { dimensions: D, values }, n)
 }
 
 /// Mean of r + g + b over every 16th row.
@@ -251,30 +158,4 @@ fn mean_grey(n: usize, rows: &MatrixRows) -> f32 {
 fn signs(row: u32, seed: u32) -> [f32; PROJECTED_DIMENSIONS] {
     let words = [hash3(row, 0, seed), hash3(row, 1, seed)];
     core::array::from_fn(|d| if words[d / 32] >> (d % 32) & 1 == 1 { 1.0 } else { -1.0 })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_way_back_leads_to_the_start() {
-        let order = Permutation::new(vec![3, 0, 4, 1, 2]).unwrap();
-        let values: Vec<Vec4> = (0..5).map(|k| Vec4::splat(k as f32)).collect();
-        let (mut ordered, mut back) = (vec![Vec4::ZERO; 5], vec![Vec4::ZERO; 5]);
-        order.apply(&values, &mut ordered).unwrap();
-        assert_eq!(ordered[0].x, 3.0);
-        order.undo(&ordered, &mut back).unwrap();
-        assert_eq!(back, values);
-        order.apply(&ordered, &mut back).unwrap();
-        assert_ne!(back, values);
-        assert!(matches!(order.apply(&values[..4], &mut back), Err(Error::Length { .. })));
-    }
-
-    #[test]
-    fn what_is_no_permutation_is_refused() {
-        assert!(matches!(Permutation::new(vec![0, 2]), Err(Error::Value { index: 1, .. })));
-        assert!(matches!(Permutation::new(vec![1, 0, 1]), Err(Error::Value { index: 2, .. })));
-        assert!(Permutation::new(vec![]).unwrap().is_empty());
-    }
 }

@@ -96,12 +96,14 @@ fn first(a: Option<(usize, f32)>, b: (usize, f32)) -> (usize, f32) {
 /// ≥ 0 as their values do. Nothing is sorted, and no more than 1 MB a thread is held.
 ///
 /// # Errors
-/// [`Error::Value`] names the first entry that is negative or no number.
+/// [`transport::Error::Value`] names the first entry that is negative or no number.
 pub(super) fn find_extremes(n: usize, rows: &MatrixRows, share: f64) -> Result<Extremes, Error> {
     let limit = (share * n as f64 * n as f64) as u64;
     let coarse = Counts::of(n, rows, |bits| Some(bits >> 16));
     if let Some((index, value)) = coarse.wrong {
-        return Err(Error::Value { name: "matrix", index, value: f64::from(value), rule: "a number ≥ 0" });
+        return Err(
+            transport::Error::Value { name: "matrix", index, value: f64::from(value), rule: "a number ≥ 0" }.into()
+        );
     }
     let (upper, above) = coarse.select(limit);
     let fine = Counts::of(n, rows, |bits| (bits >> 16 == upper).then_some(bits & 0xffff));
@@ -171,7 +173,10 @@ mod tests {
                 }
             };
             let Err(error) = find_extremes(130, &rows, 0.05) else { panic!("{bad} passes") };
-            assert!(matches!(error, Error::Value { name: "matrix", index: 13_003, .. }), "{error}");
+            assert!(
+                matches!(error, Error::Shared(transport::Error::Value { name: "matrix", index: 13_003, .. })),
+                "{error}"
+            );
         }
     }
 }

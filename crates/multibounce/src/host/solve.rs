@@ -1,16 +1,13 @@
 //! Dense operators of many bounces.
 
-use std::ops::ControlFlow;
 use std::vec::Vec;
 
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use rayon::prelude::*;
+use transport::{Proceed, check_length};
 
-use crate::error::{Error, check_length};
-
-/// Whether to go on: a progress callback breaks it to cancel.
-pub type Proceed = ControlFlow<()>;
+use crate::error::Error;
 
 /// Form factors between patches as sparse rows, borrowed: row i has the entries `row_start[i]..row_start[i + 1]`.
 #[derive(Clone, Copy, Debug)]
@@ -43,13 +40,15 @@ impl Factors<'_> {
     /// Whether the tables belong together.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Value`].
+    /// [`transport::Error::Length`], [`transport::Error::Value`].
     pub fn check(&self) -> Result<(), Error> {
         let n = self.area.len();
         check_length("row_start", n + 1, self.row_start.len())?;
         check_length("columns", self.values.len(), self.columns.len())?;
         check_length("values", self.row_start[n] as usize, self.values.len())?;
-        let value = |name, index, value: f32, rule| Error::Value { name, index, value: f64::from(value), rule };
+        let value = |name, index, value: f32, rule| {
+            transport::Error::Value { name, index, value: f64::from(value), rule }.into()
+        };
         if let Some(k) = (0..n).find(|&k| self.row_start[k] > self.row_start[k + 1]) {
             return Err(value("row_start", k, self.row_start[k] as f32, "ascending"));
         }
@@ -72,7 +71,7 @@ impl Factors<'_> {
     /// Whether the tables belong together and `a_i F_ij = a_j F_ji`.
     ///
     /// # Errors
-    /// What [`Factors::check`] finds; [`Error::Value`] where F is not reciprocal.
+    /// What [`Factors::check`] finds; [`transport::Error::Value`] where F is not reciprocal.
     pub fn check_reciprocal(&self) -> Result<(), Error> {
         self.check()?;
         let root: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
@@ -88,7 +87,7 @@ impl Factors<'_> {
         match (0..self.patches()).into_par_iter().find_first(|&i| unlike(i)) {
             Some(index) => {
                 let rule = "reciprocal: a_i F_ij = a_j F_ji (balance the form factors first)";
-                Err(Error::Value { name: "factors", index, value: f64::from(self.area[index]), rule })
+                Err(transport::Error::Value { name: "factors", index, value: f64::from(self.area[index]), rule }.into())
             }
             None => Ok(()),
         }
@@ -116,9 +115,13 @@ impl Factors<'_> {
 pub(super) fn check_albedo(albedo: &[f32], patches: usize) -> Result<(), Error> {
     check_length("albedo", patches, albedo.len())?;
     match albedo.iter().position(|a| !(0.0..1.0).contains(a)) {
-        Some(index) => {
-            Err(Error::Value { name: "albedo", index, value: f64::from(albedo[index]), rule: "at least 0 and below 1" })
+        Some(index) => Err(transport::Error::Value {
+            name: "albedo",
+            index,
+            value: f64::from(albedo[index]),
+            rule: "at least 0 and below 1",
         }
+        .into()),
         None => Ok(()),
     }
 }
@@ -136,7 +139,7 @@ pub(super) const FLOOR: f32 = 1e-13;
 /// `T̂ = T̂' − T̂' Δ T̂` with `Δ = diag(ρ' − ρ)`, which is a linear system of so many patches only.
 ///
 /// # Errors
-/// [`Error::Length`], [`Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when light grows without end.
+/// [`transport::Error::Length`], [`transport::Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when light grows without end.
 pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
     let n = symmetric.nrows();
     check_length("columns", n, symmetric.ncols())?;
@@ -202,7 +205,7 @@ pub fn all_bounces_lu(factors: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Er
 /// called after each; breaking it cancels.
 ///
 /// # Errors
-/// [`Error::Length`], [`Error::Value`], [`Error::Setting`] for no bounces, [`Error::Cancelled`].
+/// [`transport::Error::Length`], [`transport::Error::Value`], [`transport::Error::Setting`] for no bounces, [`transport::Error::Cancelled`].
 pub fn some_bounces(
     factors: &Mat<f32>,
     albedo: &[f32],
@@ -213,7 +216,7 @@ pub fn some_bounces(
     check_length("columns", n, factors.ncols())?;
     check_albedo(albedo, n)?;
     if bounces == 0 {
-        return Err(Error::Setting { name: "bounces", value: 0.0, rule: "at least 1" });
+        return Err(transport::Error::Setting { name: "bounces", value: 0.0, rule: "at least 1" }.into());
     }
     let (mut sum, total) = (factors.clone(), bounces as usize - 1);
     for done in 1..=total {
@@ -222,7 +225,7 @@ pub fn some_bounces(
         let parallel = faer::get_global_parallelism();
         faer::linalg::matmul::matmul(sum.as_mut(), faer::Accum::Add, factors.as_ref(), lit.as_ref(), 1.0f32, parallel);
         if progress(done, total).is_break() {
-            return Err(Error::Cancelled { done, total });
+            return Err(transport::Error::Cancelled { done, total }.into());
         }
     }
     Ok(sum)

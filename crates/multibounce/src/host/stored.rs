@@ -11,9 +11,10 @@ use std::sync::{Mutex, PoisonError};
 use std::vec::Vec;
 
 use faer::Mat;
+use transport::check_length;
 
 use super::tiles::SIDE;
-use crate::error::{Error, check_length};
+use crate::error::Error;
 
 pub use build::{all_bounces_stored, some_bounces_stored};
 
@@ -128,7 +129,7 @@ impl StoredOperator {
     /// `y = T̂ x`, by patches.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::File`].
+    /// [`transport::Error::Length`], [`Error::File`].
     pub fn product(&self, x: &[f32], y: &mut [f32]) -> Result<(), Error> {
         check_length("x", self.order.len(), x.len())?;
         check_length("y", self.order.len(), y.len())?;
@@ -152,11 +153,11 @@ impl StoredOperator {
     /// Row of patch `i`, by patches.
     ///
     /// # Errors
-    /// [`Error::Length`] for a row of another length, [`Error::Value`] for a patch that is not there, [`Error::File`].
+    /// [`transport::Error::Length`] for a row of another length, [`transport::Error::Value`] for a patch that is not there, [`Error::File`].
     pub fn row(&self, i: usize, row: &mut [f32]) -> Result<(), Error> {
         check_length("row", self.order.len(), row.len())?;
         let Some(place) = self.place.get(i).map(|&place| place as usize) else {
-            return Err(Error::Value { name: "patch", index: i, value: i as f64, rule: "a patch" });
+            return Err(transport::Error::Value { name: "patch", index: i, value: i as f64, rule: "a patch" }.into());
         };
         let (block, at) = (place / SIDE, place % SIDE);
         for (other, patches) in self.order.chunks(SIDE).enumerate() {

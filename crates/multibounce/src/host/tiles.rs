@@ -12,8 +12,9 @@ use std::vec::Vec;
 
 use faer::Mat;
 use glam::Vec4;
+use transport::check_length;
 
-use crate::error::{Error, check_length};
+use crate::error::Error;
 use crate::host::solve::Factors;
 use crate::host::stored::StoredOperator;
 use crate::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, RUN_QUADS, SQUARE_WORDS, TILE};
@@ -124,7 +125,7 @@ impl Tiles {
     }
 
     /// Bytes of each part that a product reads.
-    pub fn bytes(&self) -> [(&'static str, u64); 4] {
+    pub fn bytes_by_part(&self) -> [(&'static str, u64); 4] {
         let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
         let vectors = self.expand_tables().bytes() + slots;
         let [squares, entries] = self.near_tables().bytes();
@@ -145,13 +146,13 @@ impl Tiles {
         let mirrored = entries + squares * (SQUARE_WORDS as usize + size_of::<TileSquare>() / size_of::<u32>());
         let components: usize = self.report.components.iter().sum();
         let follows = mirrored + 2 * components.min(self.scale.len() / 2) + self.place.len();
-        self.bytes().iter().map(|part| part.1).sum::<u64>() - (follows * size_of::<u32>()) as u64
+        self.bytes_by_part().iter().map(|part| part.1).sum::<u64>() - (follows * size_of::<u32>()) as u64
     }
 
     /// Whether the tables belong together, so that no product reads beyond them.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Value`], naming the table and the entry.
+    /// [`transport::Error::Length`], [`transport::Error::Value`], naming the table and the entry.
     pub fn check(&self) -> Result<(), Error> {
         let n = self.patches();
         check_length("place", n, self.place.len())?;
@@ -176,7 +177,15 @@ pub(super) fn places(order: &[u32]) -> Result<Vec<u32>, Error> {
     for (p, &i) in order.iter().enumerate() {
         match place.get_mut(i as usize) {
             Some(place) if *place == u32::MAX => *place = p as u32,
-            _ => return Err(Error::Value { name: "order", index: p, value: f64::from(i), rule: "every patch once" }),
+            _ => {
+                return Err(transport::Error::Value {
+                    name: "order",
+                    index: p,
+                    value: f64::from(i),
+                    rule: "every patch once",
+                }
+                .into());
+            }
         }
     }
     Ok(place)
@@ -186,7 +195,9 @@ fn check_starts(name: &'static str, starts: &[u32], end: usize) -> Result<(), Er
     let last = starts.last().map_or(0, |&k| k as usize);
     check_length(name, end, last)?;
     match starts.windows(2).position(|w| w[0] > w[1]) {
-        Some(index) => Err(Error::Value { name, index, value: f64::from(starts[index]), rule: "ascending" }),
+        Some(index) => {
+            Err(transport::Error::Value { name, index, value: f64::from(starts[index]), rule: "ascending" }.into())
+        }
         None => Ok(()),
     }
 }
@@ -204,7 +215,7 @@ fn check_bank(runs: &[u32], quads: &[TileQuad], words: &[u32], blocks: usize) ->
         let follow = quads.windows(2).all(|w| w[0].tag == w[1].tag && w[0].group + QUAD * w[0].groups() == w[1].group);
         if quads.len() > RUN_QUADS as usize || !follow {
             let rule = "the first of a few quads that are alike, one after another";
-            return Err(Error::Value { name: "runs", index: k, value: f64::from(run[0]), rule });
+            return Err(transport::Error::Value { name: "runs", index: k, value: f64::from(run[0]), rule }.into());
         }
     }
     Ok(())
@@ -214,7 +225,7 @@ fn check_below(name: &'static str, mut table: impl Iterator<Item = u32> + Clone,
     match table.clone().position(|k| k as usize >= limit) {
         Some(index) => {
             let value = table.nth(index).map_or(f64::NAN, f64::from);
-            Err(Error::Value { name, index, value, rule: "in its range" })
+            Err(transport::Error::Value { name, index, value, rule: "in its range" }.into())
         }
         None => Ok(()),
     }
@@ -222,14 +233,16 @@ fn check_below(name: &'static str, mut table: impl Iterator<Item = u32> + Clone,
 
 fn check_finite(name: &'static str, mut table: impl Iterator<Item = f32>) -> Result<(), Error> {
     match table.position(|x| !x.is_finite()) {
-        Some(index) => Err(Error::Value { name, index, value: f64::NAN, rule: "finite" }),
+        Some(index) => Err(transport::Error::Value { name, index, value: f64::NAN, rule: "finite" }.into()),
         None => Ok(()),
     }
 }
 
 fn check_root(name: &'static str, root: &[f32]) -> Result<(), Error> {
     match root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
-        Some(index) => Err(Error::Value { name, index, value: f64::from(root[index]), rule: "positive" }),
+        Some(index) => {
+            Err(transport::Error::Value { name, index, value: f64::from(root[index]), rule: "positive" }.into())
+        }
         None => Ok(()),
     }
 }

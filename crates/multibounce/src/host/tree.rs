@@ -3,6 +3,7 @@
 use std::vec::Vec;
 
 use glam::{Vec3, Vec4};
+use transport::bisect::bisect;
 
 use crate::kernel::tiles::TILE;
 
@@ -40,7 +41,7 @@ pub fn halving_order(positions: &[Vec3], normals: &[Vec3], seen: &[Vec4]) -> Vec
         [p.x, p.y, p.z, n.x, n.y, n.z, sight.x, sight.y, sight.z, sight.w]
     };
     let places: Vec<Place> = order.iter().map(place).collect();
-    halve(&mut order, &places);
+    bisect(&mut order, |part| ((), halve(part, &places)));
     order
 }
 
@@ -68,9 +69,10 @@ fn principal_axis(part: &[u32], places: &[Place]) -> ([f64; DIMENSIONS], [f64; D
     (mean, axis)
 }
 
-fn halve(part: &mut [u32], places: &[Place]) {
+/// Sorts a part along its principal axis, and says where it is cut.
+fn halve(part: &mut [u32], places: &[Place]) -> usize {
     if part.len() <= 2 {
-        return;
+        return 0;
     }
     let (mean, axis) = principal_axis(part, places);
     let along =
@@ -79,12 +81,7 @@ fn halve(part: &mut [u32], places: &[Place]) {
     keyed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     part.iter_mut().zip(keyed).for_each(|(i, (_, sorted))| *i = sorted);
     let tile = TILE as usize;
-    let middle = if part.len() > tile { (part.len() / 2).next_multiple_of(tile) } else { part.len() / 2 };
-    let (left, right) = part.split_at_mut(middle.min(part.len()));
-    if left.is_empty() || right.is_empty() {
-        return;
-    }
-    rayon::join(|| halve(left, places), || halve(right, places));
+    if part.len() > tile { (part.len() / 2).next_multiple_of(tile) } else { part.len() / 2 }
 }
 
 #[cfg(test)]

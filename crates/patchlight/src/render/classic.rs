@@ -294,8 +294,7 @@ impl Bake {
         operator: &PatchOperator,
         progress: &mut Progress,
     ) -> Result<(u32, Acceleration), Error> {
-        let product = |light: &[Vec4], out: &mut [Vec4]| operator.product(light, out);
-        let [plain, fast] = progress.phase("feedback", |_| accelerations(&self.senders.albedo, &product))?;
+        let [plain, fast] = progress.phase("feedback", |_| accelerations(&self.senders.albedo, operator))?;
         progress.note(&format!(
             "of a change of light a bounce leaves {:.1} % to come, accelerated {:.1} %",
             100.0 * plain.rate,
@@ -406,7 +405,7 @@ impl Bake {
             ));
         }
         let between = match (&operator, patch_bytes) {
-            (Some(operator), _) => ("operator".to_owned(), operator.bytes().iter().map(|part| part.1).sum()),
+            (Some(operator), _) => ("operator".to_owned(), operator.bytes()),
             (None, Some(bytes)) => ("tables".to_owned(), bytes),
             (None, None) => ("form_factors".to_owned(), csr_bytes(&exchange.factors)),
         };
@@ -415,7 +414,7 @@ impl Bake {
             between,
             ("facets".to_owned(), facet_bytes.unwrap_or_else(|| exchange.facet_bytes(is_there))),
             ("samples".to_owned(), size_of_val(&senders.points[..]) as u64),
-            ("receivers".to_owned(), receiver_bytes.unwrap_or(receivers.rows.bytes() as u64)),
+            ("receivers".to_owned(), receiver_bytes.unwrap_or(receivers.rows.bytes())),
             ("smoothing".to_owned(), csr_bytes(&receivers.smoothing)),
             ("nodes".to_owned(), csr_bytes(&receivers.weights)),
             ("lookup".to_owned(), senders.lookup.as_ref().map_or(0, Lookup::bytes) as u64),

@@ -1,10 +1,10 @@
 //! What patches and facets exchange: form factors by the estimator of the settings.
 
 use formfactor::{
-    AreaToArea, Contour, Csr, Hemisphere, HitRows, Operator, PointToPoint, add_hit_rows, balance, form_factors,
-    sparse_rows,
+    AreaToArea, Contour, Csr, Hemisphere, HitRows, PointToPoint, add_hit_rows, balance, form_factors, sparse_rows,
 };
 use scene::Scene;
+use transport::LinearOperator;
 
 use super::classic::{ClassicSettings, Estimator, csr_bytes};
 use super::proceed;
@@ -27,14 +27,14 @@ pub struct Exchange {
 
 impl Exchange {
     /// What facets gather by.
-    pub fn facet_operator(&self) -> &dyn Operator {
+    pub fn facet_operator(&self) -> &dyn LinearOperator {
         self.facet_rows.as_ref().map_or(&self.factors, |rows| rows)
     }
 
     /// Bytes of what facets gather by beside what patches do: where `is_there`, theirs are in a frame anyway.
     pub fn facet_bytes(&self, is_there: bool) -> u64 {
         match &self.facet_rows {
-            Some(rows) => rows.bytes() as u64,
+            Some(rows) => rows.bytes(),
             None if is_there => 0,
             None => csr_bytes(&self.factors),
         }

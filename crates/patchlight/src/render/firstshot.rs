@@ -257,9 +257,9 @@ pub fn quietly(_: f32) -> bool {
     go_on(0, 0).is_continue()
 }
 
-fn cancelled(error: firstshot::Error) -> Error {
+fn cancelled(error: transport::Error) -> Error {
     match error {
-        firstshot::Error::Cancelled { .. } => Error::Cancelled,
+        transport::Error::Cancelled { .. } => Error::Cancelled,
         other => other.into(),
     }
 }

@@ -101,8 +101,7 @@ impl LocalLight {
                 albedo: albedo.truncate(),
             };
             let surfaces: Vec<Surface> = senders.patches.iter().zip(&senders.albedo).zip(&area).map(patch).collect();
-            let Csr { row_start, column_index, values, .. } = factors;
-            let world = Table::new(&surfaces, row_start, column_index, values)?;
+            let world = Table::new(&surfaces, factors)?;
             Self::of(world, options, eye, report)
         })
     }

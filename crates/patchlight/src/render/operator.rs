@@ -5,7 +5,7 @@ pub mod measure;
 
 use faer::Mat;
 use formfactor::kernel::product::packed_row_words;
-use formfactor::{Csr, Dense, Half, Operator, Reciprocal, reciprocal, widen_half};
+use formfactor::{Csr, Dense, Half, Reciprocal, reciprocal, widen_half};
 use glam::{Vec3, Vec4};
 use multibounce::{
     Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Room,
@@ -26,6 +26,7 @@ use super::{go_on, proceed};
 use crate::error::Error;
 use crate::progress::Progress;
 use runtime::executor::Executor;
+use transport::LinearOperator;
 
 /// How light goes from patch to patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -120,6 +121,30 @@ pub fn apart(n: usize) -> impl Iterator<Item = Option<(usize, usize)>> {
     (0..apart_columns(n)).map(move |k| (k < 3 * n).then(|| (k % n, k / n)))
 }
 
+/// `H = T E` on the host, W/m².
+impl LinearOperator for PatchOperator {
+    fn shape(&self) -> (usize, usize) {
+        (self.patches(), self.patches())
+    }
+
+    fn bytes(&self) -> u64 {
+        self.bytes_by_part().iter().map(|part| part.1).sum()
+    }
+
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), transport::Error> {
+        let light = || -> Vec<Vec4> {
+            let one = |at: Option<(usize, usize)>| at.map_or(Vec4::ZERO, |(j, c)| Vec4::AXES[c] * exitance[j][c]);
+            apart(exitance.len()).map(one).collect()
+        };
+        match self {
+            Self::Dense(dense) => dense.apply(&light(), irradiance),
+            Self::Half(half) => half.apply(&light(), irradiance),
+            Self::Blocks(matrix) => matrix.apply(exitance, irradiance),
+            Self::Tiles(tiles) => tiles.apply(exitance, irradiance),
+        }
+    }
+}
+
 impl PatchOperator {
     /// Stores the operator `a^-½ T̂ a^½` of symmetric channels.
     ///
@@ -182,12 +207,12 @@ impl PatchOperator {
     }
 
     /// Bytes of each part that a product reads.
-    pub fn bytes(&self) -> Vec<(&'static str, u64)> {
+    pub fn bytes_by_part(&self) -> Vec<(&'static str, u64)> {
         match self {
             Self::Dense(dense) => vec![("entries", size_of_val(&dense.values[..]) as u64)],
             Self::Half(half) => vec![("entries", size_of_val(&half.words[..]) as u64)],
             Self::Blocks(matrix) => {
-                let bytes = matrix.bytes();
+                let bytes = matrix.bytes_by_part();
                 vec![
                     ("blocks", bytes.blocks),
                     ("scales", bytes.scales),
@@ -195,26 +220,8 @@ impl PatchOperator {
                     ("vectors", bytes.vectors),
                 ]
             }
-            Self::Tiles(tiles) => tiles.bytes().to_vec(),
+            Self::Tiles(tiles) => tiles.bytes_by_part().to_vec(),
         }
-    }
-
-    /// `H = T E` on the host, W/m².
-    ///
-    /// # Errors
-    /// Vectors that have not one element a patch.
-    pub fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        let light = || -> Vec<Vec4> {
-            let one = |at: Option<(usize, usize)>| at.map_or(Vec4::ZERO, |(j, c)| Vec4::AXES[c] * exitance[j][c]);
-            apart(exitance.len()).map(one).collect()
-        };
-        match self {
-            Self::Dense(dense) => dense.product(&light(), irradiance)?,
-            Self::Half(half) => half.product(&light(), irradiance)?,
-            Self::Blocks(matrix) => matrix.product(exitance, irradiance)?,
-            Self::Tiles(tiles) => tiles.product(exitance, irradiance)?,
-        }
-        Ok(())
     }
 
     /// Rows as they are stored.
@@ -289,7 +296,7 @@ impl PatchOperator {
 
     /// What there is to say about it.
     fn describe(&self) -> String {
-        let size = self.bytes().iter().map(|part| part.1 as f64).sum::<f64>() * 1e-6;
+        let size = self.bytes_by_part().iter().map(|part| part.1 as f64).sum::<f64>() * 1e-6;
         match self {
             Self::Dense(_) | Self::Half(_) => format!("operator: {size:.2} MB"),
             Self::Blocks(matrix) => {
@@ -345,10 +352,10 @@ fn available_memory() -> Option<u64> {
 }
 
 /// `Σ_j F_ij (p_j, 1)` of each row: what [`halving_order`] takes.
-pub fn seen(factors: &impl Operator, positions: &[Vec3]) -> Result<Vec<Vec4>, Error> {
+pub fn seen(factors: &impl LinearOperator, positions: &[Vec3]) -> Result<Vec<Vec4>, Error> {
     let of = |light: Vec<Vec4>| -> Result<Vec<Vec4>, Error> {
         let mut sums = vec![Vec4::ZERO; factors.rows()];
-        factors.product(&light, &mut sums)?;
+        factors.apply(&light, &mut sums)?;
         Ok(sums)
     };
     let sums = of(positions.iter().map(|p| p.extend(0.0)).collect())?;
@@ -471,7 +478,7 @@ impl Between {
             multibounce::Error::Memory { needed, limit } => {
                 Error::OperatorPanels { patches: albedo.len(), needed, left: limit }
             }
-            multibounce::Error::Cancelled { .. } => Error::Cancelled,
+            multibounce::Error::Shared(transport::Error::Cancelled { .. }) => Error::Cancelled,
             other => other.into(),
         })
     }
@@ -578,7 +585,7 @@ fn build_in_panels(
 fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progress) -> Result<PatchOperator, Error> {
     let codec = Codec::Tiles { epsilon };
     let operator = PatchOperator::encode(codec, between.channels(), &between, seed, progress)?;
-    let radius = growth(&vec![Vec4::ONE; operator.patches()], &|light, out| operator.product(light, out))?;
+    let radius = growth(&vec![Vec4::ONE; operator.patches()], &operator)?;
     if radius <= 1.0 + 2.0 * RADIUS_TOLERANCE {
         return Ok(operator);
     }
@@ -592,29 +599,14 @@ fn feedback(mut between: Between, epsilon: f64, seed: u32, progress: &mut Progre
 const RANGE_TOLERANCE: f32 = 1e-3;
 
 /// How feedback settles by these form factors, plain and accelerated.
-pub fn accelerations(
-    albedo: &[Vec4],
-    product: &impl Fn(&[Vec4], &mut [Vec4]) -> Result<(), Error>,
-) -> Result<[Acceleration; 2], Error> {
-    let mut failed = None;
-    let mut one = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
-        failed = product(exitance, irradiance).err().or(failed.take());
-        Ok(())
-    };
-    let range = spectral_range(albedo.len(), albedo, &mut one, RANGE_TOLERANCE, RADIUS_STEPS)?;
-    failed.map_or(Ok(()), Err)?;
+pub fn accelerations(albedo: &[Vec4], factors: &dyn LinearOperator) -> Result<[Acceleration; 2], Error> {
+    let range = spectral_range(factors, albedo, RANGE_TOLERANCE, RADIUS_STEPS)?;
     Ok([Acceleration::none(range.clone()), Acceleration::new(range)?])
 }
 
 /// Spectral radius of `diag(ρ) T`, the greatest of the channels: of `irradiance = T exitance` as a product.
-pub fn growth(albedo: &[Vec4], product: &impl Fn(&[Vec4], &mut [Vec4]) -> Result<(), Error>) -> Result<f32, Error> {
-    let mut failed = None;
-    let mut one = |exitance: &[Vec4], irradiance: &mut [Vec4]| {
-        failed = product(exitance, irradiance).err().or(failed.take());
-        Ok(())
-    };
-    let radius = spectral_radius(albedo.len(), albedo, &mut one, RADIUS_TOLERANCE, RADIUS_STEPS)?;
-    failed.map_or(Ok(radius.max_element()), Err)
+pub fn growth(albedo: &[Vec4], operator: &dyn LinearOperator) -> Result<f32, Error> {
+    Ok(spectral_radius(operator, albedo, RADIUS_TOLERANCE, RADIUS_STEPS)?.max_element())
 }
 
 #[cfg(test)]

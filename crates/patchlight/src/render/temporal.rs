@@ -100,7 +100,6 @@ pub struct SampledRows {
 impl SampledRows {
     /// Bytes of each part that takes the place of another.
     pub fn bytes(&self) -> [Option<u64>; 3] {
-        [&self.patches, &self.facets, &self.receivers]
-            .map(|rows| rows.as_ref().map(|rows| rows.distribution().bytes() as u64))
+        [&self.patches, &self.facets, &self.receivers].map(|rows| rows.as_ref().map(|rows| rows.distribution().bytes()))
     }
 }

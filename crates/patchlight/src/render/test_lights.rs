@@ -47,7 +47,7 @@ fn gather(rows: &HitRows, exitance: impl Iterator<Item = Lights> + Clone) -> Res
     for k in 0..VECTORS {
         let plane: Vec<Vec4> = exitance.clone().map(|light| light[k]).collect();
         let mut received = vec![Vec4::ZERO; rows.rows()];
-        rows.product(&plane, &mut received)?;
+        rows.apply(&plane, &mut received)?;
         found.iter_mut().zip(received.chunks(QUARTERS)).for_each(|(all, one)| all[k] = one.iter().sum());
     }
     Ok(found)
@@ -97,7 +97,7 @@ pub fn test_lights(
         let mut exitance = patch_source.clone();
         let mut received = vec![Vec4::ZERO; exitance.len()];
         for _ in 0..BOUNCES {
-            exchange.factors.product(&exitance, &mut received)?;
+            exchange.factors.apply(&exitance, &mut received)?;
             for (i, b) in exitance.iter_mut().enumerate() {
                 *b = patch_source[i] + received[i] * grey(&senders.albedo[i]);
             }
@@ -109,7 +109,7 @@ pub fn test_lights(
         let patch = |f: usize| senders.patch_of(f as u32) as usize;
         let first: Vec<Vec4> = (0..source.len()).map(|f| reflected(f, received[patch(f)])).collect();
         let mut received = vec![Vec4::ZERO; first.len()];
-        exchange.facet_operator().product(&first, &mut received)?;
+        exchange.facet_operator().apply(&first, &mut received)?;
         for (f, out) in result.iter_mut().enumerate() {
             out[vector] = reflected(f, received[f]) * scale;
         }

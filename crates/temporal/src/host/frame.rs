@@ -4,6 +4,7 @@ use std::vec::Vec;
 
 use glam::Vec4;
 use rayon::prelude::*;
+use transport::LinearOperator;
 
 use crate::error::{Error, check_length};
 use crate::kernel::sample::{AUTO, CONTROL, ROTATED, change};
@@ -123,17 +124,8 @@ impl SumParams {
     }
 }
 
-/// Rows that can be sampled.
-pub trait Distribution: Sync {
-    /// Number of rows.
-    fn rows(&self) -> usize;
-
-    /// Number of columns.
-    fn columns(&self) -> usize;
-
-    /// Bytes of the tables.
-    fn bytes(&self) -> usize;
-
+/// Rows that can be sampled. As an operator they are summed exactly, W/m².
+pub trait Distribution: LinearOperator {
     /// How the entries are stored, as kernels take it.
     fn options(&self) -> u32;
 
@@ -154,16 +146,13 @@ pub trait Distribution: Sync {
     /// # Errors
     /// [`Error::Length`] of a vector, [`Error::Setting`] for rows that are not there.
     fn sum(&self, p: &SumParams, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error>;
+}
 
-    /// Exact irradiance of all rows, W/m².
-    ///
-    /// # Errors
-    /// [`Error::Length`] of a vector.
-    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        irradiance.fill(Vec4::ZERO);
-        let rows = self.rows() as u32;
-        self.sum(&SumParams { count: rows, rows, ..SumParams::default() }, exitance, irradiance)
-    }
+/// Exact irradiance of all rows, W/m².
+pub(super) fn sum_rows_all(rows: &impl Distribution, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+    irradiance.fill(Vec4::ZERO);
+    let count = rows.rows() as u32;
+    rows.sum(&SumParams { count, rows: count, ..SumParams::default() }, exitance, irradiance)
 }
 
 pub(super) fn check_vectors<D: Distribution + ?Sized>(
@@ -172,9 +161,8 @@ pub(super) fn check_vectors<D: Distribution + ?Sized>(
     change: &[Vec4],
     irradiance: &[Vec4],
 ) -> Result<(), Error> {
-    check_length("exitance", rows.columns(), exitance.len())?;
     check_length("change", rows.columns(), change.len())?;
-    check_length("irradiance", rows.rows(), irradiance.len())
+    rows.check_vectors(exitance, irradiance)
 }
 
 /// Change of the exitance of all patches, [`change`], on all cores.

@@ -4,8 +4,9 @@ use std::vec::Vec;
 
 use glam::Vec4;
 use rayon::prelude::*;
+use transport::LinearOperator;
 
-use super::frame::{Distribution, check_vectors};
+use super::frame::{Distribution, check_vectors, sum_rows_all};
 use super::{NARROW_COLUMNS, TASK_ROWS, check_rows, pack_columns, starts, sum_rows};
 use crate::error::{Error, check_length};
 use crate::kernel::sample::{NARROW, column_at, sample_list, settle, sum_list};
@@ -147,19 +148,22 @@ impl RayLists {
     }
 }
 
+impl LinearOperator for RayLists {
+    fn shape(&self) -> (usize, usize) {
+        (self.sums.len(), self.columns)
+    }
+
+    fn bytes(&self) -> u64 {
+        let bytes = size_of_val(&self.row_start[..]) + size_of_val(&self.words[..]) + size_of_val(&self.sums[..]);
+        bytes as u64
+    }
+
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        sum_rows_all(self, exitance, irradiance)
+    }
+}
+
 impl Distribution for RayLists {
-    fn rows(&self) -> usize {
-        self.sums.len()
-    }
-
-    fn columns(&self) -> usize {
-        self.columns
-    }
-
-    fn bytes(&self) -> usize {
-        size_of_val(&self.row_start[..]) + size_of_val(&self.words[..]) + size_of_val(&self.sums[..])
-    }
-
     fn options(&self) -> u32 {
         if self.columns <= NARROW_COLUMNS { NARROW } else { 0 }
     }

@@ -5,8 +5,10 @@ use std::vec::Vec;
 use glam::{UVec2, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::math::{luminance, sqrt};
+use transport::LinearOperator;
+use transport::alias::pair_entries;
 
-use super::frame::{Distribution, check_vectors};
+use super::frame::{Distribution, check_vectors, sum_rows_all};
 use super::{NARROW_COLUMNS, TASK_ROWS, check_rows, pack_columns, pack_halves, starts, sum_rows};
 use crate::error::Error;
 use crate::kernel::sample::{COLORED, NARROW, settle};
@@ -110,19 +112,10 @@ impl Row {
 /// Slots of a row by stacks of what is left of its entries (Vose 1991).
 fn pack_stacks(weights: &[u32]) -> Vec<u32> {
     let mut left: Vec<u64> = weights.iter().map(|&w| u64::from(w)).collect();
-    let full = u64::from(PARTS);
     let mut slots: Vec<u32> = (0..weights.len() as u32).map(|k| slot(PARTS, k, k)).collect();
-    let is_light = |k: &u32| u64::from(weights[*k as usize]) < full;
-    let (mut light, mut heavy): (Vec<u32>, Vec<u32>) = (0..weights.len() as u32).rev().partition(is_light);
-    while let (Some(small), Some(&large)) = (light.pop(), heavy.last()) {
-        let own = left[small as usize];
-        slots[small as usize] = slot(own as u32, small, large);
-        left[large as usize] -= full - own;
-        if left[large as usize] < full {
-            heavy.pop();
-            light.push(large);
-        }
-    }
+    pair_entries(&mut left, u64::from(PARTS), (0..weights.len() as u32).rev(), |entry, kept, other| {
+        slots[entry as usize] = slot(kept as u32, entry, other);
+    });
     slots
 }
 
@@ -259,23 +252,26 @@ pub struct TableColumns<'a> {
     pub sums: &'a [f32],
 }
 
-impl Distribution for AliasTables {
-    fn rows(&self) -> usize {
-        self.sums.len()
+impl LinearOperator for AliasTables {
+    fn shape(&self) -> (usize, usize) {
+        (self.sums.len(), self.columns)
     }
 
-    fn columns(&self) -> usize {
-        self.columns
-    }
-
-    fn bytes(&self) -> usize {
-        size_of_val(&self.row_start[..])
+    fn bytes(&self) -> u64 {
+        let bytes = size_of_val(&self.row_start[..])
             + size_of_val(&self.slots[..])
             + size_of_val(&self.words[..])
             + size_of_val(&self.colors[..])
-            + size_of_val(&self.sums[..])
+            + size_of_val(&self.sums[..]);
+        bytes as u64
     }
 
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        sum_rows_all(self, exitance, irradiance)
+    }
+}
+
+impl Distribution for AliasTables {
     fn options(&self) -> u32 {
         let narrow = if self.columns <= NARROW_COLUMNS { NARROW } else { 0 };
         narrow | if self.colors.is_empty() { 0 } else { COLORED }

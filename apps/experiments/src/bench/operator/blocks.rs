@@ -6,6 +6,7 @@ use faer::Mat;
 use glam::Vec4;
 use multibounce::{BlockCodec, Channels};
 use serde::Serialize;
+use transport::LinearOperator;
 
 use super::{Row, Truth, median_ms};
 use crate::error::Error;
@@ -69,12 +70,12 @@ pub(super) fn measure(
         let seconds = start.elapsed().as_secs_f64();
         let mut h = vec![Vec4::ZERO; n];
         let errors = truths.iter().map(|truth| {
-            operator.product(&truth.source, &mut h)?;
+            operator.apply(&truth.source, &mut h)?;
             Ok(truth.all.as_ref().map_or(0.0, |exact| relative_error(&h, exact, &between.area)))
         });
         let errors = errors.collect::<Result<Vec<f64>, Error>>()?;
-        let time = median_ms(|| Ok(operator.product(&truths[0].source, &mut h)?))?;
-        let bytes = operator.bytes().iter().map(|part| part.1).sum::<u64>();
+        let time = median_ms(|| Ok(operator.apply(&truths[0].source, &mut h)?))?;
+        let bytes = operator.bytes();
         let mut blocks = Blocks {
             order_mse,
             bytes_share: bytes as f64 / (4 * n * n).max(1) as f64,

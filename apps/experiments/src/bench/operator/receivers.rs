@@ -118,7 +118,7 @@ impl Receivers<'_> {
         let (area, mut h) = (vec![1.0; some.len()], vec![Vec4::ZERO; some.len()]);
         let mut errors = Vec::new();
         for (source, exact) in self.sources.iter().zip(exact) {
-            rows.product(source, &mut h)?;
+            rows.apply(source, &mut h)?;
             let exact: Vec<Vec4> = exact.iter().step_by(NOISE_SHARE).copied().collect();
             // Both are noisy.
             errors.push(relative_error(&h, &exact, &area) * std::f64::consts::FRAC_1_SQRT_2);
@@ -152,18 +152,18 @@ impl Receivers<'_> {
         let (area, order): (Vec<f32>, Vec<u32>) = (vec![1.0; n], (0..n as u32).collect());
         let mut exact = vec![vec![Vec4::ZERO; n]; self.sources.len()];
         for (source, exact) in self.sources.iter().zip(&mut exact) {
-            hits.product(source, exact)?;
+            hits.apply(source, exact)?;
         }
         let noise = self.noise(&points, rays, common.seed, &exact, progress)?;
 
         let mut h = vec![Vec4::ZERO; n];
         let own = self.sources[0];
         let of = |row: Row| Row { receivers: Some(n), ..row };
-        let time = median_ms(|| Ok(hits.product(own, &mut h)?))?;
-        rows.push(of(row("F_r", "counts of hits", hits.bytes() as u64, time)));
+        let time = median_ms(|| Ok(hits.apply(own, &mut h)?))?;
+        rows.push(of(row("F_r", "counts of hits", hits.bytes(), time)));
         let csr = hits.to_csr()?;
         let entries = csr.values.len();
-        let time = median_ms(|| Ok(csr.product(own, &mut h)?))?;
+        let time = median_ms(|| Ok(csr.apply(own, &mut h)?))?;
         rows.push(of(row("F_r", "sparse rows", (size_of_val(&csr.row_start[..]) + 8 * entries) as u64, time)));
         drop(csr);
         for &epsilon in &args.receiver_epsilons {
@@ -182,10 +182,10 @@ impl Receivers<'_> {
             let mut room = RectangularRoom::default();
             let mut errors = Vec::new();
             for (source, exact) in self.sources.iter().zip(&exact) {
-                tiles.product_in(&mut room, source, &mut h)?;
+                tiles.apply_in(&mut room, source, &mut h)?;
                 errors.push(relative_error(&h, exact, &area));
             }
-            let time = median_ms(|| Ok(tiles.product_in(&mut room, own, &mut h)?))?;
+            let time = median_ms(|| Ok(tiles.apply_in(&mut room, own, &mut h)?))?;
             let device_ms = match device.as_deref_mut() {
                 Some(device) => Some(receivers_on_device(device, &tiles, own, DEVICE_TURNS)?.1),
                 None => None,
@@ -197,7 +197,7 @@ impl Receivers<'_> {
                 compact_lights: greatest(&errors[1..]),
                 compress_s: Some(compress_s),
                 device_ms,
-                ..of(row("F_r", "tiles", tiles.bytes().iter().map(|part| part.1).sum(), time))
+                ..of(row("F_r", "tiles", tiles.bytes(), time))
             });
         }
         Ok(Some(ReceiverRows { receivers: n, rays, rows_s, entries: entries as f64 / n as f64, noise }))

@@ -10,11 +10,12 @@ use block_compression::{BC6HSettings, BC7Settings, CompressionVariant};
 use glam::{UVec2, UVec4, Vec3, Vec4};
 use half::f16;
 use rayon::prelude::*;
+use transport::{Permutation, check_length};
 
 use super::{BlockCodec, BlockMatrix, BlockReport, BlockSettings, decode_texel, params, unpack};
-use crate::error::{Error, check_length};
+use crate::error::Error;
 use crate::host::energy::row_factor;
-use crate::host::order::{MatrixRows, Permutation};
+use crate::host::order::MatrixRows;
 use crate::host::outliers::{Extremes, Outliers, find_extremes, magnitude, pack};
 use crate::kernel::blocks::{BLOCK, entry};
 use crate::types::BlockParams;
@@ -33,9 +34,9 @@ impl BlockMatrix {
     /// `progress(tile rows done, of all)` may stop the work.
     ///
     /// # Errors
-    /// [`Error::Setting`] for settings out of range, [`Error::Length`] for an order of another length,
-    /// [`Error::TooMany`] beyond 65,536 rows, [`Error::Value`] for an entry that is no number ≥ 0, and
-    /// [`Error::Cancelled`].
+    /// [`transport::Error::Setting`] for settings out of range, [`transport::Error::Length`] for an order of another length,
+    /// [`transport::Error::TooMany`] beyond 65,536 rows, [`transport::Error::Value`] for an entry that is no number ≥ 0, and
+    /// [`transport::Error::Cancelled`].
     pub fn encode(
         n: usize,
         rows: &MatrixRows,
@@ -138,7 +139,7 @@ fn in_parallel<T: Send>(
         })
         .collect();
     if stop.load(Ordering::Relaxed) {
-        return Err(Error::Cancelled { done: done.load(Ordering::Relaxed), total: chosen.len() });
+        return Err(transport::Error::Cancelled { done: done.load(Ordering::Relaxed), total: chosen.len() }.into());
     }
     Ok(made.into_iter().flatten().collect())
 }
@@ -164,17 +165,22 @@ impl InBlocks {
 fn check(n: usize, order: &Permutation, settings: &BlockSettings) -> Result<(), Error> {
     check_length("order", n, order.len())?;
     if n > 1 << 16 {
-        return Err(Error::TooMany { name: "rows of a matrix in blocks", found: n as u64, limit: 1 << 16 });
+        return Err(
+            transport::Error::TooMany { name: "rows of a matrix in blocks", found: n as u64, limit: 1 << 16 }.into()
+        );
     }
     if !(0.0..=1.0).contains(&settings.outliers) {
-        return Err(Error::Setting { name: "outliers", value: settings.outliers, rule: "from 0 to 1" });
+        return Err(
+            transport::Error::Setting { name: "outliers", value: settings.outliers, rule: "from 0 to 1" }.into()
+        );
     }
     if !settings.tile.is_power_of_two() || !(EDGE..=1024).contains(&settings.tile) {
-        return Err(Error::Setting {
+        return Err(transport::Error::Setting {
             name: "tile",
             value: settings.tile as f64,
             rule: "a power of two from 4 to 1024",
-        });
+        }
+        .into());
     }
     Ok(())
 }

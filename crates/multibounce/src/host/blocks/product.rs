@@ -5,10 +5,10 @@ use std::vec;
 use glam::{Vec3, Vec4};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
+use transport::LinearOperator;
 
 use super::planes::PlaneFormat;
 use super::{BlockCodec, BlockMatrix, Companding};
-use crate::error::{Error, check_length};
 use crate::kernel::blocks::{BLOCK, Bc1, Bc3, Bc6h, Bc7, exp2, gather_outliers};
 
 /// Entries along the edge of a block.
@@ -17,14 +17,18 @@ const EDGE: usize = BLOCK as usize;
 /// Texels of a block.
 const TEXELS: usize = EDGE * EDGE;
 
-impl BlockMatrix {
-    /// `irradiance[i] = Σ_j m_ij exitance[j]`, W/m²; the same bits for any number of threads. The fourth component is 0.
-    ///
-    /// # Errors
-    /// [`Error::Length`] unless both have one entry a row.
-    pub fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        check_length("exitance", self.len(), exitance.len())?;
-        check_length("irradiance", self.len(), irradiance.len())?;
+/// Irradiance `H = M B`, W/m². The fourth component is 0.
+impl LinearOperator for BlockMatrix {
+    fn shape(&self) -> (usize, usize) {
+        (self.len(), self.len())
+    }
+
+    fn bytes(&self) -> u64 {
+        self.bytes_by_part().total()
+    }
+
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), transport::Error> {
+        self.check_vectors(exitance, irradiance)?;
         let mut light = vec![Vec4::ZERO; self.block_count() * EDGE];
         for (light, &j) in light.iter_mut().zip(self.permutation.order()) {
             *light = exitance[j as usize];
@@ -41,7 +45,9 @@ impl BlockMatrix {
         }
         Ok(())
     }
+}
 
+impl BlockMatrix {
     fn gather<F: PlaneFormat>(&self, light: &[Vec4], ordered: &mut [Vec4]) {
         let (arch, p) = (Arch::new(), self.params(0, self.block_count() as u32));
         // Each channel of the light of a block's columns, once for each of its rows.

@@ -6,11 +6,12 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, MatMut, MatRef, Side};
 use rayon::prelude::*;
+use transport::{Proceed, check_length};
 
 use super::panel::{LANES, Ordered};
 use super::{BlockFile, Room, StoredOperator};
-use crate::error::{Error, check_length};
-use crate::host::solve::{FLOOR, Factors, LEAST_ALBEDO, Proceed, check_albedo};
+use crate::error::Error;
+use crate::host::solve::{FLOOR, Factors, LEAST_ALBEDO, check_albedo};
 use crate::host::tiles::{SIDE, places};
 
 /// Greatest edge of the blocks of a factor: larger ones make products no faster.
@@ -72,7 +73,7 @@ pub fn some_bounces_stored(
     progress: &dyn Fn(usize, usize) -> Proceed,
 ) -> Result<StoredOperator, Error> {
     if bounces == 0 {
-        return Err(Error::Setting { name: "bounces", value: 0.0, rule: "at least 1" });
+        return Err(transport::Error::Setting { name: "bounces", value: 0.0, rule: "at least 1" }.into());
     }
     let (ordered, albedo, mut out) = begin(factors, albedo, order, room)?;
     let sizes = Sizes::new(order.len(), false, room)?;
@@ -83,7 +84,7 @@ pub fn some_bounces_stored(
         ordered.bounces(&albedo, bounces, k * sizes.width, &mut panel, sizes.rows);
         out.write(k * sizes.width / SIDE, &panel, sizes.rows)?;
         if progress(k + 1, total).is_break() {
-            return Err(Error::Cancelled { done: k + 1, total });
+            return Err(transport::Error::Cancelled { done: k + 1, total }.into());
         }
     }
     Ok(out)
@@ -115,7 +116,7 @@ pub fn all_bounces_stored(
     let mut done = 0;
     let mut step = || {
         done += 1;
-        if progress(done, total).is_break() { Err(Error::Cancelled { done, total }) } else { Ok(()) }
+        if progress(done, total).is_break() { Err(transport::Error::Cancelled { done, total }.into()) } else { Ok(()) }
     };
     let mut root: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a)).collect();
     root.resize(sizes.rows, 0.0);

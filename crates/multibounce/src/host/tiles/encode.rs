@@ -7,12 +7,12 @@ use faer::{unzip, zip};
 use glam::Vec4;
 use rayon::prelude::*;
 use scene::sampling::hash3;
+use transport::{Proceed, check_length};
 
 use super::reduce::{Component, EDGE, Part, Prices, SIDE, Square, reduce, squared_norm};
 use super::source::{Source, twice};
 use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles, places};
-use crate::error::{Error, check_length};
-use crate::host::solve::Proceed;
+use crate::error::Error;
 use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, RUN_QUADS, SHORT_BIAS};
 use crate::types::{TileQuad, TileSquare};
 
@@ -30,8 +30,8 @@ impl Tiles {
     /// last pass; breaking it cancels.
     ///
     /// # Errors
-    /// [`Error::Length`] for matrices of another size, [`Error::Setting`] for an ε that is not in 10⁻⁶..1,
-    /// [`Error::Value`] for numbers that are not finite, [`Error::TooMany`] patches, [`Error::Cancelled`].
+    /// [`transport::Error::Length`] for matrices of another size, [`transport::Error::Setting`] for an ε that is not in 10⁻⁶..1,
+    /// [`transport::Error::Value`] for numbers that are not finite, [`transport::Error::TooMany`] patches, [`transport::Error::Cancelled`].
     pub fn encode(
         channels: Channels,
         area: &[f32],
@@ -41,10 +41,20 @@ impl Tiles {
     ) -> Result<Self, Error> {
         let n = area.len();
         if n > MOST_TILE_PATCHES {
-            return Err(Error::TooMany { name: "patches", found: n as u64, limit: MOST_TILE_PATCHES as u64 });
+            return Err(transport::Error::TooMany {
+                name: "patches",
+                found: n as u64,
+                limit: MOST_TILE_PATCHES as u64,
+            }
+            .into());
         }
         if !(1e-6..1.0).contains(&epsilon) {
-            return Err(Error::Setting { name: "epsilon", value: epsilon, rule: "at least 0.000001 and below 1" });
+            return Err(transport::Error::Setting {
+                name: "epsilon",
+                value: epsilon,
+                rule: "at least 0.000001 and below 1",
+            }
+            .into());
         }
         let place = checked_places(area, order)?;
         let mut source = Source::new(channels, area, order, &place)?;
@@ -97,11 +107,12 @@ impl Tiles {
             lambda = next_lambda(lambda, error, epsilon, &mut low, &mut high);
         }
         let Some((parts, rows)) = best else {
-            return Err(Error::Setting {
+            return Err(transport::Error::Setting {
                 name: "epsilon",
                 value: epsilon,
                 rule: "more: single precision cannot give it",
-            });
+            }
+            .into());
         };
         let [first, second] = source.axes;
         let tables = Self {
@@ -195,7 +206,9 @@ impl TileReport {
 pub(super) fn checked_places(area: &[f32], order: &[u32]) -> Result<Vec<u32>, Error> {
     check_length("order", area.len(), order.len())?;
     if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
-        return Err(Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" });
+        return Err(
+            transport::Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" }.into()
+        );
     }
     places(order)
 }
@@ -383,7 +396,7 @@ impl Source<'_> {
             (!progress(count, total).is_break()).then_some(Ok(part))
         };
         let parts: Option<Result<Vec<Part>, Error>> = tiles.par_iter().map(work).collect();
-        parts.ok_or_else(|| Error::Cancelled { done: done.load(Ordering::Relaxed), total })?
+        parts.ok_or_else(|| transport::Error::Cancelled { done: done.load(Ordering::Relaxed), total })?
     }
 
     fn part(&self, at: (usize, usize), lambda: f32) -> Result<Part, Error> {

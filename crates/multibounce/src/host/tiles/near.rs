@@ -2,11 +2,12 @@
 
 use glam::Vec4;
 use rayon::prelude::*;
+use transport::check_length;
 
 use super::lanes::{Lanes, WithLanes, dispatch};
 use super::product::{GROUP, steps_of};
 use super::{SIDE, check_below, check_finite, check_starts};
-use crate::error::{Error, check_length};
+use crate::error::Error;
 use crate::kernel::tiles::{CHANNEL_WORDS, LIGHT_WORDS, PAIRS, PAIRS_AT, PARTS, PLACES, SQUARE_WORDS};
 use crate::types::TileSquare;
 

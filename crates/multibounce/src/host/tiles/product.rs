@@ -4,11 +4,12 @@ use std::vec::Vec;
 
 use glam::{IVec4, Mat4, Vec3, Vec4};
 use rayon::prelude::*;
+use transport::{LinearOperator, check_length};
 
 use super::lanes::{Group, Lanes, WithLanes, dispatch};
 use super::near::{NearTables, near_all};
 use super::{SIDE, Tiles, check_bank, check_starts};
-use crate::error::{Error, check_length};
+use crate::error::Error;
 use crate::kernel::tiles::{
     ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD,
     RUN_PAIRS, RUN_QUADS, SHORT_BIAS, SPLITS, SQUARE_WORDS, TILE, TWOS, element, enter, inverse_of, leave, row_of,
@@ -38,22 +39,33 @@ pub struct TileRoom {
     rows: Vec<Vec4>,
 }
 
-impl Tiles {
-    /// Irradiance `H = T B`, W/m²; the same bits for any number of threads. The fourth component is 0.
-    ///
-    /// # Errors
-    /// [`Error::Length`] unless both have one element a patch.
-    pub fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        self.product_in(&mut TileRoom::default(), exitance, irradiance)
+/// Irradiance `H = T B`, W/m². The fourth component is 0.
+impl LinearOperator for Tiles {
+    fn shape(&self) -> (usize, usize) {
+        (self.patches(), self.patches())
     }
 
-    /// As [`Tiles::product`], in room that is kept from product to product.
+    fn bytes(&self) -> u64 {
+        self.bytes_by_part().iter().map(|part| part.1).sum()
+    }
+
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), transport::Error> {
+        self.apply_in(&mut TileRoom::default(), exitance, irradiance)
+    }
+}
+
+impl Tiles {
+    /// As [`LinearOperator::apply`], in memory that is kept from product to product.
     ///
     /// # Errors
-    /// As [`Tiles::product`].
-    pub fn product_in(&self, room: &mut TileRoom, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        check_length("exitance", self.patches(), exitance.len())?;
-        check_length("irradiance", self.patches(), irradiance.len())?;
+    /// [`transport::Error::Length`] unless both have one element a patch.
+    pub fn apply_in(
+        &self,
+        room: &mut TileRoom,
+        exitance: &[Vec4],
+        irradiance: &mut [Vec4],
+    ) -> Result<(), transport::Error> {
+        self.check_vectors(exitance, irradiance)?;
         let TileRoom { ordered, light, sums, rows } = room;
         ordered.resize(PLACES, Vec4::ZERO);
         light.resize(self.blocks() * LIGHT_WORDS as usize, 0);
@@ -87,11 +99,17 @@ impl Tiles {
     /// Row `i` of `a^-½ T̂ a^½`, one colour a patch, as products multiply by it.
     ///
     /// # Errors
-    /// [`Error::Length`] unless there is one element a patch, [`Error::Value`] for a patch that there is not.
+    /// [`transport::Error::Length`] unless there is one element a patch, [`transport::Error::Value`] for a patch that there is not.
     pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
         check_length("row", self.patches(), row.len())?;
         let Some(&place) = self.place.get(i) else {
-            return Err(Error::Value { name: "patch", index: i, value: i as f64, rule: "one of the patches" });
+            return Err(transport::Error::Value {
+                name: "patch",
+                index: i,
+                value: i as f64,
+                rule: "one of the patches",
+            }
+            .into());
         };
         let (p, r, block) = (place as usize, place % TILE, place as usize / SIDE);
         let mut places = vec![Vec3::ZERO; self.blocks() * SIDE];

@@ -7,14 +7,14 @@ use faer::Mat;
 use glam::Vec4;
 use rayon::prelude::*;
 use scene::sampling::hash3;
+use transport::{LinearOperator, Proceed, check_length};
 
 use super::encode::{Bank, CLOSE, MOST_ROUNDS, Rows, Squares, Vector, checked_places, next_lambda};
 use super::near::{NearTables, near_block};
 use super::product::{ExpandTables, ProjectTables, Sums, add_rows, enter_all, leave_places, project_all, round_all};
 use super::reduce::{Component, Part, Prices, SIDE, Weights, reduce, squared_norm};
 use super::{MOST_TILE_PATCHES, TileReport, check_bank, check_below, check_finite, check_root};
-use crate::error::{Error, check_length};
-use crate::host::solve::Proceed;
+use crate::error::Error;
 use crate::kernel::tiles::{ALL_CHANNELS, LIGHT_WORDS, NO_SLOT, PARTS, PLACES, QUAD};
 use crate::types::{TileQuad, TileSquare};
 
@@ -143,7 +143,9 @@ impl Source<'_> {
             });
         }
         match wrong {
-            Some((name, index, value, rule)) => Err(Error::Value { name, index: index as usize, value, rule }),
+            Some((name, index, value, rule)) => {
+                Err(transport::Error::Value { name, index: index as usize, value, rule }.into())
+            }
             None => Ok(tiles),
         }
     }
@@ -177,7 +179,7 @@ impl Source<'_> {
     ) -> Result<Vec<BlockRow>, Error> {
         let prices = Prices { lambda, ..Prices::RECTANGULAR };
         let (done, total) = (AtomicUsize::new(0), blocks.len());
-        let cancelled = |done: usize| Err(Error::Cancelled { done, total });
+        let cancelled = |done: usize| Err(transport::Error::Cancelled { done, total }.into());
         let work = |&block: &usize| {
             let row = self.encode(block, &prices)?;
             let count = done.fetch_add(1, Ordering::Relaxed) + 1;
@@ -201,6 +203,21 @@ fn relative_error(rows: &[BlockRow]) -> f64 {
     if norm > 0.0 { (error / norm).sqrt() } else { 0.0 }
 }
 
+/// Irradiance `H = F_r B` of the receivers, W/m². The fourth component is 0.
+impl LinearOperator for RectangularTiles {
+    fn shape(&self) -> (usize, usize) {
+        (self.receivers(), self.senders())
+    }
+
+    fn bytes(&self) -> u64 {
+        self.bytes_by_part().iter().map(|part| part.1).sum()
+    }
+
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), transport::Error> {
+        self.apply_in(&mut RectangularRoom::default(), exitance, irradiance)
+    }
+}
+
 impl RectangularTiles {
     /// Tiles of the operator with these rows, with a relative Frobenius error of F̂ of at most `epsilon`.
     ///
@@ -208,9 +225,9 @@ impl RectangularTiles {
     /// `progress(done, total)` counts blocks of rows of the last pass, none while λ is looked for; breaking it cancels.
     ///
     /// # Errors
-    /// [`Error::Length`] of an order, [`Error::Setting`] for an ε that is not in 10⁻⁶..1, [`Error::Value`] for an order that is
-    /// none, an area that is not positive, a column or a value that is none, [`Error::TooMany`] senders or receivers,
-    /// [`Error::Cancelled`].
+    /// [`transport::Error::Length`] of an order, [`transport::Error::Setting`] for an ε that is not in 10⁻⁶..1, [`transport::Error::Value`] for an order that is
+    /// none, an area that is not positive, a column or a value that is none, [`transport::Error::TooMany`] senders or receivers,
+    /// [`transport::Error::Cancelled`].
     pub fn encode(
         rows: &SparseRows,
         receivers: TileSide,
@@ -219,13 +236,18 @@ impl RectangularTiles {
         progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
     ) -> Result<Self, Error> {
         let too_many = |name, found: usize, limit: usize| match found > limit {
-            true => Err(Error::TooMany { name, found: found as u64, limit: limit as u64 }),
+            true => Err(transport::Error::TooMany { name, found: found as u64, limit: limit as u64 }),
             false => Ok(()),
         };
         too_many("senders", senders.area.len(), MOST_TILE_PATCHES)?;
         too_many("receivers", receivers.area.len(), MOST_TILE_RECEIVERS)?;
         if !(1e-6..1.0).contains(&epsilon) {
-            return Err(Error::Setting { name: "epsilon", value: epsilon, rule: "at least 0.000001 and below 1" });
+            return Err(transport::Error::Setting {
+                name: "epsilon",
+                value: epsilon,
+                rule: "at least 0.000001 and below 1",
+            }
+            .into());
         }
         let (place, sender_place) =
             (checked_places(receivers.area, receivers.order)?, checked_places(senders.area, senders.order)?);
@@ -285,7 +307,7 @@ impl RectangularTiles {
         }
         let Some((at, parts, packed, error)) = best else {
             let rule = "more: single precision cannot give it";
-            return Err(Error::Setting { name: "epsilon", value: epsilon, rule });
+            return Err(transport::Error::Setting { name: "epsilon", value: epsilon, rule }.into());
         };
         let tables = Self {
             sender_order: senders.order.to_vec(),
@@ -368,7 +390,7 @@ impl RectangularTiles {
     }
 
     /// Bytes of each part that a product reads.
-    pub fn bytes(&self) -> [(&'static str, u64); 4] {
+    pub fn bytes_by_part(&self) -> [(&'static str, u64); 4] {
         let senders = size_of_val(&self.sender_runs[..])
             + size_of_val(&self.sender_quads[..])
             + size_of_val(&self.sender_words[..]);
@@ -390,7 +412,7 @@ impl RectangularTiles {
     /// Whether the tables belong together, so that no product reads beyond them.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::Value`], naming the table and the entry.
+    /// [`transport::Error::Length`], [`transport::Error::Value`], naming the table and the entry.
     pub fn check(&self) -> Result<(), Error> {
         check_length("root", self.receivers(), self.root.len())?;
         check_length("sender_root", self.senders(), self.sender_root.len())?;
@@ -409,26 +431,17 @@ impl RectangularTiles {
         check_root("sender_root", &self.sender_root)
     }
 
-    /// Irradiance `H = F_r B` of the receivers, W/m²; the same bits for any number of threads. The fourth component is 0.
+    /// As [`LinearOperator::apply`], in memory that is kept from product to product.
     ///
     /// # Errors
-    /// [`Error::Length`] unless there is one exitance a sender and one irradiance a receiver.
-    pub fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        self.product_in(&mut RectangularRoom::default(), exitance, irradiance)
-    }
-
-    /// As [`RectangularTiles::product`], in room that is kept from product to product.
-    ///
-    /// # Errors
-    /// As [`RectangularTiles::product`].
-    pub fn product_in(
+    /// [`transport::Error::Length`] unless there is one exitance a patch that sends, and one irradiance a receiver.
+    pub fn apply_in(
         &self,
         room: &mut RectangularRoom,
         exitance: &[Vec4],
         irradiance: &mut [Vec4],
-    ) -> Result<(), Error> {
-        check_length("exitance", self.senders(), exitance.len())?;
-        check_length("irradiance", self.receivers(), irradiance.len())?;
+    ) -> Result<(), transport::Error> {
+        self.check_vectors(exitance, irradiance)?;
         let RectangularRoom { ordered, light, sums, placed } = room;
         let columns = self.sender_blocks() * SIDE;
         ordered.resize(PLACES, Vec4::ZERO);
@@ -438,7 +451,8 @@ impl RectangularTiles {
         round_all(&ordered[..columns], light);
         project_all(&self.project_tables(), light, sums);
         let found = ordered.len();
-        let ordered = ordered.first_chunk().ok_or(Error::Length { name: "ordered", expected: PLACES, found })?;
+        let ordered =
+            ordered.first_chunk().ok_or(transport::Error::Length { name: "ordered", expected: PLACES, found })?;
         // Receivers that stand in their order are written where they belong at once.
         let is_ordered = self.place.iter().zip(0..).all(|(&place, i)| place == i);
         if is_ordered {

@@ -4,10 +4,11 @@ use std::vec::Vec;
 
 use faer::{Mat, unzip, zip};
 use rayon::prelude::*;
+use transport::check_length;
 
 use super::Channels;
 use super::reduce::{SIDE, Weights, dot, squared_norm};
-use crate::error::{Error, check_length};
+use crate::error::Error;
 use crate::host::solve::Factors;
 use crate::host::stored::StoredOperator;
 
@@ -143,7 +144,7 @@ impl<'a> Source<'a> {
     /// Frobenius norm of each channel over these tiles, both sides of the diagonal.
     ///
     /// # Errors
-    /// [`Error::Value`] for numbers that are not finite, [`Error::File`].
+    /// [`transport::Error::Value`] for numbers that are not finite, [`Error::File`].
     pub fn norms(&self, tiles: &[(usize, usize)]) -> Result<[f64; 3], Error> {
         let of = |matrix: &Matrix| -> Result<f64, Error> {
             let square = |&at: &(usize, usize)| Ok(twice(at) * squared_norm(&matrix.tile(self.order, at)?));
@@ -154,7 +155,7 @@ impl<'a> Source<'a> {
             if norm.is_finite() {
                 Ok(norm)
             } else {
-                Err(Error::Value { name: "operator", index: 0, value: norm, rule })
+                Err(transport::Error::Value { name: "operator", index: 0, value: norm, rule }.into())
             }
         };
         let green = of(&self.common)?;
@@ -171,7 +172,7 @@ fn stored<'a>(operator: &'a StoredOperator, order: &[u32]) -> Result<Matrix<'a>,
     match operator.order().iter().zip(order).position(|(a, b)| a != b) {
         Some(index) => {
             let rule = "the order in which the operator was stored";
-            Err(Error::Value { name: "order", index, value: f64::from(order[index]), rule })
+            Err(transport::Error::Value { name: "order", index, value: f64::from(order[index]), rule }.into())
         }
         None => Ok(Matrix::Stored(operator)),
     }
@@ -183,7 +184,7 @@ fn dense(matrix: &Mat<f32>, size: usize) -> Result<Matrix<'_>, Error> {
     check_length("columns", size, matrix.ncols())?;
     let wrong = |j: usize| matrix.col(j).iter().any(|x| !x.is_finite());
     match (0..matrix.ncols()).into_par_iter().find_first(|&j| wrong(j)) {
-        Some(index) => Err(Error::Value { name: "operator", index, value: f64::NAN, rule: "finite" }),
+        Some(index) => Err(transport::Error::Value { name: "operator", index, value: f64::NAN, rule: "finite" }.into()),
         None => Ok(Matrix::Dense(matrix)),
     }
 }

@@ -82,7 +82,7 @@ impl PhotonPasses {
     /// The landings of a dispatch of at most 2¹⁸ photons, segment by segment.
     ///
     /// # Errors
-    /// [`Error::Photons`] for more than that, and what the device says.
+    /// [`Error::Transport`] for more than that, and what the device says.
     pub fn trace(&mut self, p: &PhotonParams) -> Result<Vec<Landing>, Error> {
         if p.count > MOST_PHOTONS {
             let (found, limit) = (u64::from(p.count), u64::from(MOST_PHOTONS));

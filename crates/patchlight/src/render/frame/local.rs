@@ -346,7 +346,9 @@ mod tests {
             }
             starts.push(columns.len() as u32);
         }
-        Table::new(&surfaces, starts, columns, values).unwrap()
+        let factors =
+            transport::Csr { rows: PATCHES, columns: PATCHES, row_start: starts, column_index: columns, values };
+        Table::new(&surfaces, factors).unwrap()
     }
 
     const FLYING: LocalOptions = LocalOptions { slots: 48, budget: 12, fade: 8, ..LocalOptions::DEFAULT };

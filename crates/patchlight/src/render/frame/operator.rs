@@ -504,6 +504,7 @@ mod tests {
     use runtime::cpu::Cpu;
     use runtime::executor::DeviceChoice;
     use runtime::vulkan::{Validation, Vulkan};
+    use transport::LinearOperator;
 
     #[test]
     fn the_passes_give_the_product_of_the_host_for_every_size_of_a_binding() {
@@ -516,7 +517,7 @@ mod tests {
             let channels = Channels::Three(operators.each_ref());
             let operator = PatchOperator::encode(codec, channels, &between, 1, &mut progress).unwrap();
             let mut expected = vec![Vec4::ZERO; n];
-            operator.product(&light, &mut expected).unwrap();
+            operator.apply(&light, &mut expected).unwrap();
             let run_by = |decoder: Decoder, range: u64, light: &[Vec4]| {
                 let mut executor: Box<dyn Executor> = Box::new(Cpu::new());
                 let [exitance, irradiance] = load_product(executor.as_mut(), &operator, range, decoder).unwrap();
@@ -566,7 +567,7 @@ mod tests {
             let mut operator =
                 PatchOperator::encode(Codec::Blocks(codec), channels, &between, 1, &mut progress).unwrap();
             let mut expected = vec![Vec4::ZERO; n];
-            operator.product(&light, &mut expected).unwrap();
+            operator.apply(&light, &mut expected).unwrap();
             let mut run = |operator: &PatchOperator, edge: u32| {
                 let decoder = Decoder::Texture { edge };
                 let range = executor.device().max_storage_buffer_range;

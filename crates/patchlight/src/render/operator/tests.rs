@@ -43,7 +43,7 @@ pub fn light(n: usize) -> Vec<Vec4> {
 
 /// Spectral radius of an operator alone.
 fn plain(operator: &PatchOperator) -> f32 {
-    growth(&vec![Vec4::ONE; operator.patches()], &|light, out| operator.product(light, out)).unwrap()
+    growth(&vec![Vec4::ONE; operator.patches()], operator).unwrap()
 }
 
 fn made(codec: Codec, channels: [&Mat<f32>; 3], between: &Between) -> PatchOperator {
@@ -52,7 +52,7 @@ fn made(codec: Codec, channels: [&Mat<f32>; 3], between: &Between) -> PatchOpera
 
 fn product(operator: &PatchOperator, light: &[Vec4]) -> Vec<Vec4> {
     let mut irradiance = vec![Vec4::ZERO; light.len()];
-    operator.product(light, &mut irradiance).unwrap();
+    operator.apply(light, &mut irradiance).unwrap();
     irradiance
 }
 
@@ -66,7 +66,7 @@ fn every_codec_gives_the_light_of_all_bounces() {
     // Bounce by bounce, until nothing changes.
     let (mut exitance, mut exact) = (light.clone(), vec![Vec4::ZERO; n]);
     for _ in 0..200 {
-        between.factors.product(&exitance, &mut exact).unwrap();
+        between.factors.apply(&exitance, &mut exact).unwrap();
         exitance = (0..n).map(|i| light[i] + albedo[i] * exact[i]).collect();
     }
     let [r, g, b] = operators.each_ref();

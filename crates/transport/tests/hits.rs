@@ -1,9 +1,9 @@
 //! Rows of counts of hits: the same operator as compressed sparse rows, exact counts, the same bits for any thread count.
 
-use formfactor::kernel::hits::gather_row_hits;
-use formfactor::{Csr, Error, HitRows, Operator};
 use glam::Vec4;
 use scene::sampling::{hash3, unit};
+use transport::kernel::hits::gather_row_hits;
+use transport::{Csr, Error, HitCounts, LinearOperator};
 
 /// Hits of `rows` rows: some columns take many, ids from `columns` on are the sky's.
 fn hits(rows: u32, rays: u32, columns: u32) -> Vec<u32> {
@@ -36,8 +36,8 @@ fn counted(hits: &[u32], columns: usize, scales: &[f32]) -> Csr {
     csr
 }
 
-fn operator(columns: usize, hits: &[u32], scales: &[f32]) -> HitRows {
-    let mut rows = HitRows::new(columns).unwrap();
+fn operator(columns: usize, hits: &[u32], scales: &[f32]) -> HitCounts {
+    let mut rows = HitCounts::new(columns).unwrap();
     rows.push(hits, scales).unwrap();
     rows
 }
@@ -47,9 +47,9 @@ fn exitance(columns: usize) -> Vec<Vec4> {
     (0..columns).map(|k| Vec4::new(number(k, 0), number(k, 1), number(k, 2), number(k, 3))).collect()
 }
 
-fn product(operator: &impl Operator, exitance: &[Vec4]) -> Vec<Vec4> {
+fn product(operator: &impl LinearOperator, exitance: &[Vec4]) -> Vec<Vec4> {
     let mut out = vec![Vec4::NAN; operator.rows()];
-    operator.product(exitance, &mut out).unwrap();
+    operator.apply(exitance, &mut out).unwrap();
     out
 }
 
@@ -130,7 +130,7 @@ fn equal_counts_fill_quads() {
     let rows = operator(3000, &row, &[1.0]);
     assert!(rows.quads().len() <= 486 / 4 + 5, "{}", rows.quads().len());
     assert_eq!(rows.quads().len(), rows.counts().len());
-    assert_eq!(rows.bytes(), 8 * rows.quads().len() + rows.counts().len() + 2 * 4 + 4);
+    assert_eq!(rows.bytes(), (8 * rows.quads().len() + rows.counts().len() + 2 * 4 + 4) as u64);
     // Columns that have no count in common need a quad each.
     let alone: Vec<u32> = (0..5).flat_map(|j| vec![j; 3usize.pow(j)]).collect();
     assert!(operator(3000, &alone, &[1.0]).quads().len() >= 5);
@@ -145,7 +145,7 @@ fn blocks_and_threads_change_no_byte() {
     let whole = operator(columns as usize, &hits, &scales);
     let on = |threads: usize, block: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let mut rows = HitRows::new(columns as usize).unwrap();
+            let mut rows = HitCounts::new(columns as usize).unwrap();
             for (hits, scales) in hits.chunks(block * rays as usize).zip(scales.chunks(block)) {
                 rows.push(hits, scales).unwrap();
             }
@@ -164,7 +164,7 @@ fn rows_without_hits_are_dark() {
     assert_eq!(rows.row(0), []);
     assert_eq!(rows.row(2), []);
     assert_eq!(product(&rows, &[Vec4::ONE; 3]), [Vec4::ZERO, Vec4::new(0.75, 0.75, 0.75, 0.0)]);
-    let mut none = HitRows::new(0).unwrap();
+    let mut none = HitCounts::new(0).unwrap();
     none.push(&[], &[1.0, 1.0]).unwrap();
     none.push(&[], &[]).unwrap();
     assert_eq!(product(&none, &[]), [Vec4::ZERO; 2]);
@@ -172,18 +172,18 @@ fn rows_without_hits_are_dark() {
 
 #[test]
 fn wrong_shapes_are_refused() {
-    assert!(HitRows::new(65_536).is_ok());
-    assert_eq!(HitRows::new(65_537), Err(Error::TooMany { found: 65_537, limit: 65_536 }));
-    let mut rows = HitRows::new(4).unwrap();
+    assert!(HitCounts::new(65_536).is_ok());
+    assert_eq!(HitCounts::new(65_537), Err(Error::TooMany { name: "columns", found: 65_537, limit: 65_536 }));
+    let mut rows = HitCounts::new(4).unwrap();
     assert!(matches!(rows.push(&[1, 2, 3], &[1.0, 1.0]), Err(Error::Length { name: "hits", found: 3, .. })));
     assert!(matches!(rows.push(&[1, 2, 3], &[]), Err(Error::Length { name: "hits", .. })));
     assert!(matches!(rows.push(&[1, 2], &[1.0, f32::NAN]), Err(Error::Value { name: "scales", index: 1, .. })));
-    assert_eq!(rows, HitRows::new(4).unwrap());
+    assert_eq!(rows, HitCounts::new(4).unwrap());
     rows.push(&[65_535, 3], &[1.0, 2.0]).unwrap();
     let mut out = [Vec4::ZERO; 2];
-    rows.product(&[Vec4::ONE; 4], &mut out).unwrap();
+    rows.apply(&[Vec4::ONE; 4], &mut out).unwrap();
     assert_eq!(out[1].x, 2.0);
-    assert!(matches!(rows.product(&[Vec4::ONE; 3], &mut out), Err(Error::Length { name: "exitance", .. })));
-    assert!(matches!(rows.product(&[Vec4::ONE; 5], &mut out), Err(Error::Length { name: "exitance", .. })));
-    assert!(matches!(rows.product(&[Vec4::ONE; 4], &mut out[1..]), Err(Error::Length { name: "irradiance", .. })));
+    assert!(matches!(rows.apply(&[Vec4::ONE; 3], &mut out), Err(Error::Length { name: "exitance", .. })));
+    assert!(matches!(rows.apply(&[Vec4::ONE; 5], &mut out), Err(Error::Length { name: "exitance", .. })));
+    assert!(matches!(rows.apply(&[Vec4::ONE; 4], &mut out[1..]), Err(Error::Length { name: "irradiance", .. })));
 }

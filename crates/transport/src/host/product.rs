@@ -5,27 +5,15 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use std::vec::Vec;
 
-use super::storage::{Csr, Dense, Half, check_length};
-use crate::error::Error;
+use super::storage::{Csr, Dense, Half};
+use crate::error::{Error, check_length};
+use crate::operator::{LinearOperator, TransposedOperator};
 
 /// Rows that share each load of the exitance.
 const ROWS: usize = 4;
 
 /// Rows one task works through: enough to hide the cost of starting it, few enough to keep all cores busy to the end.
 const TASK_ROWS: usize = 8 * ROWS;
-
-/// Something that turns exitance into irradiance: H = F B.
-pub trait Operator: Sync {
-    /// Number of receivers.
-    fn rows(&self) -> usize;
-    /// Number of senders.
-    fn columns(&self) -> usize;
-    /// `irradiance[i] = Σ_j F_ij exitance[j]`, W/m²; the same bits for any number of threads. The fourth component is 0.
-    ///
-    /// # Errors
-    /// [`Error::Length`] unless `exitance` has one entry a column and `irradiance` one a row.
-    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error>;
-}
 
 /// Red, green and blue apart, so that vector lanes run along a row of F.
 struct Planes([Vec<f32>; 3]);
@@ -163,17 +151,17 @@ impl WithSimd for Gather<'_> {
     }
 }
 
-impl Operator for Dense {
-    fn rows(&self) -> usize {
-        self.rows
+impl LinearOperator for Dense {
+    fn shape(&self) -> (usize, usize) {
+        (self.rows, self.columns)
     }
 
-    fn columns(&self) -> usize {
-        self.columns
+    fn bytes(&self) -> u64 {
+        size_of_val(&self.values[..]) as u64
     }
 
-    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        check_shapes(self, exitance, irradiance)?;
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        self.check_vectors(exitance, irradiance)?;
         check_length("values", self.rows * self.columns, self.values.len())?;
         let (planes, arch) = (Planes::new(exitance), Arch::new());
         irradiance.par_chunks_mut(TASK_ROWS).enumerate().for_each(|(task, out)| {
@@ -189,17 +177,17 @@ impl Operator for Dense {
     }
 }
 
-impl Operator for Half {
-    fn rows(&self) -> usize {
-        self.rows
+impl LinearOperator for Half {
+    fn shape(&self) -> (usize, usize) {
+        (self.rows, self.columns)
     }
 
-    fn columns(&self) -> usize {
-        self.columns
+    fn bytes(&self) -> u64 {
+        size_of_val(&self.words[..]) as u64
     }
 
-    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        check_shapes(self, exitance, irradiance)?;
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        self.check_vectors(exitance, irradiance)?;
         let width = self.columns.div_ceil(2);
         check_length("words", self.rows * width, self.words.len())?;
         let every_other = |first: usize| {
@@ -224,17 +212,17 @@ impl Operator for Half {
     }
 }
 
-impl Operator for Csr {
-    fn rows(&self) -> usize {
-        self.rows
+impl LinearOperator for Csr {
+    fn shape(&self) -> (usize, usize) {
+        (self.rows, self.columns)
     }
 
-    fn columns(&self) -> usize {
-        self.columns
+    fn bytes(&self) -> u64 {
+        (size_of_val(&self.row_start[..]) + size_of_val(&self.column_index[..]) + size_of_val(&self.values[..])) as u64
     }
 
-    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        check_shapes(self, exitance, irradiance)?;
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        self.check_vectors(exitance, irradiance)?;
         self.check()?;
         irradiance.par_iter_mut().enumerate().with_min_len(TASK_ROWS).for_each(|(i, out)| {
             let (first, end) = (self.row_start[i] as usize, self.row_start[i + 1] as usize);
@@ -254,9 +242,32 @@ impl Operator for Csr {
     }
 }
 
-fn check_shapes(operator: &impl Operator, exitance: &[Vec4], irradiance: &[Vec4]) -> Result<(), Error> {
-    check_length("exitance", operator.columns(), exitance.len())?;
-    check_length("irradiance", operator.rows(), irradiance.len())
+impl TransposedOperator for Dense {
+    fn apply_transposed(&self, y: &[Vec4], x: &mut [Vec4]) -> Result<(), Error> {
+        self.check_vectors(x, y)?;
+        check_length("values", self.rows * self.columns, self.values.len())?;
+        x.fill(Vec4::ZERO);
+        for (i, y) in y.iter().enumerate() {
+            for (x, value) in x.iter_mut().zip(self.row(i)) {
+                *x += *y * *value;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl TransposedOperator for Csr {
+    fn apply_transposed(&self, y: &[Vec4], x: &mut [Vec4]) -> Result<(), Error> {
+        self.check_vectors(x, y)?;
+        self.check()?;
+        x.fill(Vec4::ZERO);
+        for (i, y) in y.iter().enumerate() {
+            for (column, value) in self.row(i) {
+                x[column] += *y * value;
+            }
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -283,9 +294,9 @@ mod tests {
             let b: Vec<Vec4> = (0..columns).map(|k| Vec4::new(random(k, 1), random(k, 2), random(k, 3), 0.0)).collect();
             let (half, csr) = (dense.to_half(), dense.to_csr(0.0).unwrap());
             let mut h = [vec![Vec4::ZERO; rows], vec![Vec4::ZERO; rows], vec![Vec4::ZERO; rows]];
-            dense.product(&b, &mut h[0]).unwrap();
-            half.product(&b, &mut h[1]).unwrap();
-            csr.product(&b, &mut h[2]).unwrap();
+            dense.apply(&b, &mut h[0]).unwrap();
+            half.apply(&b, &mut h[1]).unwrap();
+            csr.apply(&b, &mut h[2]).unwrap();
             let unpack =
                 |w: u32| Vec2::new(f16::from_bits(w as u16).to_f32(), f16::from_bits((w >> 16) as u16).to_f32());
             for (i, _) in h[0].iter().enumerate() {
@@ -302,7 +313,7 @@ mod tests {
                 }
             }
             assert!((h[0][0].x - 1.001 * h[0][0].x).abs() >= 4e-6 * h[0][0].x || h[0][0].x == 0.0);
-            assert!(dense.product(&b[1..], &mut h[0]).is_err());
+            assert!(dense.apply(&b[1..], &mut h[0]).is_err());
         }
     }
 }

@@ -5,10 +5,10 @@ use std::vec::Vec;
 use glam::{UVec2, Vec4};
 use rayon::prelude::*;
 
-use super::product::Operator;
-use super::storage::{Csr, check_length};
-use crate::error::Error;
+use super::storage::Csr;
+use crate::error::{Error, check_length};
 use crate::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, QUAD_COLUMNS, WORD_COUNTS};
+use crate::operator::LinearOperator;
 
 /// As a size of arrays.
 const MOST_COLUMNS: usize = MOST_HIT_COLUMNS as usize;
@@ -25,7 +25,7 @@ const TASK_ROWS: usize = 128;
 /// scale of the row. About 2.4 bytes an entry that is not zero: columns are 16-bit numbers (so at most 65,536), in quads of
 /// four with like counts, and a quad has one byte. The product adds up exitance and multiplies once a quad.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct HitRows {
+pub struct HitCounts {
     columns: usize,
     row_start: Vec<u32>,
     quads: Vec<UVec2>,
@@ -33,14 +33,14 @@ pub struct HitRows {
     scales: Vec<f32>,
 }
 
-impl HitRows {
+impl HitCounts {
     /// An operator without rows yet.
     ///
     /// # Errors
     /// [`Error::TooMany`] above 65,536 columns.
     pub fn new(columns: usize) -> Result<Self, Error> {
         if columns > MOST_COLUMNS {
-            return Err(Error::TooMany { found: columns as u64, limit: MOST_COLUMNS as u64 });
+            return Err(Error::TooMany { name: "columns", found: columns as u64, limit: MOST_COLUMNS as u64 });
         }
         Ok(Self { columns, row_start: vec![0], ..Self::default() })
     }
@@ -63,7 +63,7 @@ impl HitRows {
             (0..rows).into_par_iter().map(|k| Row::new(&hits[k * rays..(k + 1) * rays], self.columns)).collect();
         let found = (self.quads.len() + coded.iter().map(|row| row.quads.len()).sum::<usize>()) as u64;
         if found > u64::from(u32::MAX) {
-            return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+            return Err(Error::TooMany { name: "quads", found, limit: u64::from(u32::MAX) });
         }
         for row in coded {
             self.quads.extend(row.quads);
@@ -98,14 +98,6 @@ impl HitRows {
     /// Factor of one hit, `[rows]`.
     pub fn scales(&self) -> &[f32] {
         &self.scales
-    }
-
-    /// Bytes of the tables: what a product reads beside the exitance.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.row_start[..])
-            + size_of_val(&self.quads[..])
-            + size_of_val(&self.counts[..])
-            + size_of_val(&self.scales[..])
     }
 
     /// The columns that row `i` hits, ascending, and how many of its rays hit each; nothing for a row that is not there.
@@ -173,7 +165,7 @@ impl HitRows {
             }
             let found = csr.values.len() as u64;
             if found > u64::from(u32::MAX) {
-                return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+                return Err(Error::TooMany { name: "entries of sparse rows", found, limit: u64::from(u32::MAX) });
             }
             csr.row_start.push(found as u32);
         }
@@ -233,18 +225,21 @@ impl Row {
     }
 }
 
-impl Operator for HitRows {
-    fn rows(&self) -> usize {
-        self.scales.len()
+impl LinearOperator for HitCounts {
+    fn shape(&self) -> (usize, usize) {
+        (self.scales.len(), self.columns)
     }
 
-    fn columns(&self) -> usize {
-        self.columns
+    fn bytes(&self) -> u64 {
+        let bytes = size_of_val(&self.row_start[..])
+            + size_of_val(&self.quads[..])
+            + size_of_val(&self.counts[..])
+            + size_of_val(&self.scales[..]);
+        bytes as u64
     }
 
-    fn product(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
-        check_length("exitance", self.columns, exitance.len())?;
-        check_length("irradiance", self.scales.len(), irradiance.len())?;
+    fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), Error> {
+        self.check_vectors(exitance, irradiance)?;
         // An entry for every number of 16 bits: nothing is left to check in the inner loop.
         let mut table = vec![Vec4::ZERO; MOST_COLUMNS];
         table[..exitance.len()].copy_from_slice(exitance);

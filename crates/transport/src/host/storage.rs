@@ -1,19 +1,19 @@
-//! Matrices of form factors in memory: dense, half precision, compressed sparse rows.
+//! Matrices in memory: dense, half precision, compressed sparse rows.
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 use std::vec::Vec;
 
-use crate::error::Error;
+use crate::error::{Error, check_length};
 use crate::kernel::product::packed_row_words;
 
 /// A dense matrix, row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dense {
-    /// Rows (receivers).
+    /// Rows, one a receiver.
     pub rows: usize,
-    /// Columns (senders).
+    /// Columns, one a patch that sends.
     pub columns: usize,
     /// `[rows · columns]`.
     pub values: Vec<f32>,
@@ -23,9 +23,9 @@ pub struct Dense {
 /// odd length end with an unused upper half of 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Half {
-    /// Rows (receivers).
+    /// Rows, one a receiver.
     pub rows: usize,
-    /// Columns (senders).
+    /// Columns, one a patch that sends.
     pub columns: usize,
     /// `[rows · columns.div_ceil(2)]`.
     pub words: Vec<u32>,
@@ -34,9 +34,9 @@ pub struct Half {
 /// Compressed sparse rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Csr {
-    /// Rows (receivers).
+    /// Rows, one a receiver.
     pub rows: usize,
-    /// Columns (senders).
+    /// Columns, one a patch that sends.
     pub columns: usize,
     /// Row i owns the entries `row_start[i]..row_start[i + 1]`; `[rows + 1]`.
     pub row_start: Vec<u32>,
@@ -102,7 +102,7 @@ impl Dense {
             }
             let found = csr.values.len() as u64;
             if found > u64::from(u32::MAX) {
-                return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+                return Err(Error::TooMany { name: "entries of sparse rows", found, limit: u64::from(u32::MAX) });
             }
             csr.row_start.push(found as u32);
         }
@@ -154,6 +154,13 @@ impl Csr {
         }
     }
 
+    /// Columns and values of row `i`.
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f32)> {
+        let own = self.row_start[i] as usize..self.row_start[i + 1] as usize;
+        let columns = self.column_index[own.clone()].iter().map(|&j| j as usize);
+        columns.zip(self.values[own].iter().copied())
+    }
+
     /// From rows of columns and values.
     ///
     /// # Errors
@@ -172,7 +179,7 @@ impl Csr {
     pub fn push_rows(&mut self, rows: &[Vec<(u32, f32)>]) -> Result<(), Error> {
         let found: u64 = self.values.len() as u64 + rows.iter().map(|row| row.len() as u64).sum::<u64>();
         if found > u64::from(u32::MAX) {
-            return Err(Error::TooMany { found, limit: u64::from(u32::MAX) });
+            return Err(Error::TooMany { name: "entries of sparse rows", found, limit: u64::from(u32::MAX) });
         }
         let wrong = |(k, entry): (usize, &(u32, f32))| {
             (entry.0 as usize >= self.columns).then_some((self.values.len() + k, entry.0))
@@ -203,10 +210,6 @@ impl Csr {
         }
         dense
     }
-}
-
-pub(super) fn check_length(name: &'static str, expected: usize, found: usize) -> Result<(), Error> {
-    if expected == found { Ok(()) } else { Err(Error::Length { name, expected, found }) }
 }
 
 #[cfg(test)]

@@ -1,0 +1,78 @@
+//! What can be wrong with tables, settings and long work in any method.
+
+/// Why something was refused. Variants name the table or setting, the place in it, and the value.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A table has the wrong length.
+    #[error("{name} holds {found} entries where {expected} are needed")]
+    Length {
+        /// The table.
+        name: &'static str,
+        /// Entries needed.
+        expected: usize,
+        /// Entries found.
+        found: usize,
+    },
+    /// A setting lies outside its range.
+    #[error("{name} is {value}; it must be {rule}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// A value of a table is not a number that can stand there.
+    #[error("{name}[{index}] is {value}; it must be {rule}")]
+    Value {
+        /// The table.
+        name: &'static str,
+        /// The entry.
+        index: usize,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// More of something than can be numbered or held.
+    #[error("{name}: {found}; at most {limit} are possible")]
+    TooMany {
+        /// What there is too much of.
+        name: &'static str,
+        /// How many there would be.
+        found: u64,
+        /// How many there may be.
+        limit: u64,
+    },
+    /// The observer or progress callback asked to stop.
+    #[error("cancelled after {done} of {total}")]
+    Cancelled {
+        /// Steps done.
+        done: usize,
+        /// Steps in all.
+        total: usize,
+    },
+}
+
+/// Checks the length of a table.
+///
+/// # Errors
+/// [`Error::Length`] unless `expected` is `found`.
+pub fn check_length(name: &'static str, expected: usize, found: usize) -> Result<(), Error> {
+    match expected == found {
+        true => Ok(()),
+        false => Err(Error::Length { name, expected, found }),
+    }
+}
+
+/// Checks a setting against its rule.
+///
+/// # Errors
+/// [`Error::Setting`] unless the rule `holds`.
+pub fn check_setting(name: &'static str, value: f64, rule: &'static str, holds: bool) -> Result<(), Error> {
+    match holds {
+        true => Ok(()),
+        false => Err(Error::Setting { name, value, rule }),
+    }
+}

@@ -1,0 +1,4 @@
+//! Bodies of the GPU kernels: plain functions over slices, one invocation each, the only arithmetic there is.
+
+pub mod hits;
+pub mod product;

@@ -1,0 +1,144 @@
+//! How long work tells how far it is, and how it is stopped.
+
+use core::fmt;
+use core::ops::ControlFlow;
+
+/// Whether long work goes on: `Break(())` ends it as soon as it can.
+pub type Proceed = ControlFlow<()>;
+
+/// Long work tells how far it is and asks whether to go on.
+///
+/// A phase begins with `progress(phase, 0, total)` and ends with `progress(phase, total, total)`,
+/// so that an implementation can measure its time. In between calls come from any thread, and
+/// `done` may be a little behind an earlier one.
+pub trait Observer: Sync {
+    /// `done` of `total` steps of a phase are done; `Break` ends the work as soon as it can.
+    fn progress(&self, phase: Phase, done: u64, total: u64) -> Proceed;
+
+    /// A line worth telling the user.
+    fn note(&self, text: &str) {
+        let _ = text;
+    }
+
+    /// Something that was repaired or left out.
+    fn warn(&self, text: &str) {
+        let _ = text;
+    }
+}
+
+/// A part of long work, by a name that stays the same from run to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Phase(pub &'static str);
+
+impl Phase {
+    /// A scene is read or made.
+    pub const IMPORT: Self = Self("import");
+    /// Points are drawn on surfaces and made patches.
+    pub const SAMPLE: Self = Self("sample");
+    /// Rows of form factors are estimated.
+    pub const FORM_FACTORS: Self = Self("form_factors");
+    /// The number of bounces that light takes to settle is found.
+    pub const BOUNCES: Self = Self("bounces");
+    /// Receivers are placed, and their rows are estimated.
+    pub const RECEIVERS: Self = Self("receivers");
+    /// The operator of all bounces is made.
+    pub const OPERATOR: Self = Self("operator");
+    /// Rows and columns are ordered so that blocks of a matrix are smooth.
+    pub const ORDERS: Self = Self("orders");
+    /// An operator is compressed.
+    pub const COMPRESS: Self = Self("compress");
+    /// The eigenvalues by which progressive bounces are accelerated are found.
+    pub const FEEDBACK: Self = Self("feedback");
+    /// Sampling tables of rows are made.
+    pub const TABLES: Self = Self("tables");
+    /// Illumination maps are laid out.
+    pub const MAPS: Self = Self("maps");
+    /// Photons are traced.
+    pub const PHOTONS: Self = Self("photons");
+    /// Paths are traced.
+    pub const PATHS: Self = Self("path tracing");
+    /// Irradiance at single points is found.
+    pub const POINTS: Self = Self("points");
+    /// Voxels stand in for a scene.
+    pub const VOXEL_PROXY: Self = Self("voxel proxy");
+    /// The voxel grid of a world is found.
+    pub const GRID: Self = Self("grid");
+    /// The patches of a world are made.
+    pub const PATCHES: Self = Self("patches");
+    /// Rows of merged patches are made from those of their children.
+    pub const MERGED: Self = Self("merged");
+    /// Parts of a bake are joined.
+    pub const JOIN: Self = Self("join");
+    /// A bake is opened.
+    pub const OPEN: Self = Self("open");
+    /// The patches round a camera come in until nothing changes.
+    pub const SETTLE: Self = Self("settle");
+
+    /// The phase's name.
+    pub const fn name(self) -> &'static str {
+        self.0
+    }
+}
+
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.0)
+    }
+}
+
+/// Tells nobody, and never stops.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Observer for Silent {
+    fn progress(&self, _: Phase, _: u64, _: u64) -> Proceed {
+        ControlFlow::Continue(())
+    }
+}
+
+/// The steps of one phase, told to an observer.
+#[derive(Clone, Copy)]
+pub struct Steps<'a> {
+    observer: &'a dyn Observer,
+    phase: Phase,
+}
+
+impl<'a> Steps<'a> {
+    /// The steps of a phase.
+    pub fn new(observer: &'a dyn Observer, phase: Phase) -> Self {
+        Self { observer, phase }
+    }
+
+    /// The phase.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Who is told.
+    pub fn observer(&self) -> &'a dyn Observer {
+        self.observer
+    }
+
+    /// `done` of `total` steps are done.
+    pub fn report(&self, done: usize, total: usize) -> Proceed {
+        self.observer.progress(self.phase, done as u64, total as u64)
+    }
+
+    /// Runs the whole phase: tells its begin, hands `work` the callback `(done, total)` that
+    /// functions of this library take, and tells its end, whatever came of it.
+    ///
+    /// The answer to the begin is left to the next callback; the end is told as one step of one,
+    /// because only `work` knows how many there were.
+    pub fn run<T>(&self, work: impl FnOnce(&(dyn Fn(usize, usize) -> Proceed + Sync)) -> T) -> T {
+        let _ = self.report(0, 1);
+        let result = work(&|done, total| self.report(done, total));
+        let _ = self.report(1, 1);
+        result
+    }
+}
+
+impl fmt::Debug for Steps<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Steps").field("phase", &self.phase).finish_non_exhaustive()
+    }
+}
