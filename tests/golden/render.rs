@@ -243,11 +243,11 @@ pub fn build_city() -> LoadedScene {
     procedural::build(CITY).unwrap()
 }
 
-/// Frames of a flight through a bake, every one of which waits for its rows: what shows does not
-/// hang on the disk.
-pub fn fly_city(loaded: LoadedScene, file: &Path) -> Vec<FramePixels> {
-    let flight: Vec<View> = (0..FRAMES).map(|number| flown(&loaded, number)).collect();
-    let lights: Vec<Vec<Light>> = (0..FRAMES).map(|number| lights_at(&loaded, number)).collect();
+/// Frames of a flight through a bake, every one of which waits for its rows: which patches stand for
+/// the world does not hang on the disk.
+pub fn fly_city(loaded: &LoadedScene, file: &Path) -> Vec<FramePixels> {
+    let flight: Vec<View> = (0..FRAMES).map(|number| flown(loaded, number)).collect();
+    let lights: Vec<Vec<Light>> = (0..FRAMES).map(|number| lights_at(loaded, number)).collect();
     let settings = StreamSettings {
         local: LocalSettings { slots: 64, changes: 16, ..LocalSettings::default() },
         // Rows ahead of the camera come when the disk has them.
@@ -258,8 +258,9 @@ pub fn fly_city(loaded: LoadedScene, file: &Path) -> Vec<FramePixels> {
         size: SIZE,
     };
     let stops = loaded.exposure_stops;
+    let scene = loaded.scene.clone();
     let bake = BakeFile::open(file).unwrap();
-    let mut streamed = Streamed::new(loaded.scene, loaded.content_hash, bake, settings).unwrap();
+    let mut streamed = Streamed::new(scene, loaded.content_hash, bake, settings).unwrap();
     streamed.settle(flight[0].eye, &|_| true).unwrap();
     let mut frames = Vec::new();
     for (view, lights) in flight.iter().zip(&lights) {
