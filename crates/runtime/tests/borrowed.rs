@@ -290,3 +290,15 @@ fn a_missing_feature_is_named_with_its_remedy() {
     drop(vulkan);
     assert_eq!(caller.end(), Vec::<String>::new());
 }
+
+/// The assertions above would not see a leak without this.
+#[test]
+fn the_layer_names_what_is_left_on_a_device() {
+    let Some(caller) = caller() else { return };
+    if !caller.has_layer() {
+        println!("skipped: no validation layer");
+        return;
+    }
+    let _left = caller.host_buffer(64);
+    assert_ne!(caller.end(), Vec::<String>::new());
+}

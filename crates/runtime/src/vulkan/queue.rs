@@ -241,21 +241,8 @@ impl Queue {
 
     /// Waits for a submission if it is in flight, makes its place free, and gives the times of its passes.
     fn finish_one(&mut self, index: usize) -> Result<Vec<PassTime>, Error> {
+        self.wait_for_fence(index)?;
         let submission = &mut self.ring[index];
-        if !submission.is_in_flight {
-            return Ok(Vec::new());
-        }
-        let raw = &self.device.raw;
-        // SAFETY: the fence was given to a submission.
-        let waited = unsafe { raw.wait_for_fences(&[submission.fence], true, u64::MAX) };
-        if waited.is_err() {
-            settle(raw, submission.fence);
-        }
-        submission.is_in_flight = false;
-        submission.staging.reset();
-        waited.map_err(Error::call("vkWaitForFences"))?;
-        // SAFETY: the fence is signalled and not in use.
-        unsafe { raw.reset_fences(&[submission.fence]) }.map_err(Error::call("vkResetFences"))?;
         let names = std::mem::take(&mut submission.names);
         if names.is_empty() {
             return Ok(Vec::new());
@@ -263,6 +250,26 @@ impl Queue {
         let milliseconds = submission.intervals(&self.device, names.len() + 1)?;
         let times = names.into_iter().zip(milliseconds);
         Ok(times.map(|(name, milliseconds)| PassTime { name, milliseconds }).collect())
+    }
+
+    /// Waits for a submission if it is in flight and makes its place free.
+    fn wait_for_fence(&mut self, index: usize) -> Result<(), Error> {
+        let submission = &mut self.ring[index];
+        if !submission.is_in_flight {
+            return Ok(());
+        }
+        let raw = &self.device.raw;
+        // SAFETY: the fence was given to a submission.
+        let waited = unsafe { raw.wait_for_fences(&[submission.fence], true, u64::MAX) };
+        if waited.is_err() {
+            submission.names.clear();
+            settle(raw, submission.fence);
+        }
+        submission.is_in_flight = false;
+        submission.staging.reset();
+        waited.map_err(Error::call("vkWaitForFences"))?;
+        // SAFETY: the fence is signalled and not in use.
+        unsafe { raw.reset_fences(&[submission.fence]) }.map_err(Error::call("vkResetFences"))
     }
 }
 
@@ -316,8 +323,11 @@ impl Submission {
 
 impl Drop for Queue {
     fn drop(&mut self) {
-        // What is lost with the device cannot be reported here.
-        let _ = self.finish();
+        for index in self.oldest_first() {
+            // What is lost with the device cannot be reported here. Times are not read: drivers may wait for the whole device
+            // then (lavapipe does), and it may be a caller's.
+            let _ = self.wait_for_fence(index);
+        }
         for submission in self.ring.drain(..) {
             submission.destroy(&self.device.raw, self.pool);
         }

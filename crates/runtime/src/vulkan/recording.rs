@@ -79,11 +79,10 @@ impl Vulkan {
             self.recordings.staging.push(Staging::new(&self.device));
         }
         self.recordings.staging[frame].reset();
-        self.recordings.current = Some(Current { commands, frame });
         // SAFETY: as the caller promises.
-        let commands = unsafe { Commands::new(&self.device.raw, commands) };
-        commands.barrier(Scope::ALL, Scope::ALL);
-        Ok(self.device.check_messages()?)
+        unsafe { Commands::new(&self.device.raw, commands) }.barrier(Scope::ALL, Scope::ALL);
+        self.recordings.current = Some(Current { commands, frame });
+        Ok(())
     }
 
     /// Records what waits to be uploaded and a last barrier. The command buffer is the caller's again.

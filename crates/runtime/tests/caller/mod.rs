@@ -90,6 +90,10 @@ impl Caller {
         }
     }
 
+    pub fn has_layer(&self) -> bool {
+        self.debug.is_some()
+    }
+
     /// A new command buffer that is being recorded.
     pub fn begin(&self) -> vk::CommandBuffer {
         let allocate = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
