@@ -1,12 +1,10 @@
 //! The whole pipeline on scenes whose answer is known, on the CPU and, where there is a device, on Vulkan.
 
-use formfactor::{
-    Hemisphere, PatchSize, Stop, SubdivideSettings, Surfaces, balance, closure_residual, form_factors, jacobi,
-    reciprocity_residual, subdivide,
-};
+use formfactor::{Hemisphere, Stop, balance, closure_residual, form_factors, jacobi, reciprocity_residual};
 use glam::{Vec3, Vec4};
 use integration_tests::vulkan;
 use multibounce::BlockCodec;
+use patches::{PatchSize, SubdivideSettings, subdivide};
 use runtime::executor::{DeviceChoice, Executor, open};
 use runtime::import::LoadedScene;
 use runtime::procedural;
@@ -312,7 +310,7 @@ fn operator_keeps_energy_reciprocity_and_closure_in_the_atrium() {
     let cut = SubdivideSettings { size: PatchSize::Count(3000), ..SubdivideSettings::default() };
     let subdivision = subdivide(&scene, &cut).unwrap();
     let area = subdivision.areas();
-    let surfaces = Surfaces::of_patches(&scene, &subdivision, &[]);
+    let surfaces = subdivision.surfaces(&scene, &[]);
     let mut rows = form_factors(&Hemisphere { rays: 512 }, &surfaces, &|_, _| ControlFlow::Continue(())).unwrap();
     let noisy = reciprocity_residual(&rows.factors, &area);
     balance(&mut rows.factors, &mut rows.sky_factor, &area, None).unwrap();
