@@ -55,7 +55,7 @@ fn factors(scene: &Scene, count: u32, rays: u32) -> Solved {
     }
     let divisions = divisions_for_count(scene, &sides, count).unwrap();
     let cut = Subdivision::new(scene, &sides, &divisions, 16, 1).unwrap();
-    let surfaces = cut.surfaces(&scene, &[]);
+    let surfaces = cut.surfaces(scene, &[]);
     let mut rows = form_factors(&Hemisphere { rays }, &surfaces, &go).unwrap();
     let area = cut.areas();
     let report = balance(&mut rows.factors, &mut rows.sky_factor, &area, None).unwrap();
