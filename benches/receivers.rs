@@ -13,8 +13,9 @@ use assets::import::{LoadedScene, load, load_or_build};
 use benches::{SEED, Stream, exitance};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::kernel::hemisphere::hemisphere_ray;
-use formfactor::{Csr, HemisphereParams, HitRows, Operator, Receivers};
+use formfactor::{Csr, HemisphereParams, HitRows, Operator};
 use glam::{IVec4, UVec3, Vec3, Vec4};
+use patches::Receivers;
 use rayon::prelude::*;
 use scene::{Hit, NONE, Scene, SidePolicy, SurfacePoint, Visibility, find_sides};
 

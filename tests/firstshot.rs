@@ -5,11 +5,12 @@ use std::ops::ControlFlow;
 
 use assets::procedural;
 use firstshot::{Emission, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Texels, Tracer, trace_photons};
-use formfactor::{Hemisphere, PatchSize, SubdivideSettings, Subdivision, Surfaces, balance, form_factors, subdivide};
+use formfactor::{Hemisphere, balance, form_factors};
 use glam::{DVec3, Vec3};
 use integration_tests::vulkan;
 use multibounce::{Factors, all_bounces};
 use patchlight::render::firstshot::PhotonPasses;
+use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use reference::path::{PathSettings, PathTracer};
 use scene::math::luminance;
 use scene::sampling::{hammersley, hash3, uniform_triangle};
@@ -48,7 +49,7 @@ fn by_operator(scene: &Scene, patches: u32) -> (Subdivision, Vec<Vec3>) {
     let subdivision = subdivide(scene, &cut).unwrap();
     let areas = subdivision.areas();
     let mut rows = {
-        let surfaces = Surfaces::of_patches(scene, &subdivision, &[]);
+        let surfaces = subdivision.surfaces(scene, &[]);
         form_factors(&Hemisphere { rays: 4096 }, &surfaces, &go_on).unwrap()
     };
     balance(&mut rows.factors, &mut rows.sky_factor, &areas, None).unwrap();

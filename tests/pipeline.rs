@@ -2,18 +2,16 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use formfactor::{
-    Hemisphere, PatchSize, Stop, SubdivideSettings, Surfaces, balance, closure_residual, form_factors, jacobi,
-    reciprocity_residual, subdivide,
-};
-use glam::{Vec3, Vec4};
-use integration_tests::vulkan;
-use multibounce::BlockCodec;
 use patchlight::progress::Progress;
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use patchlight::render::decode::{Decode, Decoder};
 use patchlight::render::operator::{Codec, Feedback, Transport};
+use formfactor::{Hemisphere, Stop, balance, closure_residual, form_factors, jacobi, reciprocity_residual};
+use glam::{Vec3, Vec4};
+use integration_tests::vulkan;
+use multibounce::BlockCodec;
+use patches::{PatchSize, SubdivideSettings, subdivide};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
@@ -316,7 +314,7 @@ fn operator_keeps_energy_reciprocity_and_closure_in_the_atrium() {
     let cut = SubdivideSettings { size: PatchSize::Count(3000), ..SubdivideSettings::default() };
     let subdivision = subdivide(&scene, &cut).unwrap();
     let area = subdivision.areas();
-    let surfaces = Surfaces::of_patches(&scene, &subdivision, &[]);
+    let surfaces = subdivision.surfaces(&scene, &[]);
     let mut rows = form_factors(&Hemisphere { rays: 512 }, &surfaces, &|_, _| ControlFlow::Continue(())).unwrap();
     let noisy = reciprocity_residual(&rows.factors, &area);
     balance(&mut rows.factors, &mut rows.sky_factor, &area, None).unwrap();

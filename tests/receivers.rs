@@ -1,9 +1,10 @@
 //! All receiver sets behind one trait: rows over the same patches, the rectangular product, and the values in use.
 
-use formfactor::{Csr, Hemisphere, PatchSize, Proceed, Receivers, SubdivideSettings, Subdivision, Surfaces, subdivide};
+use formfactor::{Csr, Hemisphere, Proceed};
 use formfactor::{form_factors, normalise_rows};
 use glam::{Vec3, Vec4};
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
+use patches::{PatchSize, Receivers, SubdivideSettings, Subdivision, subdivide};
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{Material, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, SurfacePoint, Triangle, TriangleUv};
 
@@ -24,7 +25,7 @@ fn room() -> Scene {
 /// H_r = F_r B at the receivers of any set.
 fn gathered(scene: &Scene, senders: &Subdivision, set: &dyn ReceiverSet, exitance: &[Vec4]) -> Vec<Vec4> {
     let offsets = set.offsets();
-    let surfaces = Surfaces::of_points(scene, senders, &[], set.points(), &offsets);
+    let surfaces = senders.surfaces_to(scene, &[], set.points(), &offsets);
     let mut rows = form_factors(&Hemisphere { rays: 256 }, &surfaces, &|_, _| Proceed::Continue(())).unwrap();
     normalise_rows(&mut rows.factors, &rows.sky_factor).unwrap();
     let rows: Csr = rows.factors.to_csr(0.0).unwrap();

@@ -2,8 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use formfactor::{Contour, PatchSize, Polygon, Stop, SubdivideSettings, Surfaces, form_factors, jacobi, subdivide};
+use formfactor::{Contour, Polygon, Stop, form_factors, jacobi};
 use glam::{Vec3, Vec4};
+use patches::{PatchSize, SubdivideSettings, subdivide};
 use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -21,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = SubdivideSettings { size: PatchSize::Area(0.5), sides: SidePolicy::Front, ..Default::default() };
     let cut = subdivide(&scene, &settings)?;
     let polygons: Vec<Polygon> = cut.polygons()?;
-    let surfaces = Surfaces::of_patches(&scene, &cut, &polygons);
+    let surfaces = cut.surfaces(&scene, &polygons);
     let rows = form_factors(&Contour::default(), &surfaces, &|_, _| ControlFlow::Continue(()))?;
 
     // All four patches have the same area: the squares' factor is the mean of their rows' sums.

@@ -6,22 +6,6 @@ pub enum Error {
     /// A table, a setting, a value or a number that cannot be, or an end that was asked for.
     #[error(transparent)]
     Shared(#[from] transport::Error),
-    /// A polygon has too few or too many corners.
-    #[error("a polygon with {found} corners: 3 to {most} are possible")]
-    PolygonCorners {
-        /// Corners given.
-        found: usize,
-        /// Most corners.
-        most: usize,
-    },
-    /// A polygon is not flat, not convex, or has no area.
-    #[error("corner {corner} of a polygon {reason}")]
-    PolygonShape {
-        /// The corner at which it shows.
-        corner: usize,
-        /// What is wrong.
-        reason: &'static str,
-    },
     /// The estimator works on outlines, and these patches have none.
     #[error("{estimator} needs the outlines of the patches")]
     NoOutlines {

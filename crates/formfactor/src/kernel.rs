@@ -1,7 +1,6 @@
 //! Bodies of the GPU kernels: plain functions over slices, one invocation each, the only arithmetic there is.
 
-pub mod grid;
 pub mod hemisphere;
 pub mod product;
 
-pub use transport::kernel::hits;
+pub use transport::kernel::{grid, hits};

@@ -4,6 +4,10 @@ use std::ops::ControlFlow;
 
 use formfactor::*;
 use glam::{Quat, Vec3, Vec4};
+use patches::{
+    PatchSize, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count, divisions_for_gradient,
+    subdivide,
+};
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
 use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv, find_sides};
@@ -51,7 +55,7 @@ fn factors(scene: &Scene, count: u32, rays: u32) -> Solved {
     }
     let divisions = divisions_for_count(scene, &sides, count).unwrap();
     let cut = Subdivision::new(scene, &sides, &divisions, 16, 1).unwrap();
-    let surfaces = Surfaces::of_patches(scene, &cut, &[]);
+    let surfaces = cut.surfaces(scene, &[]);
     let mut rows = form_factors(&Hemisphere { rays }, &surfaces, &go).unwrap();
     let area = cut.areas();
     let report = balance(&mut rows.factors, &mut rows.sky_factor, &area, None).unwrap();
@@ -156,7 +160,7 @@ fn same_bytes_for_any_thread_count() {
             let settings = SubdivideSettings { size: PatchSize::Count(120), seed, ..SubdivideSettings::default() };
             let cut = subdivide(&scene, &settings).unwrap();
             let polygons = cut.polygons().unwrap();
-            let surfaces = Surfaces::of_patches(&scene, &cut, &polygons);
+            let surfaces = cut.surfaces(&scene, &polygons);
             let estimators: [&dyn Estimator; 4] = [
                 &Hemisphere { rays: 256 },
                 &AreaToArea { samples: 64, sky_rays: 32 },
@@ -186,7 +190,7 @@ fn estimators_agree_with_occlusion() {
     let settings = SubdivideSettings { size: PatchSize::Count(60), points: 256, ..SubdivideSettings::default() };
     let cut = subdivide(&scene, &settings).unwrap();
     let polygons = cut.polygons().unwrap();
-    let surfaces = Surfaces::of_patches(&scene, &cut, &polygons);
+    let surfaces = cut.surfaces(&scene, &polygons);
     let rays = form_factors(&Hemisphere { rays: 1 << 15 }, &surfaces, &go).unwrap();
     let worst = |rows: &FactorRows| {
         rows.factors.values.iter().zip(&rays.factors.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
@@ -206,7 +210,7 @@ fn estimators_agree_with_occlusion() {
             scene::Hit::MISS
         }
     }
-    let unshadowed = Surfaces { visibility: &Clear, ..Surfaces::of_patches(&scene, &cut, &polygons) };
+    let unshadowed = Surfaces { visibility: &Clear, ..cut.surfaces(&scene, &polygons) };
     let clear = worst(&form_factors(&Contour::default(), &unshadowed, &go).unwrap());
     assert!(clear > 0.012, "{clear}");
 }
@@ -230,7 +234,7 @@ fn sides_nobody_sees_and_dark_insides_have_no_patches() {
 fn cancelling_and_bad_input_give_typed_errors() {
     let scene = room(1.0, Quat::IDENTITY, false);
     let cut = subdivide(&scene, &SubdivideSettings { size: PatchSize::Count(50), ..Default::default() }).unwrap();
-    let surfaces = Surfaces::of_patches(&scene, &cut, &[]);
+    let surfaces = cut.surfaces(&scene, &[]);
     let stop = |done: usize, _: usize| if done >= 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let rays = Hemisphere { rays: 16 };
     assert!(matches!(form_factors(&rays, &surfaces, &stop), Err(Error::Shared(transport::Error::Cancelled { .. }))));
@@ -241,7 +245,7 @@ fn cancelling_and_bad_input_give_typed_errors() {
     ));
     assert!(matches!(
         divisions_for_area(&scene, f32::NAN),
-        Err(Error::Shared(transport::Error::Setting { name: "area", .. }))
+        Err(patches::Error::Shared(transport::Error::Setting { name: "area", .. }))
     ));
     let mut bad = Dense::zeros(2, 2);
     bad.values[3] = f32::NAN;

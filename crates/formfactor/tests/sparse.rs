@@ -1,13 +1,11 @@
 //! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
 
-use formfactor::{
-    Error, PatchSize, QUARTERS, SubdivideSettings, Subdivision, Surfaces, add_hit_rows, add_quarter_rows,
-    gather_by_rays, sparse_rows, subdivide, turns,
-};
+use formfactor::{Error, add_hit_rows, add_quarter_rows, gather_by_rays, sparse_rows};
 use glam::{Vec3, Vec4};
+use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use scene::sampling::{hash3, unit};
 use scene::{Material, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
-use transport::{Csr, HitCounts, LinearOperator, Proceed};
+use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, rotational_gradients};
 
 /// A box with an open lid, fronts inside.
 fn open_box() -> Scene {
@@ -51,7 +49,7 @@ fn three_forms_of_the_same_rows() {
     let scene = open_box();
     let subdivision = cut(&scene);
     let (points, offsets) = receivers(130);
-    let surfaces = Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets);
+    let surfaces = subdivision.surfaces_to(&scene, &[], &points, &offsets);
     let light = exitance(subdivision.patches.len());
     let rows = sparse_rows(&surfaces, 96, &on).unwrap();
     let mut expected = vec![Vec4::ZERO; points.len()];
@@ -68,7 +66,7 @@ fn three_forms_of_the_same_rows() {
     let gathered = gather_by_rays(&surfaces, 96, &light, &on).unwrap();
     assert!(worst(&gathered, &expected) < 1e-5, "{}", worst(&gathered, &expected));
     // Rows of another seed are others.
-    let other = Surfaces { seed: 1, ..Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets) };
+    let other = Surfaces { seed: 1, ..subdivision.surfaces_to(&scene, &[], &points, &offsets) };
     assert!(worst(&gather_by_rays(&other, 96, &light, &on).unwrap(), &expected) > 1e-3);
     // More rows come after those that are there.
     add_hit_rows(&mut counts, &other, 96, &on).unwrap();
@@ -83,17 +81,17 @@ fn quarters_add_up_and_turn_with_the_normal() {
     let scene = open_box();
     let subdivision = cut(&scene);
     let (points, offsets) = receivers(130);
-    let surfaces = Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets);
+    let surfaces = subdivision.surfaces_to(&scene, &[], &points, &offsets);
     // Brighter towards +x in red.
     let shine = |c: Vec3| Vec4::new(0.2 + c.x, 1.0, 1.0 - c.x, 0.0);
     let light: Vec<Vec4> = subdivision.patches.iter().map(|p| shine(p.centroid)).collect();
     let gathered = gather_by_rays(&surfaces, 4096, &light, &on).unwrap();
     let mut rows = HitCounts::new(light.len()).unwrap();
     add_quarter_rows(&mut rows, &surfaces, 4096, &on).unwrap();
-    assert_eq!(rows.rows(), QUARTERS * points.len());
+    assert_eq!(rows.rows(), QUADRANTS * points.len());
     let mut quarters = vec![Vec4::ZERO; rows.rows()];
     rows.apply(&light, &mut quarters).unwrap();
-    let sums: Vec<Vec4> = quarters.chunks(QUARTERS).map(|q| q.iter().sum()).collect();
+    let sums: Vec<Vec4> = quarters.chunks(QUADRANTS).map(|q| q.iter().sum()).collect();
     assert!(worst(&sums, &gathered) < 1e-4, "{}", worst(&sums, &gathered));
 
     // Those in the middle, where light is even over a quarter, turned by 17 degrees: what is left of the error of not turning,
@@ -101,18 +99,18 @@ fn quarters_add_up_and_turn_with_the_normal() {
     let turned: Vec<SurfacePoint> =
         points.iter().map(|p| SurfacePoint { normal: (p.normal + 0.3 * Vec3::X).normalize(), ..*p }).collect();
     let truth = gather_by_rays(
-        &Surfaces { points: &turned, ..Surfaces::of_points(&scene, &subdivision, &[], &turned, &offsets) },
+        &Surfaces { points: &turned, ..subdivision.surfaces_to(&scene, &[], &turned, &offsets) },
         4096,
         &light,
         &on,
     )
     .unwrap();
     let error = |sign: f32| -> f32 {
-        let each = points.iter().zip(&turned).zip(quarters.chunks(QUARTERS)).zip(&truth);
+        let each = points.iter().zip(&turned).zip(quarters.chunks(QUADRANTS)).zip(&truth);
         let middle = each.filter(|(((p, _), _), _)| (p.position - Vec3::new(0.5, 0.0, 0.5)).abs().max_element() < 0.2);
         middle
             .map(|(((from, to), quarters), truth)| {
-                let t = turns(from.normal).map(|t| 1.0 + sign * t.dot(to.normal - from.normal));
+                let t = rotational_gradients(from.normal).map(|t| 1.0 + sign * t.dot(to.normal - from.normal));
                 let found: Vec4 = quarters.iter().zip(t).map(|(h, t)| *h * t).sum();
                 (found - *truth).abs().max_element()
             })
@@ -128,7 +126,7 @@ fn wrong_shapes_and_cancelling_are_errors() {
     let scene = open_box();
     let subdivision = cut(&scene);
     let (points, offsets) = receivers(100);
-    let surfaces = Surfaces::of_points(&scene, &subdivision, &[], &points, &offsets);
+    let surfaces = subdivision.surfaces_to(&scene, &[], &points, &offsets);
     let light = exitance(subdivision.patches.len());
     let length = |found: Result<(), Error>, wrong: &str| {
         assert!(matches!(found, Err(Error::Shared(transport::Error::Length { name, .. })) if name == wrong), "{wrong}");

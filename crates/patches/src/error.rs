@@ -3,6 +3,9 @@
 /// Why virtual patches could not be made or used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
+    /// A table, a setting or a number that cannot be.
+    #[error(transparent)]
+    Shared(#[from] transport::Error),
     /// A table has the wrong length.
     #[error("{name} holds {found} entries where {expected} are needed")]
     Length {

@@ -9,7 +9,9 @@ mod lit;
 mod lookup;
 mod nearest;
 mod patch_set;
+mod receivers;
 mod sample;
+mod subdivide;
 mod view;
 mod volume;
 
@@ -21,6 +23,11 @@ pub use lit::LitSampler;
 pub use lookup::{Lookup, LookupSettings};
 pub use nearest::Nearest;
 pub use patch_set::PatchSet;
+pub use receivers::Receivers;
 pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels};
+pub use subdivide::{
+    PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,
+    divisions_for_gradient, subdivide,
+};
 pub use view::{ViewClusters, ViewSettings, view_clusters};
 pub use volume::{PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};

@@ -45,6 +45,22 @@ pub enum Error {
         /// How many there may be.
         limit: u64,
     },
+    /// A polygon has too few or too many corners.
+    #[error("a polygon with {found} corners: 3 to {most} are possible")]
+    PolygonCorners {
+        /// Corners given.
+        found: usize,
+        /// Most corners.
+        most: usize,
+    },
+    /// A polygon is not flat, not convex, or has no area.
+    #[error("corner {corner} of a polygon {reason}")]
+    PolygonShape {
+        /// The corner at which it shows.
+        corner: usize,
+        /// What is wrong.
+        reason: &'static str,
+    },
     /// The observer or progress callback asked to stop.
     #[error("cancelled after {done} of {total}")]
     Cancelled {

@@ -1,9 +1,13 @@
 //! Matrices, and their products on all cores.
 
 mod hits;
+mod polygon;
 mod product;
 mod storage;
+mod surfaces;
 
 pub use hits::HitCounts;
+pub use polygon::Polygon;
 pub use product::widen_half;
 pub use storage::{Csr, Dense, Half};
+pub use surfaces::{Owner, Surfaces};

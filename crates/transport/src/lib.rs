@@ -8,6 +8,8 @@
 //! - [`LinearOperator`], `y = A x` for RGB vectors, whatever stores A: [`Dense`], [`Half`] (half
 //!   precision), [`Csr`] (compressed sparse rows), [`HitCounts`] (rows as counts of ray hits), and
 //!   [`FnOperator`] for any function;
+//! - [`Patch`], [`Polygon`] and [`Surfaces`], what exchanges light, and the regular grid on each
+//!   triangle ([`TriangleGrid`], [`kernel::grid`]) that numbers patches and interpolates receivers;
 //! - [`Permutation`], an order of rows or columns, and [`bisect`], the top-down bisection that
 //!   finds orders in which neighbours are alike;
 //! - [`alias`], the construction of alias tables, which sample an entry in constant time;
@@ -53,6 +55,8 @@ pub mod observer;
 pub mod operator;
 #[cfg(feature = "alloc")]
 pub mod permutation;
+#[cfg(feature = "alloc")]
+pub mod quadrants;
 pub mod types;
 
 #[cfg(feature = "alloc")]
@@ -65,4 +69,6 @@ pub use observer::{Observer, Phase, Proceed, Silent, Steps};
 pub use operator::{FnOperator, LinearOperator, TransposedOperator};
 #[cfg(feature = "alloc")]
 pub use permutation::Permutation;
+#[cfg(feature = "alloc")]
+pub use quadrants::{QUADRANTS, quadrant_of, rotational_gradients};
 pub use types::*;

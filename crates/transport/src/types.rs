@@ -1,6 +1,50 @@
 //! The plain data that CPU and GPU share, field for field.
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// A flat piece of one side of a surface.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Patch {
+    /// Centre of mass, m.
+    pub centroid: Vec3,
+    /// Area A, m².
+    pub area: f32,
+    /// Unit normal of the side that sends and receives.
+    pub normal: Vec3,
+    /// Triangle of the scene that it is part of.
+    pub triangle: u32,
+}
+const _: () = assert!(size_of::<Patch>() == 32);
+
+/// How one triangle of the scene is cut into `divisions²` like triangles, and where their values stand in a table. The
+/// same structure numbers patches and, in a second table, the cells of receivers.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct TriangleGrid {
+    /// First entry of the front side, or [`scene::NONE`] when that side has none.
+    pub front: u32,
+    /// First entry of the back side, or [`scene::NONE`].
+    pub back: u32,
+    /// Pieces along each edge, ≥ 1.
+    pub divisions: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<TriangleGrid>() == 16);
+
+/// A cell of a triangle's grid as receivers take it: cut once more into `divisions²` like triangles, whose vertices have
+/// entries of their own.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct ReceiverCell {
+    /// First of its (divisions + 1)(divisions + 2)/2 vertices.
+    pub first: u32,
+    /// Pieces along each edge, ≥ 1.
+    pub divisions: u32,
+}
+const _: () = assert!(size_of::<ReceiverCell>() == 8);
 
 /// Settings of the dense products: one block of rows of F times the whole vector B.
 #[repr(C)]

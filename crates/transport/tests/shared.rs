@@ -17,7 +17,7 @@ fn vector(n: usize, seed: u32) -> Vec<Vec4> {
 }
 
 fn matrix(rows: usize, columns: usize) -> Dense {
-    let value = |k: usize| if k % 3 == 0 { 0.0 } else { unit(hash3(k as u32, 9, 9)) };
+    let value = |k: usize| if k.is_multiple_of(3) { 0.0 } else { unit(hash3(k as u32, 9, 9)) };
     Dense::new(rows, columns, (0..rows * columns).map(value).collect()).unwrap()
 }
 

@@ -4,9 +4,10 @@ use core::f64::consts::PI;
 use std::vec::Vec;
 
 use glam::DVec3;
+use transport::Polygon;
 
 use super::contour::contour;
-use super::polygon::{Polygon, quarter, triangle_area};
+use super::triangle::{quarter, triangle_area};
 
 /// Depth to which a triangle of the receiving patch is split towards a near sender.
 const DEEPEST: u32 = 5;

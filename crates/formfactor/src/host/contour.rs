@@ -3,8 +3,9 @@
 use core::f64::consts::TAU;
 
 use glam::DVec3;
+use transport::Polygon;
 
-use super::polygon::{Polygon, quarter, triangle_area};
+use super::triangle::{quarter, triangle_area};
 
 /// Cubature of degree 5 on a triangle (Radon 1948): barycentric coordinates (one coordinate, the other two equal) and weights.
 const RADON: [(f64, f64); 3] = [

@@ -1,117 +1,54 @@
 //! The four estimators behind one trait, and the loop over rows.
 
-use std::boxed::Box;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::vec::Vec;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use scene::SurfacePoint;
 use scene::sampling::{frame, hash3, sobol2};
-use scene::{Hit, Scene, SurfacePoint, Visibility};
+use transport::{Dense, Polygon, Proceed, Surfaces, check_length, quadrant_of};
 
 use super::area;
 use super::contour;
-use super::polygon::Polygon;
-use super::subdivide::Subdivision;
 use crate::error::Error;
 use crate::kernel::hemisphere::{EXTRA_COLUMNS, hemisphere_ray, hemisphere_row, ray_share};
-use crate::types::{HemisphereParams, Patch};
-use transport::{Dense, Proceed, check_length};
+use crate::types::HemisphereParams;
 
-/// Finds the patch that owns a hit of a ray in a direction, or [`scene::NONE`].
-pub type Owner<'a> = Box<dyn Fn(&Hit, Vec3) -> u32 + Sync + 'a>;
-
-/// Who exchanges light with whom. Columns are patches; rows are the same patches or any points.
-pub struct Surfaces<'a> {
-    /// The senders.
-    pub patches: &'a [Patch],
-    /// Outlines of the senders; needed by [`AreaToArea`] and [`Contour`], otherwise they may be missing.
-    pub polygons: &'a [Polygon],
-    /// Outlines of the receivers; empty when rows are points only. [`AreaToArea`] and [`Contour`] average over them.
-    pub row_polygons: &'a [Polygon],
-    /// Points of the receivers.
-    pub points: &'a [SurfacePoint],
-    /// Row i owns `points[offsets[i]..offsets[i + 1]]`; `[rows + 1]`.
-    pub offsets: &'a [u32],
-    /// Who sees whom.
-    pub visibility: &'a dyn Visibility,
-    /// The patch that owns a hit of a ray in a direction, or [`scene::NONE`].
-    pub owner: Owner<'a>,
-    /// Distance by which rays start above a surface, m.
-    pub ray_offset: f32,
-    /// Changes every random number.
-    pub seed: u32,
+/// Whether the tables of surfaces belong together.
+pub(super) fn check_surfaces(surfaces: &Surfaces) -> Result<(), Error> {
+    let Surfaces { patches, polygons, row_polygons, points, offsets, .. } = surfaces;
+    let rows = surfaces.rows();
+    if offsets.is_empty() {
+        return Err(transport::Error::Length { name: "offsets", expected: 1, found: 0 }.into());
+    }
+    for (row, pair) in offsets.windows(2).enumerate() {
+        if pair[0] >= pair[1] {
+            return Err(Error::EmptyRow { row });
+        }
+    }
+    check_length("points", offsets[rows] as usize, points.len())?;
+    if !polygons.is_empty() {
+        check_length("polygons", patches.len(), polygons.len())?;
+    }
+    if !row_polygons.is_empty() {
+        check_length("row_polygons", rows, row_polygons.len())?;
+    }
+    Ok(())
 }
 
-impl<'a> Surfaces<'a> {
-    /// Rows and columns are the patches of a scene. `polygons` may be empty for [`Hemisphere`] and [`PointToPoint`].
-    pub fn of_patches(scene: &'a Scene, subdivision: &'a Subdivision, polygons: &'a [Polygon]) -> Self {
-        Self {
-            row_polygons: polygons,
-            ..Self::of_points(scene, subdivision, polygons, &subdivision.points, &subdivision.offsets)
-        }
-    }
+/// Whether nothing stands between two points on surfaces with these normals.
+fn sees(surfaces: &Surfaces, from: DVec3, from_normal: DVec3, to: DVec3, to_normal: DVec3) -> bool {
+    let lift = f64::from(surfaces.ray_offset);
+    let start = (from + from_normal * lift).as_vec3();
+    let end = (to + to_normal * lift).as_vec3();
+    !surfaces.visibility.any_hit(start, end)
+}
 
-    /// Columns are the patches of a scene, rows own points.
-    pub fn of_points(
-        scene: &'a Scene,
-        subdivision: &'a Subdivision,
-        polygons: &'a [Polygon],
-        points: &'a [SurfacePoint],
-        offsets: &'a [u32],
-    ) -> Self {
-        Self {
-            patches: &subdivision.patches,
-            polygons,
-            row_polygons: &[],
-            points,
-            offsets,
-            visibility: scene,
-            owner: Box::new(|hit, direction| subdivision.owner(scene, hit, direction)),
-            ray_offset: scene.ray_offset,
-            seed: 0,
-        }
-    }
-
-    /// Number of rows.
-    pub fn rows(&self) -> usize {
-        self.offsets.len().saturating_sub(1)
-    }
-
-    fn row_points(&self, row: usize) -> &[SurfacePoint] {
-        &self.points[self.offsets[row] as usize..self.offsets[row + 1] as usize]
-    }
-
-    pub(super) fn check(&self) -> Result<(), Error> {
-        let rows = self.rows();
-        if self.offsets.is_empty() {
-            return Err(transport::Error::Length { name: "offsets", expected: 1, found: 0 }.into());
-        }
-        for (row, pair) in self.offsets.windows(2).enumerate() {
-            if pair[0] >= pair[1] {
-                return Err(Error::EmptyRow { row });
-            }
-        }
-        check_length("points", self.offsets[rows] as usize, self.points.len())?;
-        if !self.polygons.is_empty() {
-            check_length("polygons", self.patches.len(), self.polygons.len())?;
-        }
-        if !self.row_polygons.is_empty() {
-            check_length("row_polygons", rows, self.row_polygons.len())?;
-        }
-        Ok(())
-    }
-
-    /// Whether nothing stands between two points on surfaces with these normals.
-    fn sees(&self, from: DVec3, from_normal: DVec3, to: DVec3, to_normal: DVec3) -> bool {
-        let lift = f64::from(self.ray_offset);
-        !self.visibility.any_hit((from + from_normal * lift).as_vec3(), (to + to_normal * lift).as_vec3())
-    }
-
-    fn shift(&self, row: usize, column: usize) -> [f64; 4] {
-        let words = [0, 1, 2, 3].map(|d| hash3(row as u32, column as u32, hash3(d, 0x7061_6972, self.seed)));
-        words.map(|w| f64::from(w) / 4_294_967_296.0)
-    }
+/// Random numbers of a pair of patches, in [0, 1).
+fn shift(surfaces: &Surfaces, row: usize, column: usize) -> [f64; 4] {
+    let key = |d: u32| hash3(row as u32, column as u32, hash3(d, 0x7061_6972, surfaces.seed));
+    [0, 1, 2, 3].map(|d| f64::from(key(d)) / 4_294_967_296.0)
 }
 
 /// Rows of form factors.
@@ -255,20 +192,14 @@ pub(super) fn hemisphere_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u
     order.iter().map(|&k| (hemisphere_column(s, &p, row, k), share(k))).collect()
 }
 
-/// Columns of what these rays of a row meet, and the quarter of the hemisphere that each goes to, as in
-/// [`super::quarters::turns`].
-pub(super) fn quarter_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u32, usize)> {
+/// Columns of what these rays of a row meet, and the quadrant of the hemisphere that each goes to, as in
+/// [`transport::rotational_gradients`].
+pub(super) fn quadrant_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u32, usize)> {
     let p = hemisphere_params(s, row, order.len() as u32);
     let (right, up) = frame(s.row_points(row)[0].normal);
     let hit = |&k: &u32| {
         let (origin, direction) = hemisphere_ray(&p, s.offsets, s.points, row as u32, k);
-        let quarter = match (direction.dot(right) < 0.0, direction.dot(up) < 0.0) {
-            (false, false) => 0,
-            (true, false) => 1,
-            (true, true) => 2,
-            (false, true) => 3,
-        };
-        (ray_column(s, &p, origin, direction), quarter)
+        (ray_column(s, &p, origin, direction), quadrant_of(direction, right, up))
     };
     order.iter().map(hit).collect()
 }
@@ -312,18 +243,18 @@ impl Estimator for AreaToArea {
         let points = s.row_points(row);
         for (j, out) in factors.iter_mut().enumerate() {
             let sender = &s.polygons[j];
-            let shift = s.shift(row, j);
+            let shift = shift(s, row, j);
             *out = match s.row_polygons.get(row) {
                 Some(receiver) => {
                     let (Some(r), Some(t)) = cut(receiver, sender) else { continue };
-                    let visible = |a: DVec3, b: DVec3| s.sees(a, receiver.normal, b, sender.normal);
+                    let visible = |a: DVec3, b: DVec3| sees(s, a, receiver.normal, b, sender.normal);
                     area::patch_to_patch(&r, &t, receiver.area, self.samples, shift, &visible) as f32
                 }
                 None => {
                     let each = (self.samples / points.len() as u32).max(1);
                     weighted(points, |position, normal| {
                         let Some(part) = sender.clip(position, normal) else { return 0.0 };
-                        let visible = |a: DVec3, b: DVec3| s.sees(a, normal, b, sender.normal);
+                        let visible = |a: DVec3, b: DVec3| sees(s, a, normal, b, sender.normal);
                         area::point_to_patch(position, normal, &part, each, shift, &visible)
                     })
                 }
@@ -346,7 +277,7 @@ impl Estimator for PointToPoint {
                 let to = centre - position;
                 let squared = to.length_squared();
                 let (cos_here, cos_there) = (to.dot(normal), -to.dot(there));
-                if cos_here <= 0.0 || cos_there <= 0.0 || !s.sees(position, normal, centre, there) {
+                if cos_here <= 0.0 || cos_there <= 0.0 || !sees(s, position, normal, centre, there) {
                     return 0.0;
                 }
                 let area = f64::from(patch.area);
@@ -361,7 +292,7 @@ impl Contour {
     /// Share of the light between two surfaces that is not blocked, from weighted shadow rays.
     fn visible_share(&self, s: &Surfaces, row: usize, j: usize, point: impl Fn(f64, f64) -> (DVec3, DVec3)) -> f64 {
         let sender = &s.polygons[j];
-        let shift = s.shift(row, j);
+        let shift = shift(s, row, j);
         let (mut seen, mut all) = (0.0, 0.0);
         for k in 0..self.shadow_rays {
             let x = area::recurrence(u64::from(k), shift);
@@ -374,7 +305,7 @@ impl Contour {
             let squared = (to - from).length_squared();
             let weight = here * there / (squared * (core::f64::consts::PI * squared + sender.area));
             all += weight;
-            if s.sees(from, normal, to, sender.normal) {
+            if sees(s, from, normal, to, sender.normal) {
                 seen += weight;
             }
         }
@@ -463,7 +394,7 @@ pub fn form_factor_blocks(
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
     mut sink: impl FnMut(usize, FactorRows) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    surfaces.check()?;
+    check_surfaces(surfaces)?;
     estimator.check(surfaces)?;
     if block_rows == 0 {
         return Err(transport::Error::Setting { name: "block_rows", value: 0.0, rule: "at least 1" }.into());

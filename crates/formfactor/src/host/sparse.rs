@@ -8,10 +8,9 @@ use glam::Vec4;
 use rayon::prelude::*;
 use scene::NONE;
 
-use super::estimate::{Estimator, Hemisphere, Surfaces, hemisphere_hits, like_rays, quarter_hits};
-use super::quarters::QUARTERS;
+use super::estimate::{Estimator, Hemisphere, check_surfaces, hemisphere_hits, like_rays, quadrant_hits};
 use crate::error::Error;
-use transport::{Csr, HitCounts, LinearOperator, Proceed, check_length};
+use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, check_length};
 
 /// Rows that one task makes.
 const TASK_ROWS: usize = 64;
@@ -39,7 +38,7 @@ pub fn sparse_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<SparseRows, Error> {
-    surfaces.check()?;
+    check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
     let (total, patches, order) = (surfaces.rows(), surfaces.patches.len() as u32, like_rays(rays));
     let task = |own: Range<usize>| {
@@ -87,8 +86,8 @@ pub fn add_hit_rows(
     add_rows(rows, surfaces, (rays, 1), &hits, progress)
 }
 
-/// As [`add_hit_rows`], with [`QUARTERS`] rows instead of one: the hits in each quarter of the hemisphere round the normal of
-/// the row's first point, as [`super::quarters::turns`] has them. Sky factors are those of the quarters.
+/// As [`add_hit_rows`], with [`QUADRANTS`] rows instead of one: the hits in each quarter of the hemisphere round the normal of
+/// the row's first point, as [`transport::rotational_gradients`] has them. Sky factors are those of the quarters.
 ///
 /// # Errors
 /// As [`add_hit_rows`].
@@ -100,12 +99,12 @@ pub fn add_quarter_rows(
 ) -> Result<Vec<f32>, Error> {
     let order = like_rays(rays);
     let hits = |row: usize| {
-        let mut hits = std::vec![NONE; QUARTERS * order.len()];
-        let found = quarter_hits(surfaces, row, &order);
+        let mut hits = std::vec![NONE; QUADRANTS * order.len()];
+        let found = quadrant_hits(surfaces, row, &order);
         found.into_iter().enumerate().for_each(|(k, (column, quarter))| hits[quarter * order.len() + k] = column);
         hits
     };
-    add_rows(rows, surfaces, (rays, QUARTERS), &hits, progress)
+    add_rows(rows, surfaces, (rays, QUADRANTS), &hits, progress)
 }
 
 /// Adds `parts` rows for each of the surfaces' from the columns that its rays hit, all rays for each part.
@@ -116,7 +115,7 @@ fn add_rows(
     hits: &(dyn Fn(usize) -> Vec<u32> + Sync),
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
-    surfaces.check()?;
+    check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("columns", rows.columns(), surfaces.patches.len())?;
     let (total, sky) = (surfaces.rows(), surfaces.patches.len() as u32);
@@ -144,7 +143,7 @@ pub fn gather_by_rays(
     exitance: &[Vec4],
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<Vec4>, Error> {
-    surfaces.check()?;
+    check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
     check_length("exitance", surfaces.patches.len(), exitance.len())?;
     let (total, order) = (surfaces.rows(), like_rays(rays));

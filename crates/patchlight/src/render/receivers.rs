@@ -1,10 +1,10 @@
 //! Receivers on the mesh: points where irradiance is gathered, more of them where it bends; their values made smooth; and
 //! nodes of the mesh that take their value from the receivers about.
 
-use formfactor::{Csr, HitRows, QUARTERS, Receivers, turns};
+use formfactor::{Csr, HitRows, QUARTERS, turns};
 use glam::{Mat2, Vec2, Vec3, Vec4};
 use multibounce::halving_order;
-use patches::{LitSampler, Nearest, Sample};
+use patches::{LitSampler, Nearest, Receivers, Sample};
 use rayon::prelude::*;
 use scene::math::sqrt;
 use scene::sampling::frame;

@@ -1,15 +1,16 @@
 //! The patches that send light, whatever they are made of: pieces of triangles, clusters of samples, or voxels.
 
-use formfactor::kernel::grid::owner;
-use formfactor::{Patch, PatchSize, Polygon, SubdivideSettings, Surfaces, TriangleGrid, cell_grids, subdivide};
 use glam::{Vec2, Vec3, Vec4};
 use patches::{
-    AxisWeights, ClusterSettings, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
-    SampleSet, SampleSettings, ViewSettings, VirtualPatch, axis_patches, cluster_patches, sample_voxels, view_clusters,
+    AxisWeights, ClusterSettings, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, PatchSize,
+    Sample, SampleSet, SampleSettings, SubdivideSettings, Subdivision, ViewSettings, VirtualPatch, axis_patches,
+    cell_grids, cluster_patches, sample_voxels, subdivide, view_clusters,
 };
 use rayon::prelude::*;
 use scene::sampling::hash3;
 use scene::{Hit, NONE, Scene, SidePolicy, Sides, SurfacePoint, Triangle, is_open};
+use transport::kernel::grid::owner;
+use transport::{Owner, Patch, Polygon, Surfaces, TriangleGrid};
 
 use super::sight::sees;
 use crate::error::Error;
@@ -188,7 +189,7 @@ impl Senders {
             subdivision = subdivide(scene, &cut)?;
         }
         let polygons = subdivision.polygons()?;
-        let formfactor::Subdivision { patches, grids, points, offsets, .. } = subdivision;
+        let Subdivision { patches, grids, points, offsets, .. } = subdivision;
         let mut point_albedo = Vec::with_capacity(points.len());
         for (patch, range) in patches.iter().zip(offsets.windows(2)) {
             let own = &points[range[0] as usize..range[1] as usize];
@@ -398,7 +399,7 @@ impl Senders {
         offsets: &'a [u32],
         seed: u32,
     ) -> Surfaces<'a> {
-        let (patches, owner): (&[Patch], formfactor::Owner) = match columns {
+        let (patches, owner): (&[Patch], Owner) = match columns {
             Columns::Patches => (&self.patches, Box::new(|hit, direction| self.patch(scene, hit, direction))),
             Columns::Facets => (&self.facets, Box::new(|hit, direction| self.facet(scene, hit, direction))),
         };
@@ -523,8 +524,8 @@ fn mean_albedo(offsets: &[u32], points: &[SurfacePoint], albedo: &[Vec4]) -> Vec
 
 #[cfg(test)]
 mod tests {
-    use formfactor::kernel::grid::{cell_corners, cell_count};
     use glam::vec3;
+    use transport::kernel::grid::{cell_corners, cell_count};
 
     use super::*;
 

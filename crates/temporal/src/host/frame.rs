@@ -161,8 +161,8 @@ pub(super) fn check_vectors<D: Distribution + ?Sized>(
     change: &[Vec4],
     irradiance: &[Vec4],
 ) -> Result<(), Error> {
-    check_length("change", rows.columns(), change.len())?;
-    rows.check_vectors(exitance, irradiance)
+    rows.check_vectors(exitance, irradiance)?;
+    check_length("change", rows.columns(), change.len())
 }
 
 /// Change of the exitance of all patches, [`change`], on all cores.

@@ -84,13 +84,13 @@ impl Polygon {
     }
 
     /// The triangles of a fan from the first corner.
-    pub(crate) fn fan(&self) -> impl Iterator<Item = [DVec3; 3]> + '_ {
+    pub fn fan(&self) -> impl Iterator<Item = [DVec3; 3]> + '_ {
         (2..self.count).map(|k| [self.corners[0], self.corners[k - 1], self.corners[k]])
     }
 
     /// The part in front of the plane through `origin` with unit normal `normal`; `None` when nothing is left. Parts
     /// nearer to the plane than 10⁻⁷ of `origin`'s and the polygon's coordinates count as in it, and so as nothing.
-    pub(crate) fn clip(&self, origin: DVec3, normal: DVec3) -> Option<Self> {
+    pub fn clip(&self, origin: DVec3, normal: DVec3) -> Option<Self> {
         let margin = 1e-7 * (self.centroid - origin).abs().max_element().max(self.radius);
         let mut heights = [0.0; CAPACITY];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -122,7 +122,7 @@ impl Polygon {
     }
 
     /// Distance of a point from the polygon, m.
-    pub(crate) fn distance(&self, point: DVec3) -> f64 {
+    pub fn distance(&self, point: DVec3) -> f64 {
         let height = (point - self.corners[0]).dot(self.normal);
         let (mut inside, mut nearest) = (true, f64::INFINITY);
         for k in 0..self.count {
@@ -135,18 +135,6 @@ impl Polygon {
         }
         if inside { height.abs() } else { nearest.sqrt() }
     }
-}
-
-/// The four like parts of a triangle.
-pub(crate) fn quarter(t: [DVec3; 3]) -> [[DVec3; 3]; 4] {
-    let [a, b, c] = t;
-    let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
-    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]
-}
-
-/// Area of a triangle.
-pub(crate) fn triangle_area(t: [DVec3; 3]) -> f64 {
-    0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length()
 }
 
 #[cfg(test)]

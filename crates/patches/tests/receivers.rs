@@ -1,10 +1,9 @@
 //! Receivers: few, in the open, and enough for what lies between them.
 
-use formfactor::kernel::grid::{cell_corners, cell_count, vertex_count};
-use formfactor::kernel::product::interpolate_receivers;
-use formfactor::{Error, Receivers};
 use glam::{Vec3, Vec4};
+use patches::{Error, Receivers};
 use scene::{Hit, Material, NONE, Scene, SceneParts, SidePolicy, Sides, Triangle, TriangleUv, find_sides};
+use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_count};
 
 fn triangle(a: Vec3, b: Vec3, c: Vec3) -> Triangle {
     Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() }

@@ -1,5 +1,6 @@
 //! Receivers: points at which irradiance is evaluated, and the grids of triangle vertices that take their values.
 
+use std::vec;
 use std::vec::Vec;
 
 use glam::{IVec3, Vec2, Vec3, Vec4};
@@ -7,13 +8,11 @@ use hashbrown::HashMap;
 use rayon::prelude::*;
 use scene::sampling::hash3;
 use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Visibility, is_open};
+use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_at, vertex_count};
+use transport::{ReceiverCell, TriangleGrid, check_length};
 
 use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
-use crate::kernel::grid::{cell_corners, cell_count, vertex_at, vertex_count};
-use crate::kernel::product::interpolate_receivers;
-use crate::types::{ReceiverCell, TriangleGrid};
-use transport::check_length;
 
 /// Least cosine between their normals.
 const LEAST_COSINE: f32 = 0.995;
@@ -33,7 +32,7 @@ pub struct Receivers {
     /// Per triangle of the scene, where the cells of its sides stand in `cells`.
     pub grids: Vec<TriangleGrid>,
     /// The cells, and where their vertices stand in `vertices`, [`NONE`] for a cell without; see
-    /// [`crate::kernel::product::interpolate_receivers`].
+    /// [`interpolate_receivers`].
     pub cells: Vec<ReceiverCell>,
     /// Per vertex of a cell, its receiver.
     pub vertices: Vec<u32>,

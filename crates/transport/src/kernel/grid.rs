@@ -1,10 +1,10 @@
 //! The regular grid on a triangle: `n²` like cells (patches) and `(n + 1)(n + 2) / 2` vertices (receivers), numbered in
 //! rows of equal v. A position is (u, v), the shares of the triangle's two edges.
 
-use glam::{UVec3, Vec2, Vec3};
-use scene::{Hit, NONE};
+use glam::{UVec3, Vec2, Vec3, Vec4};
+use scene::{Hit, NONE, SurfacePoint, Triangle};
 
-use crate::types::TriangleGrid;
+use crate::types::{ReceiverCell, TriangleGrid};
 
 /// Number of cells of a grid with `divisions` pieces along each edge.
 #[inline]
@@ -122,6 +122,58 @@ fn clamp_share(x: f32) -> f32 {
 pub fn owner(grid: TriangleGrid, hit: Hit, front: bool) -> u32 {
     let first = if front { grid.front } else { grid.back };
     if first == NONE { NONE } else { first + cell_at(grid.divisions, hit.u, hit.v) }
+}
+
+/// Irradiance of the side of a surface that a pixel shows, W/m²: [`interpolate_receivers`] at its hit, on the side on
+/// which its point's normal stands.
+#[inline]
+#[allow(clippy::too_many_arguments)]
+pub fn interpolate_pixel(
+    grids: &[TriangleGrid],
+    cells: &[ReceiverCell],
+    vertices: &[u32],
+    triangles: &[Triangle],
+    values: &[Vec4],
+    hit: Hit,
+    point: SurfacePoint,
+) -> Vec4 {
+    if hit.triangle == NONE {
+        return Vec4::ZERO;
+    }
+    let t = triangles[hit.triangle as usize];
+    interpolate_receivers(grids, cells, vertices, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
+}
+
+/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell and not negative, zero where there are
+/// no receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the receiver of each, `values`
+/// holds their irradiance.
+#[inline]
+pub fn interpolate_receivers(
+    grids: &[TriangleGrid],
+    cells: &[ReceiverCell],
+    vertices: &[u32],
+    values: &[Vec4],
+    hit: Hit,
+    front: bool,
+) -> Vec4 {
+    if hit.triangle == NONE {
+        return Vec4::ZERO;
+    }
+    let grid = grids[hit.triangle as usize];
+    let first = if front { grid.front } else { grid.back };
+    if first == NONE {
+        return Vec4::ZERO;
+    }
+    let (index, s, t) = place_in_cell(grid.divisions, hit.u, hit.v);
+    let cell = cells[(first + index) as usize];
+    if cell.first == NONE {
+        return Vec4::ZERO;
+    }
+    let (ids, w) = interpolate(cell.divisions, s, t);
+    let a = values[vertices[(cell.first + ids.x) as usize] as usize];
+    let b = values[vertices[(cell.first + ids.y) as usize] as usize];
+    let c = values[vertices[(cell.first + ids.z) as usize] as usize];
+    (a * w.x + b * w.y + c * w.z).max(Vec4::ZERO)
 }
 
 #[cfg(test)]

@@ -4,13 +4,13 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{Hit, NONE, POINT_WALKS, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open};
+use std::boxed::Box;
+use std::vec;
 use std::vec::Vec;
+use transport::kernel::grid::{cell_corners, cell_count, owner};
+use transport::{Patch, Polygon, Surfaces, TriangleGrid, check_length};
 
-use super::polygon::Polygon;
 use crate::error::Error;
-use crate::kernel::grid::{cell_corners, cell_count, owner};
-use crate::types::{Patch, TriangleGrid};
-use transport::check_length;
 
 /// Most pieces along an edge.
 pub(super) const MOST_DIVISIONS: u32 = 4096;
@@ -321,9 +321,36 @@ impl Subdivision {
     /// Outlines for the estimators that need them.
     ///
     /// # Errors
-    /// [`Error::PolygonShape`] for a patch without area.
+    /// [`transport::Error::PolygonShape`] for a patch without area.
     pub fn polygons(&self) -> Result<Vec<Polygon>, Error> {
-        self.corners.iter().map(|c| Polygon::new(c)).collect()
+        Ok(self.corners.iter().map(|c| Polygon::new(c)).collect::<Result<_, _>>()?)
+    }
+
+    /// The patches as rows and as columns. `polygons` may be empty for estimators by rays.
+    pub fn surfaces<'a>(&'a self, scene: &'a Scene, polygons: &'a [Polygon]) -> Surfaces<'a> {
+        let surfaces = self.surfaces_to(scene, polygons, &self.points, &self.offsets);
+        Surfaces { row_polygons: polygons, ..surfaces }
+    }
+
+    /// The patches as columns; rows own points, row i `points[offsets[i]..offsets[i + 1]]`.
+    pub fn surfaces_to<'a>(
+        &'a self,
+        scene: &'a Scene,
+        polygons: &'a [Polygon],
+        points: &'a [SurfacePoint],
+        offsets: &'a [u32],
+    ) -> Surfaces<'a> {
+        Surfaces {
+            patches: &self.patches,
+            polygons,
+            row_polygons: &[],
+            points,
+            offsets,
+            visibility: scene,
+            owner: Box::new(|hit, direction| self.owner(scene, hit, direction)),
+            ray_offset: scene.ray_offset,
+            seed: 0,
+        }
     }
 }
 
