@@ -190,7 +190,7 @@ fn volume_steps(criterion: &mut Criterion, table: &mut Table, scene: &Scene, siz
 
 fn measure(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
     let spec = if std::path::Path::new(SPONZA).exists() { SPONZA } else { "atrium" };
-    let loaded = runtime::import::load_or_build(spec)?;
+    let loaded = assets::import::load_or_build(spec)?;
     let scene = &loaded.scene;
     let mut table = Table::default();
     for size in SIZES {

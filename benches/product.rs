@@ -9,16 +9,16 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use assets::import::load_or_build;
 use benches::{PRODUCT_SIZES, Stream, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::Operator;
 use glam::Vec4;
 use multibounce::BlockCodec;
-use runtime::Error;
-use runtime::import::load_or_build;
-use runtime::progress::Progress;
-use runtime::render::classic::{Bake, ClassicSettings, ReceiverKind};
-use runtime::render::operator::{Codec, Feedback, Transport};
+use experiments::Error;
+use patchlight::progress::Progress;
+use patchlight::render::classic::{Bake, ClassicSettings, ReceiverKind};
+use patchlight::render::operator::{Codec, Feedback, Transport};
 
 /// Turns of the table: product, stream, product, …
 const TURNS: usize = 15;
@@ -83,7 +83,7 @@ fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error
         ..ClassicSettings::default()
     };
     let mut progress = Progress::new(true);
-    let bake = Bake::new(&loaded, settings, &mut progress)?;
+    let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &mut progress)?;
     let blocks = BlockCodec::ALL.map(Codec::Blocks);
     let codecs = [Codec::Dense, Codec::Half].into_iter().chain(blocks).chain([Codec::Tiles { epsilon: EPSILON }]);
     let all_bounces = codecs.map(|codec| (format!("T-{}", codec.name()), Transport::Operator(codec)));

@@ -142,7 +142,7 @@ fn rates(casts: &[Cast], rays: &[Ray]) -> Vec<f64> {
 
 fn main() {
     let spec = if std::path::Path::new(SPONZA).exists() { SPONZA } else { "atrium" };
-    let loaded = match runtime::import::load_or_build(spec) {
+    let loaded = match assets::import::load_or_build(spec) {
         Ok(loaded) => loaded,
         Err(error) => {
             eprintln!("{error}");

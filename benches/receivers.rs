@@ -9,13 +9,13 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use assets::import::{LoadedScene, load, load_or_build};
 use benches::{SEED, Stream, exitance};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::kernel::hemisphere::hemisphere_ray;
 use formfactor::{Csr, HemisphereParams, HitRows, Operator, Receivers};
 use glam::{IVec4, UVec3, Vec3, Vec4};
 use rayon::prelude::*;
-use runtime::import::{LoadedScene, load, load_or_build};
 use scene::{Hit, NONE, Scene, SidePolicy, SurfacePoint, Visibility, find_sides};
 
 const SPONZA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes/sponza/sponza.toml");

@@ -1,9 +1,9 @@
 //! Fixed seeds and sizes shared by all benches, and the bandwidth that products are compared with.
 
+pub use experiments::bandwidth::{Stream, stream_gb_s};
 use formfactor::Dense;
 use glam::Vec4;
 use rayon::prelude::*;
-pub use runtime::bandwidth::{Stream, stream_gb_s};
 use scene::sampling::{hash3, unit};
 
 /// Changes every random number.

@@ -8,14 +8,14 @@
 use std::error::Error;
 use std::path::Path;
 
+use assets::import::LoadedScene;
 use benches::SEED;
+use experiments::proxy::{ProxyRadiosity, ProxySettings};
+use patchlight::progress::Progress;
+use patchlight::render::classic::{Classic, ClassicSettings, PatchKind};
 use reference::metrics::compare_points;
 use reference::{PointErrors, ProxyLookup, ReferenceData};
 use runtime::executor::{DeviceChoice, open};
-use runtime::import::LoadedScene;
-use runtime::progress::Progress;
-use runtime::render::classic::{Classic, ClassicSettings, PatchKind};
-use runtime::render::proxy::{ProxyRadiosity, ProxySettings};
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
 /// Scenes: the name of the folder, of the file in it, and of the folder with the reference.
@@ -60,7 +60,8 @@ fn measure_own(name: &str, loaded: &LoadedScene, reference: &ReferenceData, coun
         seed: SEED,
         ..ClassicSettings::default()
     };
-    let mut classic = Classic::bake(loaded, settings, open(&DeviceChoice::Cpu)?.0, &mut Progress::new(true))?;
+    let mut classic =
+        Classic::bake(&loaded.scene, loaded.view.eye, settings, open(&DeviceChoice::Cpu)?.0, &mut Progress::new(true))?;
     classic.frame(&loaded.scene.lights, &loaded.view.camera(16, 16), 0)?;
     let ours = classic.irradiance_at(&reference.surface_points(loaded.metres_per_unit))?;
     let errors = compare_points(&ours, &reference.point_indirect())?;
@@ -82,7 +83,7 @@ fn run() -> Outcome<()> {
             println!("| {name} | {} is not there | | | | | |", file.display());
             continue;
         }
-        let loaded = runtime::import::load(&file)?;
+        let loaded = assets::import::load(&file)?;
         let reference = ReferenceData::load(&Path::new(SHARED).join("reference").join(name))?;
         for count in COUNTS {
             measure_proxy(name, &loaded, &reference, count)?;

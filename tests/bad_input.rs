@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use runtime::import::{LoadedScene, load, load_or_build};
+use assets::import::{LoadedScene, load, load_or_build};
 use scene::sampling::hash3;
 use tempfile::TempDir;
 

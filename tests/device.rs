@@ -5,10 +5,10 @@ use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
 use integration_tests::vulkan;
 use multibounce::{Proceed, RectangularTiles, TileSide, halving_order};
+use patchlight::render::operator::receivers_on_device;
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
 use runtime::plan::{BufferId, PassId, Plan};
-use runtime::render::operator::receivers_on_device;
 use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::sampling::{hash3, unit};
 

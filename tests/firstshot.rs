@@ -3,14 +3,14 @@
 
 use std::ops::ControlFlow;
 
+use assets::procedural;
 use firstshot::{Emission, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Texels, Tracer, trace_photons};
 use formfactor::{Hemisphere, PatchSize, SubdivideSettings, Subdivision, Surfaces, balance, form_factors, subdivide};
 use glam::{DVec3, Vec3};
 use integration_tests::vulkan;
 use multibounce::{Factors, all_bounces};
+use patchlight::render::firstshot::PhotonPasses;
 use reference::path::{PathSettings, PathTracer};
-use runtime::procedural;
-use runtime::render::firstshot::PhotonPasses;
 use scene::math::luminance;
 use scene::sampling::{hammersley, hash3, uniform_triangle};
 use scene::{DirectParams, Hit, NONE, Scene, SurfacePoint};

@@ -4,11 +4,11 @@
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
+use assets::export::write_scene;
+use assets::import::{Animation, LoadOptions, LoadedScene, load, load_with};
+use assets::procedural;
 use glam::{Vec2, Vec3, Vec4};
 use image::{DynamicImage, ImageFormat};
-use runtime::export::write_scene;
-use runtime::import::{Animation, LoadOptions, LoadedScene, load, load_with};
-use runtime::procedural;
 use scene::kernel::light::sky_radiance;
 use scene::kernel::shade::decode_srgb;
 use scene::kernel::texture::{sample, texel};

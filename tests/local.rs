@@ -1,15 +1,15 @@
 //! The matrix round the camera through the whole pipeline, on the CPU and, where there is a device, on Vulkan.
 
+use assets::import::{Animation, LoadedScene};
+use assets::procedural;
 use glam::Vec3;
 use integration_tests::vulkan;
+use patchlight::progress::Progress;
+use patchlight::render::Pictures;
+use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use patchlight::render::local::LocalOptions;
+use patchlight::render::operator::Transport;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
-use runtime::import::{Animation, LoadedScene};
-use runtime::procedural;
-use runtime::progress::Progress;
-use runtime::render::Pictures;
-use runtime::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use runtime::render::local::LocalOptions;
-use runtime::render::operator::Transport;
 use scene::math::luminance;
 
 const SIZE: (u32, u32) = (48, 36);
@@ -27,7 +27,7 @@ fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Ba
         size: SIZE,
         ..ClassicSettings::default()
     };
-    Bake::new(loaded, settings, &mut Progress::new(true)).unwrap()
+    Bake::new(&loaded.scene, loaded.view.eye, settings, &mut Progress::new(true)).unwrap()
 }
 
 fn cpu() -> Box<dyn Executor> {

@@ -6,6 +6,7 @@
 
 use std::mem::offset_of;
 
+use assets::procedural;
 use firstshot::PhotonParams;
 use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::Vec3;
@@ -19,7 +20,6 @@ use patches::{LookupParams, VolumeParams};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceKind, Executor};
 use runtime::plan::{BufferId, Plan, Range};
-use runtime::procedural;
 use scene::sampling::{hash3, unit};
 use scene::{DirectParams, Hit, Ray};
 use temporal::{SampleParams, SumParams};

@@ -1,5 +1,7 @@
 //! The whole pipeline on scenes whose answer is known, on the CPU and, where there is a device, on Vulkan.
 
+use assets::import::LoadedScene;
+use assets::procedural;
 use formfactor::{
     Hemisphere, PatchSize, Stop, SubdivideSettings, Surfaces, balance, closure_residual, form_factors, jacobi,
     reciprocity_residual, subdivide,
@@ -7,14 +9,12 @@ use formfactor::{
 use glam::{Vec3, Vec4};
 use integration_tests::vulkan;
 use multibounce::BlockCodec;
+use patchlight::progress::Progress;
+use patchlight::render::Pictures;
+use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use patchlight::render::decode::{Decode, Decoder};
+use patchlight::render::operator::{Codec, Feedback, Transport};
 use runtime::executor::{DeviceChoice, Executor, open};
-use runtime::import::LoadedScene;
-use runtime::procedural;
-use runtime::progress::Progress;
-use runtime::render::Pictures;
-use runtime::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use runtime::render::decode::{Decode, Decoder};
-use runtime::render::operator::{Codec, Feedback, Transport};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
 use std::ops::ControlFlow;
@@ -43,7 +43,7 @@ fn render(loaded: &LoadedScene, executor: Box<dyn Executor>) -> Pictures {
 
 fn render_with(loaded: &LoadedScene, executor: Box<dyn Executor>, settings: ClassicSettings) -> Pictures {
     let mut progress = Progress::new(true);
-    let mut classic = Classic::bake(loaded, settings, executor, &mut progress).unwrap();
+    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &mut progress).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures
 }
@@ -209,7 +209,9 @@ fn texture_units_give_the_pictures_that_kernels_do() {
             }
             let transport = Transport::Operator(Codec::Blocks(codec));
             let settings = ClassicSettings { transport, decode, bounces, ..settings(150) };
-            let mut classic = Classic::bake(&loaded, settings, Box::new(vulkan), &mut Progress::new(true)).unwrap();
+            let mut classic =
+                Classic::bake(&loaded.scene, loaded.view.eye, settings, Box::new(vulkan), &mut Progress::new(true))
+                    .unwrap();
             let taken = if decode == Decode::Texture { "texture" } else { "kernel" };
             assert_eq!(classic.decoder().map(Decoder::name), Some(taken));
             let camera = loaded.view.camera(SIZE.0, SIZE.1);
@@ -266,7 +268,8 @@ fn feedback_follows_a_light_that_changes() {
     // The light of this and of the frames after it, once the lights are brighter in the second.
     let frames = |transport: Transport, count: u32| -> Vec<Pictures> {
         let settings = ClassicSettings { transport, ..settings(150) };
-        let mut classic = Classic::bake(&loaded, settings, cpu(), &mut Progress::new(true)).unwrap();
+        let mut classic =
+            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &mut Progress::new(true)).unwrap();
         let frame =
             |k| classic.frame(if k == 0 { &loaded.scene.lights } else { &brighter }, &camera, 0).unwrap().pictures;
         (0..count).map(frame).collect()
@@ -293,7 +296,8 @@ fn clusters_carry_the_light_that_polygons_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, patches: PatchKind| {
         let settings = ClassicSettings { patches, ..settings(600) };
-        let mut classic = Classic::bake(loaded, settings, cpu(), &mut Progress::new(true)).unwrap();
+        let mut classic =
+            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &mut Progress::new(true)).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         mean(&classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures.indirect)
     };

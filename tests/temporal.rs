@@ -1,15 +1,15 @@
 //! Temporal radiosity through the whole pipeline, on the CPU and, where there is a device, on Vulkan.
 
+use assets::import::{Animation, LoadedScene};
+use assets::procedural;
 use glam::Vec3;
 use integration_tests::vulkan;
+use patchlight::progress::Progress;
+use patchlight::render::Pictures;
+use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use patchlight::render::operator::Transport;
+use patchlight::render::temporal::{RowKind, Sampled, Temporal};
 use runtime::executor::{DeviceChoice, Executor, open};
-use runtime::import::{Animation, LoadedScene};
-use runtime::procedural;
-use runtime::progress::Progress;
-use runtime::render::Pictures;
-use runtime::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use runtime::render::operator::Transport;
-use runtime::render::temporal::{RowKind, Sampled, Temporal};
 use scene::Light;
 use scene::math::luminance;
 use temporal::{Blend, Settings};
@@ -32,7 +32,7 @@ fn settings(patches: PatchKind, receivers: ReceiverKind) -> ClassicSettings {
 }
 
 fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Bake {
-    Bake::new(loaded, settings(patches, receivers), &mut Progress::new(true)).unwrap()
+    Bake::new(&loaded.scene, loaded.view.eye, settings(patches, receivers), &mut Progress::new(true)).unwrap()
 }
 
 fn cpu() -> Box<dyn Executor> {

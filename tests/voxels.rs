@@ -1,14 +1,14 @@
 //! Voxel and axis patches as their own receivers: the whole pipeline on scenes whose answer is known, on both executors.
 
+use assets::import::LoadedScene;
+use assets::procedural;
 use glam::Vec3;
 use integration_tests::vulkan;
+use patchlight::progress::Progress;
+use patchlight::render::Pictures;
+use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use reference::metrics::quantile;
 use runtime::executor::{DeviceChoice, Executor, open};
-use runtime::import::LoadedScene;
-use runtime::procedural;
-use runtime::progress::Progress;
-use runtime::render::Pictures;
-use runtime::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use scene::math::luminance;
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{Scene, SurfacePoint};
@@ -44,7 +44,8 @@ fn render(
     executor: Box<dyn Executor>,
     points: &[SurfacePoint],
 ) -> (Pictures, Vec<Vec3>) {
-    let mut classic = Classic::bake(loaded, settings, executor, &mut Progress::new(true)).unwrap();
+    let mut classic =
+        Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &mut Progress::new(true)).unwrap();
     assert_eq!(classic.receiver_count(), 0);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let pictures = classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures;
@@ -124,7 +125,8 @@ fn patches_that_receive_take_every_bounce() {
 fn patches_of_voxels_carry_the_light_that_clusters_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, settings: ClassicSettings| {
-        let mut classic = Classic::bake(loaded, settings, cpu(), &mut Progress::new(true)).unwrap();
+        let mut classic =
+            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &mut Progress::new(true)).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         let picture = classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>()
@@ -149,7 +151,10 @@ fn patches_of_voxels_carry_the_light_that_clusters_do() {
 fn patches_without_voxels_are_refused_as_receivers() {
     let loaded = procedural::build("furnace").unwrap();
     for kind in [PatchKind::Polygon, PatchKind::Cluster] {
-        let error = Classic::bake(&loaded, settings(kind), cpu(), &mut Progress::new(true)).err().unwrap().to_string();
+        let error = Classic::bake(&loaded.scene, loaded.view.eye, settings(kind), cpu(), &mut Progress::new(true))
+            .err()
+            .unwrap()
+            .to_string();
         assert!(error.contains("--patches voxel or axis"), "{error}");
     }
 }

@@ -4,14 +4,14 @@
 //! own) and in pictures (receivers on the mesh). Where all light is kept out the bound is 10⁻⁴ of what is outside; where some
 //! comes round a corner the path tracer says how much.
 
+use assets::import::LoadedScene;
+use assets::procedural;
 use glam::{Vec3, vec3};
+use patchlight::progress::Progress;
+use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use reference::metrics::quantile;
 use reference::{PathSettings, PathTracer};
 use runtime::executor::{DeviceChoice, open};
-use runtime::import::LoadedScene;
-use runtime::procedural;
-use runtime::progress::Progress;
-use runtime::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use scene::math::luminance;
 use scene::{
     Camera, LIGHT_DIRECTIONAL, LIGHT_POINT, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint, Triangle,
@@ -144,7 +144,8 @@ impl Baked {
             ..ClassicSettings::default()
         };
         let executor = open(&DeviceChoice::Cpu).unwrap().0;
-        let classic = Classic::bake(&loaded, settings, executor, &mut Progress::new(true)).unwrap();
+        let classic =
+            Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &mut Progress::new(true)).unwrap();
         Self { classic, lights: build.parts.lights.clone() }
     }
 

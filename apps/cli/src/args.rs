@@ -1,0 +1,473 @@
+//! The command line.
+
+mod local;
+mod operator;
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use temporal::{Blend, MOST_SAMPLES, Settings};
+
+use experiments::args::{Animate, Bench, CameraPath, Common, Patches, parse_epsilon, parse_error, parse_size};
+
+use super::bake::{Bake, Merge, parse_bytes};
+use patchlight::render::classic::{ClassicSettings, PatchKind};
+use patchlight::render::firstshot::FirstShotSettings;
+use patchlight::render::temporal::{RowKind, Sampled, Temporal};
+
+pub use local::LocalArgs;
+pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
+
+/// Diffuse global illumination by radiosity, fast enough for every frame.
+#[derive(Parser, Debug)]
+#[command(
+    name = "patchlight",
+    version,
+    about,
+    after_help = "Examples:\n  \
+        patchlight                                   demo: pictures and out/report.html\n  \
+        patchlight render atrium --method classic    render a built-in scene\n  \
+        patchlight render room.glb --out out/room    render your own scene\n  \
+        patchlight compare ours.exr reference.exr    print the differences\n  \
+        patchlight bench patches                     the experiments: tables, plots, report\n  \
+        patchlight devices                           what can run the kernels"
+)]
+pub struct Cli {
+    /// What to do; without a command, the demo.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    #[command(flatten)]
+    pub common: Common,
+    /// Shortens the demo: smaller pictures, fewer frames and samples.
+    #[arg(long)]
+    pub fast: bool,
+}
+
+/// The commands.
+#[derive(Subcommand, Debug)]
+pub enum Command {
+    /// Light a scene and write pictures (PNG, EXR) and summary.json.
+    #[command(after_help = "Examples:\n  \
+        patchlight render cornell --method classic --patch-count 4000\n  \
+        patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
+        patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
+        patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
+        patchlight render city.bake --method local --path fly --frames 300 --out out/city\n  \
+        patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
+        patchlight render cornell.toml --method classic --reference reference/cornell\n  \
+        patchlight render office --method firstshot --error 0.02")]
+    Render(Render),
+    Bake(Bake),
+    Merge(Merge),
+    /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
+    #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
+    Compare(Compare),
+    /// Run an experiment and write its tables, plots and pictures.
+    #[command(after_help = "Examples:\n  \
+        patchlight bench operator sponza.toml --counts 10000 --epsilons 0.03,0.01\n  \
+        patchlight bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n\n\
+        Experiments:\n  \
+        patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
+        proxy; where the error is; lights that the bake has not seen\n  \
+        operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
+        temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures\n  \
+        local      work, time and memory of the matrix round a camera on three paths, its pictures beside full radiosity\n  \
+        firstshot  photons and time to an error, first shot against photons from the lights")]
+    Bench(Bench),
+    /// List the devices that can run the kernels.
+    Devices,
+    /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
+    /// --operator what the operator of the light between them takes and loses.
+    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info city.bake\n  \
+        patchlight info atrium:50000 --json\n  patchlight info sponza.toml --patches axis --patch-count 10000\n  \
+        patchlight info atrium --operator --codec bc1 --out out/matrix")]
+    Info {
+        /// A scene file (.toml, .obj, .gltf, .glb), a bake, or a built-in scene.
+        scene: String,
+        #[command(flatten)]
+        patches: PatchOptions,
+        #[command(flatten)]
+        operator: OperatorOptions,
+    },
+    /// Write a built-in scene as files: scene .toml, .obj, .mtl and textures.
+    #[command(after_help = "Example:\n  patchlight scene atrium:20000 --out my-atrium\n\n\
+        Scenes: cornell, atrium[:TRIANGLES], city[:TRIANGLES], office, sealed-box, furnace")]
+    Scene {
+        /// NAME or NAME:TRIANGLES.
+        name: String,
+    },
+}
+
+/// How the light is found.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Classic radiosity: patches of any kind, one product a bounce.
+    Classic,
+    /// All bounces in one product with an operator that is stored as --codec says.
+    Multibounce,
+    /// Short for --method multibounce --codec tiles.
+    Tiles,
+    /// One product a frame with compressed form factors, from the light of the frame before.
+    Feedback,
+    /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
+    Temporal,
+    /// All bounces in one product, with the matrix of the patches round the camera: --slots, --budget, --look-ahead, --fade.
+    Local,
+    /// Photons that start where lights fall first, until the error is what --error says.
+    Firstshot,
+    /// Path tracing on the CPU, the reference.
+    Path,
+}
+
+impl Method {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Classic => "classic",
+            Self::Multibounce => "multibounce",
+            Self::Tiles => "tiles",
+            Self::Feedback => "feedback",
+            Self::Temporal => "temporal",
+            Self::Local => "local",
+            Self::Firstshot => "firstshot",
+            Self::Path => "path",
+        }
+    }
+}
+
+/// What frames of --method temporal do.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct TemporalOptions {
+    /// Samples a row and frame (temporal).
+    #[arg(long, default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SAMPLES)))]
+    pub samples: u32,
+    /// Weight of the frames before, from 0 to below 1, or auto: from the noise of the samples and the change of the light
+    /// (temporal without control variate).
+    #[arg(long, default_value = "auto", value_parser = parse_blend)]
+    pub blend: Blend,
+    /// Whether only what changes is sampled, so that light at rest has no noise (temporal).
+    #[arg(long, value_enum, default_value_t = Switch::On)]
+    pub control_variate: Switch,
+    /// Frames in which each row is once summed exactly (temporal with control variate); 0 for never.
+    #[arg(long, default_value_t = Settings::default().refresh, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    pub refresh: u32,
+    /// Whether samples are points of a lattice, rotated by chance, or independent (temporal).
+    #[arg(long, value_enum, default_value_t = Switch::On)]
+    pub rotated: Switch,
+    /// How rows between patches are kept (temporal).
+    #[arg(long, value_enum, default_value_t = RowStorage::Lists)]
+    pub rows: RowStorage,
+    /// Which rows are sampled (temporal); the others are multiplied by.
+    #[arg(long, value_enum, default_value_t = SampledRows::Patches)]
+    pub sampled: SampledRows,
+}
+
+/// On or off.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Switch {
+    /// Yes.
+    On,
+    /// No.
+    Off,
+}
+
+/// How rows are kept for sampling.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RowStorage {
+    /// Lists of columns, all entries alike.
+    Lists,
+    /// Alias tables.
+    Tables,
+}
+
+/// Which rows are sampled.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampledRows {
+    /// From patch to patch.
+    Patches,
+    /// Those to facets and to the points where indirect light is gathered, too.
+    All,
+}
+
+impl TemporalOptions {
+    /// The settings of the method.
+    pub fn settings(&self, seed: u32) -> Temporal {
+        let settings = Settings {
+            samples: self.samples,
+            blend: self.blend,
+            control_variate: self.control_variate == Switch::On,
+            rotated: self.rotated == Switch::On,
+            refresh: self.refresh,
+            seed,
+        };
+        let rows = match self.rows {
+            RowStorage::Lists => RowKind::Lists,
+            RowStorage::Tables => RowKind::Tables,
+        };
+        let sampled = match self.sampled {
+            SampledRows::Patches => Sampled::Patches,
+            SampledRows::All => Sampled::All,
+        };
+        Temporal { settings, rows, sampled }
+    }
+}
+
+/// What patches are made, and how many.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct PatchOptions {
+    /// What patches are [default: polygon where triangles are few beside the patches, else cluster].
+    #[arg(long, value_enum)]
+    pub patches: Option<Patches>,
+    /// Patches that send light [default: 4000].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub patch_count: Option<u32>,
+    /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
+    #[arg(long, value_name = "METRES")]
+    pub voxel_size: Option<f32>,
+}
+
+impl PatchOptions {
+    /// How many patches.
+    pub fn count(&self) -> usize {
+        self.patch_count.unwrap_or(4000) as usize
+    }
+
+    /// What they are made of in a scene of so many triangles.
+    pub fn kind(&self, triangles: usize) -> PatchKind {
+        self.patches.map_or_else(|| PatchKind::suited(triangles, self.count()), Patches::kind)
+    }
+
+    /// Whether any of them was given.
+    pub fn is_given(&self) -> bool {
+        self.patches.is_some() || self.patch_count.is_some() || self.voxel_size.is_some()
+    }
+}
+
+/// Where irradiance is gathered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ReceiverPlaces {
+    /// Points of the surface, close where light bends; pixels take the mean of those about.
+    Mesh,
+    /// Every visible point, with nothing in between: slow, for measuring (try --receiver-rays 64 --spp 1).
+    Pixels,
+    /// The voxel or axis patches themselves; pixels take the mean of those about.
+    #[value(name = "self")]
+    SelfReceivers,
+}
+
+/// Estimator of the form factors.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FormFactors {
+    /// Cosine-weighted rays.
+    Hemisphere,
+    /// Lambert's contour formula with shadow rays: exact where nothing hides.
+    Contour,
+    /// Pairs of points on both patches.
+    Area,
+    /// One point a patch.
+    Point,
+}
+
+/// `patchlight render`.
+#[derive(Args, Debug)]
+pub struct Render {
+    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene (cornell, atrium[:TRIANGLES], city[:TRIANGLES], office, sealed-box, furnace).
+    pub scene: String,
+    /// How the light is found.
+    #[arg(long, value_enum, default_value_t = Method::Classic)]
+    pub method: Method,
+    /// Frames; with more than one the scene's lights move, and frames.csv and report.html say what each measured.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub frames: u32,
+    /// How lights move from frame to frame.
+    #[arg(long, value_enum, default_value_t = Animate::Path)]
+    pub animate: Animate,
+    /// Also find the light of each frame by exact products, and write the error of each into frames.csv (not path).
+    #[arg(long)]
+    pub errors: bool,
+    #[command(flatten)]
+    pub temporal: TemporalOptions,
+    #[command(flatten)]
+    pub local: LocalArgs,
+    /// How the camera moves from frame to frame; then lights move as --animate says, but for a camera of their path.
+    #[arg(long, value_enum)]
+    pub path: Option<CameraPath>,
+    /// Picture size [default: that of the reference, else 960x540].
+    #[arg(long, value_parser = parse_size)]
+    pub size: Option<(u32, u32)>,
+    /// Sub-frames (classic) or paths (path) a pixel [default: 16 and 64].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub spp: Option<u32>,
+    #[command(flatten)]
+    pub patches: PatchOptions,
+    /// Bounces: a number, or all.
+    #[arg(long, default_value = "all", value_parser = parse_bounces)]
+    pub bounces: Bounces,
+    /// Where the operator of --bounces K is built (multibounce, tiles): auto takes the device of --device when it is a graphics
+    /// processor.
+    #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
+    pub build_on: BuildPlace,
+    /// Most resident memory while the operator is built (multibounce, tiles): bytes, or with K, M or G. Tiles of a larger one are
+    /// built panel by panel in a file in --out [default: what is free].
+    #[arg(long, value_parser = parse_bytes)]
+    pub memory_limit: Option<u64>,
+    /// How the operator is stored (multibounce) [default: tiles].
+    #[arg(long, value_enum)]
+    pub codec: Option<Storage>,
+    /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
+    #[arg(long, value_enum, default_value_t)]
+    pub decode: Decoding,
+    /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
+    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
+    pub epsilon: f64,
+    /// Bounces in a frame (feedback).
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub products: u32,
+    /// Bounces do not use where the light was going (feedback): it settles in about twice as many.
+    #[arg(long)]
+    pub plain: bool,
+    /// Relative error of the patches' irradiance at which photons are enough (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    pub error: f64,
+    /// Most photons (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    pub photons: u64,
+    /// Where irradiance is gathered.
+    #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
+    pub receivers: ReceiverPlaces,
+    /// Distance between the points at which indirect light is gathered where it is even, m [default: a third of the patches'
+    /// mean edge].
+    #[arg(long)]
+    pub receiver_edge: Option<f32>,
+    /// Most of those points; where light bends they stand closer [default: ten thirds of as many as that
+    /// distance gives].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
+    pub most_receivers: Option<u32>,
+    /// Estimator of the form factors.
+    #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
+    pub form_factors: FormFactors,
+    /// Rays a row of the form factors (hemisphere).
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    pub rays: u32,
+    /// Rays from each of those points.
+    #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    pub receiver_rays: u32,
+    /// Folder with full.exr, indirect.exr, points.csv to compare with; OUT/points.csv then has the error of each point, worst
+    /// first.
+    #[arg(long)]
+    pub reference: Option<PathBuf>,
+    /// Also write pictures into OUT/debug: colours by patch, facet, axis and receiver, E and H of the patches, where receivers
+    /// were refined; with --reference the blocks that are worst (classic).
+    #[arg(long)]
+    pub debug: bool,
+    /// Continue an interrupted path-traced picture in the same folder.
+    #[arg(long)]
+    pub resume: bool,
+}
+
+/// `patchlight compare`.
+#[derive(Args, Debug)]
+pub struct Compare {
+    /// Our picture (EXR, HDR or PNG).
+    pub ours: PathBuf,
+    /// What it should be.
+    pub reference: PathBuf,
+    /// Picture whose black pixels are left out.
+    #[arg(long)]
+    pub mask: Option<PathBuf>,
+    /// Exposure before tone mapping, in stops; without it 0.18 over the reference's log-average.
+    #[arg(long, allow_hyphen_values = true)]
+    pub stops: Option<f32>,
+    /// Write a picture of the difference.
+    #[arg(long)]
+    pub difference: Option<PathBuf>,
+}
+
+/// A number of bounces, or all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bounces {
+    /// This many.
+    Count(u32),
+    /// Until nothing changes.
+    All,
+}
+
+fn parse_bounces(text: &str) -> Result<Bounces, String> {
+    if text == "all" {
+        return Ok(Bounces::All);
+    }
+    match text.parse() {
+        Ok(count) if (1..=1000).contains(&count) => Ok(Bounces::Count(count)),
+        _ => Err(format!("`{text}` is neither `all` nor a number from 1 to 1000")),
+    }
+}
+
+fn parse_blend(text: &str) -> Result<Blend, String> {
+    match text.parse() {
+        _ if text == "auto" => Ok(Settings::default().blend),
+        Ok(w) if (0.0..1.0).contains(&w) => Ok(Blend::Fixed(w)),
+        _ => Err(format!("`{text}` is neither `auto` nor a number of at least 0 and below 1")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_definition_holds_together() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn blends() {
+        assert_eq!(parse_blend("0.9"), Ok(Blend::Fixed(0.9)));
+        assert!(matches!(parse_blend("auto"), Ok(Blend::Auto { .. })));
+        for wrong in ["1", "-0.1", "NaN", "often", ""] {
+            assert!(parse_blend(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn bad_options_of_frames_end_with_code_2() {
+        let parse = |option: &str, value: &str| {
+            Cli::try_parse_from(["patchlight", "render", "cornell", "--method", "temporal", option, value])
+        };
+        for (option, good, bad) in [
+            ("--samples", "16", ["0", "65537", "few"]),
+            ("--blend", "0.5", ["1", "2", "never"]),
+            ("--control-variate", "off", ["0", "maybe", ""]),
+            ("--refresh", "0", ["-1", "1.5", "1000001"]),
+            ("--rows", "tables", ["table", "csr", ""]),
+            ("--sampled", "all", ["none", "some", ""]),
+            ("--animate", "sun", ["moon", "1", ""]),
+            ("--path", "fly", ["walk", "1", ""]),
+            ("--slots", "64", ["3", "32769", "many"]),
+            ("--budget", "1", ["0", "-1", "all"]),
+            ("--look-ahead", "0", ["-1", "1001", "far"]),
+            ("--fade", "1", ["0", "1001", "slow"]),
+            ("--build-on", "device", ["gpu", "1", ""]),
+            ("--memory-limit", "800M", ["0", "much", ""]),
+        ] {
+            assert!(parse(option, good).is_ok(), "{option} {good}");
+            for value in bad {
+                assert_eq!(parse(option, value).unwrap_err().exit_code(), 2, "{option} {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn sizes_and_bounces() {
+        assert_eq!(parse_size("960x540"), Ok((960, 540)));
+        for wrong in ["", "960", "960x", "x540", "0x10", "-5x10", "20000x10", "1e9x2"] {
+            assert!(parse_size(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(parse_bounces("all"), Ok(Bounces::All));
+        assert_eq!(parse_bounces("3"), Ok(Bounces::Count(3)));
+        for wrong in ["0", "-1", "many", "1001"] {
+            assert!(parse_bounces(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Options of operators: how they are stored, decoded and built.
+
+use clap::{Args, ValueEnum};
+use multibounce::BlockCodec;
+
+use experiments::args::parse_epsilon;
+use patchlight::render::decode::Decode;
+use patchlight::render::operator::{BuildOn, Codec};
+
+/// How the operator of all bounces is stored.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Storage {
+    /// Single precision, three numbers an entry.
+    Dense,
+    /// Half precision, three numbers an entry.
+    F16,
+    /// Texture blocks of half a byte an entry, with the greatest entries beside them.
+    Bc1,
+    /// The same of a byte an entry: brightness apart from colour.
+    Bc3,
+    /// The same of a byte an entry: half-precision colours.
+    Bc6h,
+    /// The same of a byte an entry: 8-bit colours on up to three lines.
+    Bc7,
+    /// Tiles of low rank and single entries, with the error that --epsilon says.
+    #[default]
+    Tiles,
+}
+
+impl Storage {
+    /// The codec; tiles with this relative error.
+    pub fn codec(self, epsilon: f64) -> Codec {
+        match self {
+            Self::Dense => Codec::Dense,
+            Self::F16 => Codec::Half,
+            Self::Bc1 => Codec::Blocks(BlockCodec::Bc1),
+            Self::Bc3 => Codec::Blocks(BlockCodec::Bc3),
+            Self::Bc6h => Codec::Blocks(BlockCodec::Bc6h),
+            Self::Bc7 => Codec::Blocks(BlockCodec::Bc7),
+            Self::Tiles => Codec::Tiles { epsilon },
+        }
+    }
+}
+
+/// What decodes texture blocks on a device.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Decoding {
+    /// The texture unit where there is one that is faster.
+    #[default]
+    Auto,
+    /// The texture unit (needs textureCompressionBC); its BC1 and BC3 are rounded to about 8 bits.
+    Texture,
+    /// The kernel, exactly as on the CPU.
+    Kernel,
+}
+
+impl Decoding {
+    /// What frames know it as.
+    pub fn decode(self) -> Decode {
+        match self {
+            Self::Auto => Decode::Auto,
+            Self::Texture => Decode::Texture,
+            Self::Kernel => Decode::Kernel,
+        }
+    }
+}
+
+/// Where operators are built.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BuildPlace {
+    /// On the device when it is a graphics processor, else on the host.
+    Auto,
+    /// On the host.
+    Host,
+    /// On the device, whatever it is.
+    Device,
+}
+
+impl BuildPlace {
+    /// As methods take it.
+    pub fn place(self) -> BuildOn {
+        match self {
+            Self::Auto => BuildOn::Auto,
+            Self::Host => BuildOn::Host,
+            Self::Device => BuildOn::Device,
+        }
+    }
+}
+
+/// What operator is made.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct OperatorOptions {
+    /// Also make the operator of all bounces between the patches: bytes, ranks, errors; with --out also pictures of the matrix
+    /// before and after it is reordered, and of the error of its compression.
+    #[arg(long)]
+    pub operator: bool,
+    /// How the operator is stored; with tiles also form factors for feedback.
+    #[arg(long, value_enum, default_value_t = Storage::default(), requires = "operator")]
+    pub codec: Storage,
+    /// Relative error of tiles, in the sense of Frobenius.
+    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator")]
+    pub epsilon: f64,
+    /// What is to decode texture blocks in frames on the device: says what is taken.
+    #[arg(long, value_enum, default_value_t, requires = "operator")]
+    pub decode: Decoding,
+}

@@ -1,0 +1,278 @@
+//! `patchlight bake`, `patchlight merge` and `patchlight info FILE.bake`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use localmatrix::{BakeFile, Part};
+use serde::Serialize;
+
+use experiments::Error;
+use experiments::args::Common;
+use experiments::output;
+use patchlight::bake::{BakeSettings, Baked, Extra, LEAST_PATCHES, MOST_PATCHES, bake, merge};
+use patchlight::memory::peak_memory_bytes;
+use patchlight::progress::Progress;
+
+/// Patches without --patch-count: one for so many triangles, within these bounds.
+const TRIANGLES_A_PATCH: usize = 20;
+const LEAST_BY_DEFAULT: usize = 4_000;
+const MOST_BY_DEFAULT: usize = 250_000;
+
+/// Bake a world of patches into a file that --method local reads as the camera moves. Goes on where an interrupted run of the
+/// same ended; the bytes are the same for any number of threads.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Examples:\n  \
+    patchlight bake city:5000000 -o city.bake\n  \
+    patchlight bake sponza.toml --patch-count 50000 --rays 1024 --memory-limit 4G -o sponza.bake\n  \
+    patchlight bake city --part 3/8 -o part-3.bake     one job of an array; see examples/slurm/bake.sbatch\n\n\
+    --out names the file [default: SCENE.bake].")]
+pub struct Bake {
+    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
+    pub scene: String,
+    /// About how many patches; the voxels' edge is then a power of two of a metre [default: a twentieth of the triangles, 4,000 to
+    /// 250,000].
+    #[arg(long, conflicts_with = "voxel_size", value_parser = parse_patches)]
+    pub patch_count: Option<usize>,
+    /// Edge of the voxels, m.
+    #[arg(long, value_name = "METRES", value_parser = parse_metres)]
+    pub voxel_size: Option<f32>,
+    /// Rays a row.
+    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=65_536))]
+    pub rays: u32,
+    /// Most resident memory: bytes, or with K, M or G.
+    #[arg(long, default_value = "2G", value_parser = parse_bytes)]
+    pub memory_limit: u64,
+    /// Bake only part K of N; join them with `patchlight merge`.
+    #[arg(long, value_name = "K/N", value_parser = parse_part)]
+    pub part: Option<Part>,
+}
+
+/// Join the parts of a bake into one file: the same bytes as a bake in one piece.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = "Example:\n  patchlight merge part-*.bake -o city.bake")]
+pub struct Merge {
+    /// The parts, in any order.
+    #[arg(required = true)]
+    pub parts: Vec<PathBuf>,
+}
+
+fn parse_patches(text: &str) -> Result<usize, String> {
+    let range = LEAST_PATCHES..=MOST_PATCHES;
+    text.parse()
+        .ok()
+        .filter(|n| range.contains(n))
+        .ok_or_else(|| format!("`{text}` is no number from {LEAST_PATCHES} to {MOST_PATCHES}"))
+}
+
+fn parse_metres(text: &str) -> Result<f32, String> {
+    text.parse()
+        .ok()
+        .filter(|x: &f32| x.is_finite() && *x > 0.0)
+        .ok_or_else(|| format!("`{text}` is no length in metres"))
+}
+
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("`{text}` is no number of bytes; write for example 2G or 800M");
+    let (digits, shift) = match text.char_indices().last() {
+        Some((at, 'K' | 'k')) => (&text[..at], 10),
+        Some((at, 'M' | 'm')) => (&text[..at], 20),
+        Some((at, 'G' | 'g')) => (&text[..at], 30),
+        _ => (text, 0),
+    };
+    let number: f64 = digits.parse().map_err(|_| wrong())?;
+    let bytes = number * f64::from(1u32 << shift);
+    if bytes.is_finite() && (1.0..1e15).contains(&bytes) { Ok(bytes as u64) } else { Err(wrong()) }
+}
+
+fn parse_part(text: &str) -> Result<Part, String> {
+    let wrong = || format!("`{text}` is no part; write K/N, for example 3/8, with K from 1 to N");
+    let (number, of) = text.split_once('/').ok_or_else(wrong)?;
+    let part = Part { number: number.parse().map_err(|_| wrong())?, of: of.parse().map_err(|_| wrong())? };
+    if part.number == 0 || part.number > part.of { Err(wrong()) } else { Ok(part) }
+}
+
+/// Whether a file that a command is given is a bake by its name.
+pub fn is_bake(path: &str) -> bool {
+    Path::new(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("bake"))
+}
+
+#[derive(Serialize)]
+struct Report {
+    file: PathBuf,
+    #[serde(flatten)]
+    baked: Baked,
+    seconds: Vec<(String, f64)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_memory_bytes: Option<u64>,
+}
+
+pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
+    let mut progress = Progress::new(common.quiet);
+    let loaded = output::import(&args.scene, &mut progress)?;
+    let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(LEAST_BY_DEFAULT, MOST_BY_DEFAULT);
+    let settings = BakeSettings {
+        scene: args.scene.clone(),
+        voxel_size: args.voxel_size,
+        patch_count: args.patch_count.unwrap_or(by_default),
+        rays: args.rays,
+        seed: common.seed,
+    };
+    let part = args.part.map_or(String::new(), |p| format!("-{}-of-{}", p.number, p.of));
+    let path =
+        common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
+    let baked =
+        bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &mut progress)?;
+    tell(common, path, baked, progress);
+    Ok(())
+}
+
+pub fn run_merge(common: &Common, args: &Merge) -> Result<(), Error> {
+    let mut progress = Progress::new(common.quiet);
+    let path = common.out.clone().unwrap_or_else(|| PathBuf::from("merged.bake"));
+    let baked = merge(&args.parts, &path, &mut progress)?;
+    tell(common, path, baked, progress);
+    Ok(())
+}
+
+fn tell(common: &Common, file: PathBuf, baked: Baked, progress: Progress) {
+    let report = Report { file, baked, seconds: progress.phases, peak_memory_bytes: peak_memory_bytes() };
+    if common.json {
+        println!("{}", output::json(&report));
+        return;
+    }
+    let Report { file, baked, seconds, peak_memory_bytes } = &report;
+    println!("{:14} {}, {}", "file", file.display(), output::bytes(baked.bytes));
+    println!("{:14} {} of voxels of {} m, {} nodes", "patches", baked.leaves, baked.voxel_edge_m, baked.nodes);
+    if baked.rows + baked.resumed_rows > 0 {
+        println!(
+            "{:14} {} at {:.0} a second, {} from before",
+            "rows", baked.rows, baked.rows_per_second, baked.resumed_rows
+        );
+    }
+    for (name, time) in seconds {
+        println!("{:14} {time:.2} s", name);
+    }
+    if let Some(peak) = peak_memory_bytes {
+        println!("{:14} {}", "peak memory", output::bytes(*peak));
+    }
+}
+
+#[derive(Serialize)]
+struct BakeInfo {
+    file: PathBuf,
+    bytes: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    part: Option<[u32; 2]>,
+    scene: String,
+    scene_hash: String,
+    settings: Option<BakeSettings>,
+    patches: u32,
+    nodes: u32,
+    roots: usize,
+    area_m2: f64,
+    voxel_edge_m: Option<f32>,
+    shining_patches: Option<usize>,
+    dark_places: Option<usize>,
+    blocks: u32,
+    rows: u64,
+    entries: u64,
+    entries_a_row: f64,
+    mean_sky_factor: f64,
+    mean_lost: f64,
+    lost_blocks: Vec<String>,
+}
+
+/// Says what a bake holds, and checks all of it.
+pub fn info(common: &Common, path: &str) -> Result<(), Error> {
+    let file = BakeFile::open(Path::new(path))?;
+    let settings: Option<BakeSettings> = serde_json::from_str(&file.text).ok();
+    let extra = Extra::decode(&file.extra);
+    let (mut rows, mut entries, mut sky, mut lost, mut broken) = (0u64, 0u64, 0.0, 0.0, Vec::new());
+    for block in file.head.own_blocks() {
+        match file.records(block) {
+            Ok(records) => {
+                rows += records.len() as u64;
+                for record in &records {
+                    entries += record.factors.len() as u64;
+                    sky += f64::from(record.sky);
+                    lost += f64::from(record.lost);
+                }
+            }
+            Err(error) => broken.push(error.to_string()),
+        }
+    }
+    let leaves = &file.nodes[..file.head.leaves as usize];
+    let mean = |sum: f64| sum / rows.max(1) as f64;
+    let info = BakeInfo {
+        file: PathBuf::from(path),
+        bytes: file.bytes()?,
+        part: file.head.part.map(|p| [p.number, p.of]),
+        scene: settings.as_ref().map_or(String::new(), |s| s.scene.clone()),
+        scene_hash: file.head.scene.iter().map(|byte| format!("{byte:02x}")).collect(),
+        settings,
+        patches: file.head.leaves,
+        nodes: file.head.nodes,
+        roots: file.nodes.iter().filter(|n| n.parent == localmatrix::NO_NODE).count(),
+        area_m2: leaves.iter().map(|n| f64::from(n.area)).sum(),
+        voxel_edge_m: extra.as_ref().map(|e| e.shape.edges.x),
+        shining_patches: extra.as_ref().map(|e| e.emission.len()),
+        dark_places: extra.as_ref().map(|e| e.dark.len()),
+        blocks: file.head.own_blocks().len() as u32,
+        rows,
+        entries,
+        entries_a_row: entries as f64 / rows.max(1) as f64,
+        mean_sky_factor: mean(sky),
+        mean_lost: mean(lost),
+        lost_blocks: broken,
+    };
+    if common.json {
+        println!("{}", output::json(&info));
+    } else {
+        info.print();
+    }
+    match info.lost_blocks.len() {
+        0 => Ok(()),
+        lost => Err(Error::LostBlocks { path: info.file, lost, blocks: info.blocks }),
+    }
+}
+
+impl BakeInfo {
+    fn print(&self) {
+        let part = self.part.map_or(String::new(), |[k, n]| format!(", part {k} of {n}"));
+        println!("{:14} {}, {}{part}", "bake", self.file.display(), output::bytes(self.bytes));
+        println!("{:14} {} ({}…)", "scene", self.scene, &self.scene_hash[..16]);
+        if let Some(s) = &self.settings {
+            println!("{:14} {} rays a row, seed {}", "settings", s.rays, s.seed);
+        }
+        if let (Some(edge), Some(shining), Some(dark)) = (self.voxel_edge_m, self.shining_patches, self.dark_places) {
+            println!("{:14} edge {edge} m, {shining} patches shine, {dark} places are dark", "voxels");
+        }
+        println!("{:14} {}, {:.0} m²", "patches", self.patches, self.area_m2);
+        println!("{:14} {} with what is merged, {} of them roots", "nodes", self.nodes, self.roots);
+        println!("{:14} {} in {} blocks, {:.1} entries each", "rows", self.rows, self.blocks, self.entries_a_row);
+        println!("{:14} {:.3} of rays on average, lost {:.5}", "sky", self.mean_sky_factor, self.mean_lost);
+        for line in &self.lost_blocks {
+            println!("{:14} {line}", "lost");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_and_parts() {
+        assert_eq!(parse_bytes("2G"), Ok(2 << 30));
+        assert_eq!(parse_bytes("1.5m"), Ok(3 << 19));
+        assert_eq!(parse_bytes("4096"), Ok(4096));
+        for wrong in ["", "G", "-1", "2T", "nan", "inf", "0", "1e99"] {
+            assert!(parse_bytes(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(parse_part("3/8"), Ok(Part { number: 3, of: 8 }));
+        for wrong in ["", "3", "0/8", "9/8", "1/0", "a/b", "-1/2", "1/2/3"] {
+            assert!(parse_part(wrong).is_err(), "{wrong}");
+        }
+        assert!(is_bake("a/city.BAKE") && !is_bake("bake") && !is_bake("city.toml"));
+    }
+}

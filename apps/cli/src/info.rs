@@ -1,0 +1,230 @@
+//! `patchlight info`.
+
+mod operator;
+
+use std::time::Instant;
+
+use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, NONE};
+use serde::Serialize;
+
+use super::args::{OperatorOptions, PatchOptions};
+use assets::import::{LoadedScene, load_or_build};
+use experiments::Error;
+use experiments::args::Common;
+use experiments::output;
+use patchlight::render::classic::{ClassicSettings, PatchKind};
+use patchlight::render::senders::{SenderSettings, Senders, lit_sampler};
+
+#[derive(Serialize)]
+struct Info {
+    scene: String,
+    file_triangles: usize,
+    triangles: usize,
+    dropped_zero_area: usize,
+    dropped_duplicates: usize,
+    dropped_holes: usize,
+    objects: usize,
+    materials: usize,
+    textured_materials: usize,
+    masked_materials: usize,
+    emissive_materials: usize,
+    textures: usize,
+    area_m2: f64,
+    emitting_area_m2: f64,
+    bounds_m: [[f32; 3]; 2],
+    metres_per_unit: f32,
+    lights: Vec<String>,
+    sky: String,
+    hierarchy_nodes: usize,
+    bytes: Vec<(&'static str, u64)>,
+    seconds: Vec<(&'static str, f64)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    patches: Option<Patches>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    operator: Option<operator::Operator>,
+}
+
+/// What patches a scene gives.
+#[derive(Serialize)]
+struct Patches {
+    kind: &'static str,
+    /// Voxels with patches, and their edge.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    voxels: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    voxel_edge_m: Option<f32>,
+    samples: usize,
+    sample_points: usize,
+    patches: usize,
+    facets: usize,
+    /// Of all patches, and of both sides of all triangles.
+    area_m2: f64,
+    surface_sides_m2: f64,
+    min_area_m2: f32,
+    median_area_m2: f32,
+    max_area_m2: f32,
+    bytes: Vec<(&'static str, u64)>,
+    seconds: f64,
+}
+
+pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &OperatorOptions) -> Result<(), Error> {
+    let loaded = load_or_build(spec)?;
+    for line in &loaded.warnings {
+        eprintln!("warning: {line}");
+    }
+    let mut info = Info::of(&loaded);
+    if patches.is_given() || operator.operator {
+        let start = Instant::now();
+        let kind = patches.kind(loaded.scene.triangles.len());
+        let settings = ClassicSettings {
+            patches: kind,
+            patch_count: patches.count(),
+            voxel_size: patches.voxel_size,
+            seed: common.seed,
+            ..ClassicSettings::default()
+        };
+        let senders = senders(&loaded, &settings)?;
+        info.patches = Some(Patches::of(&senders, kind, info.area_m2, start.elapsed().as_secs_f64()));
+        if operator.operator {
+            info.operator = Some(operator::Operator::of(common, &loaded, &senders, &settings, operator)?);
+        }
+    }
+    if common.json {
+        println!("{}", output::json(&info));
+    } else {
+        info.print();
+    }
+    Ok(())
+}
+
+impl Info {
+    fn of(loaded: &LoadedScene) -> Self {
+        let s = &loaded.scene;
+        let area = |t: &scene::Triangle| f64::from(0.5 * t.edge_a.cross(t.edge_b).length());
+        let count = |f: &dyn Fn(&scene::Material) -> bool| s.materials.iter().filter(|m| f(m)).count();
+        let lights = s.lights.iter().map(|l| match l.kind {
+            LIGHT_DIRECTIONAL => format!("directional, irradiance {} W/m²", l.color),
+            LIGHT_POINT => format!("point at {} m, intensity {} W/sr", l.position, l.color),
+            LIGHT_SPOT => format!("spot at {} m, intensity {} W/sr", l.position, l.color),
+            LIGHT_RECT => format!("rectangle of {:.3} m², radiance {} W/m²/sr", l.area, l.color),
+            other => format!("unknown kind {other}"),
+        });
+        let size = |bytes: usize| bytes as u64;
+        Self {
+            scene: loaded.name.clone(),
+            file_triangles: loaded.file_triangles,
+            triangles: s.triangles.len(),
+            dropped_zero_area: loaded.dropped.zero_area,
+            dropped_duplicates: loaded.dropped.duplicates,
+            dropped_holes: loaded.dropped.holes,
+            objects: loaded.objects.len(),
+            materials: s.materials.len(),
+            textured_materials: count(&|m| m.albedo_texture != NONE),
+            masked_materials: count(&|m| m.mask_texture != NONE),
+            emissive_materials: count(&|m| m.radiance.max_element() > 0.0),
+            textures: s.textures.len(),
+            area_m2: s.triangles.iter().map(area).sum(),
+            emitting_area_m2: s.emitters.iter().map(|e| f64::from(e.area)).sum(),
+            bounds_m: [s.bounds.0.to_array(), s.bounds.1.to_array()],
+            metres_per_unit: loaded.metres_per_unit,
+            lights: lights.collect(),
+            sky: match (s.has_sky(), s.sky.map_width) {
+                (false, _) => "none".into(),
+                (true, 0) => format!("constant, radiance {} W/m²/sr", s.sky.radiance),
+                (true, width) => format!("map of {width} x {}", s.sky.map_height),
+            },
+            hierarchy_nodes: s.nodes.len(),
+            bytes: vec![
+                ("triangles", size(size_of_val(&s.triangles[..]) + size_of_val(&s.uvs[..]))),
+                ("hierarchy", size(size_of_val(&s.nodes[..]))),
+                ("texels", size(size_of_val(&s.texels[..]))),
+                ("sky map", size(size_of_val(&s.sky_map[..]))),
+            ],
+            seconds: loaded.timings.clone(),
+            patches: None,
+            operator: None,
+        }
+    }
+
+    fn print(&self) {
+        println!("{:24} {}", "scene", self.scene);
+        println!("{:24} {} (file: {})", "triangles", self.triangles, self.file_triangles);
+        println!(
+            "{:24} {} without area, {} duplicates, {} transparent",
+            "dropped", self.dropped_zero_area, self.dropped_duplicates, self.dropped_holes
+        );
+        println!("{:24} {}", "objects", self.objects);
+        println!(
+            "{:24} {} ({} textured, {} masked, {} emissive)",
+            "materials", self.materials, self.textured_materials, self.masked_materials, self.emissive_materials
+        );
+        println!("{:24} {}", "textures", self.textures);
+        println!("{:24} {:.4} m² (emitting {:.6} m²)", "surface", self.area_m2, self.emitting_area_m2);
+        println!("{:24} {:?} .. {:?} m", "bounds", self.bounds_m[0], self.bounds_m[1]);
+        println!("{:24} {} m", "unit of the file", self.metres_per_unit);
+        for light in &self.lights {
+            println!("{:24} {light}", "light");
+        }
+        println!("{:24} {}", "sky", self.sky);
+        println!("{:24} {} nodes", "hierarchy", self.hierarchy_nodes);
+        for (name, count) in &self.bytes {
+            println!("{:24} {}", format!("memory, {name}"), output::bytes(*count));
+        }
+        for (name, seconds) in &self.seconds {
+            println!("{:24} {seconds:.3} s", format!("time, {name}"));
+        }
+        if let Some(patches) = &self.patches {
+            patches.print();
+        }
+        if let Some(operator) = &self.operator {
+            operator.print();
+        }
+    }
+}
+
+fn senders(loaded: &LoadedScene, settings: &ClassicSettings) -> Result<Senders, Error> {
+    let ClassicSettings { patches: kind, patch_count: count, voxel_size, samples, seed, .. } = *settings;
+    let sampler = lit_sampler(&loaded.scene, count, seed)?;
+    Ok(Senders::new(&loaded.scene, sampler.as_ref(), &SenderSettings { kind, count, voxel_size, samples, seed })?)
+}
+
+impl Patches {
+    /// `area`: of the triangles, one side, m².
+    fn of(senders: &Senders, kind: PatchKind, area: f64, seconds: f64) -> Self {
+        let mut areas = senders.areas();
+        areas.sort_by(f32::total_cmp);
+        Self {
+            kind: kind.name(),
+            voxels: senders.lookup.as_ref().map(|lookup| lookup.offsets.len() - 1),
+            voxel_edge_m: senders.lookup.as_ref().map(|lookup| lookup.params.shape.edges.x),
+            samples: senders.samples,
+            sample_points: senders.points.len(),
+            patches: senders.patches.len(),
+            facets: senders.facets.len(),
+            area_m2: areas.iter().map(|&a| f64::from(a)).sum(),
+            surface_sides_m2: 2.0 * area,
+            min_area_m2: areas.first().copied().unwrap_or(0.0),
+            median_area_m2: areas.get(areas.len() / 2).copied().unwrap_or(0.0),
+            max_area_m2: areas.last().copied().unwrap_or(0.0),
+            bytes: senders.bytes().to_vec(),
+            seconds,
+        }
+    }
+
+    fn print(&self) {
+        println!("{:24} {} of kind {}, {} facets", "patches", self.patches, self.kind, self.facets);
+        if let (Some(voxels), Some(edge)) = (self.voxels, self.voxel_edge_m) {
+            println!("{:24} {voxels} with patches, edge {edge:.4} m", "voxels");
+        }
+        println!("{:24} {} ({} points of patches)", "samples", self.samples, self.sample_points);
+        println!("{:24} {:.4} m² (both sides of the surface: {:.4} m²)", "area", self.area_m2, self.surface_sides_m2);
+        println!(
+            "{:24} min {:.3e}, median {:.3e}, max {:.3e} m²",
+            "area of a patch", self.min_area_m2, self.median_area_m2, self.max_area_m2
+        );
+        for (name, count) in &self.bytes {
+            println!("{:24} {}", format!("memory, {name}"), output::bytes(*count));
+        }
+        println!("{:24} {:.3} s", "time, patches", self.seconds);
+    }
+}

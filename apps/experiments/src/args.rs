@@ -1,0 +1,259 @@
+//! Options that all commands share, and those of the experiments.
+
+use std::path::PathBuf;
+
+use assets::{Animation, LoadedScene};
+use clap::{Args, ValueEnum};
+use multibounce::BlockCodec;
+use patchlight::render::classic::{ClassicSettings, PatchKind};
+use patchlight::render::firstshot::FirstShotSettings;
+
+use crate::bench::Part;
+
+/// Options of every command.
+#[derive(Args, Debug, Clone)]
+pub struct Common {
+    /// auto, cpu, vulkan, an index of `patchlight devices`, or part of a device's name.
+    #[arg(long, global = true, default_value = "auto")]
+    pub device: String,
+    /// Threads of the CPU; 0 takes one a core.
+    #[arg(long, global = true, default_value_t = 0)]
+    pub threads: usize,
+    /// Changes every random number; the same seed gives the same bytes.
+    #[arg(long, global = true, default_value_t = 0)]
+    pub seed: u32,
+    /// Folder for results (demo: out; render: out/SCENE-METHOD).
+    #[arg(long, short, global = true)]
+    pub out: Option<PathBuf>,
+    /// No progress bars, no notes; warnings and errors remain.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Print the summary as JSON on standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// How lights move.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Animate {
+    /// Along the scene's own path, or a made-up one; the camera too.
+    #[default]
+    Path,
+    /// Only suns turn, the camera rests.
+    Sun,
+    /// They jump at a third of the frames, and back at two thirds; the camera rests.
+    Jump,
+    /// Nothing moves.
+    Still,
+}
+
+/// Kinds of patches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Patches {
+    /// Triangles cut into like pieces.
+    Polygon,
+    /// Samples of the surface gathered by what they see: any mesh in as many patches as wanted.
+    Cluster,
+    /// Samples of each voxel gathered where position and normal are alike.
+    Voxel,
+    /// Samples of each voxel shared out over the six directions of the axes.
+    Axis,
+}
+
+impl Patches {
+    /// Their kind.
+    pub fn kind(self) -> PatchKind {
+        match self {
+            Self::Polygon => PatchKind::Polygon,
+            Self::Cluster => PatchKind::Cluster,
+            Self::Voxel => PatchKind::Voxel,
+            Self::Axis => PatchKind::Axis,
+        }
+    }
+}
+
+/// Experiments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Experiment {
+    /// Patches as senders, receivers on the mesh.
+    Patches,
+    /// The operator of all bounces: bytes and time over the error of its compression.
+    Operator,
+    /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
+    Temporal,
+    /// The matrix round a camera that moves, beside full radiosity: work, time, memory, pictures.
+    Local,
+    /// Photons to an error: from where lights fall first, and from the lights.
+    Firstshot,
+}
+
+/// `patchlight bench`.
+#[derive(Args, Clone, Debug)]
+pub struct Bench {
+    /// The experiment.
+    #[arg(value_enum)]
+    pub name: Experiment,
+    /// Scene files or built-in scenes [default: cornell atrium].
+    pub scenes: Vec<String>,
+    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, firstshot 4000, others 10000].
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    pub counts: Vec<u32>,
+    /// Relative errors (Frobenius) of compressed operators.
+    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
+    pub epsilons: Vec<f64>,
+    /// Texture blocks that are measured beside tiles, or none (operator).
+    #[arg(long, value_delimiter = ',', value_enum, default_value = "bc1,bc3,bc6h,bc7")]
+    pub codecs: Vec<Blocks>,
+    /// Relative error of the patches' irradiance (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    pub error: f64,
+    /// Most photons (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    pub photons: u64,
+    /// Receivers for each that there is by default.
+    #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_parser = parse_density)]
+    pub densities: Vec<f32>,
+    /// Kinds of patches [default: patches voxel,axis,cluster, operator cluster].
+    #[arg(long, value_delimiter = ',', value_enum)]
+    pub kinds: Vec<Patches>,
+    /// Parts of the experiment (patches).
+    #[arg(long, value_delimiter = ',', value_enum, default_value = "patches,break-down,lights")]
+    pub parts: Vec<Part>,
+    /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path traced.
+    #[arg(long)]
+    pub references: Option<PathBuf>,
+    /// Size of path-traced references.
+    #[arg(long, default_value = "480x360", value_parser = parse_size)]
+    pub size: (u32, u32),
+    /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    pub spp: u32,
+    /// Sub-frames of a picture.
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub sub_frames: u32,
+    /// Frames whose times give the median.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub frames: u32,
+    /// Rays a row of the form factors.
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=131_072))]
+    pub rays: u32,
+    /// Rays from each receiver [default: operator as many as --rays, others 1024].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(16..=131_072))]
+    pub receiver_rays: Option<u32>,
+    /// Receivers of the operator from patches to receivers, 0 to leave it out (operator).
+    #[arg(long, default_value_t = 160_000, value_parser = clap::value_parser!(u32).range(0..=4_000_000))]
+    pub receivers: u32,
+    /// Relative errors (Frobenius) of the same, compressed.
+    #[arg(long, value_delimiter = ',', default_value = "0.05,0.03", value_parser = parse_epsilon)]
+    pub receiver_epsilons: Vec<f64>,
+    /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
+    #[arg(long)]
+    pub resume: bool,
+}
+
+impl Bench {
+    /// Rays from each receiver.
+    pub fn receiver_rays(&self) -> u32 {
+        self.receiver_rays.unwrap_or(match self.name {
+            Experiment::Operator => self.rays,
+            _ => ClassicSettings::default().receiver_rays,
+        })
+    }
+}
+
+/// A relative error of a compressed operator.
+///
+/// # Errors
+/// Text that is none.
+pub fn parse_epsilon(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(epsilon) if (1e-6..1.0).contains(&epsilon) => Ok(epsilon),
+        _ => Err(format!("`{text}` is no number of at least 0.000001 and below 1")),
+    }
+}
+
+/// A relative error of photons.
+///
+/// # Errors
+/// Text that is none.
+pub fn parse_error(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(error) if (1e-4..=1.0).contains(&error) => Ok(error),
+        _ => Err(format!("`{text}` is no number from 0.0001 to 1")),
+    }
+}
+
+/// A density of receivers.
+///
+/// # Errors
+/// Text that is none.
+pub fn parse_density(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(density) if (0.01..=100.0).contains(&density) => Ok(density),
+        _ => Err(format!("`{text}` is no number from 0.01 to 100")),
+    }
+}
+
+/// A picture size, `960x540`.
+///
+/// # Errors
+/// Text that is none.
+pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let wrong = || format!("`{text}` is no size; write WIDTHxHEIGHT, for example 960x540");
+    let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+    let (width, height) = (width.parse().map_err(|_| wrong())?, height.parse().map_err(|_| wrong())?);
+    if !(1..=16_384).contains(&width) || !(1..=16_384).contains(&height) {
+        return Err(format!("`{text}`: each side must be from 1 to 16384 pixels"));
+    }
+    Ok((width, height))
+}
+
+/// How the camera moves.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CameraPath {
+    /// Along the scene, from one end to the other.
+    Fly,
+    /// To and fro along the scene's middle, twice.
+    Shuttle,
+    /// Round the scene's middle.
+    Circle,
+}
+
+impl CameraPath {
+    /// The camera over one second.
+    pub fn animation(self, loaded: &LoadedScene) -> Animation {
+        match self {
+            Self::Fly => Animation::fly(loaded),
+            Self::Shuttle => Animation::shuttle(loaded),
+            Self::Circle => Animation::circle(loaded),
+        }
+    }
+}
+
+/// Texture blocks of an experiment.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Blocks {
+    /// None.
+    None,
+    /// Half a byte an entry.
+    Bc1,
+    /// A byte an entry: brightness apart from colour.
+    Bc3,
+    /// A byte an entry: half-precision colours.
+    Bc6h,
+    /// A byte an entry: 8-bit colours.
+    Bc7,
+}
+
+impl Blocks {
+    /// The codec.
+    pub fn codec(self) -> Option<BlockCodec> {
+        match self {
+            Self::None => None,
+            Self::Bc1 => Some(BlockCodec::Bc1),
+            Self::Bc3 => Some(BlockCodec::Bc3),
+            Self::Bc6h => Some(BlockCodec::Bc6h),
+            Self::Bc7 => Some(BlockCodec::Bc7),
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
+
+mod firstshot;
+mod lights;
+mod local;
+mod operator;
+mod patches;
+mod rows;
+mod temporal;
+mod truth;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::args::{Bench, Common, Experiment, Patches};
+use crate::bandwidth::stream_gb_s;
+use crate::error::Error;
+use crate::output;
+use crate::report::page;
+use patches::SceneResult;
+pub use rows::Part;
+use rows::Row;
+use runtime::executor::{DeviceChoice, DeviceKind, open};
+
+/// Scenes of an experiment that names none.
+const SCENES: [&str; 2] = ["cornell", "atrium"];
+/// Patches of the experiment with patches.
+const COUNTS: [u32; 5] = [1000, 2000, 5000, 10_000, 20_000];
+/// Their kinds.
+const KINDS: [Patches; 3] = [Patches::Voxel, Patches::Axis, Patches::Cluster];
+/// Bytes that are read to measure the bandwidth, more than caches hold, and how often.
+const STREAM_BYTES: usize = 256 << 20;
+const STREAM_TURNS: usize = 3;
+
+/// What the numbers were measured on.
+#[derive(Serialize)]
+struct Machine {
+    cpu: String,
+    /// The Vulkan device, where one runs the kernels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gpu: Option<String>,
+    threads: usize,
+    stream_gb_s: f64,
+}
+
+/// What the rows of the experiment with patches depend on beside what they say: a run goes on only from its like.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Basis {
+    seed: u32,
+    rays: u32,
+    receiver_rays: u32,
+    sub_frames: u32,
+    /// Of path-traced references.
+    size: (u32, u32),
+    spp: u32,
+    /// Of the break-down, the lights and the pictures.
+    most_patches: u32,
+}
+
+impl Basis {
+    fn new(common: &Common, args: &Bench, most_patches: u32) -> Self {
+        let Bench { rays, sub_frames, size, spp, .. } = *args;
+        Self { seed: common.seed, rays, receiver_rays: args.receiver_rays(), sub_frames, size, spp, most_patches }
+    }
+}
+
+/// summary.json of the experiment with patches.
+#[derive(Serialize)]
+struct Results<'a> {
+    name: &'static str,
+    machine: &'a Machine,
+    #[serde(flatten)]
+    basis: &'a Basis,
+    rows: Vec<&'a Row>,
+}
+
+/// What a run that goes on needs of it.
+#[derive(Deserialize)]
+struct Before {
+    #[serde(flatten)]
+    basis: Basis,
+    rows: Vec<Row>,
+}
+
+pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
+    match args.name {
+        Experiment::Patches => run_patches(common, args),
+        Experiment::Operator => operator::run(common, args),
+        Experiment::Temporal => temporal::run(common, args),
+        Experiment::Local => local::run(common, args),
+        Experiment::Firstshot => firstshot::run(common, args),
+    }
+}
+
+/// Where an experiment writes, what it runs on, and what of.
+struct Setup<'a> {
+    out: PathBuf,
+    machine: Machine,
+    scenes: Vec<&'a str>,
+    /// Patches.
+    counts: Vec<u32>,
+}
+
+impl<'a> Setup<'a> {
+    /// Makes the folder, and takes these scenes and counts where none are given.
+    fn new(
+        common: &Common,
+        args: &'a Bench,
+        name: &str,
+        scenes: &[&'static str],
+        counts: &[u32],
+    ) -> Result<Self, Error> {
+        let out = output::folder_or(&common.out, &format!("bench-{name}"));
+        output::make_folder(&out)?;
+        let given = args.scenes.iter().map(String::as_str);
+        Ok(Self {
+            out,
+            machine: Machine::find(common)?,
+            scenes: if args.scenes.is_empty() { scenes.to_vec() } else { given.collect() },
+            counts: if args.counts.is_empty() { counts.to_vec() } else { args.counts.clone() },
+        })
+    }
+}
+
+fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
+    let Setup { out, machine, scenes, counts } = Setup::new(common, args, "patches", &SCENES, &COUNTS)?;
+    let kinds = if args.kinds.is_empty() { KINDS.to_vec() } else { args.kinds.clone() };
+    let args = &Bench { counts, kinds, ..args.clone() };
+    let basis = Basis::new(common, args, patches::main_count(&args.counts));
+    let numbers = out.join("summary.json");
+    let known = if args.resume { rows_before(&numbers, &basis)? } else { Vec::new() };
+    let text = |results: &[SceneResult], rows: &[Row]| {
+        let new: Vec<&Row> = results.iter().flat_map(|result| &result.rows).chain(rows).collect();
+        let old = known.iter().filter(|old| new.iter().all(|row| row.key() != old.key()));
+        let rows = new.iter().copied().chain(old).collect();
+        output::json(&Results { name: "patches", machine: &machine, basis: &basis, rows })
+    };
+    let mut results = Vec::new();
+    for scene in scenes {
+        // What is known is kept when the rest fails or is stopped.
+        let keep = |rows: &[Row]| output::write_text(&numbers, &text(&results, rows));
+        let result = patches::one_scene(common, args, scene, &out, &known, &keep)?;
+        results.push(result);
+        write(&machine, &results, &out)?;
+    }
+    if common.json {
+        println!("{}", text(&results, &[]));
+    } else {
+        results.iter().for_each(|result| println!("{}", result.markdown()));
+        println!("{} shows the same with pictures", out.join("report.html").display());
+    }
+    Ok(())
+}
+
+/// The rows of a run before; none where there was none.
+fn rows_before(path: &Path, basis: &Basis) -> Result<Vec<Row>, Error> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let text =
+        std::fs::read_to_string(path).map_err(|source| reference::Error::Read { path: path.to_owned(), source })?;
+    let other = |why: String| Error::OtherExperiment { path: path.to_owned(), why };
+    let before: Before = serde_json::from_str(&text).map_err(|e| other(e.to_string()))?;
+    if before.basis != *basis {
+        return Err(other(format!("{:?} there, {basis:?} here", before.basis)));
+    }
+    Ok(before.rows)
+}
+
+fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), Error> {
+    for result in results {
+        for (name, plot) in result.plot_names().zip(&result.section.plots) {
+            output::write_text(&out.join(name), &plot.svg())?;
+        }
+    }
+    let introduction = [
+        format!(
+            "Measured on {}{}, {} threads, reading {:.1} GB/s.",
+            machine.cpu,
+            machine.gpu.as_ref().map(|gpu| format!(", kernels on {gpu}")).unwrap_or_default(),
+            machine.threads,
+            machine.stream_gb_s
+        ),
+        "Errors are those of indirect light. Blocks are means of 8 × 8 pixels: the median of the relative errors of their \
+         luminance, and the PSNR of what a display shows of them, exposed by 0.18 over the log-average of the reference. \
+         Points gather exactly from the patches, so their errors do not depend on receivers."
+            .to_owned(),
+    ];
+    let sections = results.iter().map(|result| &result.section);
+    output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))
+}
+
+impl Machine {
+    fn find(common: &Common) -> Result<Self, Error> {
+        let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
+        if let (Some(note), false) = (note, common.quiet) {
+            eprintln!("{note}");
+        }
+        let device = executor.device();
+        let gpu = (device.kind != DeviceKind::Native).then(|| device.name.clone());
+        let stream_gb_s = stream_gb_s(STREAM_BYTES, STREAM_TURNS);
+        Ok(Self { cpu: cpu_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
+    }
+}
+
+/// Name of the processor, where the system tells.
+fn cpu_name() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = text.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split_once(':'));
+    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}

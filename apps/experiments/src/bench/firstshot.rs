@@ -1,0 +1,530 @@
+//! `bench firstshot`: photons, landings and time to an error, first shot against photons from the lights; quasi-random against
+//! random numbers; photon segments against the hierarchy's own rays.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use firstshot::kernel::segment::reflect;
+use firstshot::kernel::start::{Sources, start_photon};
+use firstshot::{
+    Emission, Estimate, IlluminationMaps, PhotonParams, PhotonSettings, PieceSettings, Registry, Round, Sequences,
+    Texels, Tracer, trace_photons,
+};
+use glam::Vec3;
+use obvhs::BvhBuildParams;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+use obvhs::ray::RayHit;
+use obvhs::rt_triangle::RtTriangle;
+use rayon::prelude::*;
+use scene::kernel::bvh::FAR;
+use scene::math::{luminance, sin_cos_turn};
+use scene::sampling::{hammersley, hash3};
+use scene::{LIGHT_POINT, LIGHT_SPOT, Light, Scene, Sky};
+use serde::Serialize;
+
+use super::{Machine, Setup};
+use crate::args::{Bench, Common};
+use crate::error::Error;
+use crate::output;
+use crate::report::{Plot, Section, Series, Table, page, significant};
+use assets::import::LoadedScene;
+use patchlight::progress::{Progress, is_cancelled};
+
+/// Scenes that need no file: about as many triangles as Kopylov's.
+const SCENES: [&str; 2] = ["atrium:65000", "atrium:225000"];
+/// Patches whose irradiance has the error: so many that photons from the lights number about as many as Kopylov's, 3.4 million.
+const COUNT: u32 = 40_000;
+/// Cells of the maps along the edge of a patch.
+const CELLS: f32 = 2.0;
+/// Lights, as many as Kopylov's scenes have: a third of them spots.
+const LIGHTS: u32 = 9;
+/// Curves go on to this share of the error that is asked for.
+const BEYOND: f64 = 0.7;
+/// Photons whose rays are cast again by obvhs, and rounds of which the fastest counts.
+const RATE_PHOTONS: u32 = 1 << 17;
+const RATE_ROUNDS: usize = 3;
+
+/// A way to shoot.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Exact,
+    Table,
+    Classical,
+}
+
+impl Way {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "first shot",
+            Self::Table => "first shot, table alone",
+            Self::Classical => "from the lights",
+        }
+    }
+}
+
+/// One run to the error.
+#[derive(Clone, Serialize)]
+struct Row {
+    scene: String,
+    triangles: usize,
+    method: &'static str,
+    sequence: &'static str,
+    /// Relative error asked for.
+    error: f64,
+    photons: u64,
+    registered: u64,
+    segments: u64,
+    elements: usize,
+    /// Seconds of the table of pieces, and of tracing and registration.
+    table_s: f64,
+    trace_s: f64,
+    /// Difference to photons from the lights at the end of their curves, and what both errors allow: √(σ₁² + σ₂²).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    difference: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expected_difference: Option<f64>,
+    /// Photons and relative error after each round.
+    curve: Vec<(f64, f64)>,
+}
+
+/// Rays a second.
+#[derive(Clone, Serialize)]
+struct Rate {
+    scene: String,
+    method: &'static str,
+    segments: usize,
+    /// Million photon segments a second: starts, with their shadow rays unless it is the table alone, rays, reflections.
+    photon_segments_m_s: f64,
+    /// Million closest hits a second of obvhs for the rays of the segments.
+    obvhs_closest_m_s: f64,
+    ratio: f64,
+}
+
+#[derive(Serialize)]
+struct Results<'a> {
+    name: &'static str,
+    machine: &'a Machine,
+    seed: u32,
+    rows: &'a [Row],
+    rates: &'a [Rate],
+}
+
+/// All that a scene gave.
+struct Run {
+    row: Row,
+    estimate: Estimate,
+}
+
+pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
+    let Setup { out, machine, scenes, .. } = Setup::new(common, args, "firstshot", &SCENES, &[])?;
+    let (mut rows, mut rates) = (Vec::new(), Vec::new());
+    let results = |rows: &[Row], rates: &[Rate]| {
+        output::json(&Results { name: "firstshot", machine: &machine, seed: common.seed, rows, rates })
+    };
+    for scene in scenes {
+        measure(common, args, scene, &mut rows, &mut rates)?;
+        output::write_text(&out.join("summary.json"), &results(&rows, &rates))?;
+        let section = section(&rows, &rates);
+        for (plot, name) in section.plots.iter().zip(["error-photons.svg", "error-seconds.svg"]) {
+            output::write_text(&out.join(name), &plot.svg())?;
+        }
+        let report = page("Patchlight: first shot", &introduction(&machine), [&section]);
+        output::write_text(&out.join("report.html"), &report)?;
+        let markdown = format!("{}\n{}", table(&rows).markdown(), rate_table(&rates).markdown());
+        output::write_text(&out.join("report.md"), &markdown)?;
+    }
+    if common.json {
+        println!("{}", results(&rows, &rates));
+    } else {
+        introduction(&machine).iter().for_each(|line| println!("{line}\n"));
+        println!("{}\n{}", table(&rows).markdown(), rate_table(&rates).markdown());
+        println!("{} shows the same with curves", out.join("report.html").display());
+    }
+    Ok(())
+}
+
+fn introduction(machine: &Machine) -> Vec<String> {
+    vec![
+        format!("Measured on {}, {} threads.", machine.cpu, machine.threads),
+        format!(
+            "{LIGHTS} point and spot lights of equal power in the free air of each scene, textures on. The error is that of \
+             the indirect irradiance of {COUNT} patches or about (cells of a voxel that face one way), √(Σ A σ² / Σ A H²) by independent batches."
+        ),
+        "First shot starts reflected photons from the pieces of triangles that lights fall on, with a shadow ray each; by the \
+         table alone without. Seconds are those of the table of pieces, and of tracing with registration."
+            .to_owned(),
+    ]
+}
+
+fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates: &mut Vec<Rate>) -> Result<(), Error> {
+    let mut progress = Progress::new(common.quiet);
+    let mut loaded = output::import(name, &mut progress)?;
+    loaded.scene.lights = lamps(&loaded);
+    loaded.scene.sky = Sky::default();
+    loaded.scene.emitters.clear();
+    let scene = &loaded.scene;
+    let count = args.counts.first().copied().unwrap_or(COUNT) as usize;
+    let maps = progress.phase("maps", |_| VoxelMaps::new(scene, count))?;
+
+    let mut reference: Option<Run> = None;
+    let ways = [
+        (Way::Classical, Sequences::Sobol),
+        (Way::Classical, Sequences::Random),
+        (Way::Exact, Sequences::Sobol),
+        (Way::Exact, Sequences::Random),
+        (Way::Table, Sequences::Sobol),
+    ];
+    for (way, sequences) in ways {
+        let mut run = one_run(common, args, &loaded, &maps, way, sequences, &mut progress)?;
+        if let Some(reference) = &reference {
+            let (difference, expected) = difference(&maps, &run.estimate, &reference.estimate);
+            (run.row.difference, run.row.expected_difference) = (Some(difference), Some(expected));
+        }
+        rows.push(run.row.clone());
+        if way == Way::Classical && sequences == Sequences::Sobol {
+            reference = Some(run);
+        }
+    }
+    for way in [Way::Exact, Way::Table] {
+        rates.push(progress.phase("rays", |_| rate(common, scene, &maps, way))?);
+    }
+    Ok(())
+}
+
+/// Illumination maps whose cells make patches: those of a voxel whose normals are nearest to the same direction of an axis.
+struct VoxelMaps {
+    maps: IlluminationMaps,
+    patches: Vec<u32>,
+    areas: Vec<f32>,
+}
+
+impl VoxelMaps {
+    /// Voxels with faces of the area that each of `count` patches would have.
+    fn new(scene: &Scene, count: usize) -> Result<Self, Error> {
+        let area: f32 = scene.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
+        // Both sides are patches.
+        let edge = scene::math::sqrt(2.0 * area / count as f32);
+        let maps = IlluminationMaps::new(scene, edge / CELLS)?;
+        let geometry = scene.geometry();
+        let mut numbers: BTreeMap<([i32; 3], usize), u32> = BTreeMap::new();
+        let mut patches = Vec::with_capacity(maps.len());
+        for t in 0..scene.triangles.len() as u32 {
+            for is_back in [false, true] {
+                let normal = geometry.normal(t) * if is_back { -1.0 } else { 1.0 };
+                let sides = [normal.x, -normal.x, normal.y, -normal.y, normal.z, -normal.z];
+                let side = (0..6).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
+                for (_, [a, b, c]) in maps.cells(t, is_back) {
+                    let middle = (a + b + c) / 3.0;
+                    let place = (geometry.position(t, middle.x, middle.y) - scene.bounds.0) / edge;
+                    let next = numbers.len() as u32;
+                    patches.push(*numbers.entry((place.floor().as_ivec3().to_array(), side)).or_insert(next));
+                }
+            }
+        }
+        let mut areas = vec![0.0; numbers.len()];
+        patches.iter().zip(maps.areas()).for_each(|(&patch, area)| areas[patch as usize] += area);
+        Ok(Self { maps, patches, areas })
+    }
+
+    /// Irradiance of the patches, W/m².
+    fn means(&self, irradiance: &[Vec3]) -> Vec<Vec3> {
+        let mut sums = vec![Vec3::ZERO; self.areas.len()];
+        for ((&patch, light), area) in self.patches.iter().zip(irradiance).zip(self.maps.areas()) {
+            sums[patch as usize] += *light * *area;
+        }
+        sums.iter().zip(&self.areas).map(|(sum, area)| *sum / area.max(f32::MIN_POSITIVE)).collect()
+    }
+}
+
+impl Registry for VoxelMaps {
+    fn areas(&self) -> &[f32] {
+        self.maps.areas()
+    }
+
+    fn cell(&self, triangle: u32, u: f32, v: f32, is_back: bool) -> u32 {
+        self.maps.cell(triangle, u, v, is_back)
+    }
+
+    fn groups(&self) -> &[u32] {
+        &self.patches
+    }
+}
+
+/// Lamps in the free air round the eye: on the way from it to what rays in all directions meet.
+fn lamps(loaded: &LoadedScene) -> Vec<Light> {
+    let (scene, eye) = (&loaded.scene, loaded.view.eye);
+    let mut lamps: Vec<Light> = Vec::new();
+    let mut number = 0;
+    while lamps.len() < LIGHTS as usize && number < 64 * LIGHTS {
+        let (x, y) = hammersley(number * 7 % (64 * LIGHTS), 64 * LIGHTS, (hash3(1, 0, 0), hash3(2, 0, 0)));
+        number += 1;
+        let ((s, c), z) = (sin_cos_turn(x), 1.0 - 2.0 * y);
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        let direction = Vec3::new(r * s, z, r * c);
+        let hit = scene.closest_before(eye, direction, FAR);
+        if hit.is_miss() || hit.t < 1e-2 * scene.diagonal() {
+            continue;
+        }
+        let position = eye + direction * (0.75 * hit.t);
+        if lamps.iter().any(|l| l.position.distance(position) < 0.03 * scene.diagonal()) {
+            continue;
+        }
+        let color = Vec3::new(1.0, 0.8 + 0.2 * y, 0.5 + 0.5 * x);
+        let lamp = Light { kind: LIGHT_POINT, position, color, direction: Vec3::NEG_Y, ..Light::default() };
+        let is_spot = lamps.len() % 3 == 2;
+        // A quarter of all directions, or about that: four times the intensity.
+        let spot = Light { kind: LIGHT_SPOT, color: color * 4.0, cos_inner: 0.7, cos_outer: 0.4, ..lamp };
+        lamps.push(if is_spot { spot } else { lamp });
+    }
+    lamps
+}
+
+fn one_run(
+    common: &Common,
+    args: &Bench,
+    loaded: &LoadedScene,
+    maps: &VoxelMaps,
+    way: Way,
+    sequences: Sequences,
+    progress: &mut Progress,
+) -> Result<Run, Error> {
+    let scene = &loaded.scene;
+    let start = Instant::now();
+    let emission = emission(scene, way)?;
+    let table_s = start.elapsed().as_secs_f64();
+    let settings = PhotonSettings {
+        error: args.error * BEYOND,
+        most_photons: args.photons,
+        sequences,
+        seed: common.seed,
+        ..PhotonSettings::default()
+    };
+    let mut tracer = Tracer::new(scene, &emission, maps, PhotonSettings { error: args.error, ..settings })?;
+    let mut curve = Vec::new();
+    // To the error that is asked for, which is timed, then on.
+    let start = Instant::now();
+    let traced = |round: &Round, curve: &mut Vec<(f64, f64)>, report: &dyn Fn(f32) -> bool, goal: f64| {
+        curve.push((round.photons as f64, round.error));
+        report((goal / round.error).powi(2) as f32);
+        if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let cell = RefCell::new(&mut curve);
+    let finished = progress
+        .phase(way.name(), |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, args.error)))?;
+    let (trace_s, reached) = (start.elapsed().as_secs_f64(), tracer.round());
+    tracer.set_error(settings.error)?;
+    let finished = finished
+        && progress
+            .phase("on", |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, settings.error)))?;
+    if !finished {
+        return Err(Error::Cancelled);
+    }
+    let row = Row {
+        scene: loaded.name.clone(),
+        triangles: scene.triangles.len(),
+        method: way.name(),
+        sequence: if sequences == Sequences::Sobol { "Sobol" } else { "random" },
+        error: reached.error,
+        photons: reached.photons,
+        registered: reached.registered,
+        segments: reached.segments,
+        elements: emission.elements.len(),
+        table_s,
+        trace_s,
+        difference: None,
+        expected_difference: None,
+        curve,
+    };
+    Ok(Run { row, estimate: tracer.estimate() })
+}
+
+fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
+    let go_on = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    Ok(match way {
+        Way::Classical => Emission::classical(scene)?,
+        Way::Exact => Emission::first_shot(scene, &PieceSettings::default(), Texels::Mean, true, &go_on)?,
+        Way::Table => Emission::first_shot(scene, &PieceSettings::table_alone(), Texels::Mean, false, &go_on)?,
+    })
+}
+
+/// Relative difference of the patches' irradiance (L2 by area), and what the errors of both let expect.
+fn difference(maps: &VoxelMaps, ours: &Estimate, theirs: &Estimate) -> (f64, f64) {
+    let (mut wrong, mut all) = (0.0, 0.0);
+    for ((a, b), area) in maps.means(&ours.irradiance).iter().zip(maps.means(&theirs.irradiance)).zip(&maps.areas) {
+        let area = f64::from(*area);
+        let (a, b) = (f64::from(luminance(*a)), f64::from(luminance(b)));
+        wrong += area * (a - b).powi(2);
+        all += area * b * b;
+    }
+    ((wrong / all).sqrt(), ours.round.error.hypot(theirs.round.error))
+}
+
+/// Segments of photons against closest hits of obvhs for the same rays, on all cores.
+fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Rate, Error> {
+    let emission = emission(scene, way)?;
+    let settings = PhotonSettings { seed: common.seed, ..PhotonSettings::default() };
+    let batches = settings.batches;
+    let p = Tracer::new(scene, &emission, maps, settings)?.params(RATE_PHOTONS / batches);
+    let rays = photon_rays(scene, &emission, &p);
+    let boxes: Vec<_> = scene
+        .triangles
+        .iter()
+        .map(|t| obvhs::triangle::Triangle {
+            v0: t.corner.into(),
+            v1: (t.corner + t.edge_a).into(),
+            v2: (t.corner + t.edge_b).into(),
+        })
+        .collect();
+    // As the scene's own hierarchy is built.
+    let build = BvhBuildParams { pre_split: false, search_depth_threshold: 0, ..BvhBuildParams::medium_build() };
+    let bvh: CwBvh = build_cwbvh_from_tris(&boxes, build, &mut Duration::default());
+    let triangles: Vec<RtTriangle> =
+        bvh.primitive_indices.iter().map(|&k| RtTriangle::from(&boxes[k as usize])).collect();
+    let closest = |(origin, direction): &(Vec3, Vec3)| {
+        let mut hit = RayHit::none();
+        let ray = obvhs::ray::Ray::new((*origin).into(), (*direction).into(), 0.0, FAR);
+        bvh.ray_traverse(ray, &mut hit, |r, k| triangles[k].intersect(r));
+        hit.t < FAR
+    };
+    let (mut ours, mut theirs) = (f64::INFINITY, f64::INFINITY);
+    let mut segments = 0;
+    for _ in 0..RATE_ROUNDS {
+        let start = Instant::now();
+        segments = trace_photons(scene, &emission, &p).len();
+        ours = ours.min(start.elapsed().as_secs_f64());
+        let start = Instant::now();
+        std::hint::black_box(rays.par_iter().with_min_len(1024).filter(|ray| closest(ray)).count());
+        theirs = theirs.min(start.elapsed().as_secs_f64());
+    }
+    let (ours, theirs) = (segments as f64 / ours * 1e-6, rays.len() as f64 / theirs * 1e-6);
+    let scene = format!("{} triangles", scene.triangles.len());
+    Ok(Rate {
+        scene,
+        method: way.name(),
+        segments,
+        photon_segments_m_s: ours,
+        obvhs_closest_m_s: theirs,
+        ratio: ours / theirs,
+    })
+}
+
+/// The rays of all segments, photon by photon.
+fn photon_rays(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Vec<(Vec3, Vec3)> {
+    let geometry = scene.geometry();
+    let sources = Sources { lights: &scene.lights, sky: scene.sky, sky_map: &scene.sky_map };
+    let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
+    let path = |k: u32| {
+        let mut rays = Vec::new();
+        let mut photon = start_photon(&geometry, &sources, p, &emission.alias, &emission.elements, k, occluded);
+        while photon.flux != Vec3::ZERO {
+            rays.push((photon.origin, photon.direction));
+            let hit = scene.closest_before(photon.origin, photon.direction, FAR);
+            photon = reflect(&geometry, p, k, &photon, hit);
+        }
+        rays
+    };
+    (0..p.count).into_par_iter().flat_map_iter(path).collect()
+}
+
+fn section(rows: &[Row], rates: &[Rate]) -> Section {
+    let plot = |title: &str, x: &str, value: &dyn Fn(&Row, f64) -> f64| Plot {
+        title: title.to_owned(),
+        unit: "error, %".to_owned(),
+        x: x.to_owned(),
+        logarithmic: true,
+        series: rows
+            .iter()
+            .map(|row| Series {
+                name: format!("{}, {} triangles, {}", row.method, row.triangles, row.sequence),
+                points: row
+                    .curve
+                    .iter()
+                    .filter(|(_, error)| error.is_finite())
+                    .map(|&(n, e)| (value(row, n), 100.0 * e))
+                    .collect(),
+            })
+            .collect(),
+    };
+    Section {
+        title: "Photons to an error".to_owned(),
+        text: Vec::new(),
+        figures: Vec::new(),
+        strip: Vec::new(),
+        tables: vec![table(rows), rate_table(rates)],
+        plots: vec![
+            plot("Error over photons", "photons", &|_, n| n),
+            plot("Error over time, the table of pieces included", "seconds", &|row, n| {
+                row.table_s + row.trace_s * n / row.photons.max(1) as f64
+            }),
+        ],
+    }
+}
+
+/// Runs, and how many times less than photons from the lights with the same numbers they take.
+fn table(rows: &[Row]) -> Table {
+    let head = [
+        "scene",
+        "photons start",
+        "numbers",
+        "triangles",
+        "elements",
+        "error %",
+        "photons",
+        "registered",
+        "table s",
+        "tracing s",
+        "photons ÷",
+        "tracing ÷",
+        "time ÷",
+        "difference / expected %",
+    ];
+    let line = |row: &Row| {
+        let same = |r: &&Row| (&r.scene, r.sequence, r.triangles) == (&row.scene, row.sequence, row.triangles);
+        let lights = rows.iter().filter(same).find(|r| r.method == Way::Classical.name());
+        let gain = |of: &dyn Fn(&Row) -> f64| {
+            lights.filter(|r| r.method != row.method).map(|r| format!("{:.2}", of(r) / of(row))).unwrap_or_default()
+        };
+        let both = row.difference.zip(row.expected_difference);
+        vec![
+            row.scene.clone(),
+            row.method.to_owned(),
+            row.sequence.to_owned(),
+            row.triangles.to_string(),
+            row.elements.to_string(),
+            format!("{:.2}", 100.0 * row.error),
+            row.photons.to_string(),
+            row.registered.to_string(),
+            significant(row.table_s),
+            significant(row.trace_s),
+            gain(&|r| r.photons as f64),
+            gain(&|r| r.trace_s),
+            gain(&|r| r.table_s + r.trace_s),
+            both.map(|(found, expected)| format!("{:.2} / {:.2}", 100.0 * found, 100.0 * expected)).unwrap_or_default(),
+        ]
+    };
+    let caption = "Photons, landings and time to the error; how many times less than from the lights; the difference to \
+                   photons from the lights with Sobol's points at the end of the curves, and what both errors let expect."
+        .to_owned();
+    Table { caption, head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(line).collect() }
+}
+
+fn rate_table(rates: &[Rate]) -> Table {
+    let head = ["scene", "photons start", "segments", "photon segments, M/s", "obvhs closest hits, M/s", "ratio"];
+    let line = |r: &Rate| {
+        vec![
+            r.scene.clone(),
+            r.method.to_owned(),
+            r.segments.to_string(),
+            format!("{:.2}", r.photon_segments_m_s),
+            format!("{:.2}", r.obvhs_closest_m_s),
+            format!("{:.2}", r.ratio),
+        ]
+    };
+    let caption =
+        "Segments of photons, with starts, shadow rays and reflections, against obvhs (CWBVH) for the same rays"
+            .to_owned();
+    Table { caption, head: head.map(str::to_owned).to_vec(), rows: rates.iter().map(line).collect() }
+}

@@ -1,0 +1,577 @@
+//! Virtual patches as senders, receivers on the mesh: errors over their numbers, where the errors come from, and lights that
+//! the bake has not seen.
+
+use std::path::{Path, PathBuf};
+
+use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
+use reference::{Picture, ProxyLookup, scale_to_stops};
+use scene::Light;
+
+use super::lights::other_lights;
+use super::rows::{Errors, Key, Part, Row, break_down_table, lights_table, patches_table};
+use super::truth::Truth;
+use crate::args::{Bench, Common};
+use crate::error::Error;
+use crate::output;
+use crate::proxy::{ProxyRadiosity, ProxySettings};
+use crate::report::{Figure, Plot, Section, Series};
+use crate::summary::PassTimes;
+use assets::import::LoadedScene;
+use patchlight::progress::{Progress, is_cancelled};
+use patchlight::render::Pictures;
+use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, Patches, ReceiverKind};
+use patchlight::render::senders::MOST_PATCHES;
+use runtime::executor::{DeviceChoice, open};
+
+/// The break-down, the lights and the pictures are of the most clusters asked for up to this number.
+const MAIN_COUNT: u32 = 10_000;
+/// Form factors of the proxy are dense: beyond this number they take gigabytes.
+const MOST_PROXY_FACES: u32 = 10_000;
+/// Of the break-down: more patches, samples a patch and their rays, rays of patches and facets, rays of receivers.
+const MORE_PATCHES: usize = 4;
+const MORE_SAMPLES: u32 = 4;
+const MORE_RAYS: u32 = 8;
+const MORE_RECEIVER_RAYS: u32 = 4;
+/// Sub-frames of receivers at pixels, each of which has rays of its own.
+const PIXEL_SUB_FRAMES: u32 = 2;
+/// Relative difference of full colour in pictures of differences.
+const RANGE: f32 = 0.25;
+
+/// Names of the pictures of a scene.
+const REFERENCE: &str = "reference";
+const CLUSTERS: &str = "clusters";
+const PROXY: &str = "proxy";
+
+/// What an experiment found out about a scene.
+pub struct SceneResult {
+    name: String,
+    /// All measurements.
+    pub rows: Vec<Row>,
+    /// The same for the report.
+    pub section: Section,
+}
+
+impl SceneResult {
+    /// The tables and what they were compared with.
+    pub fn markdown(&self) -> String {
+        let mut text = format!("## {}\n\n{}\n", self.section.title, self.section.text.join("\n\n"));
+        for table in &self.section.tables {
+            text += "\n";
+            text += &table.markdown();
+        }
+        text
+    }
+
+    /// Files of the plots, in their order.
+    pub fn plot_names(&self) -> impl Iterator<Item = String> + '_ {
+        ["patches", "receivers"].into_iter().map(|what| format!("{}-{what}.svg", self.name))
+    }
+}
+
+/// Keeps the rows so far.
+pub type Keep<'a> = dyn Fn(&[Row]) -> Result<(), Error> + 'a;
+
+/// The patches of the break-down, the lights and the pictures.
+pub fn main_count(counts: &[u32]) -> u32 {
+    let most = counts.iter().copied().filter(|&n| n <= MAIN_COUNT).max();
+    most.or(counts.iter().copied().min()).unwrap_or(MAIN_COUNT)
+}
+
+/// Runs the experiment in one scene; pictures go into a folder of its name. Rows are given to `keep` as they come; those that
+/// are `known` are taken as they are.
+pub fn one_scene(
+    common: &Common,
+    args: &Bench,
+    scene: &str,
+    out: &Path,
+    known: &[Row],
+    keep: &Keep,
+) -> Result<SceneResult, Error> {
+    let mut progress = Progress::new(common.quiet);
+    let loaded = output::import(scene, &mut progress)?;
+    progress.note(&format!("{}: reference", loaded.name));
+    let truth = match Truth::find(args.references.as_deref(), &loaded)? {
+        Some(truth) => truth,
+        None => Truth::traced_with_points(&loaded, args.size, args.spp, common.seed, &mut progress)?,
+    };
+    let out = out.join(&loaded.name);
+    let main_count = main_count(&args.counts) as usize;
+    let mut experiment = Experiment {
+        common,
+        args,
+        loaded: &loaded,
+        out,
+        progress,
+        main_count,
+        known: known.iter().filter(|row| row.scene == loaded.name).cloned().collect(),
+        rows: Vec::new(),
+        written: Vec::new(),
+        patches: None,
+        keep,
+    };
+    experiment.reference_picture(&truth)?;
+    if args.parts.contains(&Part::Patches) {
+        experiment.patches(&truth)?;
+        experiment.proxies(&truth)?;
+    }
+    if args.parts.contains(&Part::BreakDown) {
+        experiment.break_down(&truth)?;
+    }
+    if args.parts.contains(&Part::Lights) {
+        experiment.lights(&truth)?;
+    }
+    let figures = experiment.figures()?;
+    Ok(experiment.result(&truth, figures))
+}
+
+/// The measurements of a scene so far.
+struct Experiment<'a> {
+    common: &'a Common,
+    args: &'a Bench,
+    loaded: &'a LoadedScene,
+    out: PathBuf,
+    progress: Progress,
+    main_count: usize,
+    /// Rows of a run before that was not finished.
+    known: Vec<Row>,
+    rows: Vec<Row>,
+    /// Pictures that this run has written.
+    written: Vec<&'static str>,
+    /// The last patches, for what is like them but for receivers, and the seconds that they took.
+    patches: Option<(Patches<'a>, f64)>,
+    keep: &'a Keep<'a>,
+}
+
+impl Experiment<'_> {
+    /// The settings that all runs share.
+    fn settings(&self, patches: PatchKind, patch_count: usize, size: (u32, u32)) -> ClassicSettings {
+        ClassicSettings {
+            patches,
+            patch_count,
+            estimator: Estimator::Hemisphere { rays: self.args.rays },
+            receiver_rays: self.args.receiver_rays(),
+            sub_frames: self.args.sub_frames,
+            seed: self.common.seed,
+            size,
+            ..ClassicSettings::default()
+        }
+    }
+
+    /// The clusters of the break-down and of the pictures.
+    fn main_settings(&self, truth: &Truth) -> ClassicSettings {
+        self.settings(PatchKind::Cluster, self.main_count, truth.size())
+    }
+
+    fn add(&mut self, row: Row) -> Result<(), Error> {
+        self.rows.push(row);
+        (self.keep)(&self.rows)
+    }
+
+    /// Adds the row of a run before with this key, and says whether there is one.
+    fn take_known(&mut self, key: Key) -> Result<bool, Error> {
+        let Some(row) = self.known.iter().find(|row| row.key() == key).cloned() else { return Ok(false) };
+        self.add(row)?;
+        Ok(true)
+    }
+
+    /// Bakes, renders frames under the scene's own lights and adds a row.
+    fn measure(&mut self, part: Part, what: &str, settings: ClassicSettings, truth: &Truth) -> Result<(), Error> {
+        let (receivers_at, density) = match settings.receivers {
+            ReceiverKind::Mesh => ("mesh", Some(settings.receiver_density)),
+            ReceiverKind::Pixels => ("pixels", None),
+            ReceiverKind::SelfReceivers => ("self", None),
+        };
+        let count = settings.patch_count;
+        let is_main = settings == self.main_settings(truth);
+        let scene = &self.loaded.name;
+        let key = (scene.as_str(), part, what, Some(receivers_at), density, count);
+        if (!is_main || self.has_picture(CLUSTERS)) && self.take_known(key)? {
+            return Ok(());
+        }
+        let times = density.map(|d| format!(" × {d}")).unwrap_or_default();
+        self.progress.note(&format!("{scene}: {what}, {count} patches, receivers: {receivers_at}{times}"));
+        let (mut classic, bake_s) = self.bake(settings)?;
+        // Exact receivers are not what a frame would do: their time says nothing.
+        let frames = if settings.receivers == ReceiverKind::Pixels { 1 } else { self.args.frames };
+        let (pictures, light_ms, shade_ms) =
+            self.frames(&mut classic, &self.loaded.scene.lights, settings.size, frames)?;
+        let points = if truth.points.is_empty() { None } else { Some(classic.irradiance_at(&truth.points)?) };
+        let timed = settings.receivers != ReceiverKind::Pixels;
+        if is_main {
+            self.write_pictures(CLUSTERS, &pictures.indirect, truth)?;
+        }
+        self.add(Row {
+            scene: self.loaded.name.clone(),
+            part,
+            method: "classic".to_owned(),
+            what: what.to_owned(),
+            receivers_at: Some(receivers_at.to_owned()),
+            receiver_density: density,
+            patch_count: settings.patch_count,
+            patches: classic.patch_count(),
+            receivers: (settings.receivers == ReceiverKind::Mesh).then(|| classic.receiver_count()),
+            bake_s: Some(bake_s),
+            median_ms: light_ms.filter(|_| timed),
+            shade_ms: shade_ms.filter(|_| timed),
+            bytes: Some(classic.bytes().values().sum()),
+            errors: Errors::of(&pictures, points.as_deref(), truth, self.loaded.exposure_stops)?,
+            reference_noise: truth.noise,
+        })
+    }
+
+    /// A bake, of the last patches if only receivers differ, and the seconds that it takes from the beginning.
+    fn bake(&mut self, settings: ClassicSettings) -> Result<(Classic, f64), Error> {
+        // The note was given when the machine was described.
+        let (executor, _) = open(&DeviceChoice::parse(&self.common.device))?;
+        let (loaded, progress) = (self.loaded, &mut self.progress);
+        let start = progress.phases.len();
+        let seconds = |progress: &Progress| progress.phases[start..].iter().map(|(_, seconds)| seconds).sum::<f64>();
+        let (patches, before) = match self.patches.take().filter(|(patches, _)| patches.are_of(&settings)) {
+            Some(known) => known,
+            None => {
+                let patches = Patches::new(&loaded.scene, loaded.view.eye, settings, progress)?;
+                (patches, seconds(progress))
+            }
+        };
+        let first = progress.phases.len();
+        let bake = patches.clone().with_receivers(settings, progress)?;
+        let classic = bake.load(settings.transport, executor, progress)?;
+        let own: f64 = progress.phases[first..].iter().map(|(_, seconds)| seconds).sum();
+        self.patches = Some((patches, before));
+        if is_cancelled() { Err(Error::Cancelled) } else { Ok((classic, before + own)) }
+    }
+
+    /// The first frame under these lights, and the median times of all: passes but shading, shading, ms.
+    fn frames(
+        &self,
+        classic: &mut Classic,
+        lights: &[Light],
+        size: (u32, u32),
+        frames: u32,
+    ) -> Result<(Pictures, Option<f64>, Option<f64>), Error> {
+        let camera = self.loaded.view.camera(size.0, size.1);
+        let first = classic.frame(lights, &camera, 0)?;
+        let mut times = vec![first.times];
+        for number in 1..frames {
+            times.push(classic.frame(lights, &camera, number)?.times);
+            if is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+        }
+        let sum = |times: &[(String, f64)], shade: bool| {
+            times.iter().filter(|(name, _)| (name == "shade") == shade).map(|(_, ms)| ms).sum::<f64>()
+        };
+        let median = |shade: bool| {
+            let sums: Vec<f64> = times.iter().map(|frame| sum(frame, shade)).collect();
+            PassTimes::of(&sums).map(|t| t.median_ms)
+        };
+        Ok((first.pictures, median(false), median(true)))
+    }
+
+    /// Kinds × numbers of patches × densities of receivers.
+    fn patches(&mut self, truth: &Truth) -> Result<(), Error> {
+        for kind in self.args.kinds.iter().map(|kind| kind.kind()) {
+            for &count in &self.args.counts {
+                let settings = self.settings(kind, count as usize, truth.size());
+                for &receiver_density in &self.args.densities {
+                    let settings = ClassicSettings { receiver_density, ..settings };
+                    self.measure(Part::Patches, kind.name(), settings, truth)?;
+                }
+                if kind.has_voxels() {
+                    let settings = ClassicSettings { receivers: ReceiverKind::SelfReceivers, ..settings };
+                    self.measure(Part::Patches, kind.name(), settings, truth)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The voxelisation proxy with about as many faces.
+    fn proxies(&mut self, truth: &Truth) -> Result<(), Error> {
+        let (width, height) = truth.size();
+        let camera = self.loaded.view.camera(width, height);
+        let scale = indirect_scale(&truth.pictures.indirect);
+        const LOOKUPS: [(ProxyLookup, &str); 2] =
+            [(ProxyLookup::Face, "voxel proxy"), (ProxyLookup::Bilinear, "voxel proxy, bilinear")];
+        for &count in self.args.counts.iter().filter(|&&count| count <= MOST_PROXY_FACES) {
+            let (is_main, count) = (count as usize == self.main_count, count as usize);
+            let keys = LOOKUPS.map(|(_, what)| (self.loaded.name.as_str(), Part::Patches, what, None, None, count));
+            let are_known = keys.iter().all(|key| self.known.iter().any(|row| row.key() == *key));
+            if are_known && (!is_main || self.has_picture(PROXY)) {
+                for key in keys {
+                    self.take_known(key)?;
+                }
+                continue;
+            }
+            self.progress.note(&format!("{}: voxel proxy, {count} faces", self.loaded.name));
+            let settings = ProxySettings {
+                patch_count: count,
+                rays: self.args.rays,
+                point_rays: ClassicSettings::default().sample_rays,
+                seed: self.common.seed,
+            };
+            let phases = self.progress.phases.len();
+            let proxy = ProxyRadiosity::bake(&self.loaded.scene, settings, &mut self.progress)?;
+            let bake_s = self.progress.phases[phases..].iter().map(|(_, seconds)| seconds).sum();
+            for (lookup, what) in LOOKUPS {
+                let picture = proxy.indirect(&camera, self.args.sub_frames, lookup)?;
+                let errors = compare_pictures(&picture, &truth.pictures.indirect, scale, None)?;
+                let points = match truth.points.is_empty() {
+                    true => None,
+                    false => Some(compare_points(&proxy.irradiance_at(&truth.points, lookup)?, &truth.point_indirect)?),
+                };
+                self.add(Row {
+                    scene: self.loaded.name.clone(),
+                    part: Part::Patches,
+                    method: "voxel proxy".to_owned(),
+                    what: what.to_owned(),
+                    receivers_at: None,
+                    receiver_density: None,
+                    patch_count: count,
+                    patches: proxy.patch_count(),
+                    receivers: None,
+                    bake_s: Some(bake_s),
+                    median_ms: None,
+                    shade_ms: None,
+                    bytes: None,
+                    errors: Errors::of_indirect(&errors, points),
+                    reference_noise: truth.noise,
+                })?;
+                if is_main && lookup == ProxyLookup::Bilinear {
+                    self.write_pictures(PROXY, &picture, truth)?;
+                }
+            }
+            if is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+        }
+        Ok(())
+    }
+
+    /// Clusters with one thing at a time more exact.
+    fn break_down(&mut self, truth: &Truth) -> Result<(), Error> {
+        let base = self.main_settings(truth);
+        let (rays, samples) = (self.args.rays, base.samples);
+        let what = "as they are";
+        let scene = self.loaded.name.as_str();
+        let density = Some(base.receiver_density);
+        let main = (scene, Part::Patches, base.patches.name(), Some("mesh"), density, base.patch_count);
+        match self.rows.iter().find(|row| row.key() == main).cloned() {
+            Some(row) => self.add(Row { part: Part::BreakDown, what: what.into(), ..row })?,
+            None => self.measure(Part::BreakDown, what, base, truth)?,
+        }
+        let more = (MORE_PATCHES * base.patch_count).min(MOST_PATCHES);
+        let cases = [
+            (
+                format!("receivers at all pixels ({PIXEL_SUB_FRAMES} sub-frames)"),
+                ClassicSettings { receivers: ReceiverKind::Pixels, sub_frames: PIXEL_SUB_FRAMES, ..base },
+            ),
+            (
+                format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
+                ClassicSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..base },
+            ),
+            (
+                format!("senders × {MORE_PATCHES}, as many receivers"),
+                ClassicSettings { patch_count: more, receiver_density: base.patch_count as f32 / more as f32, ..base },
+            ),
+            (
+                format!("rays of F × {MORE_RAYS}"),
+                ClassicSettings { estimator: Estimator::Hemisphere { rays: MORE_RAYS * rays }, ..base },
+            ),
+            (
+                format!("E by samples and rays × {MORE_SAMPLES}"),
+                ClassicSettings {
+                    samples: MORE_SAMPLES * samples,
+                    sample_rays: MORE_SAMPLES * base.sample_rays,
+                    ..base
+                },
+            ),
+        ];
+        for (what, settings) in cases {
+            self.measure(Part::BreakDown, &what, settings, truth)?;
+        }
+        Ok(())
+    }
+
+    /// One bake with the scene's own lights, frames with others.
+    fn lights(&mut self, truth: &Truth) -> Result<(), Error> {
+        let size = self.args.size;
+        let settings = self.settings(PatchKind::Cluster, self.main_count, size);
+        self.progress.note(&format!("{}: lights that the bake has not seen", self.loaded.name));
+        let mut baked = None;
+        let own = ("the scene's own".to_owned(), self.loaded.scene.lights.clone());
+        for (what, lights) in std::iter::once(own).chain(other_lights(self.loaded)) {
+            let density = Some(settings.receiver_density);
+            let key =
+                (self.loaded.name.as_str(), Part::Lights, what.as_str(), Some("mesh"), density, settings.patch_count);
+            if self.take_known(key)? {
+                continue;
+            }
+            let classic = match &mut baked {
+                Some(classic) => classic,
+                None => baked.insert(self.bake(settings)?.0),
+            };
+            self.progress.note(&format!("{}: {what}", self.loaded.name));
+            let (pictures, light_ms, shade_ms) = self.frames(classic, &lights, size, 1)?;
+            let is_known = lights == self.loaded.scene.lights && truth.noise.is_some();
+            let traced = match is_known {
+                true => None,
+                false => {
+                    let (paths, seed) = (self.args.spp, self.common.seed);
+                    Some(Truth::traced(self.loaded, &lights, size, paths, seed, &mut self.progress)?)
+                }
+            };
+            let expected = traced.as_ref().unwrap_or(truth);
+            self.add(Row {
+                scene: self.loaded.name.clone(),
+                part: Part::Lights,
+                method: "classic".to_owned(),
+                what,
+                receivers_at: Some("mesh".to_owned()),
+                receiver_density: Some(settings.receiver_density),
+                patch_count: settings.patch_count,
+                patches: classic.patch_count(),
+                receivers: Some(classic.receiver_count()),
+                bake_s: None,
+                median_ms: light_ms,
+                shade_ms,
+                bytes: Some(classic.bytes().values().sum()),
+                errors: Errors::of(&pictures, None, expected, self.loaded.exposure_stops)?,
+                reference_noise: expected.noise,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Whether a picture is there, from this run or the one that it goes on from.
+    fn has_picture(&self, name: &str) -> bool {
+        self.written.contains(&name) || (self.args.resume && self.out.join(format!("{name}.png")).exists())
+    }
+
+    /// Writes the reference's indirect light as a picture.
+    fn reference_picture(&mut self, truth: &Truth) -> Result<(), Error> {
+        output::make_folder(&self.out)?;
+        let expected = &truth.pictures.indirect;
+        let stops = scale_to_stops(indirect_scale(expected));
+        expected.write_png(&self.out.join(format!("{REFERENCE}.png")), stops)?;
+        self.written.push(REFERENCE);
+        Ok(())
+    }
+
+    /// Writes a picture of indirect light, and its difference from the reference.
+    fn write_pictures(&mut self, name: &'static str, picture: &Picture, truth: &Truth) -> Result<(), Error> {
+        let expected = &truth.pictures.indirect;
+        let stops = scale_to_stops(indirect_scale(expected));
+        let difference = difference_picture(&picture.block_means(8), &expected.block_means(8), RANGE)?;
+        picture.write_png(&self.out.join(format!("{name}.png")), stops)?;
+        difference.write_png(&self.out.join(format!("{name}-difference.png")), 0.0)?;
+        self.written.push(name);
+        Ok(())
+    }
+
+    /// Reads the pictures that there are.
+    fn figures(&self) -> Result<Vec<Figure>, Error> {
+        let count = self.main_count;
+        let colours = format!("red brighter, blue darker, full colour at {:.0} %", 100.0 * RANGE);
+        let mut figures = Vec::new();
+        for (name, caption, difference) in [
+            (REFERENCE, "Indirect light, reference".to_owned(), None),
+            (CLUSTERS, format!("Indirect light, {count} clusters, receivers on the mesh"), Some("Clusters")),
+            (PROXY, format!("Indirect light, voxelisation proxy of about {count} faces, bilinear"), Some("Proxy")),
+        ] {
+            if self.has_picture(name) {
+                figures.push(Figure::read(&self.out, &format!("{name}.png"), caption)?);
+                if let Some(whose) = difference {
+                    let file = format!("{name}-difference.png");
+                    figures.push(Figure::read(&self.out, &file, format!("{whose}: {colours}"))?);
+                }
+            }
+        }
+        Ok(figures)
+    }
+
+    fn result(self, truth: &Truth, figures: Vec<Figure>) -> SceneResult {
+        let rows = self.rows;
+        let size = truth.size();
+        let text = vec![
+            format!("Compared with {}.", truth.source),
+            format!(
+                "Pictures of {} × {}, {} sub-frames; {} rays a row of F, {} rays a receiver. Light ms: all passes but \
+                 shading, frames for the median: {}. Tables of break-down and lights, and the pictures: {} clusters. The proxy's form \
+                 factors are dense: no more than {MOST_PROXY_FACES} faces.",
+                size.0,
+                size.1,
+                self.args.sub_frames,
+                self.args.rays,
+                self.args.receiver_rays(),
+                self.args.frames,
+                self.main_count
+            ),
+        ];
+        let (mut tables, mut plots) = (Vec::new(), Vec::new());
+        for (part, table) in [
+            (Part::Patches, patches_table(&rows)),
+            (Part::BreakDown, break_down_table(&rows)),
+            (Part::Lights, lights_table(&rows)),
+        ] {
+            if self.args.parts.contains(&part) {
+                tables.push(table);
+            }
+        }
+        if self.args.parts.contains(&Part::Patches) {
+            plots = vec![over_patches(&rows, &self.args.densities), over_receivers(&rows, &self.args.counts)];
+        }
+        let section = Section {
+            title: format!("{} ({} triangles)", self.loaded.name, self.loaded.scene.triangles.len()),
+            text,
+            figures,
+            strip: Vec::new(),
+            tables,
+            plots,
+        };
+        SceneResult { name: self.loaded.name.clone(), rows, section }
+    }
+}
+
+fn point(x: usize, row: &Row) -> (f64, f64) {
+    (x as f64, 100.0 * row.errors.indirect_block_median)
+}
+
+/// Errors over the number of patches: a line for each kind, with the density nearest to the default.
+fn over_patches(rows: &[Row], densities: &[f32]) -> Plot {
+    let off = |density: &f32| scene::math::abs(scene::math::ln(*density));
+    let density = densities.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)));
+    let mut series: Vec<Series> = Vec::new();
+    for row in rows
+        .iter()
+        .filter(|r| r.part == Part::Patches && (r.receiver_density.is_none() || r.receiver_density == density))
+    {
+        let name = match row.receivers_at.as_deref() {
+            Some("self") => format!("{}, self", row.what),
+            _ => row.what.clone(),
+        };
+        let point = point(row.patch_count, row);
+        match series.iter_mut().find(|s| s.name == name) {
+            Some(line) => line.points.push(point),
+            None => series.push(Series { name, points: vec![point] }),
+        }
+    }
+    plot("Median error of blocks", "patches", series)
+}
+
+/// Errors of clusters over the number of receivers: a line for each number of patches.
+fn over_receivers(rows: &[Row], counts: &[u32]) -> Plot {
+    let cluster = PatchKind::Cluster.name();
+    let line = |&count: &u32| {
+        let of_count = |r: &&Row| r.part == Part::Patches && r.what == cluster && r.patch_count == count as usize;
+        let points = rows.iter().filter(of_count).filter_map(|r| Some(point(r.receivers?, r))).collect();
+        Series { name: format!("{count} clusters"), points }
+    };
+    plot("Median error of blocks", "receivers", counts.iter().map(line).collect())
+}
+
+fn plot(title: &str, x: &str, mut series: Vec<Series>) -> Plot {
+    series.iter_mut().for_each(|line| line.points.sort_by(|a, b| a.0.total_cmp(&b.0)));
+    series.retain(|line| !line.points.is_empty());
+    Plot { title: title.into(), unit: "%".into(), x: x.into(), logarithmic: true, series }
+}

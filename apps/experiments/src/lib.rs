@@ -1,0 +1,15 @@
+//! What `patchlight bench` runs, and what the program shares with it: results on disk, reports, movements, app errors.
+
+pub mod args;
+pub mod bandwidth;
+pub mod bench;
+mod error;
+pub mod errors;
+pub mod output;
+pub mod path;
+pub mod proxy;
+pub mod report;
+pub mod sequence;
+pub mod summary;
+
+pub use error::Error;

@@ -1,0 +1,72 @@
+//! Path tracing: the CPU reference.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use reference::path::{PathSettings, PathTracer};
+use reference::{Accumulation, BlockErrors, fingerprint};
+use scene::{Camera, Scene};
+
+use crate::error::Error;
+use patchlight::progress::Progress;
+use patchlight::render::Pictures;
+
+/// A path-traced picture and its own standard errors.
+pub struct PathPicture {
+    /// The picture.
+    pub pictures: Pictures,
+    /// Relative standard errors of 8 × 8 block means of the full picture, from two passes on.
+    pub full_errors: Option<BlockErrors>,
+    /// Of the indirect part.
+    pub indirect_errors: Option<BlockErrors>,
+}
+
+/// Traces `samples` paths a pixel. With `saved`, an accumulation in that file is continued when `resume`, and one is left
+/// there when the user stops the work.
+///
+/// # Errors
+/// [`Error::Cancelled`], and what reading or writing the accumulation gives.
+pub fn render(
+    scene: &Scene,
+    camera: &Camera,
+    settings: PathSettings,
+    samples: u32,
+    saved: Option<&Path>,
+    resume: bool,
+    progress: &mut Progress,
+) -> Result<PathPicture, Error> {
+    let mut sums = Accumulation::new(camera, settings);
+    let mark = fingerprint(scene, camera);
+    if let (true, Some(path)) = (resume, saved) {
+        if path.is_file() {
+            sums = Accumulation::load(path, camera, settings, &mark)?;
+            progress.note(&format!("resumed at {} samples a pixel", sums.samples()));
+        } else {
+            progress.warn(&format!("nothing to resume in {}; starting afresh", path.display()));
+        }
+    }
+    let tracer = PathTracer::new(scene);
+    let finished = progress.phase("path tracing", |report| {
+        tracer.accumulate(camera, &mut sums, samples, |done, target| {
+            if report(done as f32 / target as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        })
+    })?;
+    if let Some(path) = saved {
+        sums.save(path, &mark)?;
+        if !finished {
+            progress.warn(&format!(
+                "{} of {samples} samples a pixel are saved in {}; continue with --resume",
+                sums.samples(),
+                path.display()
+            ));
+        }
+    }
+    if !finished {
+        return Err(Error::Cancelled);
+    }
+    Ok(PathPicture {
+        pictures: Pictures { full: sums.full(), direct: sums.direct(), indirect: sums.indirect() },
+        full_errors: sums.full_errors(),
+        indirect_errors: sums.indirect_errors(),
+    })
+}

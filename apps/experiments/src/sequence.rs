@@ -1,0 +1,322 @@
+//! Frames one after the other: how lights move, and what each frame measured.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use glam::Vec3;
+use reference::metrics::compare_pictures;
+use scene::kernel::shade::encode_srgb;
+use scene::math::luminance;
+use scene::{Camera, LIGHT_DIRECTIONAL, Light};
+
+use crate::args::{Animate, CameraPath};
+use crate::error::Error;
+use crate::output;
+use crate::report::{Plot, Section, Series, page};
+use assets::import::{Animation, LoadedScene, Target, View};
+use patchlight::memory::peak_memory_bytes;
+use patchlight::progress::Progress;
+use patchlight::render::classic::{Classic, FrameResult};
+use patchlight::render::local::{LocalFrame, SHOWN_ALBEDO};
+
+/// Time of a frame: the animation's length spread over the frames.
+pub fn frame_time(animation: &Animation, frame: u32, frames: u32) -> f32 {
+    animation.duration() * frame as f32 / (frames.max(2) - 1) as f32
+}
+
+/// Lights and view of each frame.
+pub struct Movement {
+    animate: Animate,
+    path: Animation,
+    /// Where the camera goes, whatever the lights do.
+    camera: Option<Animation>,
+    rest: (Vec<Light>, View),
+    frames: u32,
+}
+
+impl Movement {
+    pub fn new(
+        loaded: &LoadedScene,
+        (animate, camera): (Animate, Option<CameraPath>),
+        frames: u32,
+        progress: &mut Progress,
+    ) -> Self {
+        let mut path = Animation::or_default_path(loaded);
+        if animate == Animate::Sun {
+            let mut sun = Animation::default_path(loaded);
+            sun.tracks.retain(|track| matches!(track.target, Target::LightDirection(_)));
+            if loaded.scene.lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
+                path = sun;
+            } else {
+                progress.warn("the scene has no sun: its other lights move");
+            }
+        }
+        let camera = camera.map(|camera| camera.animation(loaded));
+        Self { animate, path, camera, rest: (loaded.scene.lights.clone(), loaded.view), frames }
+    }
+
+    /// Lights and view of a frame; a single frame is at rest.
+    pub fn at(&self, frame: u32) -> (Vec<Light>, View) {
+        let (lights, view) = self.lights_at(frame);
+        match &self.camera {
+            Some(camera) if self.frames > 1 => (lights, camera.at(frame_time(camera, frame, self.frames)).1),
+            _ => (lights, view),
+        }
+    }
+
+    fn lights_at(&self, frame: u32) -> (Vec<Light>, View) {
+        match self.animate {
+            _ if self.frames == 1 => self.rest.clone(),
+            Animate::Still => self.rest.clone(),
+            Animate::Path | Animate::Sun => self.path.at(frame_time(&self.path, frame, self.frames)),
+            Animate::Jump => {
+                // From the start of the path to a third of it, and back.
+                let is_away = (self.frames / 3..2 * self.frames / 3).contains(&frame);
+                let time = if is_away { self.path.duration() / 3.0 } else { 0.0 };
+                (self.path.at(time).0, self.rest.1)
+            }
+        }
+    }
+}
+
+/// What a frame measured.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Measured {
+    /// Of the light between patches, and of its way to the pixels, ms.
+    method_ms: f64,
+    lookup_ms: f64,
+    /// Of changes of the matrix round the camera.
+    update_ms: f64,
+    /// What they were.
+    local: Option<LocalFrame>,
+    /// Greatest resident memory so far, bytes.
+    memory: Option<u64>,
+    /// SSIM of the picture against that of exact products.
+    ssim: Option<f64>,
+    /// Relative L2 distance of the irradiance from the exact one.
+    error: Option<f64>,
+    /// The same from the frame before.
+    change: Option<f64>,
+    /// Least change of displayed values that at most one of a thousand exceeds, in 255ths.
+    flicker: Option<f64>,
+}
+
+/// What the frames measured, and the light of the last.
+pub struct Sequence {
+    frames: Vec<Measured>,
+    before: Vec<Vec3>,
+    scale: f32,
+}
+
+impl Sequence {
+    /// `stops` is the exposure of the pictures.
+    pub fn new(stops: f32) -> Self {
+        Self { frames: Vec::new(), before: Vec::new(), scale: reference::stops_to_scale(stops) }
+    }
+
+    /// Takes in a frame, its light and, where the matrix goes with the camera, its picture, beside those of exact products with
+    /// the same lights.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn add(
+        &mut self,
+        classic: &mut Classic,
+        exact: Option<&mut Classic>,
+        (lights, camera, number): (&[Light], &Camera, u32),
+        done: &FrameResult,
+    ) -> Result<(), Error> {
+        let light = classic.surface_irradiance()?;
+        let local = classic.local_frame();
+        let of = |name: &str| done.times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum();
+        let (mut error, mut ssim) = (None, None);
+        if let Some(exact) = exact {
+            if local.is_some() {
+                let picture = exact.frame(lights, camera, number)?.pictures.full;
+                // Nothing to compare where the camera sees only black.
+                ssim = compare_pictures(&done.pictures.full, &picture, self.scale, None).ok().map(|errors| errors.ssim);
+            } else {
+                exact.advance(lights)?;
+            }
+            error = Some(distance(&light, &exact.surface_irradiance()?));
+        }
+        let has_before = self.before.len() == light.len() && !light.is_empty();
+        self.frames.push(Measured {
+            method_ms: of("method"),
+            lookup_ms: of("lookup"),
+            update_ms: of("update"),
+            local,
+            memory: peak_memory_bytes(),
+            ssim,
+            error,
+            change: has_before.then(|| distance(&light, &self.before)),
+            flicker: has_before.then(|| flicker(&light, &self.before, self.scale)),
+        });
+        self.before = light;
+        Ok(())
+    }
+
+    /// What changes of the matrix round the camera took, beside making it anew in every frame in which the camera moved.
+    pub fn work(&self) -> Option<String> {
+        let steps = || self.frames.iter().skip(1).filter_map(|f| f.local.as_ref());
+        let (work, anew): (u64, u64) = (steps().map(|l| l.step.work).sum(), steps().map(|l| l.anew).sum());
+        let moved: usize = steps().map(|l| l.step.entered + l.step.left).sum();
+        let lit: u64 = steps().map(|l| l.product).sum();
+        let all: u64 = steps().map(|l| 3 * (l.patches as u64).pow(2)).sum();
+        let flicker = self.frames.iter().filter_map(|f| f.flicker).fold(0.0, f64::max);
+        let least = self.frames.iter().filter_map(|f| f.ssim).reduce(f64::min);
+        let ssim = least.map_or(String::new(), |ssim| format!("; SSIM against full radiosity at least {ssim:.4}"));
+        (work > 0).then(|| {
+            format!(
+                "{moved} patches came or went: {:.1} times less work than a new matrix in every frame; {:.0} % of it is \
+                 multiplied by; displayed values of 99.9 % of the surface change by {flicker:.2}/255 a frame at most{ssim}",
+                anew as f64 / work as f64,
+                100.0 * lit as f64 / all.max(1) as f64
+            )
+        })
+    }
+
+    /// Writes `frames.csv`, `frames-*.svg` and `report.html` into a folder.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write(&self, out: &Path, title: &str) -> Result<(), Error> {
+        let has_local = self.frames.iter().any(|f| f.local.is_some());
+        let mut csv = String::from("frame,method_ms,lookup_ms,error,change,flicker_255");
+        if has_local {
+            csv.push_str(
+                ",ssim,update_ms,patches,entered,left,waiting,later,update_multiplications,product_multiplications,\
+                 anew_multiplications,residual,local_bytes,peak_bytes",
+            );
+        }
+        csv.push('\n');
+        let cell = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.6e}"));
+        for (k, f) in self.frames.iter().enumerate() {
+            // Writing into a string cannot fail.
+            let (error, change, flicker) = (cell(f.error), cell(f.change), cell(f.flicker));
+            let _ = write!(csv, "{k},{:.4},{:.4},{error},{change},{flicker}", f.method_ms, f.lookup_ms);
+            if let Some(LocalFrame { step, patches, product, anew, bytes }) = &f.local {
+                let (ssim, residual) = (cell(f.ssim), cell(step.residual.map(f64::from)));
+                let memory = f.memory.map_or(String::new(), |bytes| bytes.to_string());
+                let _ = write!(
+                    csv,
+                    ",{ssim},{:.4},{patches},{},{},{},{},{},{product},{anew},{residual},{bytes},{memory}",
+                    f.update_ms, step.entered, step.left, step.waiting, step.later, step.work
+                );
+            }
+            csv.push('\n');
+        }
+        output::write_text(&out.join("frames.csv"), &csv)?;
+        let series = |name: &str, value: &dyn Fn(&Measured) -> Option<f64>| {
+            let points = self.frames.iter().enumerate().filter_map(|(k, f)| Some((k as f64, value(f)?)));
+            Series { name: name.into(), points: points.collect() }
+        };
+        let plot = |title: &str, unit: &str, series: Vec<Series>| Plot {
+            title: title.into(),
+            unit: unit.into(),
+            x: "frame".into(),
+            logarithmic: false,
+            series: series.into_iter().filter(|s| !s.points.is_empty()).collect(),
+        };
+        let against = if self.frames.iter().any(|f| f.error.is_some()) {
+            "Irradiance against exact products, and against the frame before"
+        } else {
+            "Irradiance against the frame before; --errors adds exact products"
+        };
+        let plots = vec![
+            plot(against, "relative L2", vec![series("error", &|f| f.error), series("change", &|f| f.change)]),
+            plot("Change of displayed values, 99.9th percentile", "1/255", vec![series("change", &|f| f.flicker)]),
+            plot(
+                "Time",
+                "ms",
+                vec![
+                    series("method", &|f| Some(f.method_ms)),
+                    series("lookup", &|f| Some(f.lookup_ms)),
+                    series("update", &|f| f.local.as_ref().map(|_| f.update_ms)),
+                ],
+            ),
+        ];
+        for (name, plot) in ["light", "flicker", "time"].iter().zip(&plots) {
+            output::write_text(&out.join(format!("frames-{name}.svg")), &plot.svg())?;
+        }
+        let section = Section {
+            title: "Frames".into(),
+            text: vec!["frames.csv has the numbers. Displayed values are those of a surface of albedo ½.".into()],
+            figures: Vec::new(),
+            strip: Vec::new(),
+            tables: Vec::new(),
+            plots,
+        };
+        output::write_text(&out.join("report.html"), &page(title, &[], [&section]))
+    }
+}
+
+/// Least change of the displayed values of a surface of [`SHOWN_ALBEDO`] that at most one of a thousand exceeds, in 255ths; `scale`
+/// is the exposure.
+pub fn flicker(light: &[Vec3], before: &[Vec3], scale: f32) -> f64 {
+    let radiance = |h: &Vec3| luminance(*h) * SHOWN_ALBEDO / std::f32::consts::PI;
+    let shown = |h: &Vec3| 255.0 * encode_srgb((radiance(h) * scale).clamp(0.0, 1.0));
+    let mut changes: Vec<f32> = light.iter().zip(before).map(|(a, b)| (shown(a) - shown(b)).abs()).collect();
+    changes.sort_by(f32::total_cmp);
+    changes.get(changes.len() * 999 / 1000).map_or(0.0, |&change| f64::from(change))
+}
+
+/// Relative L2 distance of irradiance.
+pub fn distance(found: &[Vec3], expected: &[Vec3]) -> f64 {
+    let squares = |pairs: &mut dyn Iterator<Item = Vec3>| pairs.map(|d| f64::from(d.length_squared())).sum::<f64>();
+    let difference = squares(&mut found.iter().zip(expected).map(|(a, b)| *a - *b));
+    let whole = squares(&mut expected.iter().copied());
+    if difference == 0.0 { 0.0 } else { (difference / whole.max(f64::MIN_POSITIVE)).sqrt() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use assets::procedural;
+
+    #[test]
+    fn lights_jump_and_come_back() {
+        let loaded = procedural::build("atrium").unwrap();
+        let movement = Movement::new(&loaded, (Animate::Jump, None), 9, &mut Progress::new(true));
+        let lights: Vec<_> = (0..9).map(|frame| movement.at(frame).0).collect();
+        assert!(lights[0] == lights[2] && lights[3] == lights[5] && lights[0] == lights[6]);
+        assert_ne!(lights[2], lights[3]);
+        let still = Movement::new(&loaded, (Animate::Still, None), 9, &mut Progress::new(true));
+        assert!((0..9).all(|frame| still.at(frame).0 == loaded.scene.lights));
+        let sun = Movement::new(&loaded, (Animate::Sun, None), 9, &mut Progress::new(true));
+        let moved = (sun.at(0), sun.at(8));
+        for (a, b) in moved.0.0.iter().zip(&moved.1.0) {
+            assert_eq!(a.direction != b.direction, a.kind == LIGHT_DIRECTIONAL);
+            assert_eq!(a.position, b.position);
+        }
+        assert_eq!(moved.0.1, moved.1.1);
+    }
+
+    #[test]
+    fn a_camera_flies_whatever_the_lights_do() {
+        let loaded = procedural::build("atrium").unwrap();
+        for path in [CameraPath::Fly, CameraPath::Shuttle, CameraPath::Circle] {
+            let movement = Movement::new(&loaded, (Animate::Still, Some(path)), 30, &mut Progress::new(true));
+            let (low, high) = loaded.scene.bounds;
+            let eyes: Vec<Vec3> = (0..30).map(|frame| movement.at(frame).1.eye).collect();
+            assert!((0..30).all(|frame| movement.at(frame).0 == loaded.scene.lights));
+            assert!(eyes.iter().all(|eye| eye.cmpge(low).all() && eye.cmple(high).all()), "{path:?}");
+            // No frame goes far, and the way is long.
+            let steps: Vec<f32> = eyes.windows(2).map(|two| two[0].distance(two[1])).collect();
+            let (most, way) = (steps.iter().copied().fold(0.0, f32::max), steps.iter().sum::<f32>());
+            assert!(way > 0.5 * (high - low).max_element() && most < 0.15 * way, "{path:?} {way} {most}");
+        }
+        assert_eq!(
+            Movement::new(&loaded, (Animate::Still, Some(CameraPath::Fly)), 1, &mut Progress::new(true)).at(0).1,
+            loaded.view
+        );
+    }
+
+    #[test]
+    fn distances_are_relative() {
+        let (a, b) = ([Vec3::new(3.0, 0.0, 0.0)], [Vec3::new(0.0, 4.0, 0.0)]);
+        assert_eq!(distance(&a, &b), 1.25);
+        assert_eq!(distance(&a, &a), 0.0);
+        assert_eq!(distance(&[Vec3::ZERO], &[Vec3::ZERO]), 0.0);
+    }
+}
