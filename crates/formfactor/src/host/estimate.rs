@@ -72,7 +72,7 @@ impl<'a> Surfaces<'a> {
             offsets,
             visibility: scene,
             owner: Box::new(|hit, direction| subdivision.owner(scene, hit, direction)),
-            ray_offset: scene.ray_offset,
+            ray_offset: scene.geometry.ray_offset,
             seed: 0,
         }
     }

@@ -183,10 +183,13 @@ impl<'a> Patches<'a> {
     /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
     pub fn new(scene: &'a Scene, eye: Vec3, settings: ClassicSettings, progress: &mut Progress) -> Result<Self, Error> {
         check_receivers(&settings)?;
-        let too_many =
-            |needed: usize| Error::TooManyPatches { triangles: scene.triangles.len(), needed, limit: MOST_PATCHES };
-        if settings.patches == PatchKind::Polygon && scene.triangles.len() > MOST_PATCHES {
-            return Err(too_many(scene.triangles.len()));
+        let too_many = |needed: usize| Error::TooManyPatches {
+            triangles: scene.geometry.triangles.len(),
+            needed,
+            limit: MOST_PATCHES,
+        };
+        if settings.patches == PatchKind::Polygon && scene.geometry.triangles.len() > MOST_PATCHES {
+            return Err(too_many(scene.geometry.triangles.len()));
         }
         let (sampler, senders) = progress.phase("sample", |_| -> Result<_, Error> {
             let sampler = lit_sampler(scene, settings.patch_count, settings.seed)?;
@@ -211,7 +214,7 @@ impl<'a> Patches<'a> {
         let direct = DirectParams {
             count: senders.points.len() as u32,
             area_rays: settings.sample_rays,
-            sky_rays: if scene.sky.map_width == 0 { 0 } else { settings.sample_rays },
+            sky_rays: if scene.lighting.sky.map_width == 0 { 0 } else { settings.sample_rays },
             seed: settings.seed,
             ..direct_params(scene)
         };
@@ -491,7 +494,7 @@ impl Classic {
     /// # Errors
     /// What the device says.
     pub fn frame(&mut self, lights: &[Light], camera: &Camera, number: u32) -> Result<FrameResult, Error> {
-        self.scene.lights = lights.to_vec();
+        self.scene.lighting.lights = lights.to_vec();
         self.look(camera.eye);
         let photons = self.shoot()?;
         let (full, direct, mut times) = self.frame.render(lights, camera, number)?;
@@ -513,7 +516,7 @@ impl Classic {
     /// # Errors
     /// What the device says.
     pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
-        self.scene.lights = lights.to_vec();
+        self.scene.lighting.lights = lights.to_vec();
         let photons = self.shoot()?;
         let mut times = self.frame.advance(lights)?;
         times.extend(photons);
@@ -650,9 +653,9 @@ fn device_again(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Er
 /// Direct-light settings that follow from the scene.
 pub fn direct_params(scene: &Scene) -> DirectParams {
     DirectParams {
-        light_count: scene.lights.len() as u32,
+        light_count: scene.lighting.lights.len() as u32,
         emitter_count: scene.emitters.len() as u32,
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     }
 }
