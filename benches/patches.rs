@@ -81,7 +81,7 @@ fn exponent(entries: &[(usize, f64)]) -> f64 {
 
 /// Points in the air of a scene with normals in all directions.
 fn points(scene: &Scene) -> Vec<SurfacePoint> {
-    let (low, high) = scene.bounds;
+    let (low, high) = scene.geometry.bounds;
     (0..POINTS)
         .map(|k| {
             let number = |d: u32| unit(hash3(k, d, SEED));
@@ -140,7 +140,7 @@ fn view_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dyn
             SurfacePoint { position: s.position, patch: patch as u32, normal: s.normal, weight: m.weight }
         }));
     }
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let owner = |hit: &Hit, way: Vec3| {
         let normal = geometry.normal(hit.triangle);
         let facing = if normal.dot(way) < 0.0 { normal } else { -normal };
@@ -155,7 +155,7 @@ fn view_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dyn
         offsets: &set.offsets,
         visibility: scene,
         owner: Box::new(owner),
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         seed: SEED,
     };
     table.time(
@@ -198,7 +198,7 @@ fn measure(criterion: &mut Criterion) -> Result<(), Box<dyn Error>> {
         view_steps(&mut table, scene, size)?;
         volume_steps(criterion, &mut table, scene, size)?;
     }
-    println!("{}: {} triangles, {} threads", loaded.name, scene.triangles.len(), rayon::current_num_threads());
+    println!("{}: {} triangles, {} threads", loaded.name, scene.geometry.triangles.len(), rayon::current_num_threads());
     table.print();
     Ok(())
 }

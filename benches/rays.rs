@@ -37,7 +37,7 @@ struct Ray {
 /// up.
 fn record(scene: &Scene, camera: &Camera) -> (Vec<Ray>, Vec<Ray>) {
     let (mut closest, mut shadow) = (Vec::with_capacity(COUNT), Vec::with_capacity(COUNT));
-    let sun = scene.lights.first().map_or(Vec3::Y, |l| -l.direction);
+    let sun = scene.lighting.lights.first().map_or(Vec3::Y, |l| -l.direction);
     let mut path = 0;
     while closest.len() < COUNT || shadow.len() < COUNT {
         let random = |k: u32| unit(hash3(path, k, SEED));
@@ -49,8 +49,8 @@ fn record(scene: &Scene, camera: &Camera) -> (Vec<Ray>, Vec<Ray>) {
             if hit.is_miss() {
                 break;
             }
-            let point = surface_point(&scene.geometry(), hit, ray.direction);
-            ray.origin = point.position + point.normal * scene.ray_offset;
+            let point = surface_point(&scene.tables(), hit, ray.direction);
+            ray.origin = point.position + point.normal * scene.geometry.ray_offset;
             if point.normal.dot(sun) > 0.0 {
                 shadow.push(Ray { origin: ray.origin, direction: sun });
             }
@@ -74,6 +74,7 @@ struct Obvhs {
 impl Obvhs {
     fn new(scene: &Scene) -> Self {
         let boxes: Vec<_> = scene
+            .geometry
             .triangles
             .iter()
             .map(|t| obvhs::triangle::Triangle {
@@ -179,7 +180,7 @@ fn main() {
     println!(
         "{}: {} triangles, {COUNT} rays of each kind, one thread, best of 5, million rays a second",
         loaded.name,
-        scene.triangles.len()
+        scene.geometry.triangles.len()
     );
     println!("| rays | scene | obvhs CWBVH | obvhs BVH2 | scene / better of obvhs |\n| --- | --- | --- | --- | --- |");
     for (kind, rays, casts) in kinds {

@@ -77,7 +77,7 @@ fn morton(key: IVec4) -> u64 {
 /// [`ROWS`] receivers on the fronts of a scene, taken evenly from a mesh that has a few more.
 fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     let sides = find_sides(scene, SidePolicy::Front);
-    let area: f32 = scene.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
+    let area: f32 = scene.geometry.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
     let mut edge = f32::sqrt(area / ROWS as f32);
     loop {
         let points = Receivers::new(scene, &sides, edge, 0.4 * edge, |_, _| Some(edge), |_| None)
@@ -95,13 +95,18 @@ fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
 fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitRows {
     let count = receivers.len();
     let offsets: Vec<u32> = (0..=count as u32).collect();
-    let p = HemisphereParams { rays: RAYS, seed: SEED, ray_offset: scene.ray_offset, ..HemisphereParams::default() };
+    let p = HemisphereParams {
+        rays: RAYS,
+        seed: SEED,
+        ray_offset: scene.geometry.ray_offset,
+        ..HemisphereParams::default()
+    };
     let place = |row: usize, ray: u32| {
         let (origin, direction) = hemisphere_ray(&p, &offsets, receivers, row as u32, ray);
         let hit: Hit = scene.closest(origin, direction);
-        let normal = || scene.geometry().normal(hit.triangle);
+        let normal = || scene.tables().normal(hit.triangle);
         let facing = || if normal().dot(direction) < 0.0 { normal() } else { -normal() };
-        (!hit.is_miss()).then(|| (scene.geometry().position(hit.triangle, hit.u, hit.v), facing()))
+        (!hit.is_miss()).then(|| (scene.tables().position(hit.triangle, hit.u, hit.v), facing()))
     };
     let trial = |row: usize| (0..TRIAL_RAYS).filter_map(move |ray| place(row, ray * (RAYS / TRIAL_RAYS)));
     let senders = Senders::new(&(0..count).into_par_iter().flat_map_iter(trial).collect::<Vec<_>>());

@@ -194,7 +194,10 @@ fn what_can_be_repaired_is_a_warning() {
     assert_one_warning(&scene, &["a.mtl", "cannot be read", "mid-grey"]);
     assert_one_warning(&scene, &["material m is not in any MTL file"]);
     assert_one_warning(&scene, &["has no light", "a sun and a sky were added"]);
-    assert_eq!(scene.scene.materials[scene.scene.triangles[0].material as usize].albedo, glam::Vec3::splat(0.5));
+    assert_eq!(
+        scene.scene.materials[scene.scene.geometry.triangles[0].material as usize].albedo,
+        glam::Vec3::splat(0.5)
+    );
 
     let (scene, _f) = accepted(&[("a.obj", OBJ.as_bytes()), ("a.mtl", MTL.as_bytes())], "a.obj");
     assert_one_warning(&scene, &["t.png", "cannot be used", "mid-grey"]);
@@ -216,7 +219,7 @@ fn what_can_be_repaired_is_a_warning() {
     let (scene, _f) = accepted(&[("a.obj", obj.as_bytes()), ("a.mtl", MTL.as_bytes()), ("t.png", &png(2, 2))], "a.obj");
     assert_one_warning(&scene, &["2 triangle(s) without area"]);
     assert_one_warning(&scene, &["1 triangle(s) equal to another one"]);
-    assert_eq!((scene.file_triangles, scene.scene.triangles.len()), (6, 3));
+    assert_eq!((scene.file_triangles, scene.scene.geometry.triangles.len()), (6, 3));
 
     let obj = OBJ.replace("o wall", "o caf\u{e9}").into_bytes();
     let latin1: Vec<u8> = String::from_utf8_lossy(&obj).chars().map(|c| c as u8).collect();
@@ -277,7 +280,7 @@ const NODE: &str = r#"[{"mesh":0,"name":"leaf"}]"#;
 fn bad_gltf_is_refused_with_its_place() {
     let good = glb(&triangle_json(3, NODE), &triangle_binary(2, 0.0));
     let (scene, _f) = accepted(&[("a.glb", &good)], "a.glb");
-    assert_eq!(scene.scene.triangles.len(), 1);
+    assert_eq!(scene.scene.geometry.triangles.len(), 1);
     let bad = |json: &str, binary: &[u8], parts: &[&str]| refused("b.glb", &glb(json, binary), parts);
     bad(&triangle_json(3, NODE), &triangle_binary(7, 0.0), &["\"leaf\"", "face 1", "index 7", "export"]);
     bad(&triangle_json(3, NODE), &triangle_binary(2, f32::NAN), &["\"leaf\"", "face 1", "not finite"]);
@@ -342,8 +345,9 @@ fn no_change_of_bytes_makes_the_import_panic() {
         let path: PathBuf = folder.path().join(changed);
         for seed in 0..cases {
             std::fs::write(&path, mutate(bytes, seed)).expect("a temporary file");
-            let outcome =
-                std::panic::catch_unwind(|| load(&folder.path().join(opened)).map(|s| s.scene.triangles.len()));
+            let outcome = std::panic::catch_unwind(|| {
+                load(&folder.path().join(opened)).map(|s| s.scene.geometry.triangles.len())
+            });
             match outcome {
                 Ok(Ok(_)) => good += 1,
                 Ok(Err(e)) => {

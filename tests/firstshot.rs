@@ -9,8 +9,8 @@ use formfactor::{Hemisphere, balance, form_factors};
 use glam::{DVec3, Vec3};
 use integration_tests::vulkan;
 use multibounce::{Factors, all_bounces};
-use patchlight::render::firstshot::PhotonPasses;
 use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
+use patchlight::render::firstshot::PhotonPasses;
 use reference::path::{PathSettings, PathTracer};
 use scene::math::luminance;
 use scene::sampling::{hammersley, hash3, uniform_triangle};
@@ -37,7 +37,7 @@ impl Registry for OnPatches<'_> {
     }
 
     fn cell(&self, triangle: u32, u: f32, v: f32, is_back: bool) -> u32 {
-        let front = self.scene.geometry().normal(triangle);
+        let front = self.scene.tables().normal(triangle);
         let hit = Hit { triangle, u, v, t: 0.0 };
         self.subdivision.owner(self.scene, &hit, if is_back { front } else { -front })
     }
@@ -57,17 +57,16 @@ fn by_operator(scene: &Scene, patches: u32) -> (Subdivision, Vec<Vec3>) {
     let factors = Factors { row_start: &csr.row_start, columns: &csr.column_index, values: &csr.values, area: &areas };
     let symmetric = factors.symmetric().unwrap();
     let direct = DirectParams {
-        light_count: scene.lights.len() as u32,
+        light_count: scene.lighting.lights.len() as u32,
         emitter_count: scene.emitters.len() as u32,
         area_rays: 16,
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     };
     let light = scene.direct_irradiance(&direct, &subdivision.points);
     let n = areas.len();
     let mut irradiance = vec![Vec3::ZERO; n];
-    let albedo: Vec<Vec3> =
-        (0..n).map(|k| scene.geometry().albedo(subdivision.patches[k].triangle, 0.3, 0.3)).collect();
+    let albedo: Vec<Vec3> = (0..n).map(|k| scene.tables().albedo(subdivision.patches[k].triangle, 0.3, 0.3)).collect();
     for channel in 0..3 {
         let reflectance: Vec<f32> = albedo.iter().map(|a| a[channel]).collect();
         let operator = all_bounces(&symmetric, &reflectance).unwrap();
@@ -142,7 +141,7 @@ fn photons_agree_with_the_operator_of_all_bounces() {
 
 /// Points spread over a cell of the maps, on its side.
 fn points_of_cell(scene: &Scene, maps: &IlluminationMaps, triangle: u32, wanted: u32, count: u32) -> Vec<SurfacePoint> {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let (_, [a, b, c]) = maps.cells(triangle, false).find(|(cell, _)| *cell == wanted).unwrap();
     (0..count)
         .map(|k| {
@@ -173,7 +172,7 @@ fn photons_agree_with_the_path_tracer() {
         let others = run(PhotonSettings { seed: 1, most_photons: 1 << 18, ..settings });
         let certainty =
             |k: u32| luminance(others.irradiance[k as usize]) / others.error[k as usize].max(f32::MIN_POSITIVE);
-        let mut cells: Vec<(u32, u32)> = (0..scene.triangles.len() as u32)
+        let mut cells: Vec<(u32, u32)> = (0..scene.geometry.triangles.len() as u32)
             .flat_map(|t| maps.cells(t, false).map(move |(cell, _)| (t, cell)).collect::<Vec<_>>())
             .collect();
         cells.sort_by(|a, b| certainty(b.1).total_cmp(&certainty(a.1)));

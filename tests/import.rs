@@ -29,7 +29,7 @@ fn shared(name: &str) -> Option<PathBuf> {
 }
 
 fn area(scene: &LoadedScene) -> f64 {
-    let areas = scene.scene.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length()));
+    let areas = scene.scene.geometry.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length()));
     let scale = f64::from(scene.metres_per_unit);
     areas.sum::<f64>() / (scale * scale)
 }
@@ -84,8 +84,8 @@ fn the_cornell_box_has_relative_indices_quads_and_a_lamp() {
     let Some(path) = shared("cornell/cornell.toml") else { return };
     let scene = load(&path).unwrap_or_else(|e| panic!("{e}"));
     // Two sides of its blocks are in the file twice.
-    assert_eq!((scene.file_triangles, scene.scene.triangles.len(), scene.dropped.duplicates), (36, 32, 4));
-    let (low, high) = scene.scene.bounds;
+    assert_eq!((scene.file_triangles, scene.scene.geometry.triangles.len(), scene.dropped.duplicates), (36, 32, 4));
+    let (low, high) = scene.scene.geometry.bounds;
     assert!((low / 0.28 - Vec3::new(-1.02, 0.0, -1.04)).length() < 1e-5, "{low}");
     assert!((high / 0.28 - Vec3::new(1.0, 1.99, 0.99)).length() < 1e-5, "{high}");
     let emitting: f32 = scene.scene.emitters.iter().map(|e| e.area).sum();
@@ -94,7 +94,7 @@ fn the_cornell_box_has_relative_indices_quads_and_a_lamp() {
     assert_eq!((scene.exposure_stops, scene.view.vertical_fov_degrees), (1.8, 40.0));
     // The lamp faces down.
     let lamp = scene.scene.emitters[0].triangle;
-    assert!(scene.scene.geometry().normal(lamp).y < -0.99);
+    assert!(scene.scene.tables().normal(lamp).y < -0.99);
 }
 
 #[test]
@@ -121,7 +121,7 @@ fn v_zero_is_the_bottom_row_and_colours_become_linear() {
         (Vec2::new(0.5, 0.5), Vec3::new(0.0, bright, 0.0)),
     ] {
         let hit = scene.scene.closest(point.extend(1.0), Vec3::NEG_Z);
-        let albedo = scene.scene.geometry().albedo(hit.triangle, hit.u, hit.v);
+        let albedo = scene.scene.tables().albedo(hit.triangle, hit.u, hit.v);
         // 16 bits a channel, and bilinear weights in single precision.
         assert!((albedo - expected).length() < 1e-4, "{point}: {albedo} for {expected}");
     }
@@ -152,7 +152,7 @@ fn white_of_a_mask_is_opaque_and_black_is_a_hole() {
 fn a_material_with_d_below_a_half_is_left_out() {
     let obj = QUAD.to_owned() + "v 0 0 -1\nusemtl g\nf 1 2 5\n";
     let scene = loaded(&folder(&[("a.obj", obj.as_bytes()), ("a.mtl", b"newmtl m\nd 1\nnewmtl g\nd 0.3\n")]), "a.obj");
-    assert_eq!((scene.scene.triangles.len(), scene.dropped.holes), (2, 1));
+    assert_eq!((scene.scene.geometry.triangles.len(), scene.dropped.holes), (2, 1));
 }
 
 #[test]
@@ -161,13 +161,13 @@ fn every_level_of_a_pyramid_has_the_mean_of_the_picture() {
     let picture = png(5, 3, colour);
     let folder = folder(&[("a.obj", QUAD.as_bytes()), ("a.mtl", b"newmtl m\nmap_Kd t.png\n"), ("t.png", &picture)]);
     let scene = loaded(&folder, "a.obj");
-    let t = scene.scene.textures[0];
+    let t = scene.scene.geometry.textures[0];
     assert_eq!((t.width, t.height, t.levels), (5, 3, 3));
     let linear = |x, y| Vec3::from(colour(x, y).map(|c| decode_srgb(f32::from(c) / 255.0)));
     let mean = (0..15).map(|k| linear(k % 5, k / 5)).sum::<Vec3>() / 15.0;
-    let last = texel(&scene.scene.texels, t.offset + 15 + 2).truncate();
+    let last = texel(&scene.scene.geometry.texels, t.offset + 15 + 2).truncate();
     assert!((last - mean).length() < 1e-4, "{last} for {mean}");
-    assert!((sample(t, &scene.scene.texels, Vec2::new(0.3, 0.9), 99).truncate() - mean).length() < 1e-4);
+    assert!((sample(t, &scene.scene.geometry.texels, Vec2::new(0.3, 0.9), 99).truncate() - mean).length() < 1e-4);
     // The mean of the codes, decoded, is another colour.
     let codes = (0..15).map(|k| Vec3::from(colour(k % 5, k / 5).map(f32::from))).sum::<Vec3>() / (15.0 * 255.0);
     assert!((Vec3::from(codes.to_array().map(decode_srgb)) - mean).length() > 1e-3);
@@ -181,7 +181,7 @@ fn bright_texels_are_lowered_with_one_warning_and_shared_files_are_one_texture()
     let scene = loaded(&folder(&[("a.obj", obj.as_bytes()), ("a.mtl", mtl), ("t.png", &white)]), "a.obj");
     assert_eq!(scene.textures.len(), 1);
     assert_eq!(scene.warnings.iter().filter(|w| w.contains("above 0.95")).count(), 2, "{:?}", scene.warnings);
-    assert!((scene.scene.geometry().albedo(0, 0.2, 0.2).x - 0.95).abs() < 1e-4);
+    assert!((scene.scene.tables().albedo(0, 0.2, 0.2).x - 0.95).abs() < 1e-4);
 }
 
 #[test]
@@ -192,10 +192,10 @@ fn textures_are_halved_until_they_fit() {
     let folder = folder(&files);
     let options = LoadOptions { texel_budget: 8 * 400 };
     let scene = load_with(&folder.path().join("a.obj"), &options).unwrap_or_else(|e| panic!("{e}"));
-    assert_eq!((scene.scene.textures[0].width, scene.scene.textures[0].levels), (16, 5));
+    assert_eq!((scene.scene.geometry.textures[0].width, scene.scene.geometry.textures[0].levels), (16, 5));
     assert!(scene.warnings.iter().any(|w| w.contains("halved 2 time(s)")), "{:?}", scene.warnings);
     let whole = loaded(&folder, "a.obj");
-    let mean = |s: &LoadedScene| sample(s.scene.textures[0], &s.scene.texels, Vec2::splat(0.5), 99);
+    let mean = |s: &LoadedScene| sample(s.scene.geometry.textures[0], &s.scene.geometry.texels, Vec2::splat(0.5), 99);
     assert!((mean(&scene) - mean(&whole)).length() < 1e-4);
 }
 
@@ -213,13 +213,13 @@ fn lights_come_in_metres_and_absolute_units() {
     let files: [(&str, &[u8]); 3] = [("a.obj", QUAD.as_bytes()), ("a.mtl", b"newmtl m\n"), ("s.toml", toml.as_bytes())];
     let folder = folder(&files);
     let scene = loaded(&folder, "s.toml");
-    let l = &scene.scene.lights;
+    let l = &scene.scene.lighting.lights;
     assert_eq!([0, 1, 2, 3].map(|k| l[k].kind), [LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, LIGHT_RECT]);
     assert_eq!((l[0].direction, l[0].color), (Vec3::NEG_Y, Vec3::new(1.0, 2.0, 3.0)));
     assert!((l[1].position - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-6 && l[1].color.x == 4.0);
     assert!((l[2].cos_inner - 0.866_025_4).abs() < 1e-6 && (l[2].cos_outer - 0.5).abs() < 1e-6);
     assert!((l[3].area - 2.0).abs() < 1e-6 && l[3].edge_a.cross(l[3].edge_b).y < 0.0);
-    assert_eq!(scene.scene.sky.radiance, Vec3::new(0.1, 0.2, 0.3));
+    assert_eq!(scene.scene.lighting.sky.radiance, Vec3::new(0.1, 0.2, 0.3));
 
     let (lights, view) = scene.animation.at(1.0);
     assert!((lights[1].position - Vec3::new(0.5, 0.0, 0.0)).length() < 1e-6);
@@ -232,8 +232,8 @@ fn lights_come_in_metres_and_absolute_units() {
     let again =
         load(&write_scene(&scene, out.path()).unwrap_or_else(|e| panic!("{e}"))).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(again.animation.at(0.7).0[1], scene.animation.at(0.7).0[1]);
-    assert!((again.scene.lights[2].cos_outer - 0.5).abs() < 1e-6);
-    assert_eq!((again.scene.lights[3], again.view), (l[3], scene.view));
+    assert!((again.scene.lighting.lights[2].cos_outer - 0.5).abs() < 1e-6);
+    assert_eq!((again.scene.lighting.lights[3], again.view), (l[3], scene.view));
 }
 
 #[test]
@@ -258,9 +258,9 @@ fn the_middle_of_a_sky_map_is_minus_z_and_its_top_is_up() {
     for (column, row) in [(8u32, 4u32), (12, 3), (4, 4), (0, 6), (3, 0)] {
         let scene = mark(column, row);
         let at = direction(f64::from(column), f64::from(row));
-        let seen = sky_radiance(&scene.scene.sky, &scene.scene.sky_map, at);
+        let seen = sky_radiance(&scene.scene.lighting.sky, &scene.scene.lighting.sky_map, at);
         assert!((seen - Vec3::new(18.0, 0.5, 1.0)).length() < 1e-2, "{column} {row} {at}: {seen}");
-        let opposite = sky_radiance(&scene.scene.sky, &scene.scene.sky_map, -at);
+        let opposite = sky_radiance(&scene.scene.lighting.sky, &scene.scene.lighting.sky_map, -at);
         assert!(opposite.x < 1e-3, "{opposite}");
     }
     // In words: column 12 of 16 begins at +x.
@@ -328,13 +328,13 @@ fn gltf_brings_transforms_materials_masks_lights_and_cameras() {
     let folder = folder(&[("a.glb", &glb())]);
     let scene = loaded(&folder, "a.glb");
     let s = &scene.scene;
-    assert_eq!((s.triangles.len(), scene.objects.as_slice()), (2, ["leaf".to_owned()].as_slice()));
+    assert_eq!((s.geometry.triangles.len(), scene.objects.as_slice()), (2, ["leaf".to_owned()].as_slice()));
     assert!(
-        (s.bounds.0 - Vec3::new(8.0, -2.0, 0.0)).length() < 1e-6
-            && (s.bounds.1 - Vec3::new(12.0, 2.0, 0.0)).length() < 1e-6
+        (s.geometry.bounds.0 - Vec3::new(8.0, -2.0, 0.0)).length() < 1e-6
+            && (s.geometry.bounds.1 - Vec3::new(12.0, 2.0, 0.0)).length() < 1e-6
     );
     // The mirrored z flips the winding back: seen from +z the original front shows −z.
-    assert!(s.geometry().normal(0).z < -0.99);
+    assert!(s.tables().normal(0).z < -0.99);
     assert_eq!(s.materials[0].radiance, Vec3::new(6.0, 3.0, 0.0));
     assert!((s.materials[0].mask_cutoff - 0.5).abs() < 1e-6);
     // Left half opaque, right half a hole; the top row is red at half strength by the factor.
@@ -342,9 +342,9 @@ fn gltf_brings_transforms_materials_masks_lights_and_cameras() {
     let bottom = s.closest(Vec3::new(9.0, -1.0, 5.0), Vec3::NEG_Z);
     assert!(s.closest(Vec3::new(11.0, 1.0, 5.0), Vec3::NEG_Z).is_miss());
     let red = 0.5 * decode_srgb(188.0 / 255.0);
-    assert!((s.geometry().albedo(top.triangle, top.u, top.v).x - red).abs() < 1e-4);
-    assert!(s.geometry().albedo(bottom.triangle, bottom.u, bottom.v).x < 1e-4);
-    let lamp = s.lights[0];
+    assert!((s.tables().albedo(top.triangle, top.u, top.v).x - red).abs() < 1e-4);
+    assert!(s.tables().albedo(bottom.triangle, bottom.u, bottom.v).x < 1e-4);
+    let lamp = s.lighting.lights[0];
     assert_eq!(lamp.kind, LIGHT_SPOT);
     assert!(
         (lamp.position - Vec3::new(10.0, 3.0, 0.0)).length() < 1e-5 && (lamp.direction - Vec3::NEG_Y).length() < 1e-5
@@ -357,7 +357,7 @@ fn gltf_brings_transforms_materials_masks_lights_and_cameras() {
 #[test]
 fn a_bare_mesh_is_framed_and_lit() {
     let scene = loaded(&folder(&[("a.obj", QUAD.as_bytes()), ("a.mtl", b"newmtl m\n")]), "a.obj");
-    assert!(scene.scene.has_sky() && scene.scene.lights.len() == 1);
+    assert!(scene.scene.has_sky() && scene.scene.lighting.lights.len() == 1);
     let camera = scene.view.camera(64, 64);
     for corner in [Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), Vec3::new(1.0, -1.0, 0.0)] {
         let to = corner - camera.eye;
@@ -384,7 +384,7 @@ fn built_in_scenes_show_their_fronts_and_have_no_cracks() {
         let scene = procedural::build(spec).unwrap_or_else(|e| panic!("{e}"));
         assert!(scene.warnings.is_empty(), "{spec}: {:?}", scene.warnings);
         assert_eq!((scene.dropped.zero_area, scene.dropped.duplicates), (0, 0), "{spec}");
-        let geometry = scene.scene.geometry();
+        let geometry = scene.scene.tables();
         // The published camera of the Cornell Box is outside.
         let eye = if spec == "cornell" { Vec3::new(0.278, 0.273, 0.02) } else { scene.view.eye };
         let (mut escaped, mut backs) = (0, 0);
@@ -395,7 +395,7 @@ fn built_in_scenes_show_their_fronts_and_have_no_cracks() {
                 let open = if spec == "cornell" { direction.z < 0.0 } else { direction.y > 0.0 };
                 escaped += usize::from(closed || !open);
             } else {
-                let material = scene.scene.triangles[hit.triangle as usize].material as usize;
+                let material = scene.scene.geometry.triangles[hit.triangle as usize].material as usize;
                 let sheet = scene.materials[material].starts_with("cloth");
                 backs += usize::from(!sheet && geometry.normal(hit.triangle).dot(direction) > 0.0);
             }
@@ -408,10 +408,10 @@ fn built_in_scenes_show_their_fronts_and_have_no_cracks() {
 fn the_atrium_has_the_triangles_that_were_asked_for() {
     for count in [5_000, 30_000, 300_000] {
         let scene = procedural::build(&format!("atrium:{count}")).unwrap_or_else(|e| panic!("{e}"));
-        let found = scene.scene.triangles.len();
+        let found = scene.scene.geometry.triangles.len();
         assert!(found.abs_diff(count) * 10 < count, "{found} for {count}");
     }
-    let found = procedural::build("atrium").unwrap_or_else(|e| panic!("{e}")).scene.triangles.len();
+    let found = procedural::build("atrium").unwrap_or_else(|e| panic!("{e}")).scene.geometry.triangles.len();
     assert!((2_500..3_500).contains(&found), "{found}");
 }
 
@@ -430,7 +430,7 @@ fn every_built_in_scene_can_be_animated() {
         let animation = Animation::default_path(&scene);
         let (first, last) = (animation.at(0.0).0, animation.at(0.5).0);
         assert!(!first.is_empty() && first != last && animation.duration() == 1.0, "{spec}");
-        let (low, high) = scene.scene.bounds;
+        let (low, high) = scene.scene.geometry.bounds;
         for light in last.iter().filter(|l| l.kind != LIGHT_DIRECTIONAL) {
             assert!(light.position.cmpge(low).all() && light.position.cmple(high).all(), "{spec}: {}", light.position);
         }
@@ -444,13 +444,13 @@ fn a_scene_that_was_written_reads_back_the_same() {
         let out = TempDir::new().expect("a temporary folder");
         let path = write_scene(&scene, &out.path().join("new/folder")).unwrap_or_else(|e| panic!("{e}"));
         let again = load(&path).unwrap_or_else(|e| panic!("{e}"));
-        assert_eq!(again.scene.triangles.len(), scene.scene.triangles.len(), "{spec}");
+        assert_eq!(again.scene.geometry.triangles.len(), scene.scene.geometry.triangles.len(), "{spec}");
         assert_near(area(&again), area(&scene));
         assert_eq!((&again.name, again.view, again.exposure_stops), (&scene.name, scene.view, scene.exposure_stops));
         assert_eq!(again.materials, scene.materials, "{spec}");
-        assert_eq!(again.scene.sky, scene.scene.sky);
+        assert_eq!(again.scene.lighting.sky, scene.scene.lighting.sky);
         // Directions are made unit vectors again, which may change the last bit.
-        for (a, b) in again.scene.lights.iter().zip(&scene.scene.lights) {
+        for (a, b) in again.scene.lighting.lights.iter().zip(&scene.scene.lighting.lights) {
             assert!(
                 (a.direction - b.direction).length() < 1e-6
                     && (a.position, a.color, a.edge_a) == (b.position, b.color, b.edge_a)
@@ -458,12 +458,12 @@ fn a_scene_that_was_written_reads_back_the_same() {
         }
         // Reflectance all over the pictures: texels survive 8 bits because they came from 8 bits.
         let by_source = |s: &LoadedScene| {
-            let mut places: Vec<u32> = (0..s.scene.triangles.len() as u32).collect();
-            places.sort_by_key(|&k| s.scene.triangles[k as usize].source);
+            let mut places: Vec<u32> = (0..s.scene.geometry.triangles.len() as u32).collect();
+            places.sort_by_key(|&k| s.scene.geometry.triangles[k as usize].source);
             places
         };
         let (places, places_again) = (by_source(&scene), by_source(&again));
-        let probe = |s: &LoadedScene, at: u32| s.scene.geometry().albedo(at, 0.3, 0.3).extend(0.0);
+        let probe = |s: &LoadedScene, at: u32| s.scene.tables().albedo(at, 0.3, 0.3).extend(0.0);
         for k in (0..places.len()).step_by(17) {
             let (a, b): (Vec4, Vec4) = (probe(&scene, places[k]), probe(&again, places_again[k]));
             assert!((a - b).length() < 2e-3, "{spec}, triangle {k}: {a} {b}");

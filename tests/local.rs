@@ -52,7 +52,7 @@ fn flight(
     frames: u32,
 ) -> (Vec<Vec<Vec3>>, Pictures, usize) {
     let mut light = bake.clone().load(transport, executor, &mut Progress::new(true)).unwrap();
-    let (path, lights) = (Animation::fly(loaded), &loaded.scene.lights);
+    let (path, lights) = (Animation::fly(loaded), &loaded.scene.lighting.lights);
     let (mut shown, mut entered) = (Vec::new(), 0);
     for frame in 0..frames {
         light.look(path.at(frame as f32 / frames as f32).1.eye);
@@ -123,7 +123,7 @@ fn both_executors_and_two_runs_give_the_same_light() {
 
 /// Relative error of the mean radiance of a closed box of uniform emission and albedo, L = Le / (1 − ρ).
 fn furnace_error(loaded: &LoadedScene, pictures: &Pictures) -> f32 {
-    let material = loaded.scene.materials[loaded.scene.triangles[0].material as usize];
+    let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
     let mean = pictures.full.pixels.iter().sum::<Vec3>() / pictures.full.pixels.len() as f32;
     let expected = material.radiance / (Vec3::ONE - material.albedo);
     (mean / expected - Vec3::ONE).abs().max_element()
@@ -148,7 +148,8 @@ fn white_furnace() {
 fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     let loaded = procedural::build("sealed-box").unwrap();
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
-    let outside = loaded.scene.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
+    let outside =
+        loaded.scene.lighting.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
     let (_, pictures, _) = flight(&loaded, &bake, Transport::Local(local(4096)), cpu(), 4);
     let pixels = &pictures.full.pixels;
     let inside = pixels.iter().map(|p| luminance(*p)).sum::<f32>() / pixels.len() as f32;

@@ -2,20 +2,21 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use patchlight::progress::Progress;
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use patchlight::render::decode::{Decode, Decoder};
-use patchlight::render::operator::{Codec, Feedback, Transport};
 use formfactor::{Hemisphere, Stop, balance, closure_residual, form_factors, jacobi, reciprocity_residual};
 use glam::{Vec3, Vec4};
 use integration_tests::vulkan;
 use multibounce::BlockCodec;
 use patches::{PatchSize, SubdivideSettings, subdivide};
+use patchlight::progress::Progress;
+use patchlight::render::Pictures;
+use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use patchlight::render::decode::{Decode, Decoder};
+use patchlight::render::operator::{Codec, Feedback, Transport};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 const SIZE: (u32, u32) = (48, 36);
 
@@ -43,7 +44,7 @@ fn render_with(loaded: &LoadedScene, executor: Box<dyn Executor>, settings: Clas
     let mut progress = Progress::new(true);
     let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &mut progress).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
-    classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures
+    classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures
 }
 
 fn cpu() -> Box<dyn Executor> {
@@ -60,7 +61,7 @@ fn check_furnace(loaded: &LoadedScene, pictures: &Pictures) -> Result<(), String
 }
 
 fn check_furnace_within(limit: f32, loaded: &LoadedScene, pictures: &Pictures) -> Result<(), String> {
-    let material = loaded.scene.materials[loaded.scene.triangles[0].material as usize];
+    let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
     for channel in 0..3 {
         let expected = material.radiance[channel] / (1.0 - material.albedo[channel]);
         let found = pictures.full.pixels.iter().map(|p| p[channel]).sum::<f32>() / pictures.full.pixels.len() as f32;
@@ -80,7 +81,7 @@ fn white_furnace() {
     }
     // A slightly darker box must be noticed.
     let mut darker = procedural::build("furnace").unwrap();
-    for m in &mut darker.scene.materials {
+    for m in Arc::make_mut(&mut darker.scene.materials) {
         m.albedo *= 0.93;
     }
     assert!(check_furnace(&loaded, &render(&darker, cpu())).is_err());
@@ -90,7 +91,8 @@ fn white_furnace() {
 fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     let loaded = procedural::build("sealed-box").unwrap();
     let pictures = render(&loaded, cpu());
-    let outside = loaded.scene.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
+    let outside =
+        loaded.scene.lighting.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
     assert!(outside > 0.0);
     let inside = mean(&pictures.full);
     assert!(inside < 1e-4 * outside, "inside {inside}, outside {outside}");
@@ -106,16 +108,17 @@ fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
 
 /// The scene with those triangles of its source.
 fn with_triangles(scene: &Scene, keep: impl Fn(u32) -> bool) -> Scene {
-    let kept: Vec<usize> = (0..scene.triangles.len()).filter(|&k| keep(scene.triangles[k].source)).collect();
+    let kept: Vec<usize> =
+        (0..scene.geometry.triangles.len()).filter(|&k| keep(scene.geometry.triangles[k].source)).collect();
     Scene::new(SceneParts {
-        triangles: kept.iter().map(|&k| scene.triangles[k]).collect(),
-        uvs: kept.iter().map(|&k| scene.uvs[k]).collect(),
-        materials: scene.materials.clone(),
-        textures: scene.textures.clone(),
-        texels: scene.texels.clone(),
-        lights: scene.lights.clone(),
-        sky: scene.sky,
-        sky_map: scene.sky_map.clone(),
+        triangles: kept.iter().map(|&k| scene.geometry.triangles[k]).collect(),
+        uvs: kept.iter().map(|&k| scene.geometry.uvs[k]).collect(),
+        materials: scene.materials.to_vec(),
+        textures: scene.geometry.textures.clone(),
+        texels: scene.geometry.texels.clone(),
+        lights: scene.lighting.lights.clone(),
+        sky: scene.lighting.sky,
+        sky_map: scene.lighting.sky_map.to_vec(),
     })
     .unwrap()
 }
@@ -213,7 +216,7 @@ fn texture_units_give_the_pictures_that_kernels_do() {
             let taken = if decode == Decode::Texture { "texture" } else { "kernel" };
             assert_eq!(classic.decoder().map(Decoder::name), Some(taken));
             let camera = loaded.view.camera(SIZE.0, SIZE.1);
-            let pictures = classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures;
+            let pictures = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures;
             Some((pictures, classic.surface_irradiance().unwrap()))
         };
         let Some((kernel, exact)) = render(Decode::Kernel, None) else { return };
@@ -261,7 +264,7 @@ fn the_furnace_is_closed_with_every_format_of_blocks() {
 fn feedback_follows_a_light_that_changes() {
     let loaded = procedural::build("cornell").unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
-    let mut brighter = loaded.scene.lights.clone();
+    let mut brighter = loaded.scene.lighting.lights.clone();
     brighter.iter_mut().for_each(|light| light.color *= 3.0);
     // The light of this and of the frames after it, once the lights are brighter in the second.
     let frames = |transport: Transport, count: u32| -> Vec<Pictures> {
@@ -297,14 +300,14 @@ fn clusters_carry_the_light_that_polygons_do() {
         let mut classic =
             Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &mut Progress::new(true)).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
-        mean(&classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures.indirect)
+        mean(&classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect)
     };
     let polygons = light(&loaded, PatchKind::Polygon);
     let off = |x: f32| (x / polygons - 1.0).abs();
     let clusters = light(&loaded, PatchKind::Cluster);
     assert!(off(clusters) < 0.03, "{clusters} {polygons}");
     let mut darker = procedural::build("cornell").unwrap();
-    darker.scene.materials.iter_mut().for_each(|m| m.albedo *= 0.95);
+    Arc::make_mut(&mut darker.scene.materials).iter_mut().for_each(|m| m.albedo *= 0.95);
     assert!(off(light(&darker, PatchKind::Cluster)) > 0.03);
 }
 

@@ -44,7 +44,7 @@ fn gathered(scene: &Scene, senders: &Subdivision, set: &dyn ReceiverSet, exitanc
 #[test]
 fn every_set_shows_the_same_light() {
     let scene = room();
-    let sides = vec![Sides { front: true, back: false }; scene.triangles.len()];
+    let sides = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
     let settings = SubdivideSettings { size: PatchSize::Count(200), sides: SidePolicy::Front, ..Default::default() };
     let senders = subdivide(&scene, &settings).unwrap();
     let mesh = Receivers::new(&scene, &sides, 0.9, 0.1, |_, _| Some(0.3), |_| None).unwrap();
@@ -52,11 +52,11 @@ fn every_set_shows_the_same_light() {
     let size = VolumeSize::Edge(0.4);
     let volume = VoxelVolume::new(&scene, &VolumeSettings { size, ..VolumeSettings::default() }, &|_| true).unwrap();
 
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let places: Vec<(u32, f32, f32)> = (0..300)
         .map(|k| {
             let (u, v) = uniform_triangle((unit(hash3(k, 0, 3)), unit(hash3(k, 1, 3))));
-            (k % scene.triangles.len() as u32, u, v)
+            (k % scene.geometry.triangles.len() as u32, u, v)
         })
         .collect();
     let points: Vec<SurfacePoint> = (places.iter())

@@ -62,7 +62,7 @@ fn frames(
     let mut light = bake.clone().load(transport, executor, &mut Progress::new(true)).unwrap();
     let away = away(loaded);
     (0..4).for_each(|_| drop(light.advance(&away).unwrap()));
-    let lights = &loaded.scene.lights;
+    let lights = &loaded.scene.lighting.lights;
     let mut shown = vec![light.surface_irradiance().unwrap()];
     for _ in 0..count {
         light.advance(lights).unwrap();
@@ -156,7 +156,7 @@ fn both_executors_and_two_runs_give_the_same_bits() {
 
 /// Relative error of the mean radiance of a closed box of uniform emission and albedo, L = Le / (1 − ρ).
 fn furnace_error(loaded: &LoadedScene, pictures: &Pictures) -> f32 {
-    let material = loaded.scene.materials[loaded.scene.triangles[0].material as usize];
+    let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
     let mean = pictures.full.pixels.iter().sum::<Vec3>() / pictures.full.pixels.len() as f32;
     let expected = material.radiance / (Vec3::ONE - material.albedo);
     (mean / expected - Vec3::ONE).abs().max_element()
@@ -168,7 +168,7 @@ fn white_furnace() {
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
     for temporal in variants() {
         let mut light = bake.clone().load(Transport::Temporal(temporal), cpu(), &mut Progress::new(true)).unwrap();
-        let lights = &loaded.scene.lights;
+        let lights = &loaded.scene.lighting.lights;
         (0..10).for_each(|_| drop(light.advance(lights).unwrap()));
         let pictures = light.frame(lights, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
         let error = furnace_error(&loaded, &pictures);
@@ -184,7 +184,8 @@ fn white_furnace() {
 fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     let loaded = procedural::build("sealed-box").unwrap();
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
-    let outside = loaded.scene.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
+    let outside =
+        loaded.scene.lighting.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
     for temporal in variants() {
         let (_, pictures) = frames(&loaded, &bake, Transport::Temporal(temporal), cpu(), 10);
         let pixels = &pictures.full.pixels;

@@ -11,7 +11,8 @@ use reference::metrics::quantile;
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{Scene, SurfacePoint};
+use scene::{Lighting, Scene, SurfacePoint};
+use std::sync::Arc;
 
 const SIZE: (u32, u32) = (40, 30);
 const KINDS: [PatchKind; 2] = [PatchKind::Voxel, PatchKind::Axis];
@@ -48,15 +49,15 @@ fn render(
         Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &mut Progress::new(true)).unwrap();
     assert_eq!(classic.receiver_count(), 0);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
-    let pictures = classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures;
+    let pictures = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures;
     (pictures, classic.irradiance_at(points).unwrap())
 }
 
 /// Points on the fronts of the triangles.
 fn points(scene: &Scene, count: u32) -> Vec<SurfacePoint> {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let point = |k: u32| {
-        let triangle = k % scene.triangles.len() as u32;
+        let triangle = k % scene.geometry.triangles.len() as u32;
         let (u, v) = uniform_triangle((unit(hash3(k, 0, 3)), unit(hash3(k, 1, 3))));
         let (position, normal) = (geometry.position(triangle, u, v), geometry.normal(triangle));
         SurfacePoint { position, normal, weight: 1.0, ..SurfacePoint::default() }
@@ -67,7 +68,7 @@ fn points(scene: &Scene, count: u32) -> Vec<SurfacePoint> {
 /// A closed box of uniform emission and albedo: H = Me/(1 − ρ), of which Me came straight from the walls, at every point,
 /// and L = Le/(1 − ρ) in every direction.
 fn check_furnace(loaded: &LoadedScene, pictures: &Pictures, indirect: &[Vec3]) -> Result<(), String> {
-    let material = loaded.scene.materials[loaded.scene.triangles[0].material as usize];
+    let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
     let exitance = material.radiance * std::f32::consts::PI;
     let expected = exitance / (Vec3::ONE - material.albedo);
     let off = |h: &Vec3| f64::from(((exitance + *h) / expected - 1.0).abs().max_element());
@@ -91,7 +92,7 @@ fn a_furnace_is_as_bright_as_it_must_be_everywhere() {
     let points = points(&loaded.scene, 500);
     // A darker box must be noticed.
     let mut darker = procedural::build("furnace").unwrap();
-    darker.scene.materials.iter_mut().for_each(|m| m.albedo *= 0.9);
+    Arc::make_mut(&mut darker.scene.materials).iter_mut().for_each(|m| m.albedo *= 0.9);
     for kind in KINDS {
         let (pictures, indirect) = render(&loaded, settings(kind), cpu(), &points);
         check_furnace(&loaded, &pictures, &indirect).unwrap();
@@ -128,13 +129,13 @@ fn patches_of_voxels_carry_the_light_that_clusters_do() {
         let mut classic =
             Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &mut Progress::new(true)).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
-        let picture = classic.frame(&loaded.scene.lights, &camera, 0).unwrap().pictures.indirect;
+        let picture = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>()
     };
     let clusters = ClassicSettings { patches: PatchKind::Cluster, receivers: ReceiverKind::Mesh, ..settings(KINDS[0]) };
     let expected = light(&loaded, ClassicSettings { patch_count: 600, ..clusters });
     let mut darker = procedural::build("cornell").unwrap();
-    darker.scene.materials.iter_mut().for_each(|m| m.albedo *= 0.93);
+    Arc::make_mut(&mut darker.scene.materials).iter_mut().for_each(|m| m.albedo *= 0.93);
     for kind in KINDS {
         let fine = ClassicSettings { patch_count: 1000, ..settings(kind) };
         let off = |found: f32| (found / expected - 1.0).abs();
@@ -162,12 +163,14 @@ fn patches_without_voxels_are_refused_as_receivers() {
 #[test]
 fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     let loaded = procedural::build("sealed-box").unwrap();
-    let inside: Vec<SurfacePoint> =
-        points(&loaded.scene, 20 * loaded.scene.triangles.len() as u32).into_iter().filter(is_of_the_box).collect();
+    let inside: Vec<SurfacePoint> = points(&loaded.scene, 20 * loaded.scene.geometry.triangles.len() as u32)
+        .into_iter()
+        .filter(is_of_the_box)
+        .collect();
     assert!(inside.len() > 100);
     let outside: Vec<SurfacePoint> = inside.iter().map(|p| SurfacePoint { normal: -p.normal, ..*p }).collect();
     let both = [inside.clone(), outside].concat();
-    let sun = loaded.scene.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max);
+    let sun = loaded.scene.lighting.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max);
     for kind in KINDS {
         // The box stands more than half a voxel above the ground.
         let fine =
@@ -189,14 +192,9 @@ fn is_of_the_box(point: &SurfacePoint) -> bool {
 #[test]
 fn a_scene_that_no_light_comes_to_is_black() {
     let mut loaded = procedural::build("furnace").unwrap();
-    loaded.scene.materials.iter_mut().for_each(|m| m.radiance = Vec3::ZERO);
-    loaded.scene = Scene::new(scene::SceneParts {
-        triangles: loaded.scene.triangles.clone(),
-        uvs: loaded.scene.uvs.clone(),
-        materials: loaded.scene.materials.clone(),
-        ..scene::SceneParts::default()
-    })
-    .unwrap();
+    let emission = vec![Vec3::ZERO; loaded.scene.materials.len()];
+    let darkness = Lighting { emission, ..Lighting::default() };
+    loaded.scene.set_lighting(darkness).unwrap();
     let points = points(&loaded.scene, 20);
     for kind in KINDS {
         let (pictures, indirect) = render(&loaded, settings(kind), cpu(), &points);

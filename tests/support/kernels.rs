@@ -239,6 +239,7 @@ fn grids(r: &mut Random, scene: &Scene, count: fn(u32) -> u32) -> (Vec<TriangleG
         next - count(divisions)
     };
     let grids = scene
+        .geometry
         .triangles
         .iter()
         .map(|_| {
@@ -251,10 +252,10 @@ fn grids(r: &mut Random, scene: &Scene, count: fn(u32) -> u32) -> (Vec<TriangleG
 
 /// A point on either side of every triangle of the scene.
 fn surface_points(r: &mut Random, scene: &Scene, n: usize) -> Vec<SurfacePoint> {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     (0..n)
         .map(|k| {
-            let triangle = (k % scene.triangles.len()) as u32;
+            let triangle = (k % scene.geometry.triangles.len()) as u32;
             let side = if r.below(2) == 0 { 1.0 } else { -1.0 };
             SurfacePoint {
                 position: geometry.position(triangle, 0.4 * r.unit(), 0.5 * r.unit()),
@@ -341,16 +342,16 @@ pub fn inputs() -> Vec<Input> {
 
 fn scene_tables(scene: &Scene) -> Tables {
     vec![
-        buffer("nodes", &scene.nodes),
-        buffer("triangles", &scene.triangles),
-        buffer("uvs", &scene.uvs),
+        buffer("nodes", &scene.geometry.nodes),
+        buffer("triangles", &scene.geometry.triangles),
+        buffer("uvs", &scene.geometry.uvs),
         buffer("materials", &scene.materials),
-        buffer("textures", &scene.textures),
-        buffer("texels", &scene.texels),
-        buffer("lights", &scene.lights),
+        buffer("textures", &scene.geometry.textures),
+        buffer("texels", &scene.geometry.texels),
+        buffer("lights", &scene.lighting.lights),
         buffer("emitters", &scene.emitters),
-        buffer("sky", &[scene.sky]),
-        buffer("sky_map", &scene.sky_map),
+        buffer("sky", &[scene.lighting.sky]),
+        buffer("sky_map", &scene.lighting.sky_map),
     ]
 }
 
@@ -392,12 +393,12 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let points = surface_points(r, scene, 150);
             let p = DirectParams {
                 count: 150,
-                light_count: scene.lights.len() as u32,
+                light_count: scene.lighting.lights.len() as u32,
                 emitter_count: scene.emitters.len() as u32,
                 area_rays: 5,
                 sky_rays: 7,
                 seed: 3,
-                ray_offset: scene.ray_offset,
+                ray_offset: scene.geometry.ray_offset,
                 first: 11,
             };
             call(150, p, vec![buffer("points", &points), room::<Vec4>("irradiance", 150)])
@@ -406,9 +407,9 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let eye = Vec3::new(1.7, 1.2, 1.9);
             let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 21);
             let n = 33 * 21;
-            let light_count = scene.lights.len() as u32;
+            let light_count = scene.lighting.lights.len() as u32;
             let p = PixelParams { camera, count: n as u32, seed: 5, light_count, reserved: 0 };
-            let geometry = scene.geometry();
+            let geometry = scene.tables();
             let hits: Vec<Hit> = (0..p.count).map(|k| camera::primary_hit(&geometry, &camera, k, p.seed)).collect();
             let points: Vec<SurfacePoint> = (0..p.count)
                 .map(|k| {
@@ -463,7 +464,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 rays,
                 patch_count,
                 seed: 9,
-                ray_offset: scene.ray_offset,
+                ray_offset: scene.geometry.ray_offset,
                 reserved: [0; 2],
             };
             let tables = vec![buffer("offsets", &offsets), buffer("points", &points), buffer("grids", &grids)];

@@ -170,7 +170,7 @@ fn one_scene(
 ) -> Result<Outcome, Error> {
     output::make_folder(out)?;
     let settings = ClassicSettings {
-        patches: PatchKind::suited(loaded.scene.triangles.len(), effort.patches),
+        patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), effort.patches),
         patch_count: effort.patches,
         estimator: Estimator::Hemisphere { rays: effort.rays },
         receiver_rays: effort.rays / 2,
@@ -215,7 +215,7 @@ fn one_scene(
         series,
     };
     let section = Section {
-        title: format!("{} ({} triangles)", loaded.name, loaded.scene.triangles.len()),
+        title: format!("{} ({} triangles)", loaded.name, loaded.scene.geometry.triangles.len()),
         text: vec![format!(
             "{} patches, {} receivers; picture {} × {}.",
             classic.summary.patches.unwrap_or(0),
@@ -338,7 +338,7 @@ fn trace(
     progress: &mut Progress,
 ) -> Result<Pictures, Error> {
     let mut scene = loaded.scene.clone();
-    scene.lights = at.0.to_vec();
+    scene.set_lights(at.0);
     let camera = at.1.camera(effort.size.0, effort.size.1);
     let settings = PathSettings { seed: common.seed, ..PathSettings::default() };
     Ok(path::render(&scene, &camera, settings, effort.paths, None, false, progress)?.pictures)

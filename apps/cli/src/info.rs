@@ -75,7 +75,7 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
     let mut info = Info::of(&loaded);
     if patches.is_given() || operator.operator {
         let start = Instant::now();
-        let kind = patches.kind(loaded.scene.triangles.len());
+        let kind = patches.kind(loaded.scene.geometry.triangles.len());
         let settings = ClassicSettings {
             patches: kind,
             patch_count: patches.count(),
@@ -102,7 +102,7 @@ impl Info {
         let s = &loaded.scene;
         let area = |t: &scene::Triangle| f64::from(0.5 * t.edge_a.cross(t.edge_b).length());
         let count = |f: &dyn Fn(&scene::Material) -> bool| s.materials.iter().filter(|m| f(m)).count();
-        let lights = s.lights.iter().map(|l| match l.kind {
+        let lights = s.lighting.lights.iter().map(|l| match l.kind {
             LIGHT_DIRECTIONAL => format!("directional, irradiance {} W/m²", l.color),
             LIGHT_POINT => format!("point at {} m, intensity {} W/sr", l.position, l.color),
             LIGHT_SPOT => format!("spot at {} m, intensity {} W/sr", l.position, l.color),
@@ -113,7 +113,7 @@ impl Info {
         Self {
             scene: loaded.name.clone(),
             file_triangles: loaded.file_triangles,
-            triangles: s.triangles.len(),
+            triangles: s.geometry.triangles.len(),
             dropped_zero_area: loaded.dropped.zero_area,
             dropped_duplicates: loaded.dropped.duplicates,
             dropped_holes: loaded.dropped.holes,
@@ -122,23 +122,23 @@ impl Info {
             textured_materials: count(&|m| m.albedo_texture != NONE),
             masked_materials: count(&|m| m.mask_texture != NONE),
             emissive_materials: count(&|m| m.radiance.max_element() > 0.0),
-            textures: s.textures.len(),
-            area_m2: s.triangles.iter().map(area).sum(),
+            textures: s.geometry.textures.len(),
+            area_m2: s.geometry.triangles.iter().map(area).sum(),
             emitting_area_m2: s.emitters.iter().map(|e| f64::from(e.area)).sum(),
-            bounds_m: [s.bounds.0.to_array(), s.bounds.1.to_array()],
+            bounds_m: [s.geometry.bounds.0.to_array(), s.geometry.bounds.1.to_array()],
             metres_per_unit: loaded.metres_per_unit,
             lights: lights.collect(),
-            sky: match (s.has_sky(), s.sky.map_width) {
+            sky: match (s.has_sky(), s.lighting.sky.map_width) {
                 (false, _) => "none".into(),
-                (true, 0) => format!("constant, radiance {} W/m²/sr", s.sky.radiance),
-                (true, width) => format!("map of {width} x {}", s.sky.map_height),
+                (true, 0) => format!("constant, radiance {} W/m²/sr", s.lighting.sky.radiance),
+                (true, width) => format!("map of {width} x {}", s.lighting.sky.map_height),
             },
-            hierarchy_nodes: s.nodes.len(),
+            hierarchy_nodes: s.geometry.nodes.len(),
             bytes: vec![
-                ("triangles", size(size_of_val(&s.triangles[..]) + size_of_val(&s.uvs[..]))),
-                ("hierarchy", size(size_of_val(&s.nodes[..]))),
-                ("texels", size(size_of_val(&s.texels[..]))),
-                ("sky map", size(size_of_val(&s.sky_map[..]))),
+                ("triangles", size(size_of_val(&s.geometry.triangles[..]) + size_of_val(&s.geometry.uvs[..]))),
+                ("hierarchy", size(size_of_val(&s.geometry.nodes[..]))),
+                ("texels", size(size_of_val(&s.geometry.texels[..]))),
+                ("sky map", size(size_of_val(&s.lighting.sky_map[..]))),
             ],
             seconds: loaded.timings.clone(),
             patches: None,

@@ -125,7 +125,7 @@ fn path_frames(
     let mut last = None;
     for frame in 0..args.frames {
         let view;
-        (scene.lights, view) = movement.at(frame);
+        (scene.lighting.lights, view) = movement.at(frame);
         let camera = view.camera(size.0, size.1);
         let spp = args.spp.unwrap_or(64);
         let traced = path::render(&scene, &camera, settings, spp, saved.as_deref(), args.resume, progress)?;
@@ -175,7 +175,7 @@ fn classic_frames(
     decode.check(executor.device())?;
     let settings = ClassicSettings {
         decode,
-        patches: args.patches.kind(loaded.scene.triangles.len()),
+        patches: args.patches.kind(loaded.scene.geometry.triangles.len()),
         patch_count: args.patches.count(),
         voxel_size: args.patches.voxel_size,
         estimator: match args.form_factors {

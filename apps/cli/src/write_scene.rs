@@ -11,9 +11,12 @@ pub fn run(common: &Common, name: &str) -> Result<(), Error> {
     output::make_folder(&folder)?;
     let path = export::write_scene(&loaded, &folder)?;
     if common.json {
-        println!("{}", output::json(&serde_json::json!({ "scene": path, "triangles": loaded.scene.triangles.len() })));
+        println!(
+            "{}",
+            output::json(&serde_json::json!({ "scene": path, "triangles": loaded.scene.geometry.triangles.len() }))
+        );
     } else {
-        println!("{} ({} triangles)", path.display(), loaded.scene.triangles.len());
+        println!("{} ({} triangles)", path.display(), loaded.scene.geometry.triangles.len());
     }
     Ok(())
 }

@@ -100,26 +100,28 @@ impl<'a> ProxyRadiosity<'a> {
             Ok(self.irradiance_at(points, lookup)?.iter().map(|h| h.extend(0.0)).collect())
         };
         let Self { scene, seed, .. } = *self;
-        PixelGather { scene, gather: &gather, lights: &scene.lights, camera, frame: 0, sub_frames, seed }.indirect()
+        PixelGather { scene, gather: &gather, lights: &scene.lighting.lights, camera, frame: 0, sub_frames, seed }
+            .indirect()
     }
 }
 
 /// The scene with its rectangle lights as luminous panels, where it has any: a lamp close below a ceiling would be inside of
 /// the ceiling's voxels and light nothing, while the light of a surface leaves from the faces of its voxels.
 fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
-    let (panels, lights): (Vec<Light>, Vec<Light>) = scene.lights.iter().partition(|light| light.kind == LIGHT_RECT);
+    let (panels, lights): (Vec<Light>, Vec<Light>) =
+        scene.lighting.lights.iter().partition(|light| light.kind == LIGHT_RECT);
     if panels.is_empty() {
         return Ok(None);
     }
     let mut parts = SceneParts {
-        triangles: scene.triangles.clone(),
-        uvs: scene.uvs.clone(),
-        materials: scene.materials.clone(),
-        textures: scene.textures.clone(),
-        texels: scene.texels.clone(),
+        triangles: scene.geometry.triangles.clone(),
+        uvs: scene.geometry.uvs.clone(),
+        materials: scene.materials.to_vec(),
+        textures: scene.geometry.textures.clone(),
+        texels: scene.geometry.texels.clone(),
         lights,
-        sky: scene.sky,
-        sky_map: scene.sky_map.clone(),
+        sky: scene.lighting.sky,
+        sky_map: scene.lighting.sky_map.to_vec(),
     };
     for Light { position, color, edge_a, edge_b, .. } in panels {
         let material = parts.materials.len() as u32;
@@ -136,7 +138,7 @@ fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
 fn patches_of(proxy: &VoxelProxy) -> (Vec<u32>, usize) {
     let sides = find_sides(&proxy.scene, SidePolicy::Lit);
     let mut takes_part = vec![false; proxy.faces.len()];
-    for (t, side) in proxy.scene.triangles.iter().zip(sides) {
+    for (t, side) in proxy.scene.geometry.triangles.iter().zip(sides) {
         takes_part[t.material as usize] |= side.front;
     }
     let mut count = 0;
@@ -173,7 +175,7 @@ fn solve(
             NONE => NONE,
             face => numbers[face as usize],
         }),
-        ray_offset: proxy.scene.ray_offset,
+        ray_offset: proxy.scene.geometry.ray_offset,
         seed: settings.seed,
     };
     let progress = |done: usize, total: usize| proceed(report, done, total);
@@ -182,7 +184,7 @@ fn solve(
     balance(&mut rows.factors, &mut rows.sky_factor, &areas, None)?;
 
     let scene = &proxy.scene;
-    let has_map = scene.sky.map_width > 0;
+    let has_map = scene.lighting.sky.map_width > 0;
     let params = DirectParams {
         count: points.len() as u32,
         area_rays: settings.point_rays,
@@ -191,7 +193,7 @@ fn solve(
         ..direct_params(scene)
     };
     let direct = scene.direct_irradiance(&params, &points);
-    let sky = if has_map { Vec3::ZERO } else { scene.sky.radiance * PI };
+    let sky = if has_map { Vec3::ZERO } else { scene.lighting.sky.radiance * PI };
     let albedo: Vec<Vec4> = faces().map(|(f, _)| f.albedo.extend(0.0)).collect();
     let source: Vec<Vec4> = (0..patches.len())
         .map(|i| {

@@ -45,14 +45,14 @@ impl Movement {
         if animate == Animate::Sun {
             let mut sun = Animation::default_path(loaded);
             sun.tracks.retain(|track| matches!(track.target, Target::LightDirection(_)));
-            if loaded.scene.lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
+            if loaded.scene.lighting.lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
                 path = sun;
             } else {
                 progress.warn("the scene has no sun: its other lights move");
             }
         }
         let camera = camera.map(|camera| camera.animation(loaded));
-        Self { animate, path, camera, rest: (loaded.scene.lights.clone(), loaded.view), frames }
+        Self { animate, path, camera, rest: (loaded.scene.lighting.lights.clone(), loaded.view), frames }
     }
 
     /// Lights and view of a frame; a single frame is at rest.
@@ -282,7 +282,7 @@ mod tests {
         assert!(lights[0] == lights[2] && lights[3] == lights[5] && lights[0] == lights[6]);
         assert_ne!(lights[2], lights[3]);
         let still = Movement::new(&loaded, (Animate::Still, None), 9, &mut Progress::new(true));
-        assert!((0..9).all(|frame| still.at(frame).0 == loaded.scene.lights));
+        assert!((0..9).all(|frame| still.at(frame).0 == loaded.scene.lighting.lights));
         let sun = Movement::new(&loaded, (Animate::Sun, None), 9, &mut Progress::new(true));
         let moved = (sun.at(0), sun.at(8));
         for (a, b) in moved.0.0.iter().zip(&moved.1.0) {
@@ -297,9 +297,9 @@ mod tests {
         let loaded = procedural::build("atrium").unwrap();
         for path in [CameraPath::Fly, CameraPath::Shuttle, CameraPath::Circle] {
             let movement = Movement::new(&loaded, (Animate::Still, Some(path)), 30, &mut Progress::new(true));
-            let (low, high) = loaded.scene.bounds;
+            let (low, high) = loaded.scene.geometry.bounds;
             let eyes: Vec<Vec3> = (0..30).map(|frame| movement.at(frame).1.eye).collect();
-            assert!((0..30).all(|frame| movement.at(frame).0 == loaded.scene.lights));
+            assert!((0..30).all(|frame| movement.at(frame).0 == loaded.scene.lighting.lights));
             assert!(eyes.iter().all(|eye| eye.cmpge(low).all() && eye.cmple(high).all()), "{path:?}");
             // No frame goes far, and the way is long.
             let steps: Vec<f32> = eyes.windows(2).map(|two| two[0].distance(two[1])).collect();

@@ -69,7 +69,7 @@ fn a_lamp_inside_of_the_ceilings_voxels_lights_the_proxy() {
         proxy.irradiance_at(&floor, ProxyLookup::Face).unwrap()[0]
     };
     assert!(light(&loaded).min_element() > 0.01);
-    loaded.scene.lights.clear();
+    loaded.scene.lighting.lights.clear();
     assert_eq!(light(&loaded), Vec3::ZERO);
 }
 

@@ -25,10 +25,10 @@ pub fn write_scene(scene: &LoadedScene, folder: &Path) -> Result<PathBuf, Import
     let s = &scene.scene;
     let mut pictures: BTreeMap<String, Vec<u8>> = BTreeMap::new();
     let mtl = materials(scene, &name, &mut pictures, folder)?;
-    if s.sky.map_width > 0 {
-        let values: Vec<f32> = s.sky_map.iter().flat_map(|t| [t.x, t.y, t.z]).collect();
-        let map =
-            image::Rgb32FImage::from_raw(s.sky.map_width, s.sky.map_height, values).map(DynamicImage::ImageRgb32F);
+    if s.lighting.sky.map_width > 0 {
+        let values: Vec<f32> = s.lighting.sky_map.iter().flat_map(|t| [t.x, t.y, t.z]).collect();
+        let map = image::Rgb32FImage::from_raw(s.lighting.sky.map_width, s.lighting.sky.map_height, values)
+            .map(DynamicImage::ImageRgb32F);
         let file = format!("{name}-sky.exr");
         pictures.insert(file.clone(), encode(map, ImageFormat::OpenExr, &folder.join(file))?);
     }
@@ -91,18 +91,19 @@ fn materials(
         let (kd, ke) = (material.albedo, material.radiance);
         let _ = write!(text, "\nnewmtl {label}\nKd {} {} {}\nKe {} {} {}\n", kd.x, kd.y, kd.z, ke.x, ke.y, ke.z);
         for (key, index) in [("map_Kd", material.albedo_texture), ("map_Ke", material.radiance_texture)] {
-            if let Some(texture) = s.textures.get(index as usize).filter(|_| index != NONE) {
+            if let Some(texture) = s.geometry.textures.get(index as usize).filter(|_| index != NONE) {
                 let file = format!("{name}-{index}.png");
-                let picture = picture(texture, &s.texels);
+                let picture = picture(texture, &s.geometry.texels);
                 pictures.insert(file.clone(), encode(picture, ImageFormat::Png, &folder.join(&file))?);
                 let _ = writeln!(text, "{key} {file}");
             }
         }
-        if let Some(texture) = s.textures.get(material.mask_texture as usize).filter(|_| material.mask_texture != NONE)
+        if let Some(texture) =
+            s.geometry.textures.get(material.mask_texture as usize).filter(|_| material.mask_texture != NONE)
         {
             let file = format!("{name}-{}-mask.png", material.mask_texture);
             // MTL knows only the threshold ½.
-            let picture = mask(texture, &s.texels, 0.5 / material.mask_cutoff.max(1e-6));
+            let picture = mask(texture, &s.geometry.texels, 0.5 / material.mask_cutoff.max(1e-6));
             pictures.insert(file.clone(), encode(picture, ImageFormat::Png, &folder.join(&file))?);
             let _ = writeln!(text, "map_d {file}");
         }
@@ -133,14 +134,14 @@ fn mesh(scene: &LoadedScene, name: &str) -> String {
     let s = &scene.scene;
     let names = material_names(scene);
     // The order of the file they came from, not that of the hierarchy.
-    let mut order: Vec<usize> = (0..s.triangles.len()).collect();
-    order.sort_by_key(|k| s.triangles[*k].source);
+    let mut order: Vec<usize> = (0..s.geometry.triangles.len()).collect();
+    order.sort_by_key(|k| s.geometry.triangles[*k].source);
     let mut text = format!("# {name}, written by patchlight, metres\nmtllib {name}.mtl\n");
     let mut positions: HashMap<[u32; 3], usize> = HashMap::new();
     let mut uvs: HashMap<[u32; 2], usize> = HashMap::new();
     let (mut object, mut material) = (NONE, NONE);
     for k in order {
-        let (t, uv) = (&s.triangles[k], &s.uvs[k]);
+        let (t, uv) = (&s.geometry.triangles[k], &s.geometry.uvs[k]);
         let mut face = String::from("f");
         for (p, uv) in corners(t).into_iter().zip([uv.corner, uv.corner_a, uv.corner_b]) {
             let v = number(&mut positions, p.to_array().map(f32::to_bits), || {
@@ -192,10 +193,10 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
         v(view.up),
         view.vertical_fov_degrees
     );
-    for light in &scene.scene.lights {
+    for light in &scene.scene.lighting.lights {
         text.push_str(&light_table(light, v));
     }
-    let sky = &scene.scene.sky;
+    let sky = &scene.scene.lighting.sky;
     if sky.radiance.max_element() > 0.0 {
         let _ = write!(text, "\n[sky]\nradiance = {}\n", v(sky.radiance));
         if sky.map_width > 0 {

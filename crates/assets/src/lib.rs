@@ -3,7 +3,7 @@
 //!
 //! ```
 //! let loaded = assets::import::load_or_build("cornell")?;
-//! assert_eq!(loaded.scene.lights.len(), 1);
+//! assert_eq!(loaded.scene.lighting.lights.len(), 1);
 //! # Ok::<(), assets::import::ImportError>(())
 //! ```
 

@@ -90,7 +90,7 @@ fn pieces_have_the_light_of_the_lamp_and_cover_the_plate() {
     assert!((area - 4.0).abs() < 1e-4, "{area}");
     for p in &pieces {
         let at = (p.corners[0] + p.corners[1] + p.corners[2]) / 3.0;
-        let to = Vec3::new(0.3, 0.5, 0.2) - scene.geometry().position(p.triangle, at.x, at.y);
+        let to = Vec3::new(0.3, 0.5, 0.2) - scene.tables().position(p.triangle, at.x, at.y);
         let expected = to.y / to.length().powi(3);
         assert!((p.middle / expected - 1.0).abs() < 2e-3 && (p.mean() / expected - 1.0).abs() < 0.08, "{p:?}");
     }
@@ -105,7 +105,7 @@ fn edges_of_shadows_are_refined() {
     let scene = scene(triangles, vec![grey(0.5)], vec![sun]);
     let settings = PieceSettings::default();
     let on_plate = |settings: &PieceSettings| -> f64 {
-        let geometry = scene.geometry();
+        let geometry = scene.tables();
         let pieces = lit_pieces(&scene, settings, &go_on).unwrap();
         let on_plate = pieces.iter().filter(|p| geometry.position(p.triangle, 0.2, 0.2).y == 0.0);
         on_plate.map(|p| f64::from(p.mean() * p.area)).sum()
@@ -155,7 +155,7 @@ fn holes_take_no_part_in_the_area_of_a_cell() {
         ..SceneParts::default()
     })
     .unwrap();
-    scene.sky.radiance = COLOR;
+    scene.lighting.sky.radiance = COLOR;
     let maps = IlluminationMaps::new(&scene, 10.0).unwrap();
     // Of stripes of an eighth, 9/16 of each triangle.
     assert!(maps.areas().iter().all(|&area| (area / 1.125 - 1.0).abs() < 0.05), "{:?}", maps.areas());
@@ -172,8 +172,8 @@ fn balance(scene: &Scene, emission: &Emission, count: u64) -> [f64; 3] {
     let found = trace(scene, emission, &maps, PhotonSettings { with_direct: true, ..photons(count) });
     let weights = DVec3::new(0.2126, 0.7152, 0.0722);
     let mut absorbed = 0.0;
-    for t in 0..scene.triangles.len() as u32 {
-        let left = Vec3::ONE - scene.geometry().albedo(t, 0.3, 0.3);
+    for t in 0..scene.geometry.triangles.len() as u32 {
+        let left = Vec3::ONE - scene.tables().albedo(t, 0.3, 0.3);
         for (cell, _) in maps.cells(t, false).chain(maps.cells(t, true)) {
             absorbed += f64::from(luminance(left * found.irradiance[cell as usize]) * maps.areas()[cell as usize]);
         }
@@ -204,7 +204,7 @@ fn what_is_emitted_is_absorbed_or_escapes() {
     };
     let sun = Light { kind: LIGHT_DIRECTIONAL, direction: Vec3::new(0.6, -0.8, 0.0), color: COLOR, ..Light::default() };
     let mut scene = scene(triangles, materials, vec![bulb(Vec3::splat(0.5)), rect, sun]);
-    scene.sky.radiance = Vec3::new(0.3, 0.4, 0.5);
+    scene.lighting.sky.radiance = Vec3::new(0.3, 0.4, 0.5);
     for emission in [first_shot(&scene), Emission::classical(&scene).unwrap()] {
         let [emitted, escaped, absorbed] = balance(&scene, &emission, 1 << 20);
         assert!(((escaped + absorbed) / emitted - 1.0).abs() < 1e-3, "{emitted} {escaped} {absorbed}");
@@ -215,7 +215,7 @@ fn what_is_emitted_is_absorbed_or_escapes() {
 #[test]
 fn a_constant_sky_over_a_plate_gives_pi_times_its_radiance() {
     let mut scene = plate(0.5, Vec::new());
-    scene.sky.radiance = COLOR;
+    scene.lighting.sky.radiance = COLOR;
     let maps = IlluminationMaps::new(&scene, 10.0).unwrap();
     let settings = PhotonSettings { with_direct: true, ..photons(1 << 19) };
     let found = trace(&scene, &first_shot(&scene), &maps, settings);

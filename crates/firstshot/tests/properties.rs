@@ -88,8 +88,8 @@ fn first_shot_and_classical_photons_agree_for_every_light() {
             assert!(gain > 1.2, "{gain}");
         }
         // Light of another colour is noticed.
-        let mut other = room_with_a_window(vec![Light { color: light.color * 1.03, ..light }]);
-        other.ray_offset = scene.ray_offset;
+        let mut other = scene.clone();
+        other.set_lights(&[Light { color: light.color * 1.03, ..light }]);
         let found = trace(&other, &first_shot(&other), &maps, settings);
         assert!(deviation(&maps, &found, &classical).1 > 0.015);
     }
@@ -119,8 +119,8 @@ fn nothing_comes_out_of_a_sealed_box() {
     let maps = IlluminationMaps::new(&scene, 0.5).unwrap();
     let found = trace(&scene, &first_shot(&scene), &maps, photons(1 << 18));
     let (mut inside, mut outside) = (0.0f32, 0.0f32);
-    for t in 0..scene.triangles.len() as u32 {
-        let is_box = scene.geometry().position(t, 0.3, 0.3).y > -0.4;
+    for t in 0..scene.geometry.triangles.len() as u32 {
+        let is_box = scene.tables().position(t, 0.3, 0.3).y > -0.4;
         for (cell, _) in maps.cells(t, false).filter(|_| is_box) {
             inside = inside.max(found.irradiance[cell as usize].max_element());
         }
@@ -256,7 +256,7 @@ fn holes_let_photons_through_and_send_none() {
     let tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings::default()).unwrap();
     let p = tracer.params(1 << 10);
     let landings = trace_photons(&scene, &emission, &p);
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     assert!(landings.iter().filter(|l| l.triangle != scene::NONE).all(|l| !geometry.is_hole(l.triangle, l.u, l.v)));
     let on_board = |l: &&firstshot::Landing| {
         l.triangle != scene::NONE && geometry.position(l.triangle, l.u, l.v).cmpgt(Vec3::splat(0.15)).all()
@@ -275,7 +275,7 @@ fn a_constant_stays_at_the_corners_and_cells_are_where_they_say() {
     let corners = maps.corner_irradiance(&scene, &vec![Vec3::splat(0.7); maps.len()]).unwrap();
     assert!(corners.iter().flatten().flatten().all(|h| (*h - 0.7).abs().max_element() < 1e-5));
     let mut next = 0;
-    for t in 0..scene.triangles.len() as u32 {
+    for t in 0..scene.geometry.triangles.len() as u32 {
         for is_back in [false, true] {
             for (cell, [a, b, c]) in maps.cells(t, is_back) {
                 assert_eq!(cell, next);

@@ -104,10 +104,10 @@ fn estimate(case: &Case, estimator: &dyn Estimator, row_count: u32, point_count:
         offsets: &offsets,
         visibility: &scene,
         owner: Box::new(|hit, direction| {
-            let front = scene.geometry().normal(hit.triangle).dot(direction) < 0.0;
-            if front { scene.triangles[hit.triangle as usize].source } else { u32::MAX }
+            let front = scene.tables().normal(hit.triangle).dot(direction) < 0.0;
+            if front { scene.geometry.triangles[hit.triangle as usize].source } else { u32::MAX }
         }),
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         seed: 0,
     };
     let rows = form_factors(estimator, &surfaces, &|_, _| ControlFlow::Continue(())).unwrap();

@@ -50,7 +50,7 @@ struct Solved {
 fn factors(scene: &Scene, count: u32, rays: u32) -> Solved {
     // A closed room is dark for SidePolicy::Lit; fronts face inwards, the sheet has two sides.
     let mut sides = find_sides(scene, SidePolicy::Front);
-    for (side, t) in sides.iter_mut().zip(&scene.triangles) {
+    for (side, t) in sides.iter_mut().zip(&scene.geometry.triangles) {
         side.back = 0.5 * t.edge_a.cross(t.edge_b).length() < 0.2 * scene.diagonal().powi(2) / 7.25;
     }
     let divisions = divisions_for_count(scene, &sides, count).unwrap();

@@ -3,7 +3,7 @@
 use ::firstshot::kernel::{segment, start};
 use ::firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use ::scene::kernel::bvh;
-use ::scene::{BvhNode, Geometry, Light, Material, Rgb, Sky, Texture, Triangle, TriangleUv};
+use ::scene::{BvhNode, GeometryTables, Light, Material, Rgb, Sky, Texture, Triangle, TriangleUv};
 use glam::{UVec3, Vec3};
 use spirv_std::spirv;
 
@@ -31,7 +31,7 @@ pub fn start(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let sources = start::Sources { lights, sky: sky[0], sky_map };
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| bvh::any_hit(&geometry, origin, direction, t_max);
         photons[k as usize] = start::start_photon(&geometry, &sources, p, alias, elements, k, stopped);
@@ -57,7 +57,7 @@ pub fn segment(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let photon = photons[k as usize];
         let mut landing = segment::NO_LANDING;
         if photon.flux != Vec3::ZERO {

@@ -4,7 +4,7 @@ use ::formfactor::kernel::product::{LANES, ROWS_TOGETHER, VECTOR_IMAGE_WIDTH};
 use ::formfactor::kernel::{hemisphere, hits, product};
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use ::scene::kernel::bvh;
-use ::scene::{BvhNode, Geometry, Hit, Material, Rgb, SurfacePoint, Texture, Triangle, TriangleUv};
+use ::scene::{BvhNode, GeometryTables, Hit, Material, Rgb, SurfacePoint, Texture, Triangle, TriangleUv};
 use glam::{UVec2, UVec3, Vec4};
 use spirv_std::arch::workgroup_memory_barrier_with_group_sync;
 use spirv_std::{Image, spirv};
@@ -33,7 +33,7 @@ pub fn hemisphere_hits(
 ) {
     let k = element(id, groups);
     if k < p.row_count * p.rays {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let (origin, direction) = hemisphere::hemisphere_ray(p, offsets, points, p.first_row + k / p.rays, k % p.rays);
         let hit = bvh::closest_hit(&geometry, origin, direction, bvh::FAR);
         ids[k as usize] = hemisphere::classify_hit(p, grids, &geometry, direction, hit);

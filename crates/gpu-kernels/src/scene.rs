@@ -2,7 +2,7 @@
 
 use ::scene::kernel::{bvh, camera, light, shade};
 use ::scene::{
-    BvhNode, DirectParams, Emitter, Geometry, Hit, Light, Lights, Material, Ray, Rgb, Sky, SurfacePoint, Texture,
+    BvhNode, DirectParams, Emitter, GeometryTables, Hit, Light, Lights, Material, Ray, Rgb, Sky, SurfacePoint, Texture,
     Triangle, TriangleUv,
 };
 use glam::{UVec3, Vec3};
@@ -29,7 +29,7 @@ pub fn closest_hit(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let ray = rays[k as usize];
         hits[k as usize] = bvh::closest_hit(&geometry, ray.origin, ray.direction, ray.t_max);
     }
@@ -53,7 +53,7 @@ pub fn any_hit(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let ray = rays[k as usize];
         stopped[k as usize] = bvh::any_hit(&geometry, ray.origin, ray.direction, ray.t_max) as u32;
     }
@@ -81,7 +81,7 @@ pub fn direct_light(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let lights = Lights { lights, emitters, sky: sky[0], sky_map };
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| bvh::any_hit(&geometry, origin, direction, t_max);
         let light = light::direct_irradiance(&geometry, p, p.first + k, points[k as usize], &lights, stopped);
@@ -107,7 +107,7 @@ pub fn primary(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let hit = camera::primary_hit(&geometry, &p.camera, k, p.seed);
         let direction = camera::primary_direction(&p.camera, k, p.seed);
         hits[k as usize] = hit;
@@ -139,7 +139,7 @@ pub fn shade(
 ) {
     let k = element(id, groups);
     if k < p.count {
-        let geometry = Geometry { nodes, triangles, uvs, materials, textures, texels };
+        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
         let lights = Lights { lights, emitters, sky: sky[0], sky_map };
         let i = k as usize;
         sum[i] = shade::add_sub_frame(

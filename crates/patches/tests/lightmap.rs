@@ -11,14 +11,14 @@ use support::{Mesh, atrium};
 const BOTH: Sides = Sides { front: true, back: true };
 
 fn lightmap(scene: &Scene, texel: f32) -> LightmapTexels {
-    LightmapTexels::new(scene, &vec![BOTH; scene.triangles.len()], texel, &|_| true).unwrap()
+    LightmapTexels::new(scene, &vec![BOTH; scene.geometry.triangles.len()], texel, &|_| true).unwrap()
 }
 
 /// A place on a side of any triangle.
 fn random(scene: &Scene, k: u32) -> (u32, bool, f32, f32) {
     let number = |d: u32| unit(hash3(k, d, 33));
     let (u, v) = uniform_triangle((number(0), number(1)));
-    (hash3(k, 5, 5) % scene.triangles.len() as u32, number(2) < 0.5, u, v)
+    (hash3(k, 5, 5) % scene.geometry.triangles.len() as u32, number(2) < 0.5, u, v)
 }
 
 #[test]
@@ -45,7 +45,7 @@ fn a_linear_field_is_reproduced_and_no_chart_shows_another() {
     let scene = atrium().scene(1.0);
     let texel = 0.13;
     let map = lightmap(&scene, texel);
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let places: Vec<Vec4> = map.points().iter().map(|p| p.position.extend(0.0)).collect();
     let normals: Vec<Vec4> = map.points().iter().map(|p| p.normal.extend(0.0)).collect();
     let (mut worst, mut inner) = (0.0f32, 0);
@@ -58,7 +58,7 @@ fn a_linear_field_is_reproduced_and_no_chart_shows_another() {
         assert!(error < 1.5 * texel, "{error} at triangle {triangle}");
         let found = map.at(&normals, triangle, front, u, v).unwrap().truncate();
         assert!(found.distance(normal) < 1e-3, "{found} {normal}");
-        let t = scene.triangles[triangle as usize];
+        let t = scene.geometry.triangles[triangle as usize];
         let double = t.edge_a.cross(t.edge_b).length();
         let heights = [
             u * double / t.edge_b.length(),
@@ -82,7 +82,7 @@ fn the_two_halves_of_a_rectangle_share_a_chart() {
     // Texels of 0.1 m on 6 m² and round their edges, two sides.
     assert!((1200..=1400).contains(&map.points().len()), "{}", map.points().len());
     let values: Vec<Vec4> = map.points().iter().map(|p| Vec4::splat(p.position.x * p.position.z)).collect();
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     for k in 0..100 {
         // Along the diagonal that both have: u + v = 1.
         let t = k as f32 / 99.0;
@@ -137,7 +137,7 @@ fn threads_change_nothing_and_wrong_input_is_refused() {
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let make = || lightmap(&scene, 0.2);
     assert!(pool(1).install(make) == pool(2).install(make));
-    let sides = vec![BOTH; scene.triangles.len()];
+    let sides = vec![BOTH; scene.geometry.triangles.len()];
     let new = |sides: &[Sides], texel| LightmapTexels::new(&scene, sides, texel, &|_| true);
     for texel in [0.0, -1.0, f32::NAN] {
         assert!(matches!(new(&sides, texel), Err(Error::Setting { name: "texel", .. })));

@@ -46,7 +46,7 @@ fn a_constant_stays_constant_for_every_point_and_normal() {
             let constant = Vec4::new(0.3, 7.0, 1e-3, 1.0);
             let mut values = vec![constant; set.len()];
             let is_constant = |values: &[Vec4], k: u32| {
-                let (x, n) = random(k, scene.bounds.0 - room, scene.bounds.1 + room);
+                let (x, n) = random(k, scene.geometry.bounds.0 - room, scene.geometry.bounds.1 + room);
                 let found = table.at(values, x, n).unwrap();
                 ((found - constant) / constant).abs().max_element() < 1e-5
             };

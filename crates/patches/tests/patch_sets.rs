@@ -250,9 +250,9 @@ fn direct_light_gathered_over_the_patches_keeps_its_power() {
     mesh.cuboid(Vec3::ZERO, Vec3::new(3.0, 2.0, 2.5), true);
     let mut scene = mesh.scene(1.0);
     let position = Vec3::new(1.4, 0.9, 1.2);
-    scene.lights = vec![Light { kind: LIGHT_POINT, position, color: Vec3::ONE, ..Light::default() }];
+    scene.lighting.lights = vec![Light { kind: LIGHT_POINT, position, color: Vec3::ONE, ..Light::default() }];
     let grid = Grid::new(&scene, Vec3::splat(0.4)).unwrap();
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let front = |s: &Sample| geometry.normal(s.triangle).dot(s.normal) > 0.0;
     let set = sample_voxels(&scene, &grid, &SampleSettings::default(), &front).unwrap();
     let set = axis_patches(&grid, set, AxisWeights::Squared).unwrap();
@@ -260,7 +260,7 @@ fn direct_light_gathered_over_the_patches_keeps_its_power() {
     let p = DirectParams {
         count: points.len() as u32,
         light_count: 1,
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     };
     let direct: Vec<Vec4> = scene.direct_irradiance(&p, &points).into_iter().map(|h| h.extend(0.0)).collect();

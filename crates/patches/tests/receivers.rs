@@ -44,7 +44,7 @@ fn cells(scene: &Scene, set: &Receivers, triangle: u32, front: bool) -> Vec<(Vec
             NONE => Vec::new(),
             start => set.vertices[start as usize..(start + vertex_count(cell.divisions)) as usize].to_vec(),
         };
-        (scene.geometry().position(triangle, middle.x, middle.y), own)
+        (scene.tables().position(triangle, middle.x, middle.y), own)
     };
     (0..cell_count(grid.divisions)).map(cell).collect()
 }
@@ -53,10 +53,10 @@ fn cells(scene: &Scene, set: &Receivers, triangle: u32, front: bool) -> Vec<(Vec
 fn between(scene: &Scene, set: &Receivers, value: impl Fn(Vec3) -> f32) -> Vec<(Vec3, f32)> {
     let values: Vec<Vec4> = set.points.iter().map(|p| Vec4::splat(value(p.position))).collect();
     let mut found = Vec::new();
-    for t in 0..scene.triangles.len() as u32 {
+    for t in 0..scene.geometry.triangles.len() as u32 {
         for (u, v) in [(0.33, 0.33), (0.1, 0.7), (0.6, 0.05), (0.02, 0.02)] {
             let hit = Hit { triangle: t, u, v, t: 1.0 };
-            let place = scene.geometry().position(t, u, v);
+            let place = scene.tables().position(t, u, v);
             for front in [true, false] {
                 found
                     .push((place, interpolate_receivers(&set.grids, &set.cells, &set.vertices, &values, hit, front).x));
@@ -105,11 +105,11 @@ fn receivers_do_not_look_through_a_wall() {
     triangles.extend(sheet(Vec3::new(0.93, -0.5, -1.0), Vec3::Y * 2.0, Vec3::Z * 3.0, 1));
     let scene = scene(triangles);
     let set = receivers(&scene, 0.2);
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     // The middle of every cell of the floor sees the receivers of its vertices.
     let blind = |set: &Receivers| {
         let mut count = 0;
-        for t in (0..scene.triangles.len() as u32).filter(|&t| geometry.normal(t).y.abs() > 0.9) {
+        for t in (0..scene.geometry.triangles.len() as u32).filter(|&t| geometry.normal(t).y.abs() > 0.9) {
             for (front, sign) in [(true, 1.0), (false, -1.0)] {
                 let up = geometry.normal(t) * (0.02 * sign);
                 for (middle, own) in cells(&scene, set, t, front) {
@@ -208,7 +208,7 @@ fn corners_of_the_mesh_have_the_values_of_their_receivers() {
     let worst = |values: &[Vec4]| {
         let mut worst = 0.0f32;
         for front in [true, false] {
-            for (t, found) in scene.triangles.iter().zip(set.corner_irradiance(values, front).unwrap()) {
+            for (t, found) in scene.geometry.triangles.iter().zip(set.corner_irradiance(values, front).unwrap()) {
                 for (corner, found) in [t.corner, t.corner + t.edge_a, t.corner + t.edge_b].into_iter().zip(found) {
                     worst = worst.max((found.x - ramp(corner)).abs());
                 }
@@ -231,7 +231,7 @@ fn corners_of_the_mesh_have_the_values_of_their_receivers() {
     }
     assert!(matches!(set.corner_irradiance(&values[1..], true), Err(Error::Shared(transport::Error::Length { .. }))));
     // A side without receivers is dark.
-    let front_only = vec![Sides { front: true, back: false }; scene.triangles.len()];
+    let front_only = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
     let half = Receivers::new(&scene, &front_only, 0.21, 0.028, |_, _| Some(0.07), |_| None).unwrap();
     let kept = vec![Vec4::ONE; half.points.len()];
     assert!(half.corner_irradiance(&kept, false).unwrap().iter().flatten().all(|v| *v == Vec4::ZERO));

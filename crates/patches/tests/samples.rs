@@ -13,7 +13,7 @@ fn all(_: &Sample) -> bool {
 
 /// Keeps the fronts of the mesh.
 fn fronts(scene: &Scene) -> impl Fn(&Sample) -> bool + Sync {
-    |s| scene.geometry().normal(s.triangle).dot(s.normal) > 0.0
+    |s| scene.tables().normal(s.triangle).dot(s.normal) > 0.0
 }
 
 fn area(set: &SampleSet) -> f64 {

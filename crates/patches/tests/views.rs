@@ -12,7 +12,7 @@ fn open_hall() -> Scene {
     let mut mesh = atrium();
     mesh.triangles.retain(|t| !(t.corner.y > 4.9 && (t.corner + t.edge_a).y > 4.9 && (t.corner + t.edge_b).y > 4.9));
     let mut scene = mesh.scene(1.0);
-    scene.sky = Sky { radiance: Vec3::ONE, ..scene.sky };
+    scene.lighting.sky = Sky { radiance: Vec3::ONE, ..scene.lighting.sky };
     scene
 }
 
@@ -60,7 +60,7 @@ fn areas_are_those_of_the_surfaces_that_light_reaches() {
     mesh.triangles.retain(|t| (t.corner + t.edge_a).y < 1.9 || (t.corner + t.edge_b).y < 1.9 || t.corner.y < 1.9);
     mesh.cuboid(Vec3::new(1.0, 0.0, 1.0), Vec3::new(3.0, 1.0, 3.0), false);
     let mut scene = mesh.scene(1.0);
-    scene.sky = Sky { radiance: Vec3::ONE, ..scene.sky };
+    scene.lighting.sky = Sky { radiance: Vec3::ONE, ..scene.lighting.sky };
     let set = clusters(&scene, 300, 1);
     let area: f32 = set.patches.iter().map(|p| p.area).sum();
     // Floor without the foot, four walls, top and sides of the box.

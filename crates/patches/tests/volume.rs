@@ -35,7 +35,7 @@ fn a_constant_stays_constant_for_every_point_and_normal() {
     let scene = atrium().scene(1.0);
     let room = Vec3::splat(2.0);
     let points: Vec<SurfacePoint> =
-        (0..10_000).map(|k| random(k, scene.bounds.0 - room, scene.bounds.1 + room)).collect();
+        (0..10_000).map(|k| random(k, scene.geometry.bounds.0 - room, scene.geometry.bounds.1 + room)).collect();
     // All probes, and so few that most voxels have none.
     for share in [1.0, 0.05] {
         let is_kept = |p: &SurfacePoint| unit(hash3(p.position.x.to_bits(), p.position.z.to_bits(), 4)) < share;
@@ -99,8 +99,8 @@ fn a_dark_room_stays_dark_behind_a_wall_without_thickness() {
         let back = rotation.inverse();
         // The walls themselves, seen from inside, and places in the air with any normal.
         let mut points = Vec::new();
-        let geometry = scene.geometry();
-        for triangle in 0..scene.triangles.len() as u32 {
+        let geometry = scene.tables();
+        for triangle in 0..scene.geometry.triangles.len() as u32 {
             for k in 0..200 {
                 let (u, v) = scene::sampling::uniform_triangle(hammersley(k, 200, (triangle, 7)));
                 for normal in [geometry.normal(triangle), -geometry.normal(triangle)] {
@@ -164,12 +164,12 @@ fn irradiance(
         let sum: f32 = (0..rays)
             .map(|k| {
                 let way = cosine_hemisphere(p.normal, hammersley(k, rays, (seed(p), hash3(seed(p), 1, 1))));
-                let from = p.position + p.normal * scene.ray_offset;
+                let from = p.position + p.normal * scene.geometry.ray_offset;
                 let hit = scene.closest(from, way);
                 if hit.is_miss() {
                     return 0.0;
                 }
-                radiance(from + way * hit.t, scene.geometry().normal(hit.triangle).dot(way) < 0.0)
+                radiance(from + way * hit.t, scene.tables().normal(hit.triangle).dot(way) < 0.0)
             })
             .sum();
         PI * sum / rays as f32
@@ -219,7 +219,8 @@ fn harmonics_of_a_linear_radiance_are_those_of_the_closed_form() {
         let scale = if k % 4 == 0 { 1.0 } else { (4.0 * PI / 3.0).sqrt() };
         assert!((found.x - expected[k % 4] * scale).abs() < 1e-5, "{k}: {found}");
     }
-    let points: Vec<SurfacePoint> = (0..1000).map(|k| random(k, scene.bounds.0, scene.bounds.1)).collect();
+    let points: Vec<SurfacePoint> =
+        (0..1000).map(|k| random(k, scene.geometry.bounds.0, scene.geometry.bounds.1)).collect();
     let worst = |harmonics: &[Vec4]| {
         let found = volume.at_points_sh(harmonics, &points).unwrap();
         points.iter().zip(found).map(|(p, v)| (v.x - closed(p.normal)).abs()).fold(0.0, f32::max)

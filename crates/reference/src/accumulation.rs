@@ -245,16 +245,16 @@ impl Accumulation {
 pub fn fingerprint(scene: &Scene, camera: &Camera) -> [u8; 32] {
     let mut hash = Sha256::new();
     let tables: [&[u8]; 10] = [
-        bytemuck::cast_slice(&scene.triangles),
-        bytemuck::cast_slice(&scene.uvs),
+        bytemuck::cast_slice(&scene.geometry.triangles),
+        bytemuck::cast_slice(&scene.geometry.uvs),
         bytemuck::cast_slice(&scene.materials),
-        bytemuck::cast_slice(&scene.textures),
-        bytemuck::cast_slice(&scene.texels),
-        bytemuck::cast_slice(&scene.lights),
-        bytemuck::bytes_of(&scene.sky),
-        bytemuck::cast_slice(&scene.sky_map),
+        bytemuck::cast_slice(&scene.geometry.textures),
+        bytemuck::cast_slice(&scene.geometry.texels),
+        bytemuck::cast_slice(&scene.lighting.lights),
+        bytemuck::bytes_of(&scene.lighting.sky),
+        bytemuck::cast_slice(&scene.lighting.sky_map),
         bytemuck::bytes_of(camera),
-        bytemuck::bytes_of(&scene.ray_offset),
+        bytemuck::bytes_of(&scene.geometry.ray_offset),
     ];
     for table in tables {
         hash.update((table.len() as u64).to_le_bytes());

@@ -16,7 +16,9 @@ use scene::kernel::camera::{camera_direction, surface_point};
 use scene::kernel::light::{meet_rect, pick_emitter, sky_radiance, spot_falloff};
 use scene::math::clamp;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle};
-use scene::{Camera, Geometry, Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Lights, Scene, SurfacePoint};
+use scene::{
+    Camera, GeometryTables, Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Lights, Scene, SurfacePoint,
+};
 
 use crate::accumulation::Accumulation;
 use crate::error::Error;
@@ -81,7 +83,7 @@ const LIT_POINTS: (u32, u32) = (1 << 10, 1 << 16);
 /// A scene prepared for path tracing.
 pub struct PathTracer<'a> {
     scene: &'a Scene,
-    geometry: Geometry<'a>,
+    geometry: GeometryTables<'a>,
     lights: Lights<'a>,
     /// Density of emitter samples per m², `[triangles]`; empty without emitters.
     emitter_density: Vec<f32>,
@@ -107,12 +109,12 @@ impl<'a> PathTracer<'a> {
         let lights = scene.all_lights();
         let mut emitter_density = Vec::new();
         if !scene.emitters.is_empty() {
-            emitter_density = vec![0.0; scene.triangles.len()];
-            for e in &scene.emitters {
+            emitter_density = vec![0.0; scene.geometry.triangles.len()];
+            for e in scene.emitters.iter() {
                 emitter_density[e.triangle as usize] = e.probability / e.area;
             }
         }
-        Self { scene, geometry: scene.geometry(), lights, emitter_density, sky: SkyDistribution::new(&lights) }
+        Self { scene, geometry: scene.tables(), lights, emitter_density, sky: SkyDistribution::new(&lights) }
     }
 
     /// Adds samples until every pixel has `target` of them, on all cores of the current rayon pool. After each sample a
@@ -281,7 +283,7 @@ impl<'a> PathTracer<'a> {
         // Density per m² with which the bounce found this vertex.
         let mut arrival = 0.0;
         loop {
-            let origin = point.position + point.normal * self.scene.ray_offset;
+            let origin = point.position + point.normal * self.scene.geometry.ray_offset;
             let mut light = self.light_by_shadow_rays(origin, point, arrival, shared, sampler);
             if let Some((_, lit)) = &shared.sun
                 && vertex < settings.bounces
@@ -322,7 +324,7 @@ impl<'a> PathTracer<'a> {
     fn light_by_connection(&self, origin: Vec3, normal: Vec3, lit: &[LitPoint], sampler: &mut Sampler) -> Vec3 {
         let k = (sampler.next().0 * lit.len() as f32) as usize;
         let y = &lit[k.min(lit.len() - 1)];
-        let to = y.position + y.normal * self.scene.ray_offset - origin;
+        let to = y.position + y.normal * self.scene.geometry.ray_offset - origin;
         let squared = to.length_squared();
         let (here, there) = (to.dot(normal), -to.dot(y.normal));
         if !(here > 0.0 && there > 0.0) || y.flux == Vec3::ZERO || self.scene.occluded(origin, to, 1.0) {
@@ -448,7 +450,7 @@ impl<'a> PathTracer<'a> {
         let rest = clamp((x - (e.cumulative - e.probability)) / e.probability, 0.0, 1.0);
         let (u, v) = uniform_triangle((rest, y));
         let n = self.geometry.normal(e.triangle);
-        let to = self.geometry.position(e.triangle, u, v) + n * self.scene.ray_offset - origin;
+        let to = self.geometry.position(e.triangle, u, v) + n * self.scene.geometry.ray_offset - origin;
         let squared = to.length_squared();
         let inverse = 1.0 / squared.sqrt();
         let (here, there) = (to.dot(normal) * inverse, -to.dot(n) * inverse);

@@ -63,12 +63,16 @@ impl SunGuide {
     /// Learns from landings; `None` without parallel light.
     pub(crate) fn new(scene: &Scene, landings: &[Landing]) -> Option<Self> {
         let power = |l: &Light| if l.kind == LIGHT_DIRECTIONAL { luminance(l.color).max(0.0) } else { 0.0 };
-        let total: f32 = scene.lights.iter().map(power).sum();
+        let total: f32 = scene.lighting.lights.iter().map(power).sum();
         if total <= 0.0 {
             return None;
         }
-        let mut suns: Vec<_> =
-            scene.lights.iter().map(|l| (power(l) > 0.0).then(|| Sun::new(scene, l, power(l) / total))).collect();
+        let mut suns: Vec<_> = scene
+            .lighting
+            .lights
+            .iter()
+            .map(|l| (power(l) > 0.0).then(|| Sun::new(scene, l, power(l) / total)))
+            .collect();
         let mut weights = vec![vec![0.0f64; CELLS * CELLS]; suns.len()];
         for (slot, position, weight) in landings {
             if let Some(sun) = &suns[*slot] {
@@ -116,8 +120,9 @@ impl Sun {
         let axes = frame(light.direction);
         let (mut low, mut high, mut start) = (Vec2::INFINITY, Vec2::NEG_INFINITY, f32::INFINITY);
         for k in 0..8 {
-            let side =
-                |bit: u32, axis: usize| if k >> bit & 1 == 0 { scene.bounds.0[axis] } else { scene.bounds.1[axis] };
+            let side = |bit: u32, axis: usize| {
+                if k >> bit & 1 == 0 { scene.geometry.bounds.0[axis] } else { scene.geometry.bounds.1[axis] }
+            };
             let corner = Vec3::new(side(0, 0), side(1, 1), side(2, 2));
             let p = Vec2::new(corner.dot(axes.0), corner.dot(axes.1));
             (low, high) = (low.min(p), high.max(p));
@@ -171,7 +176,7 @@ impl Sun {
         if hit.is_miss() {
             return LitPoint::default();
         }
-        let geometry = scene.geometry();
+        let geometry = scene.tables();
         let point = surface_point(&geometry, hit, self.light.direction);
         let cosine = -point.normal.dot(self.light.direction);
         // The cell of the point, as a path that lands there finds it: rounding may put it across a border.
@@ -185,11 +190,11 @@ impl Sun {
 
 /// Follows a path from a point and notes where it is in parallel light.
 pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<Landing> {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let mut landings = Vec::new();
     let (mut point, mut throughput) = (start, 1.0f32);
     for _ in 0..PILOT_BOUNCES {
-        let origin = point.position + point.normal * scene.ray_offset;
+        let origin = point.position + point.normal * scene.geometry.ray_offset;
         let direction = cosine_hemisphere(point.normal, sampler.next());
         let hit = scene.closest_before(origin, direction, FAR);
         if hit.is_miss() {
@@ -197,8 +202,8 @@ pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -
         }
         throughput *= luminance(geometry.albedo(hit.triangle, hit.u, hit.v));
         point = surface_point(&geometry, hit, direction);
-        let origin = point.position + point.normal * scene.ray_offset;
-        for (slot, light) in scene.lights.iter().enumerate() {
+        let origin = point.position + point.normal * scene.geometry.ray_offset;
+        for (slot, light) in scene.lighting.lights.iter().enumerate() {
             let cosine = -point.normal.dot(light.direction);
             if light.kind == LIGHT_DIRECTIONAL && cosine > 0.0 && !scene.occluded(origin, -light.direction, FAR) {
                 landings.push((slot, point.position, throughput * cosine * luminance(light.color) / PI));

@@ -132,8 +132,8 @@ impl VoxelProxy {
         if target == 0 {
             return Err(Error::Setting { name: "number of faces", value: 0.0, rule: "at least 1" });
         }
-        let area: f64 = scene.triangles.iter().map(|t| Polygon::of_triangle(t).area()).sum();
-        let longest = f64::from((scene.bounds.1 - scene.bounds.0).max_element());
+        let area: f64 = scene.geometry.triangles.iter().map(|t| Polygon::of_triangle(t).area()).sum();
+        let longest = f64::from((scene.geometry.bounds.1 - scene.geometry.bounds.0).max_element());
         // Faces are about as many as edge⁻² times the area.
         let (mut small, mut large) = (longest * 1e-3, longest * 2.0);
         let mut edge = (2.0 * area / target as f64).sqrt().clamp(small, large);
@@ -193,7 +193,7 @@ impl VoxelProxy {
         if hit.is_miss() {
             return NONE;
         }
-        let face = self.scene.triangles[hit.triangle as usize].source / 2;
+        let face = self.scene.geometry.triangles[hit.triangle as usize].source / 2;
         if self.faces[face as usize].normal.dot(direction) < 0.0 { face } else { NONE }
     }
 
@@ -296,9 +296,9 @@ impl VoxelProxy {
     /// The faces as a scene with the lights of another.
     fn geometry(&self, original: &Scene) -> Result<Scene, scene::Error> {
         let mut parts = SceneParts {
-            lights: original.lights.clone(),
-            sky: original.sky,
-            sky_map: original.sky_map.clone(),
+            lights: original.lighting.lights.clone(),
+            sky: original.lighting.sky,
+            sky_map: original.lighting.sky_map.to_vec(),
             ..SceneParts::default()
         };
         for (face, number) in self.faces.iter().zip(0..) {
@@ -370,7 +370,7 @@ fn layers(scene: &Scene, edge: f32) -> Result<[Layers; 3], Error> {
         return Err(setting("positive and finite"));
     }
     let edge = f64::from(edge);
-    let (low, high) = (scene.bounds.0.as_dvec3(), scene.bounds.1.as_dvec3());
+    let (low, high) = (scene.geometry.bounds.0.as_dvec3(), scene.geometry.bounds.1.as_dvec3());
     let counts = ((high - low) / edge + 2.0 * MARGIN).ceil().max(DVec3::ONE);
     if counts.element_product() > VOXEL_LIMIT as f64 {
         return Err(setting("large enough for at most 2^31 voxels"));
@@ -381,13 +381,13 @@ fn layers(scene: &Scene, edge: f32) -> Result<[Layers; 3], Error> {
 
 /// What lies in each voxel, triangle by triangle.
 fn pieces(scene: &Scene, layers: &[Layers; 3]) -> Vec<Piece> {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let least = LEAST_SHARE * layers[0].edge * layers[0].edge;
-    (0..scene.triangles.len() as u32)
+    (0..scene.geometry.triangles.len() as u32)
         .into_par_iter()
         .flat_map_iter(|triangle| {
             let mut own = Vec::new();
-            cut_triangle(&scene.triangles[triangle as usize], layers, |cell, part| {
+            cut_triangle(&scene.geometry.triangles[triangle as usize], layers, |cell, part| {
                 let whole = part.area();
                 if whole <= least {
                     return;
@@ -412,11 +412,11 @@ fn pieces(scene: &Scene, layers: &[Layers; 3]) -> Vec<Piece> {
 
 /// Share of a piece that is no hole, and the mean radiance of that share.
 fn measure(scene: &Scene, triangle: u32, part: &Polygon) -> (f32, Vec3) {
-    let material = &scene.materials[scene.triangles[triangle as usize].material as usize];
+    let material = &scene.materials[scene.geometry.triangles[triangle as usize].material as usize];
     if material.mask_texture == NONE && material.radiance_texture == NONE {
         return (1.0, material.radiance);
     }
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let (mut count, mut radiance) = (0.0, Vec3::ZERO);
     for k in 0..PIECE_POINTS {
         let (u, v) = scene.shares(triangle, part.point(hammersley(k, PIECE_POINTS, (0, 0))).as_vec3());

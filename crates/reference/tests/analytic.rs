@@ -101,7 +101,7 @@ fn point_and_spot_lights_on_a_plane() {
     let expected = |r: f32| intensity * height / (height * height + r * r).powi(3).sqrt();
     let scene = b.build();
     // The rays start above the floor.
-    let tolerance = 4.0 * scene.ray_offset / height;
+    let tolerance = 4.0 * scene.geometry.ray_offset / height;
     for (e, r) in direct(&scene, &points, 16).iter().zip(distances) {
         assert!((*e / expected(r) - 1.0).abs().max_element() < tolerance, "{r}: {e}");
     }

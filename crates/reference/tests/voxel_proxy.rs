@@ -143,9 +143,9 @@ fn reflectance_is_the_mean_of_the_voxel() {
 /// Whether the inside of a closed proxy with these faces left out is a furnace: every face shines with radiance 1 and
 /// reflects ρ = ½, so the irradiance is π/(1 − ρ) everywhere.
 fn is_furnace(proxy: &VoxelProxy, missing: impl Fn(usize) -> bool) -> bool {
-    let mut parts = SceneParts { materials: proxy.scene.materials.clone(), ..SceneParts::default() };
+    let mut parts = SceneParts { materials: proxy.scene.materials.to_vec(), ..SceneParts::default() };
     parts.materials.iter_mut().for_each(|m| m.radiance = Vec3::ONE);
-    for (t, uv) in proxy.scene.triangles.iter().zip(&proxy.scene.uvs) {
+    for (t, uv) in proxy.scene.geometry.triangles.iter().zip(&proxy.scene.geometry.uvs) {
         if !missing(t.material as usize) {
             parts.triangles.push(*t);
             parts.uvs.push(*uv);
@@ -288,8 +288,8 @@ fn lights_and_sky_stay() {
     let sun = Light { kind: LIGHT_DIRECTIONAL, direction: Vec3::NEG_Y, color: Vec3::ONE, ..Light::default() };
     b.light(sun).sky(vec3(1.0, 2.0, 3.0));
     let proxy = proxy_of(&b.build());
-    assert_eq!(proxy.scene.lights, [sun]);
-    assert_eq!(proxy.scene.sky.radiance, vec3(1.0, 2.0, 3.0));
+    assert_eq!(proxy.scene.lighting.lights, [sun]);
+    assert_eq!(proxy.scene.lighting.sky.radiance, vec3(1.0, 2.0, 3.0));
 }
 
 #[test]

@@ -16,6 +16,14 @@ pub enum Error {
         /// Entries.
         found: usize,
     },
+    /// The lighting's emission is not of one value a material.
+    #[error("the lighting has an emission for {found} materials of {expected}; give one value a material, or none")]
+    EmissionLength {
+        /// Materials.
+        expected: usize,
+        /// Values.
+        found: usize,
+    },
     /// A triangle names a material that does not exist.
     #[error("triangle {triangle} names material {material} of {count}")]
     MaterialIndex {

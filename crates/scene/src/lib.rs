@@ -4,8 +4,8 @@
 //! [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with alpha masks
 //! ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot, rectangle and mesh
 //! lights and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone mapping
-//! ([`kernel::shade`]). With the feature `std`, [`Scene`] owns the tables, builds the hierarchy with obvhs and casts rays
-//! on all cores.
+//! ([`kernel::shade`]). With the feature `std`, [`Geometry`] owns the tables that never change, builds the
+//! hierarchy with obvhs and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every frame.
 //!
 //! Units: metres; irradiance and exitance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equations: `H_d = ∫ L_i cosθ dω`, `L_o = L_e + ρ/π (H_d + H)`.
@@ -42,12 +42,14 @@ pub mod types;
 pub mod host;
 
 pub use error::Error;
-pub use kernel::Geometry;
+pub use kernel::GeometryTables;
 pub use kernel::light::Lights;
 pub use types::*;
 
 #[cfg(feature = "std")]
-pub use host::{Occluder, POINT_WALKS, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, find_sides, is_open};
+pub use host::{
+    Geometry, Lighting, Occluder, POINT_WALKS, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, find_sides, is_open,
+};
 
 use glam::Vec3;
 

@@ -1,8 +1,9 @@
 //! Direct irradiance against closed forms.
 
 use std::f32::consts::PI;
+use std::sync::Arc;
 
-use glam::{Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 use scene::kernel::light::{sky_radiance, spot_falloff};
 use scene::*;
 
@@ -24,12 +25,12 @@ fn floor_and(more: Vec<Triangle>, lights: Vec<Light>, sky: Sky, emission: Vec3) 
 fn at_origin(scene: &Scene, area_rays: u32, sky_rays: u32) -> Vec3 {
     let params = DirectParams {
         count: 1,
-        light_count: scene.lights.len() as u32,
+        light_count: scene.lighting.lights.len() as u32,
         emitter_count: scene.emitters.len() as u32,
         area_rays,
         sky_rays,
         seed: 5,
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         first: 0,
     };
     let point = SurfacePoint { position: Vec3::ZERO, patch: 0, normal: Vec3::Y, weight: 1.0 };
@@ -147,8 +148,13 @@ fn same_seed_same_bits_for_any_thread_count() {
             weight: 1.0,
         })
         .collect();
-    let params =
-        DirectParams { count: 500, sky_rays: 16, seed: 9, ray_offset: scene.ray_offset, ..DirectParams::default() };
+    let params = DirectParams {
+        count: 500,
+        sky_rays: 16,
+        seed: 9,
+        ray_offset: scene.geometry.ray_offset,
+        ..DirectParams::default()
+    };
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| scene.direct_irradiance(&params, &points))
@@ -156,4 +162,110 @@ fn same_seed_same_bits_for_any_thread_count() {
     assert_eq!(run(1), run(2));
     let other = scene.direct_irradiance(&DirectParams { seed: 10, ..params }, &points);
     assert_ne!(run(1), other);
+}
+
+/// A floor, an emissive quad above it with a textured neighbour, under lights and a sky with a map.
+fn lamp_room(lighting: &Lighting, radiance: Vec3) -> Scene {
+    let at = |x: f32, material| Triangle {
+        corner: Vec3::new(x, 2.0, -0.5),
+        edge_a: Vec3::X,
+        edge_b: Vec3::Z,
+        material,
+        ..Triangle::default()
+    };
+    let floor = Triangle {
+        corner: Vec3::new(-9.0, 0.0, -9.0),
+        edge_a: Vec3::Z * 40.0,
+        edge_b: Vec3::X * 40.0,
+        ..Triangle::default()
+    };
+    let picture = Texture { offset: 0, width: 2, height: 1, levels: 1 };
+    let lamp = Material { radiance, ..Material::default() };
+    Scene::new(SceneParts {
+        triangles: vec![floor, at(-1.0, 1), at(0.2, 2)],
+        uvs: vec![TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y }; 3],
+        materials: vec![Material::default(), lamp, Material { radiance_texture: 0, ..lamp }],
+        textures: vec![picture],
+        texels: vec![0x3c00_3c00, 0x3c00_3c00, 0x3800_3800, 0x3c00_3800],
+        lights: lighting.lights.clone(),
+        sky: lighting.sky,
+        sky_map: lighting.sky_map.to_vec(),
+    })
+    .unwrap()
+}
+
+/// A lamp, and a sky with a map of four texels.
+fn lamp_and_sky() -> Lighting {
+    let position = Vec3::new(0.5, 3.0, 1.0);
+    let lamp = Light { kind: LIGHT_POINT, position, color: Vec3::splat(20.0), ..Light::default() };
+    let map = [0.1, 0.4, 0.2, 0.8].map(Vec4::splat);
+    Lighting {
+        lights: vec![lamp],
+        sky: Sky { radiance: Vec3::ONE, map_width: 2, map_height: 2, ..Sky::default() },
+        sky_map: map.into(),
+        emission: Vec::new(),
+    }
+}
+
+#[test]
+fn lighting_set_later_is_as_lighting_from_the_start() {
+    let radiance = Vec3::new(7.0, 5.0, 3.0);
+    let dark = lamp_room(&Lighting::default(), Vec3::ZERO);
+    assert!(dark.emitters.is_empty());
+    assert_eq!(at_origin(&dark, 64, 64), Vec3::ZERO);
+    let lit = lamp_and_sky();
+    let emission = vec![Vec3::ZERO, radiance, radiance];
+    let expected = lamp_room(&lit, radiance);
+    assert_eq!(expected.emitters.len(), 2);
+
+    let mut changed = dark.clone();
+    changed.set_lighting(Lighting { emission: emission.clone(), ..lit.clone() }).unwrap();
+    assert!(Arc::ptr_eq(&changed.geometry, &dark.geometry));
+    assert_eq!(changed.emitters, expected.emitters);
+    assert_eq!(changed.materials, expected.materials);
+    assert_eq!(at_origin(&changed, 64, 64), at_origin(&expected, 64, 64));
+    let under = Scene::under(dark.geometry.clone(), changed.lighting.clone()).unwrap();
+    assert_eq!(at_origin(&under, 64, 64), at_origin(&expected, 64, 64));
+    // What is shared stays as it was.
+    assert_eq!(at_origin(&dark, 64, 64), Vec3::ZERO);
+
+    // Each of the three alone is noticed.
+    let no_lights = Lighting { lights: Vec::new(), ..changed.lighting.clone() };
+    let no_sky = Lighting { sky: Sky::default(), sky_map: Arc::default(), ..changed.lighting.clone() };
+    let dim = Lighting { emission: emission.iter().map(|e| *e * 0.9).collect(), ..changed.lighting.clone() };
+    for lighting in [no_lights, no_sky, dim] {
+        let other = Scene::under(dark.geometry.clone(), lighting).unwrap();
+        assert!(at_origin(&other, 64, 64).x < 0.99 * at_origin(&expected, 64, 64).x);
+    }
+    // Without an emission of its own the lighting is back at what the materials say.
+    changed.set_lighting(Lighting::default()).unwrap();
+    assert!(changed.emitters.is_empty());
+    assert_eq!(at_origin(&changed, 64, 64), Vec3::ZERO);
+}
+
+#[test]
+fn lights_alone_leave_emitters_and_materials_shared() {
+    let scene = lamp_room(&lamp_and_sky(), Vec3::ONE);
+    let mut moved = scene.clone();
+    let lamp = Light { position: Vec3::new(2.0, 3.0, 1.0), ..scene.lighting.lights[0] };
+    moved.set_lights(&[lamp]);
+    moved.set_lighting(moved.lighting.clone()).unwrap();
+    assert!(Arc::ptr_eq(&moved.geometry, &scene.geometry));
+    assert!(Arc::ptr_eq(&moved.emitters, &scene.emitters));
+    assert!(Arc::ptr_eq(&moved.materials, &scene.materials));
+    assert_ne!(at_origin(&moved, 64, 64), at_origin(&scene, 64, 64));
+}
+
+#[test]
+fn lighting_of_another_scene_is_an_error() {
+    let mut scene = lamp_room(&lamp_and_sky(), Vec3::ONE);
+    let before = scene.lighting.clone();
+    let short = Lighting { emission: vec![Vec3::ONE; 2], ..before.clone() };
+    let wrong = Error::EmissionLength { expected: 3, found: 2 };
+    assert_eq!(scene.set_lighting(short.clone()).err(), Some(wrong.clone()));
+    assert_eq!(Scene::under(scene.geometry.clone(), short).err(), Some(wrong));
+    let mapless = Lighting { sky_map: Arc::default(), ..before.clone() };
+    let wrong = Error::TableLength { name: "sky_map", expected: 4, found: 0 };
+    assert_eq!(scene.set_lighting(mapless).err(), Some(wrong));
+    assert_eq!(scene.lighting, before);
 }

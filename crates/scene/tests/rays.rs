@@ -38,9 +38,9 @@ fn with_holes(count: u32) -> SceneParts {
 
 fn brute_force(scene: &Scene, origin: Vec3, direction: Vec3) -> Hit {
     let mut best = Hit::MISS;
-    for (k, t) in scene.triangles.iter().enumerate() {
+    for (k, t) in scene.geometry.triangles.iter().enumerate() {
         let hit = intersect_triangle(t, k as u32, origin, direction, FAR);
-        if hit.t < best.t && !scene.geometry().is_hole(hit.triangle, hit.u, hit.v) {
+        if hit.t < best.t && !scene.tables().is_hole(hit.triangle, hit.u, hit.v) {
             best = hit;
         }
     }
@@ -54,7 +54,7 @@ fn ray(k: u32) -> (Vec3, Vec3) {
 #[test]
 fn all_traversals_agree() {
     let scene = Scene::new(soup(3000)).unwrap();
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let mut hits = 0;
     for k in 0..4000 {
         let (origin, direction) = ray(k);
@@ -95,7 +95,7 @@ fn rays_pass_holes() {
     for k in 0..4000 {
         let (origin, direction) = ray(k);
         let expected = brute_force(&masked, origin, direction);
-        let body = closest_hit(&masked.geometry(), origin, direction, FAR);
+        let body = closest_hit(&masked.tables(), origin, direction, FAR);
         let wide = masked.closest_before(origin, direction, FAR);
         assert_eq!(body, expected, "ray {k}");
         assert_eq!(wide, expected, "ray {k}");
@@ -138,7 +138,7 @@ fn a_scene_of_one_triangle_and_a_tilted_ray_along_an_axis() {
     .unwrap();
     // A flat box: the direction has exact zeros.
     let (origin, direction) = (Vec3::new(0.25, 0.25, 2.0), Vec3::NEG_Z);
-    for hit in [scene.closest_before(origin, direction, FAR), closest_hit(&scene.geometry(), origin, direction, FAR)] {
+    for hit in [scene.closest_before(origin, direction, FAR), closest_hit(&scene.tables(), origin, direction, FAR)] {
         assert_eq!(hit, Hit { triangle: 0, u: 0.25, v: 0.25, t: 2.0 });
     }
     assert_eq!(scene.closest_before(origin, direction, 1.9).triangle, NONE);

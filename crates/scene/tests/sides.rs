@@ -58,7 +58,7 @@ fn a_small_lamp_in_a_housing_lights_the_room() {
     let scene = room(20.0);
     let (floor, safe) = open_shares(&scene);
     assert!(floor > 0.998 && safe == 0.0, "{floor} {safe}");
-    for (t, sides) in scene.triangles.iter().zip(find_sides(&scene, SidePolicy::Lit)) {
+    for (t, sides) in scene.geometry.triangles.iter().zip(find_sides(&scene, SidePolicy::Lit)) {
         // The fronts of the closed box are its inside, the backs of the room's walls see nothing.
         let is_wall = t.material == ROOM && [t.corner, t.corner + t.edge_a].iter().all(|c| is_outside(*c));
         let (front, back) = (t.material != SAFE, !is_wall);
@@ -76,8 +76,8 @@ fn is_outside(corner: Vec3) -> bool {
 #[test]
 fn the_back_of_a_lamp_lights_nothing() {
     let scene = room(20.0);
-    let mut parts = SceneParts { materials: scene.materials.clone(), ..SceneParts::default() };
-    for t in &scene.triangles {
+    let mut parts = SceneParts { materials: scene.materials.to_vec(), ..SceneParts::default() };
+    for t in &scene.geometry.triangles {
         // Front up: it shines into the housing, whose inside lights the room through the opening.
         let turned = Triangle { edge_a: t.edge_b, edge_b: t.edge_a, ..*t };
         parts.triangles.push(if t.material == LAMP { turned } else { *t });

@@ -31,7 +31,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec
         sequence: SEQUENCE_SOBOL,
         seed: 9,
         flags: emission.flags,
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         reserved: 0,
     };
     let tables = if name == "firstshot_start" {

@@ -4,6 +4,7 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use firstshot::kernel::segment::reflect;
@@ -162,9 +163,9 @@ fn introduction(machine: &Machine) -> Vec<String> {
 fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates: &mut Vec<Rate>) -> Result<(), Error> {
     let mut progress = Progress::new(common.quiet);
     let mut loaded = output::import(name, &mut progress)?;
-    loaded.scene.lights = lamps(&loaded);
-    loaded.scene.sky = Sky::default();
-    loaded.scene.emitters.clear();
+    loaded.scene.lighting.lights = lamps(&loaded);
+    loaded.scene.lighting.sky = Sky::default();
+    loaded.scene.emitters = Arc::default();
     let scene = &loaded.scene;
     let count = args.counts.first().copied().unwrap_or(COUNT) as usize;
     let maps = progress.phase("maps", |_| VoxelMaps::new(scene, count))?;
@@ -204,21 +205,21 @@ struct VoxelMaps {
 impl VoxelMaps {
     /// Voxels with faces of the area that each of `count` patches would have.
     fn new(scene: &Scene, count: usize) -> Result<Self, Error> {
-        let area: f32 = scene.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
+        let area: f32 = scene.geometry.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
         // Both sides are patches.
         let edge = scene::math::sqrt(2.0 * area / count as f32);
         let maps = IlluminationMaps::new(scene, edge / CELLS)?;
-        let geometry = scene.geometry();
+        let geometry = scene.tables();
         let mut numbers: BTreeMap<([i32; 3], usize), u32> = BTreeMap::new();
         let mut patches = Vec::with_capacity(maps.len());
-        for t in 0..scene.triangles.len() as u32 {
+        for t in 0..scene.geometry.triangles.len() as u32 {
             for is_back in [false, true] {
                 let normal = geometry.normal(t) * if is_back { -1.0 } else { 1.0 };
                 let sides = [normal.x, -normal.x, normal.y, -normal.y, normal.z, -normal.z];
                 let side = (0..6).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
                 for (_, [a, b, c]) in maps.cells(t, is_back) {
                     let middle = (a + b + c) / 3.0;
-                    let place = (geometry.position(t, middle.x, middle.y) - scene.bounds.0) / edge;
+                    let place = (geometry.position(t, middle.x, middle.y) - scene.geometry.bounds.0) / edge;
                     let next = numbers.len() as u32;
                     patches.push(*numbers.entry((place.floor().as_ivec3().to_array(), side)).or_insert(next));
                 }
@@ -324,7 +325,7 @@ fn one_run(
     }
     let row = Row {
         scene: loaded.name.clone(),
-        triangles: scene.triangles.len(),
+        triangles: scene.geometry.triangles.len(),
         method: way.name(),
         sequence: if sequences == Sequences::Sobol { "Sobol" } else { "random" },
         error: reached.error,
@@ -370,6 +371,7 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
     let p = Tracer::new(scene, &emission, maps, settings)?.params(RATE_PHOTONS / batches);
     let rays = photon_rays(scene, &emission, &p);
     let boxes: Vec<_> = scene
+        .geometry
         .triangles
         .iter()
         .map(|t| obvhs::triangle::Triangle {
@@ -400,7 +402,7 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
         theirs = theirs.min(start.elapsed().as_secs_f64());
     }
     let (ours, theirs) = (segments as f64 / ours * 1e-6, rays.len() as f64 / theirs * 1e-6);
-    let scene = format!("{} triangles", scene.triangles.len());
+    let scene = format!("{} triangles", scene.geometry.triangles.len());
     Ok(Rate {
         scene,
         method: way.name(),
@@ -413,8 +415,8 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
 
 /// The rays of all segments, photon by photon.
 fn photon_rays(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Vec<(Vec3, Vec3)> {
-    let geometry = scene.geometry();
-    let sources = Sources { lights: &scene.lights, sky: scene.sky, sky_map: &scene.sky_map };
+    let geometry = scene.tables();
+    let sources = Sources { lights: &scene.lighting.lights, sky: scene.lighting.sky, sky_map: &scene.lighting.sky_map };
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let path = |k: u32| {
         let mut rays = Vec::new();

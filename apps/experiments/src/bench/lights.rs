@@ -18,7 +18,7 @@ const SUN_OVER_SKY: f32 = 3.0;
 /// Other lights with their names: three other suns for a scene that has a sun or a sky, else its lamps moved. A scene that
 /// is lit by emissive surfaces only gets a lamp that crosses it.
 pub fn other_lights(loaded: &LoadedScene) -> Vec<(String, Vec<Light>)> {
-    let own = &loaded.scene.lights;
+    let own = &loaded.scene.lighting.lights;
     let is_sun = |light: &Light| light.kind == LIGHT_DIRECTIONAL;
     if own.iter().any(is_sun) || (loaded.scene.has_sky() && own.is_empty()) {
         return SUNS.iter().map(|&(turn, height)| other_sun(loaded, turn, height)).collect();
@@ -34,7 +34,7 @@ pub fn other_lights(loaded: &LoadedScene) -> Vec<(String, Vec<Light>)> {
 
 fn other_sun(loaded: &LoadedScene, turn: f32, height: f32) -> (String, Vec<Light>) {
     let (up, along) = sin_cos_turn(height / 360.0);
-    let mut lights = loaded.scene.lights.clone();
+    let mut lights = loaded.scene.lighting.lights.clone();
     if lights.is_empty() {
         let color = sky_irradiance(&loaded.scene) * SUN_OVER_SKY;
         lights.push(Light { kind: LIGHT_DIRECTIONAL, direction: Vec3::NEG_Y, color, ..Light::default() });
@@ -49,13 +49,13 @@ fn other_sun(loaded: &LoadedScene, turn: f32, height: f32) -> (String, Vec<Light
 
 /// Irradiance of a surface that sees all of the sky, and as if it were the same everywhere, W/m².
 fn sky_irradiance(scene: &Scene) -> Vec3 {
-    let texels = scene.sky_map.len().max(1) as f32;
-    let mean = if scene.sky_map.is_empty() {
+    let texels = scene.lighting.sky_map.len().max(1) as f32;
+    let mean = if scene.lighting.sky_map.is_empty() {
         Vec3::ONE
     } else {
-        scene.sky_map.iter().map(|texel| texel.truncate()).sum::<Vec3>() / texels
+        scene.lighting.sky_map.iter().map(|texel| texel.truncate()).sum::<Vec3>() / texels
     };
-    scene.sky.radiance * mean * PI
+    scene.lighting.sky.radiance * mean * PI
 }
 
 #[cfg(test)]
@@ -70,8 +70,8 @@ mod tests {
             let found = other_lights(&loaded);
             assert_eq!(found.len(), count, "{name}");
             for (k, (what, lights)) in found.iter().enumerate() {
-                assert_ne!(*lights, loaded.scene.lights, "{name}: {what}");
-                assert_eq!(lights.len(), loaded.scene.lights.len().max(1));
+                assert_ne!(*lights, loaded.scene.lighting.lights, "{name}: {what}");
+                assert_eq!(lights.len(), loaded.scene.lighting.lights.len().max(1));
                 assert!(found[..k].iter().all(|other| other.1 != *lights), "{name}: {what}");
             }
         }

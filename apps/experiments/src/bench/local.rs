@@ -153,7 +153,7 @@ impl Measuring<'_> {
     ) -> Result<(), Error> {
         let Self { common, args, loaded, truth } = self;
         let settings = ClassicSettings {
-            patches: PatchKind::suited(loaded.scene.triangles.len(), count),
+            patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), count),
             patch_count: count,
             estimator: Estimator::Hemisphere { rays: args.rays },
             receiver_rays: args.receiver_rays(),
@@ -200,7 +200,7 @@ impl Measuring<'_> {
         let Some(truth) = self.truth else { return Ok(None) };
         let loaded = self.loaded;
         let (width, height) = truth.size();
-        let pictures = light.frame(&loaded.scene.lights, &loaded.view.camera(width, height), 0)?.pictures;
+        let pictures = light.frame(&loaded.scene.lighting.lights, &loaded.view.camera(width, height), 0)?.pictures;
         let (full, _) = picture_errors(&pictures, &truth.pictures, loaded.exposure_stops)?;
         Ok(Some(Shown { scene: loaded.name.clone(), method, full }))
     }
@@ -214,7 +214,7 @@ impl Measuring<'_> {
         path: CameraPath,
     ) -> Result<Row, Error> {
         let loaded = self.loaded;
-        let (camera, lights) = (path.animation(loaded), &loaded.scene.lights);
+        let (camera, lights) = (path.animation(loaded), &loaded.scene.lighting.lights);
         let scale = stops_to_scale(loaded.exposure_stops);
         let (mut before, mut apart, mut flickers) = (Vec::new(), [Distance::NONE; 2], 0.0f64);
         let (mut work, mut anew, mut product, mut moved, mut bytes) = (0u64, 0u64, 0u64, 0, 0);

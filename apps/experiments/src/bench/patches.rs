@@ -194,7 +194,7 @@ impl Experiment<'_> {
         // Exact receivers are not what a frame would do: their time says nothing.
         let frames = if settings.receivers == ReceiverKind::Pixels { 1 } else { self.args.frames };
         let (pictures, light_ms, shade_ms) =
-            self.frames(&mut classic, &self.loaded.scene.lights, settings.size, frames)?;
+            self.frames(&mut classic, &self.loaded.scene.lighting.lights, settings.size, frames)?;
         let points = if truth.points.is_empty() { None } else { Some(classic.irradiance_at(&truth.points)?) };
         let timed = settings.receivers != ReceiverKind::Pixels;
         if is_main {
@@ -399,7 +399,7 @@ impl Experiment<'_> {
         let settings = self.settings(PatchKind::Cluster, self.main_count, size);
         self.progress.note(&format!("{}: lights that the bake has not seen", self.loaded.name));
         let mut baked = None;
-        let own = ("the scene's own".to_owned(), self.loaded.scene.lights.clone());
+        let own = ("the scene's own".to_owned(), self.loaded.scene.lighting.lights.clone());
         for (what, lights) in std::iter::once(own).chain(other_lights(self.loaded)) {
             let density = Some(settings.receiver_density);
             let key =
@@ -413,7 +413,7 @@ impl Experiment<'_> {
             };
             self.progress.note(&format!("{}: {what}", self.loaded.name));
             let (pictures, light_ms, shade_ms) = self.frames(classic, &lights, size, 1)?;
-            let is_known = lights == self.loaded.scene.lights && truth.noise.is_some();
+            let is_known = lights == self.loaded.scene.lighting.lights && truth.noise.is_some();
             let traced = match is_known {
                 true => None,
                 false => {
@@ -522,7 +522,7 @@ impl Experiment<'_> {
             plots = vec![over_patches(&rows, &self.args.densities), over_receivers(&rows, &self.args.counts)];
         }
         let section = Section {
-            title: format!("{} ({} triangles)", self.loaded.name, self.loaded.scene.triangles.len()),
+            title: format!("{} ({} triangles)", self.loaded.name, self.loaded.scene.geometry.triangles.len()),
             text,
             figures,
             strip: Vec::new(),

@@ -103,7 +103,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         let loaded = output::import(scene, &mut progress)?;
         let truth = match Truth::find(args.references.as_deref(), &loaded)? {
             Some(truth) => truth,
-            None => Truth::traced(&loaded, &loaded.scene.lights, args.size, args.spp, common.seed, &mut progress)?,
+            None => {
+                Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size, args.spp, common.seed, &mut progress)?
+            }
         };
         progress.note(&format!("compared with {}", truth.source));
         for &count in &counts {
@@ -141,7 +143,7 @@ impl Measuring<'_> {
     ) -> Result<(), Error> {
         let Self { common, args, loaded, truth } = self;
         let settings = ClassicSettings {
-            patches: PatchKind::suited(loaded.scene.triangles.len(), count),
+            patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), count),
             patch_count: count,
             estimator: Estimator::Hemisphere { rays: args.rays },
             receiver_rays: args.receiver_rays(),
@@ -180,7 +182,7 @@ impl Measuring<'_> {
         let mut light = bake.clone().load(transport, executor, &mut progress)?;
         let load_s = start.elapsed().as_secs_f64();
         let path = Animation::or_default_path(loaded);
-        let (away, own) = (path.at(path.duration() / 3.0).0, loaded.scene.lights.clone());
+        let (away, own) = (path.at(path.duration() / 3.0).0, loaded.scene.lighting.lights.clone());
         let (mut method, mut lookup) = (Vec::new(), Vec::new());
         let mut shown: Vec<Vec<Vec3>> = Vec::new();
         for frame in 0..AWAY + REST {

@@ -75,7 +75,7 @@ impl Truth {
         progress: &mut Progress,
     ) -> Result<Self, Error> {
         let mut scene = loaded.scene.clone();
-        scene.lights = lights.to_vec();
+        scene.set_lights(lights);
         let camera = loaded.view.camera(size.0, size.1);
         let mut half = |seed: u32| -> Result<Pictures, Error> {
             let settings = PathSettings { seed, ..PathSettings::default() };
@@ -113,7 +113,7 @@ impl Truth {
         seed: u32,
         progress: &mut Progress,
     ) -> Result<Self, Error> {
-        let mut truth = Self::traced(loaded, &loaded.scene.lights, size, paths, seed, progress)?;
+        let mut truth = Self::traced(loaded, &loaded.scene.lighting.lights, size, paths, seed, progress)?;
         let sampler = LitSampler::new(&loaded.scene, POINT_PILOTS, seed)?;
         let samples = sampler.samples(POINTS, seed);
         let point =

@@ -98,7 +98,7 @@ impl Animation {
     /// surfaces and sky gets a point light that crosses it above the camera's target.
     pub fn default_path(scene: &LoadedScene) -> Self {
         let mut animation = Self { tracks: Vec::new(), ..scene.animation.clone() };
-        let (low, high) = scene.scene.bounds;
+        let (low, high) = scene.scene.geometry.bounds;
         let size = high - low;
         let along = if size.x >= size.z { Vec3::X * size.x } else { Vec3::Z * size.z };
         if animation.lights.is_empty() {
@@ -139,7 +139,7 @@ impl Animation {
 
     /// The camera once round the middle of the scene, looking outwards; lights rest.
     pub fn circle(scene: &LoadedScene) -> Self {
-        let (low, high) = scene.scene.bounds;
+        let (low, high) = scene.scene.geometry.bounds;
         let (centre, half) = (0.5 * (low + high), 0.25 * (high - low));
         let at = |k: u32| {
             // A whole turn in 64 straight pieces.
@@ -156,7 +156,7 @@ impl Animation {
 
     /// The camera at shares of the scene's longer way, one after the other.
     fn along(scene: &LoadedScene, shares: &[f32]) -> Self {
-        let (low, high) = scene.scene.bounds;
+        let (low, high) = scene.scene.geometry.bounds;
         let axis = if high.x - low.x >= high.z - low.z { Vec3::X } else { Vec3::Z };
         let length = (high - low).dot(axis);
         let from = inside(scene);
@@ -174,13 +174,13 @@ impl Animation {
             Track { target: Target::CameraEye, keyframes: eye },
             Track { target: Target::CameraTarget, keyframes: target },
         ];
-        Self { lights: scene.scene.lights.clone(), view: scene.view, tracks }
+        Self { lights: scene.scene.lighting.lights.clone(), view: scene.view, tracks }
     }
 }
 
 /// The eye of a scene's view, or the nearest place a tenth within the scene.
 fn inside(scene: &LoadedScene) -> Vec3 {
-    let (low, high) = scene.scene.bounds;
+    let (low, high) = scene.scene.geometry.bounds;
     let margin = 0.1 * (high - low);
     scene.view.eye.clamp(low + margin, high - margin)
 }
@@ -191,10 +191,10 @@ const CIRCLE: u32 = 64;
 /// A point light at the upper third of the scene as bright as all its emitters together, at least enough to be seen.
 fn travelling_light(scene: &LoadedScene) -> Light {
     let s = &scene.scene;
-    let geometry = s.geometry();
+    let geometry = s.tables();
     let power: Vec3 =
         s.emitters.iter().map(|e| geometry.radiance(e.triangle, 1.0 / 3.0, 1.0 / 3.0) * e.area).sum::<Vec3>() * 0.25;
-    let (low, high) = s.bounds;
+    let (low, high) = s.geometry.bounds;
     let centre = 0.5 * (low + high);
     let floor = Vec3::splat(0.02 * s.diagonal() * s.diagonal());
     let color = if power.max_element() > 0.0 { power } else { floor };

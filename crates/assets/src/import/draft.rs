@@ -231,9 +231,9 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     timings.push(("hierarchy", seconds(start)));
 
     let view = setting.view.or_else(|| mesh.view.map(|v| scaled(v, setting.metres_per_unit)));
-    let view = view.unwrap_or_else(|| frame_bounds(scene.bounds));
+    let view = view.unwrap_or_else(|| frame_bounds(scene.geometry.bounds));
     content_hash = hash_view(content_hash, &view, setting.exposure_stops);
-    let animation = Animation { lights: scene.lights.clone(), view, tracks: setting.animation.tracks };
+    let animation = Animation { lights: scene.lighting.lights.clone(), view, tracks: setting.animation.tracks };
     Ok(LoadedScene {
         name: setting.name,
         scene,

@@ -80,8 +80,8 @@ impl Elements {
 
 /// The box of the scene with a margin, so that what enters it starts outside of all surfaces.
 fn entry_box(scene: &Scene) -> (Vec3, Vec3) {
-    let margin = Vec3::splat(MARGIN * scene.ray_offset);
-    (scene.bounds.0 - margin, scene.bounds.1 + margin)
+    let margin = Vec3::splat(MARGIN * scene.geometry.ray_offset);
+    (scene.geometry.bounds.0 - margin, scene.geometry.bounds.1 + margin)
 }
 
 impl Emission {
@@ -126,7 +126,7 @@ impl Emission {
     pub fn classical(scene: &Scene) -> Result<Self, Error> {
         let mut elements = Elements::default();
         let bounds = entry_box(scene);
-        for (k, light) in scene.lights.iter().enumerate() {
+        for (k, light) in scene.lighting.lights.iter().enumerate() {
             let element = Element { light: k as u32, triangle: NONE, ..Element::default() };
             let color = luminance(light.color);
             match light.kind {
@@ -164,9 +164,10 @@ impl Emission {
 
 /// Emission coefficient of a piece: `S · mean(h) · lum(ρ̄∘color)`, S its area, h the light over the light's colour.
 fn lit_element(scene: &Scene, piece: &Piece, brightest: &Brightest, is_exact: bool) -> (Element, f64) {
-    let color = scene.lights[piece.light as usize].color;
+    let color = scene.lighting.lights[piece.light as usize].color;
     let albedo = brightest.of(scene, piece).unwrap_or(piece.albedo);
-    let textured = scene.materials[scene.triangles[piece.triangle as usize].material as usize].albedo_texture != NONE;
+    let textured =
+        scene.materials[scene.geometry.triangles[piece.triangle as usize].material as usize].albedo_texture != NONE;
     let least = if textured { LEAST_ALBEDO * luminance(color) } else { 0.0 };
     let reflected = luminance(albedo * color).max(least);
     let mut values = Vec3::from(piece.values);
@@ -193,8 +194,8 @@ fn lit_element(scene: &Scene, piece: &Piece, brightest: &Brightest, is_exact: bo
 
 /// Emitters, rectangle lights and the sky.
 fn add_areas(scene: &Scene, elements: &mut Elements) {
-    let geometry = scene.geometry();
-    for e in &scene.emitters {
+    let geometry = scene.tables();
+    for e in scene.emitters.iter() {
         let steps = 8u32;
         let place = |k: u32| ((k % steps) as f32 + 0.5, (k / steps) as f32 + 0.5);
         let radiance = |k: u32| {
@@ -206,7 +207,7 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
         let element = Element { kind: ELEMENT_EMITTER, triangle: e.triangle, light: NONE, ..Element::default() };
         elements.add(Element { scale: 1.0 / mean, ..element }, f64::from(PI * e.area * mean));
     }
-    for (k, light) in scene.lights.iter().enumerate().filter(|(_, light)| light.kind == LIGHT_RECT) {
+    for (k, light) in scene.lighting.lights.iter().enumerate().filter(|(_, light)| light.kind == LIGHT_RECT) {
         let radiance = luminance(light.color);
         let element = Element { kind: ELEMENT_RECT, triangle: NONE, light: k as u32, ..Element::default() };
         elements.add(Element { scale: 1.0 / radiance, ..element }, f64::from(PI * light.area * radiance));
@@ -229,7 +230,7 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
                 mean += luminance(light) * area_across(low, high, towards) / (SKY_PLACES * SKY_PLACES) as f32;
             }
             // A part that is dark where it was looked at may hold a star: it keeps a thousandth of the mean sky.
-            let power = f64::from(mean.max(1e-3 * luminance(scene.sky.radiance)) * TAU * size.x * size.y);
+            let power = f64::from(mean.max(1e-3 * luminance(scene.lighting.sky.radiance)) * TAU * size.x * size.y);
             let element = Element { kind: ELEMENT_SKY, triangle: NONE, light: NONE, corner, ..Element::default() };
             let extent = Element { edge_a: size, ..element };
             let solid_angle = TAU * size.x * size.y;
@@ -247,18 +248,18 @@ struct Brightest {
 impl Brightest {
     fn new(scene: &Scene, texels: Texels) -> Self {
         let greatest = |texture: &scene::Texture| {
-            let texel = |k: u32| scene::kernel::texture::texel(&scene.texels, texture.offset + k).truncate();
+            let texel = |k: u32| scene::kernel::texture::texel(&scene.geometry.texels, texture.offset + k).truncate();
             (0..texture.width * texture.height).map(texel).fold(Vec3::ZERO, Vec3::max)
         };
-        Self { whole: (texels == Texels::Bound).then(|| scene.textures.par_iter().map(greatest).collect()) }
+        Self { whole: (texels == Texels::Bound).then(|| scene.geometry.textures.par_iter().map(greatest).collect()) }
     }
 
     /// Greatest reflectance under a piece, channel by channel; nothing for plain surfaces and without the bound.
     fn of(&self, scene: &Scene, piece: &Piece) -> Option<Vec3> {
         let whole = self.whole.as_ref()?;
-        let material = &scene.materials[scene.triangles[piece.triangle as usize].material as usize];
-        let texture = scene.textures.get(material.albedo_texture as usize)?;
-        let geometry = scene.geometry();
+        let material = &scene.materials[scene.geometry.triangles[piece.triangle as usize].material as usize];
+        let texture = scene.geometry.textures.get(material.albedo_texture as usize)?;
+        let geometry = scene.tables();
         let size = Vec2::new(texture.width as f32, texture.height as f32);
         // In texels, row 0 on top; a filtered place reaches one texel further.
         let at = |c: Vec2| {
@@ -277,7 +278,7 @@ impl Brightest {
                 let wrapped = |low: f32, k: u32, n: u32| (low as i64 + i64::from(k)).rem_euclid(i64::from(n)) as u32;
                 let (x, y) = (wrapped(low.x, x, texture.width), wrapped(low.y, y, texture.height));
                 let index = texture.offset + y * texture.width + x;
-                greatest = greatest.max(scene::kernel::texture::texel(&scene.texels, index).truncate());
+                greatest = greatest.max(scene::kernel::texture::texel(&scene.geometry.texels, index).truncate());
             }
         }
         Some(greatest)

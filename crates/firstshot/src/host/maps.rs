@@ -37,7 +37,7 @@ impl IlluminationMaps {
     pub fn new(scene: &Scene, edge: f32) -> Result<Self, Error> {
         check_setting("edge", f64::from(edge), "positive", edge > 0.0)?;
         let divisions = |t: u32| (scene.longest_edge(t) / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32;
-        Self::with_divisions(scene, &(0..scene.triangles.len() as u32).map(divisions).collect::<Vec<u32>>())
+        Self::with_divisions(scene, &(0..scene.geometry.triangles.len() as u32).map(divisions).collect::<Vec<u32>>())
     }
 
     /// Grids with so many pieces along the edges of each triangle. The area of a cell is without its holes.
@@ -45,13 +45,13 @@ impl IlluminationMaps {
     /// # Errors
     /// [`Error::Length`] unless there is a number for each triangle, [`Error::TooMany`] beyond 2²⁶ cells.
     pub fn with_divisions(scene: &Scene, divisions: &[u32]) -> Result<Self, Error> {
-        check_length("divisions", scene.triangles.len(), divisions.len())?;
+        check_length("divisions", scene.geometry.triangles.len(), divisions.len())?;
         let total: u64 = divisions.iter().map(|&n| 2 * u64::from(n) * u64::from(n)).sum();
         if total > MOST_CELLS {
             return Err(Error::TooMany { name: "cells of illumination maps", found: total, limit: MOST_CELLS });
         }
         let (mut grids, mut areas) = (Vec::with_capacity(divisions.len()), Vec::with_capacity(total as usize));
-        for (t, &n) in scene.triangles.iter().zip(divisions) {
+        for (t, &n) in scene.geometry.triangles.iter().zip(divisions) {
             let n = n.max(1);
             grids.push(MapGrid { first: areas.len() as u32, divisions: n });
             let area = 0.5 * t.edge_a.cross(t.edge_b).length() / (n * n) as f32;
@@ -63,8 +63,8 @@ impl IlluminationMaps {
     }
 
     fn leave_holes_out(&mut self, scene: &Scene) {
-        let geometry = scene.geometry();
-        for (t, triangle) in (0u32..).zip(&scene.triangles) {
+        let geometry = scene.tables();
+        for (t, triangle) in (0u32..).zip(&scene.geometry.triangles) {
             if scene.materials[triangle.material as usize].mask_texture == NONE {
                 continue;
             }
@@ -108,8 +108,8 @@ impl IlluminationMaps {
     /// [`Error::Length`].
     pub fn corner_irradiance(&self, scene: &Scene, irradiance: &[Vec3]) -> Result<Vec<[[Vec3; 3]; 2]>, Error> {
         check_length("irradiance", self.len(), irradiance.len())?;
-        check_length("triangles", self.grids.len(), scene.triangles.len())?;
-        let geometry = scene.geometry();
+        check_length("triangles", self.grids.len(), scene.geometry.triangles.len())?;
+        let geometry = scene.tables();
         // Sides by the exact position of their corners: normal, sum of light and area, for each kind of normal.
         let mut vertices: HashMap<[u32; 3], Vec<(Vec3, Vec3, f32)>> = HashMap::new();
         let corners = [Vec2::ZERO, Vec2::X, Vec2::Y];

@@ -112,16 +112,16 @@ struct Side<'a> {
 impl<'a> Side<'a> {
     /// The side that the light is on; nothing for triangles without area, and for lights in their plane.
     fn new(scene: &'a Scene, triangle: u32, light: u32) -> Option<Self> {
-        let t = &scene.triangles[triangle as usize];
+        let t = &scene.geometry.triangles[triangle as usize];
         let across = t.edge_a.cross(t.edge_b);
         let area = 0.5 * across.length();
         if area.is_nan() || area <= 0.0 || !(across / area).is_finite() {
             return None;
         }
-        let front = scene.geometry().normal(triangle);
-        let lamp = &scene.lights[light as usize];
+        let front = scene.tables().normal(triangle);
+        let lamp = &scene.lighting.lights[light as usize];
         // Parallel light has no position: an offset of nothing stands for it.
-        let centre = scene.geometry().position(triangle, 1.0 / 3.0, 1.0 / 3.0);
+        let centre = scene.tables().position(triangle, 1.0 / 3.0, 1.0 / 3.0);
         let towards = unoccluded(lamp, centre, front).to_light.dot(front);
         (towards != 0.0 && towards.is_finite()).then(|| {
             let normal = if towards > 0.0 { front } else { -front };
@@ -135,14 +135,15 @@ impl<'a> Side<'a> {
     }
 
     fn is_back(&self) -> bool {
-        self.scene.geometry().normal(self.triangle).dot(self.normal) < 0.0
+        self.scene.tables().normal(self.triangle).dot(self.normal) < 0.0
     }
 
     /// Where a ray from shares (u, v) starts, and what light there would be, were nothing in the way.
     #[inline]
     fn arrival(&self, at: Vec2) -> (Vec3, Arrival) {
-        let origin = self.scene.geometry().position(self.triangle, at.x, at.y) + self.normal * self.scene.ray_offset;
-        (origin, unoccluded(&self.scene.lights[self.light as usize], origin, self.normal))
+        let origin =
+            self.scene.tables().position(self.triangle, at.x, at.y) + self.normal * self.scene.geometry.ray_offset;
+        (origin, unoccluded(&self.scene.lighting.lights[self.light as usize], origin, self.normal))
     }
 
     /// Irradiance over the light's colour at shares (u, v).
@@ -305,7 +306,7 @@ struct Whole {
 
 impl Whole {
     fn new(scene: &Scene, triangle: usize) -> Self {
-        let t = &scene.triangles[triangle];
+        let t = &scene.geometry.triangles[triangle];
         let area = 0.5 * t.edge_a.cross(t.edge_b).length();
         let third = (t.edge_b - t.edge_a).length_squared();
         let longest_squared = t.edge_a.length_squared().max(t.edge_b.length_squared()).max(third);
@@ -372,7 +373,7 @@ impl Search<'_> {
     fn pieces(&self, n: usize, block: Range<usize>) -> Vec<Piece> {
         let Self { scene, settings, wholes, least, .. } = *self;
         let (light, longest) = (self.lights[n], settings.longest * scene.diagonal());
-        let color = scene.lights[light as usize].color;
+        let color = scene.lighting.lights[light as usize].color;
         let mut large = Vec::new();
         let mut groups = [const { Vec::<Group>::new() }; 2];
         for t in block {
@@ -430,7 +431,7 @@ impl Search<'_> {
 /// Mean reflectance of a piece.
 fn mean_albedo(scene: &Scene, piece: &Piece) -> Vec3 {
     let at = (piece.corners[0] + piece.corners[1] + piece.corners[2]) / 3.0;
-    scene.filtered_albedo(piece.triangle, scene.geometry().position(piece.triangle, at.x, at.y), piece.area)
+    scene.filtered_albedo(piece.triangle, scene.tables().position(piece.triangle, at.x, at.y), piece.area)
 }
 
 /// The pieces that each point-like light falls on, light by light, in the order of the triangles. Pieces on which all is
@@ -452,11 +453,11 @@ pub fn lit_pieces(
     check_setting("longest", f64::from(longest), "positive", longest > 0.0)?;
     check_setting("neighbours", f64::from(neighbours), "at least 1", neighbours > 0)?;
     let shines = |&k: &u32| {
-        let light = &scene.lights[k as usize];
+        let light = &scene.lighting.lights[k as usize];
         light.kind != LIGHT_RECT && luminance(light.color) > 0.0
     };
-    let lights: Vec<u32> = (0..scene.lights.len() as u32).filter(shines).collect();
-    let triangles = scene.triangles.len();
+    let lights: Vec<u32> = (0..scene.lighting.lights.len() as u32).filter(shines).collect();
+    let triangles = scene.geometry.triangles.len();
     let wholes: Vec<Whole> = (0..triangles).into_par_iter().map(|t| Whole::new(scene, t)).collect();
 
     // The power that there would be without shadows says what matters.
@@ -470,7 +471,7 @@ pub fn lit_pieces(
     let open: Vec<f32> = (0..triangles).into_par_iter().flat_map_iter(open).collect();
     let power = |t: usize| -> f64 {
         let of = |(&light, open): (&u32, &f32)| {
-            let reflected = luminance(wholes[t].albedo * scene.lights[light as usize].color);
+            let reflected = luminance(wholes[t].albedo * scene.lighting.lights[light as usize].color);
             f64::from(reflected * wholes[t].area * open.abs())
         };
         lights.iter().zip(&open[t * lights.len()..]).map(of).sum()

@@ -250,7 +250,7 @@ impl<'a> Tracer<'a> {
             },
             seed: self.settings.seed,
             flags: self.emission.flags,
-            ray_offset: self.scene.ray_offset,
+            ray_offset: self.scene.geometry.ray_offset,
             reserved: 0,
         }
     }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, unit};
-use scene::{Geometry, Hit, NONE};
+use scene::{GeometryTables, Hit, NONE};
 
 use super::sequence::Sequence;
 use crate::types::*;
@@ -14,7 +14,7 @@ pub const NO_LANDING: Landing =
 
 /// The landing of photon `k` of a dispatch at what its segment met.
 #[inline]
-pub fn land(g: &Geometry, k: u32, photon: &Photon, hit: Hit) -> Landing {
+pub fn land(g: &GeometryTables, k: u32, photon: &Photon, hit: Hit) -> Landing {
     let mut info = if photon.reflections > 0 { LANDING_INDIRECT } else { 0 };
     if photon.segments == 0 {
         info |= LANDING_FIRST;
@@ -28,7 +28,7 @@ pub fn land(g: &Geometry, k: u32, photon: &Photon, hit: Hit) -> Landing {
 /// The photon after what it met: it survives with the chance `lum(ρ∘Φ)/lum(Φ)`, so its luminance stays, and leaves the side
 /// that it met with a cosine-weighted direction. Its flux is zero where it does not survive.
 #[inline]
-pub fn reflect(g: &Geometry, p: &PhotonParams, k: u32, photon: &Photon, hit: Hit) -> Photon {
+pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hit: Hit) -> Photon {
     let mut next = *photon;
     next.flux = Vec3::ZERO;
     if hit.triangle == NONE {

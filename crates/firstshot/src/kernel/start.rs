@@ -6,7 +6,7 @@ use glam::{Vec3, Vec4};
 use scene::kernel::light::{sky_radiance, spot_falloff, unoccluded};
 use scene::math::{abs, luminance, sin_cos_turn, sqrt};
 use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit, wide_product};
-use scene::{Geometry, LIGHT_SPOT, Light, Sky};
+use scene::{GeometryTables, LIGHT_SPOT, Light, Sky};
 
 use super::linear::{interpolate, linear_point};
 use super::sequence::{Sequence, StartWords};
@@ -74,7 +74,7 @@ fn on_sphere(axis: Vec3, z: f32, turn: f32) -> Vec3 {
 /// `flux = ρ(x)∘color · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour.
 #[inline]
 fn start_on_piece(
-    g: &Geometry,
+    g: &GeometryTables,
     sources: &Sources,
     p: &PhotonParams,
     e: &Element,
@@ -116,7 +116,7 @@ fn start_on_piece(
 
 /// A photon of a shining surface: `flux = L · scale`, uniform over the area, cosine-weighted.
 #[inline]
-fn start_on_emitter(g: &Geometry, sources: &Sources, p: &PhotonParams, e: &Element, w: &StartWords) -> Photon {
+fn start_on_emitter(g: &GeometryTables, sources: &Sources, p: &PhotonParams, e: &Element, w: &StartWords) -> Photon {
     let (x, y) = (unit(w.place.0), unit(w.place.1));
     let (origin, normal, radiance);
     if e.kind == ELEMENT_RECT {
@@ -148,7 +148,7 @@ fn leave_bulb(light: &Light, e: &Element, w: &StartWords) -> (Vec3, Vec3) {
 /// Photon `k` of a dispatch as it leaves its element. Its flux is zero where it turns out that no light leaves there.
 #[inline]
 pub fn start_photon(
-    g: &Geometry,
+    g: &GeometryTables,
     sources: &Sources,
     p: &PhotonParams,
     alias: &[AliasEntry],
@@ -163,7 +163,7 @@ pub fn start_photon(
 /// Photon `k` of a dispatch, where the element is known that it picks.
 #[inline]
 pub fn start_from(
-    g: &Geometry,
+    g: &GeometryTables,
     sources: &Sources,
     p: &PhotonParams,
     e: Element,

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use scene::sampling::{cosine_hemisphere, hash3, sobol2, unit};
-use scene::{Geometry, Hit, NONE, SurfacePoint};
+use scene::{GeometryTables, Hit, NONE, SurfacePoint};
 
 use super::grid::owner;
 use crate::types::{HemisphereParams, TriangleGrid};
@@ -64,7 +64,7 @@ pub fn ray_share(p: &HemisphereParams, offsets: &[u32], points: &[SurfacePoint],
 pub fn classify_hit(
     p: &HemisphereParams,
     grids: &[TriangleGrid],
-    geometry: &Geometry,
+    geometry: &GeometryTables,
     direction: Vec3,
     hit: Hit,
 ) -> u32 {

@@ -1,7 +1,7 @@
 //! Host forms of the kernels over the scene.
 
 use ::scene::kernel::{bvh, camera, light, shade};
-use ::scene::{DirectParams, Geometry, Hit, Lights, Ray, Rgb, Sky, SurfacePoint};
+use ::scene::{DirectParams, GeometryTables, Hit, Lights, Ray, Rgb, Sky, SurfacePoint};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -10,9 +10,9 @@ use crate::params::{CountParams, PixelParams, ToneMapParams};
 use crate::table::Kernel;
 
 /// Tables of the scene from their bindings, in the order in which all kernels have them.
-pub(super) fn geometry<'s>(bound: [Bound<'s, '_>; 6]) -> Result<Geometry<'s>, HostError> {
+pub(super) fn geometry<'s>(bound: [Bound<'s, '_>; 6]) -> Result<GeometryTables<'s>, HostError> {
     let [nodes, triangles, uvs, materials, textures, texels] = bound;
-    Ok(Geometry {
+    Ok(GeometryTables {
         nodes: nodes.read(1)?,
         triangles: triangles.read(1)?,
         uvs: uvs.read(1)?,

@@ -53,6 +53,7 @@ impl Grid {
         let least = LEAST_SHARE * (e.x * e.y + e.y * e.z + e.z * e.x) / 3.0;
         let total = AtomicU64::new(0);
         let mut pieces: Vec<(u64, f32)> = scene
+            .geometry
             .triangles
             .par_iter()
             .enumerate()
@@ -113,11 +114,11 @@ impl Grid {
             return Err(Error::Setting { name: "patch count", value: 0.0, rule: "at least 1" });
         }
         shape(scene, proportions)?;
-        let extent = scene.bounds.1 - scene.bounds.0;
+        let extent = scene.geometry.bounds.1 - scene.geometry.bounds.0;
         let longest = f64::from((extent / proportions).max_element());
         // Surfaces fill voxels about as edge⁻²; the bracket is in edges, in which the count falls.
         let (mut small, mut large) = (longest * 1e-5, longest * 2.0);
-        let area: f64 = scene.triangles.iter().map(|t| Polygon::of_triangle(t).area()).sum();
+        let area: f64 = scene.geometry.triangles.iter().map(|t| Polygon::of_triangle(t).area()).sum();
         let mut edge = (3.0 * area / target as f64).sqrt().clamp(small, large);
         let mut best: Option<(f64, Self)> = None;
         for _ in 0..16 {
@@ -182,7 +183,7 @@ impl Grid {
 
     /// The part of a triangle that lies in a voxel; the whole triangle if rounding leaves nothing.
     pub(super) fn piece(&self, scene: &Scene, voxel: u32, triangle: u32) -> Polygon {
-        let t = &scene.triangles[triangle as usize];
+        let t = &scene.geometry.triangles[triangle as usize];
         let part = cut_to_cell(t, &layers(&self.shape), self.shape.coordinates(voxel).to_array());
         if part.corners().is_empty() { Polygon::of_triangle(t) } else { part }
     }
@@ -205,7 +206,7 @@ fn shape(scene: &Scene, edges: Vec3) -> Result<GridShape, Error> {
             return Err(Error::Setting { name, value: f64::from(edge), rule: "positive and finite" });
         }
     }
-    let (low, high) = (scene.bounds.0.as_dvec3(), scene.bounds.1.as_dvec3());
+    let (low, high) = (scene.geometry.bounds.0.as_dvec3(), scene.geometry.bounds.1.as_dvec3());
     let e = edges.as_dvec3();
     let counts = ((high - low) / e + 2.0 * MARGIN).ceil().max(DVec3::ONE);
     let found = counts.x * counts.y * counts.z;

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use glam::{IVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
-use scene::{Geometry, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
+use scene::{GeometryTables, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 
 use crate::error::Error;
 use crate::kernel::lightmap::lightmap_lookup;
@@ -54,8 +54,8 @@ impl LightmapTexels {
         texel: f32,
         is_lit: &(impl Fn(&SurfacePoint) -> bool + Sync),
     ) -> Result<Self, Error> {
-        if sides.len() != scene.triangles.len() {
-            return Err(Error::Length { name: "sides", expected: scene.triangles.len(), found: sides.len() });
+        if sides.len() != scene.geometry.triangles.len() {
+            return Err(Error::Length { name: "sides", expected: scene.geometry.triangles.len(), found: sides.len() });
         }
         if !(texel.is_finite() && texel > 0.0) {
             return Err(Error::Setting { name: "texel", value: f64::from(texel), rule: "positive and finite" });
@@ -70,7 +70,7 @@ impl LightmapTexels {
         if area > limit as f64 {
             return Err(Error::TooMany { name: "texels of a lightmap", found: area as u64, limit });
         }
-        let geometry = scene.geometry();
+        let geometry = scene.tables();
         let filled: Vec<Option<Filled>> = charts.par_iter().map(|chart| chart.fill(&geometry, texel, is_lit)).collect();
         let sizes: Vec<[u32; 2]> = charts
             .iter()
@@ -80,7 +80,7 @@ impl LightmapTexels {
         let (params, places) = pack(&sizes)?;
         let mut set = Self {
             params,
-            sides: std::vec![[NONE; 2]; scene.triangles.len()],
+            sides: std::vec![[NONE; 2]; scene.geometry.triangles.len()],
             uvs: Vec::new(),
             texels: std::vec![NONE; params.width as usize * params.height as usize],
             points: Vec::new(),
@@ -189,19 +189,19 @@ fn charts(scene: &Scene, sides: &[Sides], texel: f32) -> Vec<Chart> {
 }
 
 fn corners(scene: &Scene, triangle: usize) -> [Vec3; 3] {
-    let t = &scene.triangles[triangle];
+    let t = &scene.geometry.triangles[triangle];
     [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]
 }
 
 fn has_area(scene: &Scene, triangle: usize) -> bool {
-    let t = &scene.triangles[triangle];
-    t.edge_a.cross(t.edge_b).length() > 0.0 && scene.geometry().normal(triangle as u32).is_finite()
+    let t = &scene.geometry.triangles[triangle];
+    t.edge_a.cross(t.edge_b).length() > 0.0 && scene.tables().normal(triangle as u32).is_finite()
 }
 
 /// For each triangle, the one with which it shares a chart: across its longest edge that has a neighbour in its plane.
 fn pair_up(scene: &Scene, sides: &[Sides]) -> Vec<Option<usize>> {
     let scale = 1.0 / (SAME_CORNER * scene.diagonal().max(f32::MIN_POSITIVE));
-    let key = |p: Vec3| ((p - scene.bounds.0) * scale).round().as_ivec3();
+    let key = |p: Vec3| ((p - scene.geometry.bounds.0) * scale).round().as_ivec3();
     let less = |a: IVec3, b: IVec3| a.to_array() < b.to_array();
     let mut edges: Vec<([[i32; 3]; 2], usize, f32)> = Vec::new();
     for triangle in 0..sides.len() {
@@ -216,7 +216,7 @@ fn pair_up(scene: &Scene, sides: &[Sides]) -> Vec<Option<usize>> {
         }
     }
     edges.par_sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.cmp(&b.1)));
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let mut pairs: Vec<(f32, usize, usize)> = (edges.windows(2))
         .filter(|w| w[0].0 == w[1].0)
         .map(|w| (w[0].2, w[0].1, w[1].1))
@@ -241,7 +241,7 @@ fn chart(scene: &Scene, triangle: usize, partner: Option<usize>, front: bool, te
     let own = corners(scene, triangle);
     let all: Vec<(u32, [Vec3; 3])> =
         [Some(triangle), partner].into_iter().flatten().map(|t| (t as u32, corners(scene, t))).collect();
-    let normal = scene.geometry().normal(triangle as u32);
+    let normal = scene.tables().normal(triangle as u32);
     // Along each edge of the first triangle in turn: the rectangle with the least area.
     let frames = (0..3).map(|k| {
         let along = (own[(k + 1) % 3] - own[k]).normalize_or_zero();
@@ -269,7 +269,7 @@ impl Chart {
     /// The receivers at the covered texels, and the nearest one for each of the others; `None` if none is lit.
     fn fill(
         &self,
-        geometry: &Geometry,
+        geometry: &GeometryTables,
         texel: f32,
         is_lit: &(impl Fn(&SurfacePoint) -> bool + Sync),
     ) -> Option<Filled> {

@@ -122,12 +122,12 @@ impl<'a> LitSampler<'a> {
 /// Whether a sample sees geometry and light comes to it.
 fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32) -> bool {
     let key = |dimension: u32| hash3(index, dimension, seed ^ 0x6c69_7421);
-    let origin = sample.position + sample.normal * scene.ray_offset;
+    let origin = sample.position + sample.normal * scene.geometry.ray_offset;
     let (mut sky, mut met) = (false, false);
     for k in 0..RAYS {
         let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
         let hit = scene.closest_before(origin, direction, f32::INFINITY);
-        met |= !hit.is_miss() && hit.t > 4.0 * scene.ray_offset;
+        met |= !hit.is_miss() && hit.t > 4.0 * scene.geometry.ray_offset;
         sky |= hit.is_miss();
         if met && sky {
             return true;
@@ -140,8 +140,9 @@ fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32)
 /// About `count` samples of both sides of all triangles, each for the same area: one in each interval of the running sum of
 /// the sides' areas. Holes of masked textures have none.
 fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
-    let geometry = scene.geometry();
-    let areas: Vec<f64> = scene.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
+    let geometry = scene.tables();
+    let areas: Vec<f64> =
+        scene.geometry.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
     let area = 2.0 * areas.iter().sum::<f64>() / f64::from(count);
     let (mut samples, mut sum, mut next) = (Vec::with_capacity(count as usize), 0.0, 0u32);
     let place = |k: u32| area * (f64::from(k) + f64::from(unit(hash3(k, 0x7374_6570, seed))));

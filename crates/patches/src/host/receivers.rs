@@ -66,10 +66,10 @@ impl Receivers {
         within: impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync,
         otherwise: impl Fn(&SurfacePoint) -> Option<f32> + Sync,
     ) -> Result<Self, Error> {
-        check_length("sides", scene.triangles.len(), sides.len())?;
+        check_length("sides", scene.geometry.triangles.len(), sides.len())?;
         check_positive("edge", edge)?;
         check_positive("weld", weld)?;
-        let divisions: Vec<u32> = (0..scene.triangles.len())
+        let divisions: Vec<u32> = (0..scene.geometry.triangles.len())
             .map(|t| {
                 (scene.longest_edge(t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
             })
@@ -250,7 +250,7 @@ fn in_sight(scene: &Scene, middle: Vec3, vertex: SurfacePoint, open: &mut Option
         return vertex;
     }
     let direction = way / length;
-    let hit = scene.closest_before(middle + vertex.normal * scene.ray_offset, direction, length);
+    let hit = scene.closest_before(middle + vertex.normal * scene.geometry.ray_offset, direction, length);
     if hit.is_miss() {
         return vertex;
     }
@@ -303,7 +303,7 @@ impl Welder {
         if best.1 != NONE {
             let there = &self.points[best.1 as usize];
             // High enough to pass over the curvature that welding allows.
-            let lift = (point.normal + there.normal) * (scene.ray_offset + MOST_OFFSET * self.distance);
+            let lift = (point.normal + there.normal) * (scene.geometry.ray_offset + MOST_OFFSET * self.distance);
             if scene.any_hit(place + lift, there.position + lift) {
                 best.1 = NONE;
             }

@@ -242,7 +242,7 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
     }
 
     fn is_masked(&self, piece: usize) -> bool {
-        let t = &self.scene.triangles[self.triangles[piece] as usize];
+        let t = &self.scene.geometry.triangles[self.triangles[piece] as usize];
         self.scene.materials[t.material as usize].mask_texture != NONE
     }
 
@@ -250,7 +250,7 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
     fn opaque_points(&self, piece: usize) -> impl Iterator<Item = Vec3> {
         let triangle = self.triangles[piece];
         let part = self.grid.piece(self.scene, self.number, triangle);
-        let geometry = self.scene.geometry();
+        let geometry = self.scene.tables();
         // Shifted, as a picture may repeat in step with the points.
         let shift = (hash3(self.number, triangle, 1), hash3(self.number, triangle, 2));
         (0..MASK_POINTS).map(move |k| part.point(hammersley(k, MASK_POINTS, shift)).as_vec3()).filter(move |&p| {
@@ -304,7 +304,7 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
     /// The sample of a hit; none for a triangle just outside the face, which belongs to the neighbour.
     fn meet(&mut self, hit: &Hit, direction: Vec3, cell: f32) -> Option<Met> {
         let piece = self.triangles.binary_search(&hit.triangle).ok()?;
-        let geometry = self.scene.geometry();
+        let geometry = self.scene.tables();
         let front = geometry.normal(hit.triangle);
         let cosine = front.dot(direction);
         if cosine == 0.0 || !front.is_finite() {
@@ -329,7 +329,7 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
     fn donate(&mut self, piece: usize, counts: &[[u32; 2]], met: &mut [Met], forced: &mut Vec<Sample>) {
         let (triangle, area) = (self.triangles[piece], self.areas[piece]);
         let centre = self.grid.piece(self.scene, self.number, triangle).centroid().as_vec3();
-        let normal = self.scene.geometry().normal(triangle);
+        let normal = self.scene.tables().normal(triangle);
         let Some(neighbour) = nearest(met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {
             // The centre may be a hole.
             let position = if self.is_masked(piece) { self.opaque_points(piece).next() } else { None };
@@ -375,13 +375,13 @@ fn nearest(met: &[Met], point: Vec3, passes: impl Fn(&Met) -> bool) -> Option<us
 
 /// [`AreaRule::Thesis`].
 fn whole_triangle_areas(scene: &Scene, samples: &mut [Sample]) {
-    let is_back = |s: &Sample| usize::from(scene.geometry().normal(s.triangle).dot(s.normal) < 0.0);
-    let mut counts = std::vec![[0u32; 2]; scene.triangles.len()];
+    let is_back = |s: &Sample| usize::from(scene.tables().normal(s.triangle).dot(s.normal) < 0.0);
+    let mut counts = std::vec![[0u32; 2]; scene.geometry.triangles.len()];
     for s in samples.iter() {
         counts[s.triangle as usize][is_back(s)] += 1;
     }
     for s in samples.iter_mut() {
-        let t = &scene.triangles[s.triangle as usize];
+        let t = &scene.geometry.triangles[s.triangle as usize];
         let whole = 0.5 * t.edge_a.cross(t.edge_b).length();
         s.area = whole / counts[s.triangle as usize][is_back(s)] as f32;
     }

@@ -63,7 +63,7 @@ pub struct Subdivision {
 }
 
 pub(super) fn triangle_area(scene: &Scene, triangle: usize) -> f32 {
-    let t = scene.triangles[triangle];
+    let t = scene.geometry.triangles[triangle];
     0.5 * t.edge_a.cross(t.edge_b).length()
 }
 
@@ -85,7 +85,7 @@ pub(super) fn check_positive(name: &'static str, value: f32) -> Result<(), Error
 /// [`transport::Error::Setting`] for an area that is not positive.
 pub fn divisions_for_area(scene: &Scene, area: f32) -> Result<Vec<u32>, Error> {
     check_positive("area", area)?;
-    Ok((0..scene.triangles.len()).map(|t| pieces(triangle_area(scene, t) / area)).collect())
+    Ok((0..scene.geometry.triangles.len()).map(|t| pieces(triangle_area(scene, t) / area)).collect())
 }
 
 fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {
@@ -97,7 +97,7 @@ fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {
 /// # Errors
 /// [`transport::Error::Setting`] for a count of 0, [`transport::Error::Length`] unless there is one entry of `sides` a triangle.
 pub fn divisions_for_count(scene: &Scene, sides: &[Sides], count: u32) -> Result<Vec<u32>, Error> {
-    check_length("sides", scene.triangles.len(), sides.len())?;
+    check_length("sides", scene.geometry.triangles.len(), sides.len())?;
     check_positive("count", count as f32)?;
     let total: f64 = (0..sides.len()).map(|t| f64::from(triangle_area(scene, t))).sum();
     let (mut low, mut high) = ((total * 1e-12).ln(), (total * 4.0).ln());
@@ -129,7 +129,7 @@ pub fn divisions_for_gradient(
     tolerance: f32,
     estimate: impl Fn(&SurfacePoint) -> f32 + Sync,
 ) -> Result<Vec<u32>, Error> {
-    check_length("sides", scene.triangles.len(), sides.len())?;
+    check_length("sides", scene.geometry.triangles.len(), sides.len())?;
     check_positive("fine_area", fine_area)?;
     check_positive("tolerance", tolerance)?;
     let start = divisions_for_area(scene, coarse_area)?;
@@ -178,7 +178,7 @@ pub(super) fn vertex_point(scene: &Scene, triangle: u32, front: bool, n: u32, i:
 
 /// The point of a triangle side at these shares of its edges.
 pub(super) fn side_point(scene: &Scene, triangle: u32, front: bool, shares: Vec2) -> SurfacePoint {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let normal = geometry.normal(triangle);
     SurfacePoint {
         position: geometry.position(triangle, shares.x, shares.y),
@@ -242,8 +242,8 @@ impl Subdivision {
     /// [`transport::Error::Length`] unless there is one entry of `sides` and `divisions` a triangle, [`transport::Error::Value`] for divisions
     /// outside 1..=4096, [`transport::Error::Setting`] for no points, [`transport::Error::TooMany`].
     pub fn new(scene: &Scene, sides: &[Sides], divisions: &[u32], points: u32, seed: u32) -> Result<Self, Error> {
-        check_length("sides", scene.triangles.len(), sides.len())?;
-        check_length("divisions", scene.triangles.len(), divisions.len())?;
+        check_length("sides", scene.geometry.triangles.len(), sides.len())?;
+        check_length("divisions", scene.geometry.triangles.len(), divisions.len())?;
         check_positive("points", points as f32)?;
         let grids = number_entries(sides, divisions, cell_count)?;
         let cells: Vec<Vec<Cell>> = grids
@@ -309,7 +309,7 @@ impl Subdivision {
         if hit.is_miss() {
             return NONE;
         }
-        let front = scene.geometry().normal(hit.triangle).dot(direction) < 0.0;
+        let front = scene.tables().normal(hit.triangle).dot(direction) < 0.0;
         owner(self.grids[hit.triangle as usize], *hit, front)
     }
 
@@ -365,7 +365,7 @@ fn make_cell(
     points: u32,
     seed: u32,
 ) -> Cell {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let (a, b, c) = cell_corners(divisions, cell);
     // From behind, the corners run the other way.
     let (b, c) = if front { (b, c) } else { (c, b) };
@@ -376,7 +376,7 @@ fn make_cell(
         a + (b - a) * x + (c - a) * y
     };
     let normal = if front { geometry.normal(triangle) } else { -geometry.normal(triangle) };
-    let masked = scene.materials[scene.triangles[triangle as usize].material as usize].mask_texture != NONE;
+    let masked = scene.materials[scene.geometry.triangles[triangle as usize].material as usize].mask_texture != NONE;
     let mut places: Vec<_> = (0..points).map(place).collect();
     let mut solid = 1.0;
     if masked {

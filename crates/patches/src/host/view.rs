@@ -122,7 +122,7 @@ fn see(scene: &Scene, samples: &[Sample], edge: f32, seed: u32) -> Vec<Features>
     (samples.par_iter().enumerate())
         .map(|(index, sample)| {
             let key = |dimension: u32| hash3(index as u32, dimension, seed ^ 0x7365_6573);
-            let origin = sample.position + sample.normal * scene.ray_offset;
+            let origin = sample.position + sample.normal * scene.geometry.ray_offset;
             let (mut near, mut far, mut sky) = (0u32, 0u32, 0u32);
             for k in 0..RAYS {
                 let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
@@ -148,17 +148,17 @@ fn add_light(scene: &Scene, samples: &[Sample], features: &mut [Features], seed:
     let points: Vec<SurfacePoint> = samples.iter().map(surface_point).collect();
     let params = DirectParams {
         count: points.len() as u32,
-        light_count: scene.lights.len() as u32,
+        light_count: scene.lighting.lights.len() as u32,
         emitter_count: scene.emitters.len() as u32,
         area_rays: 4,
-        sky_rays: if scene.sky.map_width == 0 { 0 } else { 8 },
+        sky_rays: if scene.lighting.sky.map_width == 0 { 0 } else { 8 },
         seed,
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         first: 0,
     };
     let own = scene.direct_irradiance(&params, &points);
     put_logarithm(features, OWN_FEATURES - 1, own.par_iter().map(|e| luminance(*e)).collect());
-    if !scene.has_sky() && !scene.lights.iter().any(|l| l.kind == LIGHT_DIRECTIONAL) {
+    if !scene.has_sky() && !scene.lighting.lights.iter().any(|l| l.kind == LIGHT_DIRECTIONAL) {
         return;
     }
     let (right, up) = frame(-Vec3::Y);
@@ -172,7 +172,7 @@ fn add_light(scene: &Scene, samples: &[Sample], features: &mut [Features], seed:
         let light = (points.par_iter())
             .map(|p| {
                 let cosine = p.normal.dot(to_sun);
-                let origin = p.position + p.normal * scene.ray_offset;
+                let origin = p.position + p.normal * scene.geometry.ray_offset;
                 if cosine > 0.0 && !scene.occluded(origin, to_sun, f32::INFINITY) { cosine } else { 0.0 }
             })
             .collect();

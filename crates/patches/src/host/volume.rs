@@ -111,7 +111,7 @@ impl VoxelVolume {
         let points =
             full.iter().zip(0..).flat_map(|(&voxel, probe)| receivers(probe_position(&shape, voxel), probe)).collect();
         fill_empty(&mut probes, full, counts);
-        let lift = (LIFT * shape.edges.min_element()).max(2.0 * scene.ray_offset);
+        let lift = (LIFT * shape.edges.min_element()).max(2.0 * scene.geometry.ray_offset);
         let params = VolumeParams { shape, lift, walls: u32::from(settings.walls), count: 0, reserved: 0 };
         Ok(Self { params, probes, planes, points })
     }
@@ -190,14 +190,14 @@ fn shape(scene: &Scene, edge: f32) -> Result<GridShape, Error> {
     if !(edge.is_finite() && edge > 0.0) {
         return Err(Error::Setting { name: "voxel edge", value: f64::from(edge), rule: "positive and finite" });
     }
-    let extent = (scene.bounds.1 - scene.bounds.0).as_dvec3();
+    let extent = (scene.geometry.bounds.1 - scene.geometry.bounds.0).as_dvec3();
     let counts = counts(extent, f64::from(edge));
     let found = counts.element_product();
     if found > PROBE_LIMIT as f64 {
         return Err(Error::TooMany { name: "probes", found: found as u64, limit: PROBE_LIMIT });
     }
     let edges = DVec3::select(extent.cmpgt(DVec3::ZERO), extent / counts, DVec3::splat(edge.into()));
-    let origin = 0.5 * (scene.bounds.0.as_dvec3() + scene.bounds.1.as_dvec3() - counts * edges);
+    let origin = 0.5 * (scene.geometry.bounds.0.as_dvec3() + scene.geometry.bounds.1.as_dvec3() - counts * edges);
     let counts = counts.as_uvec3();
     Ok(GridShape {
         origin: origin.as_vec3(),
@@ -216,7 +216,7 @@ fn counts(extent: DVec3, edge: f64) -> DVec3 {
 
 /// The edge with which about so many voxels fill the bounds: bisection.
 fn edge_for(scene: &Scene, count: u32) -> f32 {
-    let extent = (scene.bounds.1 - scene.bounds.0).as_dvec3();
+    let extent = (scene.geometry.bounds.1 - scene.geometry.bounds.0).as_dvec3();
     let (mut small, mut large) = (extent.max_element() * 1e-7, extent.max_element());
     for _ in 0..60 {
         let edge = (small * large).sqrt();
@@ -245,7 +245,7 @@ fn receivers(position: Vec3, probe: u32) -> [SurfacePoint; CUBE_SIDES as usize] 
 
 /// Whether no surface touches a place.
 fn has_room(scene: &Scene, place: Vec3) -> bool {
-    let reach = ROOM * scene.ray_offset;
+    let reach = ROOM * scene.geometry.ray_offset;
     [Vec3::X, Vec3::Y, Vec3::Z].iter().all(|&axis| !scene.occluded(place - axis * reach, axis, 2.0 * reach))
 }
 
@@ -263,7 +263,7 @@ fn planes(scene: &Scene, shape: &GridShape, voxel: u32) -> [f32; PLANE_WORDS as 
         if hit.is_miss() {
             continue;
         }
-        let mut normal = scene.geometry().normal(hit.triangle);
+        let mut normal = scene.tables().normal(hit.triangle);
         if abs(normal.dot(way)) < GRAZING {
             normal = way;
         }

@@ -50,7 +50,7 @@ impl<'a> Rows<'a> {
             points.extend(own.iter().map(point));
             offsets.push(points.len() as u32);
         }
-        let geometry = self.scene.geometry();
+        let geometry = self.scene.tables();
         let surfaces = Surfaces {
             patches: &self.patches,
             polygons: &[],
@@ -63,7 +63,7 @@ impl<'a> Rows<'a> {
                 let facing = if normal.dot(direction) < 0.0 { normal } else { -normal };
                 self.world.owner(geometry.position(hit.triangle, hit.u, hit.v), facing)
             }),
-            ray_offset: self.scene.ray_offset,
+            ray_offset: self.scene.geometry.ray_offset,
             seed: hash3(block, 0x626c_6f63, self.seed),
         };
         let rows = sparse_rows(&surfaces, self.rays, &|_, _| ControlFlow::Continue(()))?;

@@ -223,10 +223,10 @@ impl World {
 
     /// The power of each emissive triangle, shared out over the patches of its places, as their exitance.
     fn share_out_emitters(&self, scene: &Scene) -> Vec<(u32, Vec3)> {
-        let geometry = scene.geometry();
+        let geometry = scene.tables();
         let face = self.extra.shape.edges.x * self.extra.shape.edges.y;
         let mut power: HashMap<u32, Vec3> = HashMap::new();
-        for e in &scene.emitters {
+        for e in scene.emitters.iter() {
             let wanted = (EMITTER_POINTS as f32 * e.area / face).min(MOST_EMITTER_POINTS);
             let count = (wanted as u32).max(EMITTER_POINTS);
             let normal = geometry.normal(e.triangle);
@@ -257,7 +257,7 @@ fn find_grid(scene: &Scene, settings: &BakeSettings) -> Result<Grid, Error> {
     if let Some(edge) = settings.voxel_size {
         return grid(edge);
     }
-    let area: f64 = scene.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).sum();
+    let area: f64 = scene.geometry.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).sum();
     let target = settings.patch_count as f64;
     let mut exponent = (0.5 * (area / target).log2()).round() as i32;
     let (mut best, mut tried): (Option<(f64, Grid)>, Vec<i32>) = (None, Vec::new());
@@ -285,7 +285,7 @@ fn find_grid(scene: &Scene, settings: &BakeSettings) -> Result<Grid, Error> {
 
 /// Fronts of triangles by voxel and axis: about as many as there will be patches.
 fn sides(scene: &Scene, grid: &Grid) -> usize {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let count = |slot: usize| {
         let bits = grid.pieces(slot).0.iter().fold(0u32, |bits, &t| bits | 1 << axis_of(geometry.normal(t)));
         bits.count_ones() as usize
@@ -390,7 +390,7 @@ fn sky_seen(scene: &Scene, points: &[LitPoint], seed: u32) -> f32 {
     let free = |k: u32| {
         let point = &points[k as usize % points.len()];
         let direction = cosine_hemisphere(point.normal, hammersley(k, SKY_RAYS, (seed, hash3(seed, 0, 1))));
-        !scene.occluded(point.position + point.normal * scene.ray_offset, direction, f32::INFINITY)
+        !scene.occluded(point.position + point.normal * scene.geometry.ray_offset, direction, f32::INFINITY)
     };
     (0..SKY_RAYS).filter(|&k| free(k)).count() as f32 / SKY_RAYS as f32
 }

@@ -211,7 +211,7 @@ impl<'a> Patches<'a> {
         let direct = DirectParams {
             count: senders.points.len() as u32,
             area_rays: settings.sample_rays,
-            sky_rays: if scene.sky.map_width == 0 { 0 } else { settings.sample_rays },
+            sky_rays: if scene.lighting.sky.map_width == 0 { 0 } else { settings.sample_rays },
             seed: settings.seed,
             ..direct_params(scene)
         };
@@ -490,7 +490,7 @@ impl Classic {
     /// # Errors
     /// What the device says.
     pub fn frame(&mut self, lights: &[Light], camera: &Camera, number: u32) -> Result<FrameResult, Error> {
-        self.scene.lights = lights.to_vec();
+        self.scene.lighting.lights = lights.to_vec();
         self.look(camera.eye);
         let photons = self.shoot()?;
         let (full, direct, mut times) = self.frame.render(lights, camera, number)?;
@@ -512,7 +512,7 @@ impl Classic {
     /// # Errors
     /// What the device says.
     pub fn advance(&mut self, lights: &[Light]) -> Result<Vec<(String, f64)>, Error> {
-        self.scene.lights = lights.to_vec();
+        self.scene.lighting.lights = lights.to_vec();
         let photons = self.shoot()?;
         let mut times = self.frame.advance(lights)?;
         times.extend(photons);
@@ -649,9 +649,9 @@ fn device_again(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Er
 /// Direct-light settings that follow from the scene.
 pub fn direct_params(scene: &Scene) -> DirectParams {
     DirectParams {
-        light_count: scene.lights.len() as u32,
+        light_count: scene.lighting.lights.len() as u32,
         emitter_count: scene.emitters.len() as u32,
-        ray_offset: scene.ray_offset,
+        ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     }
 }

@@ -125,7 +125,7 @@ impl DebugView<'_> {
     }
 
     fn seen(&self) -> Vec<Option<Seen>> {
-        let geometry = self.scene.geometry();
+        let geometry = self.scene.tables();
         let camera = self.camera;
         let pixel = |k: u32| {
             let (x, y) = (k % camera.width, k / camera.width);
@@ -172,7 +172,7 @@ struct Shown {
 fn shown(receivers: &MeshReceivers, scene: &Scene, seen: &Seen) -> Option<Shown> {
     let nodes = &receivers.nodes;
     let grid = nodes.grids[seen.hit.triangle as usize];
-    let front = scene.geometry().normal(seen.hit.triangle).dot(seen.point.normal) > 0.0;
+    let front = scene.tables().normal(seen.hit.triangle).dot(seen.point.normal) > 0.0;
     let first = if front { grid.front } else { grid.back };
     if first == NONE {
         return None;

@@ -78,7 +78,8 @@ impl PatchMaps {
             };
             maps.cells(t, is_back).map(owner).collect()
         };
-        let sides = (0..scene.triangles.len() as u32).into_par_iter().flat_map_iter(|t| [(t, false), (t, true)]);
+        let sides =
+            (0..scene.geometry.triangles.len() as u32).into_par_iter().flat_map_iter(|t| [(t, false), (t, true)]);
         let facets: Vec<u32> = sides.flat_map_iter(side).collect();
         let patches = facets.iter().map(|&facet| senders.patch_of(facet)).collect();
         Ok(Self { maps, facets, patches })
@@ -148,7 +149,7 @@ impl FirstShot {
     /// # Errors
     /// [`Error::Cancelled`], what the device says.
     pub fn solve(&mut self, scene: &Scene, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<(), Error> {
-        if self.lights.as_ref() == Some(&scene.lights) {
+        if self.lights.as_ref() == Some(&scene.lighting.lights) {
             return Ok(());
         }
         // The pieces are a small part of the work.
@@ -180,7 +181,7 @@ impl FirstShot {
             return Err(Error::Cancelled);
         }
         self.estimate = tracer.estimate();
-        self.lights = Some(scene.lights.clone());
+        self.lights = Some(scene.lighting.lights.clone());
         Ok(())
     }
 
@@ -219,7 +220,7 @@ impl FirstShot {
     /// Indirect irradiance at points, W/m²: the mean over rays of `ρ (H_d + H)` at what they meet, H of the illumination maps,
     /// H_d by shadow rays.
     pub fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Vec<Vec3> {
-        let (geometry, lights) = (scene.geometry(), scene.all_lights());
+        let (geometry, lights) = (scene.tables(), scene.all_lights());
         let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
         let direct = DirectParams {
             area_rays: 1,
@@ -230,7 +231,7 @@ impl FirstShot {
         let (maps, estimate) = (&self.maps, &self.estimate);
         let light = |(index, point): (usize, &SurfacePoint)| {
             let shift = (hash3(index as u32, 0, seed), hash3(index as u32, 1, seed));
-            let origin = point.position + point.normal * scene.ray_offset;
+            let origin = point.position + point.normal * scene.geometry.ray_offset;
             let mut sum = Vec3::ZERO;
             for k in 0..POINT_RAYS {
                 let direction = cosine_hemisphere(point.normal, hammersley(k, POINT_RAYS, shift));

@@ -216,14 +216,14 @@ impl Frame {
         let receivers = parts.receivers.points.len();
         let pixels = parts.size.0 as usize * parts.size.1 as usize;
         // The default path of a scene without lights adds one.
-        let light_room = s.lights.len().max(1);
+        let light_room = s.lighting.lights.len().max(1);
         let rgb = |n: usize| (n * size_of::<Vec4>()) as u64;
 
         let mut plan = Plan::new();
         // What a frame needs and no part holds.
-        let sky = [s.sky];
+        let sky = [s.lighting.sky];
         // A constant sky's share of the direct light is known once and for all.
-        let constant_sky = if s.sky.map_width == 0 { s.sky.radiance * PI } else { Vec3::ZERO };
+        let constant_sky = if s.lighting.sky.map_width == 0 { s.lighting.sky.radiance * PI } else { Vec3::ZERO };
         let sky_light = parts.senders.facet_albedo.iter().zip(&parts.exchange.sky_factor);
         let sky_light: Vec<Vec4> =
             sky_light.map(|(albedo, share)| *albedo * (constant_sky * *share).extend(0.0)).collect();
@@ -232,15 +232,15 @@ impl Frame {
 
         let mut uploads = Uploads::default();
         let scene_tables = [
-            uploads.named(&mut plan, "nodes", cast_slice(&s.nodes)),
-            uploads.named(&mut plan, "triangles", cast_slice(&s.triangles)),
-            uploads.named(&mut plan, "uvs", cast_slice(&s.uvs)),
+            uploads.named(&mut plan, "nodes", cast_slice(&s.geometry.nodes)),
+            uploads.named(&mut plan, "triangles", cast_slice(&s.geometry.triangles)),
+            uploads.named(&mut plan, "uvs", cast_slice(&s.geometry.uvs)),
             uploads.named(&mut plan, "materials", cast_slice(&s.materials)),
-            uploads.named(&mut plan, "textures", cast_slice(&s.textures)),
-            uploads.named(&mut plan, "texels", cast_slice(&s.texels)),
+            uploads.named(&mut plan, "textures", cast_slice(&s.geometry.textures)),
+            uploads.named(&mut plan, "texels", cast_slice(&s.geometry.texels)),
             uploads.named(&mut plan, "emitters", cast_slice(&s.emitters)),
             uploads.named(&mut plan, "sky", cast_slice(&sky)),
-            uploads.named(&mut plan, "sky_map", cast_slice(&s.sky_map)),
+            uploads.named(&mut plan, "sky_map", cast_slice(&s.lighting.sky_map)),
         ];
         let patch_points = uploads.table(&mut plan, "points", cast_slice(&parts.senders.points));
         let offsets = uploads.table(&mut plan, "offsets", cast_slice(&parts.senders.offsets));

@@ -40,7 +40,7 @@ impl PixelGather<'_> {
 
     fn add(&self, sub_frame: u32, sums: &mut [Vec3]) -> Result<(), Error> {
         let seed = sub_frame_seed(self.frame, self.sub_frames, sub_frame, self.seed);
-        let geometry = self.scene.geometry();
+        let geometry = self.scene.tables();
         let visible: Vec<(usize, Hit, SurfacePoint)> = (0..sums.len())
             .into_par_iter()
             .filter_map(|pixel| {

@@ -116,8 +116,14 @@ pub struct MeshReceivers {
 impl MeshReceivers {
     /// No receivers.
     pub fn none(scene: &Scene) -> Result<Self, Error> {
-        let nodes =
-            Receivers::new(scene, &vec![Sides::default(); scene.triangles.len()], 1.0, 1.0, |_, _| None, |_| None)?;
+        let nodes = Receivers::new(
+            scene,
+            &vec![Sides::default(); scene.geometry.triangles.len()],
+            1.0,
+            1.0,
+            |_, _| None,
+            |_| None,
+        )?;
         let empty = || Csr { row_start: vec![0], ..Csr::default() };
         Ok(Self { points: Vec::new(), rows: HitRows::new(0)?, smoothing: empty(), nodes, weights: empty() })
     }
@@ -359,7 +365,7 @@ impl<'a> Field<'a> {
         };
         // Light may come where no receiver is: nodes there gather it themselves.
         let gathering = |point: &SurfacePoint| sampler.is_lit(&sample_at(point), seed).then_some(SMALL * edge);
-        let both = vec![Sides { front: true, back: true }; set.scene.triangles.len()];
+        let both = vec![Sides { front: true, back: true }; set.scene.geometry.triangles.len()];
         Ok(Receivers::new(set.scene, &both, CELL_EDGE * edge, WELD * edge, within, gathering)?)
     }
 

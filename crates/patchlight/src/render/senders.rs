@@ -295,7 +295,7 @@ impl Senders {
         let area: f64 = set.patches.iter().map(|f| f64::from(f.area)).sum();
         let pieces = set.len().max((PIECES * patches.len()).min(MOST_PIECES));
         let edge = scene::math::sqrt((area / pieces as f64) as f32);
-        let divisions: Vec<u32> = (0..scene.triangles.len() as u32)
+        let divisions: Vec<u32> = (0..scene.geometry.triangles.len() as u32)
             .map(|t| (scene.longest_edge(t) * CELLS / edge).ceil().clamp(1.0, MOST_DIVISIONS) as u32)
             .collect();
         let grids = cell_grids(&vec![Sides { front: true, back: true }; divisions.len()], &divisions)?;
@@ -355,7 +355,7 @@ impl Senders {
         if hit.is_miss() {
             return NONE;
         }
-        self.facet_on_side(hit, scene.geometry().normal(hit.triangle).dot(direction) < 0.0)
+        self.facet_on_side(hit, scene.tables().normal(hit.triangle).dot(direction) < 0.0)
     }
 
     /// The facet that owns a place on a side of a triangle, or [`NONE`].
@@ -411,7 +411,7 @@ impl Senders {
             offsets,
             visibility: scene,
             owner,
-            ray_offset: scene.ray_offset,
+            ray_offset: scene.geometry.ray_offset,
             seed,
         }
     }
@@ -433,7 +433,7 @@ fn check_count(name: &'static str, found: usize) -> Result<(), patches::Error> {
 
 /// The facet of each cell: the `owner` of the nearest sample that it sees, samples being `edge` m apart.
 fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner: &[u32], edge: f32) -> Vec<u32> {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let nearest = Nearest::new(samples);
     let side = |triangle: usize, normal: Vec3, cells: &[(Vec2, u32)]| -> Vec<u32> {
         let n = grids[triangle].divisions;
@@ -464,7 +464,7 @@ fn cell_facets(scene: &Scene, grids: &[TriangleGrid], samples: &[Sample], owner:
         .into_par_iter()
         .flat_map_iter(|t| {
             let normal = geometry.normal(t as u32);
-            let cells = cells_in_places(&scene.triangles[t], grids[t].divisions);
+            let cells = cells_in_places(&scene.geometry.triangles[t], grids[t].divisions);
             side(t, normal, &cells).into_iter().chain(side(t, -normal, &cells))
         })
         .collect()

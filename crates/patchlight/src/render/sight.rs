@@ -10,6 +10,6 @@ const ARC: f32 = 0.25;
 
 /// Whether nothing stands between two places with these normals, where samples are `edge` m apart.
 pub fn sees(scene: &Scene, from: (Vec3, Vec3), to: (Vec3, Vec3), edge: f32) -> bool {
-    let height = scene.ray_offset + LIFT * edge + ARC * from.0.distance(to.0) * from.1.distance(to.1);
+    let height = scene.geometry.ray_offset + LIFT * edge + ARC * from.0.distance(to.0) * from.1.distance(to.1);
     !scene.any_hit(from.0 + from.1 * height, to.0 + to.1 * height)
 }

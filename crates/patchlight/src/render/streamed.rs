@@ -248,9 +248,9 @@ impl Streamed {
     pub fn frame(&mut self, lights: &[Light], camera: &Camera, stops: f32) -> Result<(Picture, StreamFrame), Error> {
         let mut done = StreamFrame::default();
         let timed = |ms: &mut f64, start: Instant| *ms += start.elapsed().as_secs_f64() * 1e3;
-        let is_relit = self.scene.lights != lights;
+        let is_relit = self.scene.lighting.lights != lights;
         if is_relit {
-            self.scene.lights = lights.to_vec();
+            self.scene.lighting.lights = lights.to_vec();
             self.exitance.clear();
         }
         let eye = camera.eye;
@@ -310,7 +310,7 @@ impl Streamed {
         let params = DirectParams {
             emitter_count: 0,
             area_rays: AREA_RAYS,
-            sky_rays: if self.scene.sky.map_width == 0 { 0 } else { SKY_RAYS },
+            sky_rays: if self.scene.lighting.sky.map_width == 0 { 0 } else { SKY_RAYS },
             ..direct_params(&self.scene)
         };
         let sky = self.constant_sky();
@@ -355,7 +355,7 @@ impl Streamed {
 
     /// Irradiance of a hemisphere that sees nothing but a constant sky, W/m².
     fn constant_sky(&self) -> Vec3 {
-        let sky = self.scene.sky;
+        let sky = self.scene.lighting.sky;
         if sky.map_width == 0 { sky.radiance * std::f32::consts::PI } else { Vec3::ZERO }
     }
 
@@ -425,12 +425,12 @@ impl Streamed {
     }
 
     fn shade(&self, camera: &Camera, stops: f32) -> Result<(Picture, Option<f64>, f64), Error> {
-        let (geometry, lights) = (self.scene.geometry(), self.scene.all_lights());
-        let light_count = self.scene.lights.len() as u32;
+        let (geometry, lights) = (self.scene.tables(), self.scene.all_lights());
+        let light_count = self.scene.lighting.lights.len() as u32;
         let params = DirectParams {
             emitter_count: 0,
             area_rays: AREA_RAYS,
-            sky_rays: if self.scene.sky.map_width == 0 { 0 } else { SKY_RAYS },
+            sky_rays: if self.scene.lighting.sky.map_width == 0 { 0 } else { SKY_RAYS },
             ..direct_params(&self.scene)
         };
         let scale = reference::stops_to_scale(stops);
@@ -477,7 +477,7 @@ impl Streamed {
 /// Direct irradiance at one point, W/m²; its random numbers are those of `p.first`.
 fn direct_at(scene: &Scene, p: &DirectParams, point: SurfacePoint) -> Vec3 {
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
-    direct_irradiance(&scene.geometry(), p, p.first, point, &scene.all_lights(), occluded)
+    direct_irradiance(&scene.tables(), p, p.first, point, &scene.all_lights(), occluded)
 }
 
 /// The lookup of the leaves, and those of each level above them, a voxel of which holds eight of the one below.

@@ -65,7 +65,7 @@ pub fn test_lights(
     let own = scene.direct_irradiance(direct, points);
     let mut sources: Vec<Vec4> = own.iter().map(|e| Vec4::new(luminance(*e), 0.0, 0.0, 0.0)).collect();
     let mut others = vec![Vec4::new(0.0, 0.0, 1.0, 0.0); points.len()];
-    if scene.has_sky() || scene.lights.iter().any(|l| l.kind == LIGHT_DIRECTIONAL) {
+    if scene.has_sky() || scene.lighting.lights.iter().any(|l| l.kind == LIGHT_DIRECTIONAL) {
         let (right, up) = frame(-Vec3::Y);
         let sun = |k: u32| {
             let (x, turn) = hammersley(k, 4, (0, 0x2545_f491));
@@ -76,7 +76,7 @@ pub fn test_lights(
         let suns = [sun(0), sun(1), sun(2), sun(3)];
         let lit = |p: &SurfacePoint, sun: Vec3| {
             let cosine = p.normal.dot(sun);
-            let origin = p.position + p.normal * scene.ray_offset;
+            let origin = p.position + p.normal * scene.geometry.ray_offset;
             if cosine > 0.0 && !scene.occluded(origin, sun, f32::INFINITY) { cosine } else { 0.0 }
         };
         sources.par_iter_mut().zip(points).for_each(|(e, p)| (e.y, e.z) = (lit(p, suns[0]), lit(p, suns[1])));

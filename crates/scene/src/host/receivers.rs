@@ -11,7 +11,7 @@ use crate::SurfacePoint;
 /// set itself: between grid vertices of a triangle, between texels, between probes in the air. Every set gives back a
 /// constant for a table of that constant.
 pub trait ReceiverSet: Sync {
-    /// The receivers. Rays start [`Scene::ray_offset`](crate::Scene::ray_offset) along the normal.
+    /// The receivers. Rays start [`Geometry::ray_offset`](crate::Geometry::ray_offset) along the normal.
     fn points(&self) -> &[SurfacePoint];
 
     /// Row i owns `points[offsets[i]..offsets[i + 1]]`: one point each, `0..=n`.

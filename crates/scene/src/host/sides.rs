@@ -43,20 +43,20 @@ const STEPS: u32 = 16;
 /// random place of an emitter.
 /// Walks go from point to point, so light on the open part of a floor does not enter a column that stands on it.
 pub fn find_sides(scene: &Scene, policy: SidePolicy) -> Vec<Sides> {
-    let count = scene.triangles.len();
+    let count = scene.geometry.triangles.len();
     match policy {
         SidePolicy::Front => return vec![Sides { front: true, back: false }; count],
         SidePolicy::Both => return vec![Sides { front: true, back: true }; count],
         SidePolicy::Lit => {}
     }
     let side = |t: usize, normal: Vec3| takes_part(scene, t as u32, normal);
-    let normal = |t: usize| scene.geometry().normal(t as u32);
+    let normal = |t: usize| scene.tables().normal(t as u32);
     (0..count).into_par_iter().map(|t| Sides { front: side(t, normal(t)), back: side(t, -normal(t)) }).collect()
 }
 
 /// Whether the side of a triangle with this normal sees geometry and is lit.
 fn takes_part(scene: &Scene, triangle: u32, normal: Vec3) -> bool {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let is_back = u32::from(geometry.normal(triangle).dot(normal) < 0.0);
     let key = |dimension: u32| hash3(2 * triangle + is_back, dimension, 0);
     let (mut sees, mut lit) = (false, false);
@@ -64,9 +64,9 @@ fn takes_part(scene: &Scene, triangle: u32, normal: Vec3) -> bool {
         let (u, v) = uniform_triangle(hammersley(k, WALKS, (key(0), key(1))));
         let turn = hammersley(k.reverse_bits() >> 27, WALKS, (key(2), key(3)));
         let direction = cosine_hemisphere(normal, turn);
-        let hit = scene.closest(geometry.position(triangle, u, v) + normal * scene.ray_offset, direction);
+        let hit = scene.closest(geometry.position(triangle, u, v) + normal * scene.geometry.ray_offset, direction);
         // A surface that touches closes the side.
-        if !hit.is_miss() && hit.t <= 4.0 * scene.ray_offset {
+        if !hit.is_miss() && hit.t <= 4.0 * scene.geometry.ray_offset {
             continue;
         }
         sees |= !hit.is_miss();
@@ -87,15 +87,16 @@ pub fn is_open(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> bo
     (0..walks).any(|k| {
         let turn = hammersley(k, walks, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
         let direction = cosine_hemisphere(point.normal, turn);
-        let hit = scene.closest(point.position + point.normal * scene.ray_offset, direction);
-        (hit.is_miss() || hit.t > 4.0 * scene.ray_offset) && finds_light(scene, hit, direction, hash3(seed, k, 2))
+        let hit = scene.closest(point.position + point.normal * scene.geometry.ray_offset, direction);
+        (hit.is_miss() || hit.t > 4.0 * scene.geometry.ray_offset)
+            && finds_light(scene, hit, direction, hash3(seed, k, 2))
     })
 }
 
 /// Whether a random place of a random emitter shines on a point: a small lamp, or one in a housing, is hardly met by
 /// chance. Uses the random numbers 4 to 6.
 fn sees_emitter(scene: &Scene, point: Vec3, normal: Vec3, random: impl Fn(u32) -> f32) -> bool {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     let count = scene.emitters.len() as u32;
     if count == 0 {
         return false;
@@ -103,7 +104,7 @@ fn sees_emitter(scene: &Scene, point: Vec3, normal: Vec3, random: impl Fn(u32) -
     let emitter = scene.emitters[pick_emitter(&scene.emitters, count, random(4)) as usize].triangle;
     let (u, v) = uniform_triangle((random(5), random(6)));
     let front = geometry.normal(emitter);
-    let to_light = geometry.position(emitter, u, v) + front * scene.ray_offset - point;
+    let to_light = geometry.position(emitter, u, v) + front * scene.geometry.ray_offset - point;
     to_light.dot(normal) > 0.0
         && to_light.dot(front) < 0.0
         && geometry.radiance(emitter, u, v).max_element() > 0.0
@@ -113,7 +114,7 @@ fn sees_emitter(scene: &Scene, point: Vec3, normal: Vec3, random: impl Fn(u32) -
 
 /// Follows a walk on from its first hit.
 fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> bool {
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     for step in 0..STEPS {
         if hit.is_miss() {
             return true;
@@ -124,9 +125,9 @@ fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> b
             return true;
         }
         let normal = if facing { front } else { -front };
-        let point = geometry.position(hit.triangle, hit.u, hit.v) + normal * scene.ray_offset;
+        let point = geometry.position(hit.triangle, hit.u, hit.v) + normal * scene.geometry.ray_offset;
         let random = |dimension: u32| unit(hash3(seed, step, dimension));
-        for light in &scene.lights {
+        for light in &scene.lighting.lights {
             if light.kind == LIGHT_DIRECTIONAL {
                 if light.direction.dot(normal) < 0.0 && !scene.occluded(point, -light.direction, f32::INFINITY) {
                     return true;
@@ -135,7 +136,9 @@ fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> b
             }
             let to_light = light.position + light.edge_a * random(0) + light.edge_b * random(1) - point;
             let distance = to_light.length();
-            if to_light.dot(normal) > 0.0 && !scene.occluded(point, to_light / distance, distance - scene.ray_offset) {
+            if to_light.dot(normal) > 0.0
+                && !scene.occluded(point, to_light / distance, distance - scene.geometry.ray_offset)
+            {
                 return true;
             }
         }

@@ -14,7 +14,7 @@ pub const FAR: f32 = 1e30;
 
 /// What a ray needs to know of a scene.
 #[derive(Clone, Copy, Debug)]
-pub struct Geometry<'a> {
+pub struct GeometryTables<'a> {
     /// Hierarchy, root first.
     pub nodes: &'a [BvhNode],
     /// Triangles in leaf order.
@@ -29,7 +29,7 @@ pub struct Geometry<'a> {
     pub texels: &'a [u32],
 }
 
-impl Geometry<'_> {
+impl GeometryTables<'_> {
     /// Point of a triangle at the shares (u, v) of its edges.
     #[inline]
     pub fn position(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
@@ -151,7 +151,7 @@ pub fn intersect_triangle(triangle: &Triangle, index: u32, origin: Vec3, directi
 
 /// The leaf's nearest hit in front of `best`, else `best`.
 #[inline]
-fn intersect_leaf(g: &Geometry, node: &BvhNode, origin: Vec3, direction: Vec3, best: Hit) -> Hit {
+fn intersect_leaf(g: &GeometryTables, node: &BvhNode, origin: Vec3, direction: Vec3, best: Hit) -> Hit {
     let mut best = best;
     for k in node.first_index..node.first_index + node.prim_count {
         let hit = intersect_triangle(&g.triangles[k as usize], k, origin, direction, best.t);
@@ -164,18 +164,18 @@ fn intersect_leaf(g: &Geometry, node: &BvhNode, origin: Vec3, direction: Vec3, b
 
 /// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through.
 #[inline]
-pub fn closest_hit(g: &Geometry, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+pub fn closest_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
     traverse(g, origin, direction, t_max, false)
 }
 
 /// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
 #[inline]
-pub fn any_hit(g: &Geometry, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
     traverse(g, origin, direction, t_max, true).triangle != NONE
 }
 
 #[inline]
-fn traverse(g: &Geometry, origin: Vec3, direction: Vec3, t_max: f32, stop_at_any: bool) -> Hit {
+fn traverse(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, stop_at_any: bool) -> Hit {
     let mut best = Hit { triangle: NONE, u: 0.0, v: 0.0, t: t_max };
     let inverse = Vec3::new(safe_inverse(direction.x), safe_inverse(direction.y), safe_inverse(direction.z));
     let mut stack = [0u32; STACK_SIZE];

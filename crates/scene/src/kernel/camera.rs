@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::bvh::{FAR, Geometry, closest_hit};
+use super::bvh::{FAR, GeometryTables, closest_hit};
 use crate::sampling::{hash3, unit};
 use crate::types::{Camera, Hit, NONE, SurfacePoint};
 
@@ -31,14 +31,14 @@ pub fn primary_direction(camera: &Camera, index: u32, seed: u32) -> Vec3 {
 
 /// What the primary ray of pixel `index` meets in sub-frame `seed`.
 #[inline]
-pub fn primary_hit(g: &Geometry, camera: &Camera, index: u32, seed: u32) -> Hit {
+pub fn primary_hit(g: &GeometryTables, camera: &Camera, index: u32, seed: u32) -> Hit {
     closest_hit(g, camera.eye, primary_direction(camera, index, seed), FAR)
 }
 
 /// The hit as a point to be lit: position, and the normal of the side from which it is seen. A miss gives `patch == NONE`
 /// and a zero normal, which receives nothing.
 #[inline]
-pub fn surface_point(g: &Geometry, hit: Hit, direction: Vec3) -> SurfacePoint {
+pub fn surface_point(g: &GeometryTables, hit: Hit, direction: Vec3) -> SurfacePoint {
     let mut point = SurfacePoint { position: Vec3::ZERO, patch: NONE, normal: Vec3::ZERO, weight: 1.0 };
     if hit.triangle != NONE {
         let normal = g.normal(hit.triangle);

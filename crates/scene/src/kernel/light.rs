@@ -4,7 +4,7 @@ use core::f32::consts::PI;
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::bvh::{FAR, Geometry};
+use super::bvh::{FAR, GeometryTables};
 use crate::math::{acos, atan2, clamp, floor};
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
 use crate::types::{DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint};
@@ -142,7 +142,7 @@ fn light_irradiance(
 /// cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells whether a ray is stopped.
 #[inline]
 pub fn direct_irradiance(
-    g: &Geometry,
+    g: &GeometryTables,
     p: &DirectParams,
     index: u32,
     point: SurfacePoint,

@@ -4,7 +4,7 @@ use core::f32::consts::FRAC_1_PI;
 
 use glam::{Vec3, Vec4};
 
-use super::bvh::{FAR, Geometry};
+use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
 use crate::math::{clamp, pow};
@@ -14,7 +14,7 @@ use crate::types::{Camera, Hit, NONE};
 /// its own radiance.
 #[inline]
 pub fn pixel_radiance(
-    g: &Geometry,
+    g: &GeometryTables,
     lights: &Lights,
     light_count: u32,
     camera: &Camera,
@@ -47,7 +47,7 @@ pub fn pixel_radiance(
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn add_sub_frame(
-    g: &Geometry,
+    g: &GeometryTables,
     lights: &Lights,
     light_count: u32,
     camera: &Camera,

@@ -47,7 +47,7 @@ pub fn write_files(shot: &FirstShot, scene: &Scene, senders: &Senders, folder: &
 
     let (maps, estimate) = shot.cells();
     let mut text = String::from("triangle,object,source,divisions,first_cell\n");
-    for (k, (t, grid)) in scene.triangles.iter().zip(&maps.grids).enumerate() {
+    for (k, (t, grid)) in scene.geometry.triangles.iter().zip(&maps.grids).enumerate() {
         let _ = writeln!(text, "{k},{},{},{},{}", t.object, t.source, grid.divisions, grid.first);
     }
     write("maps.csv", text.as_bytes())?;
@@ -65,7 +65,7 @@ fn ply(shot: &FirstShot, scene: &Scene) -> Result<Vec<u8>, Error> {
     let light = if estimate.irradiance.is_empty() { vec![Vec3::ZERO; maps.len()] } else { estimate.irradiance.clone() };
     let corners = maps.corner_irradiance(scene, &light)?;
     let names = ["x", "y", "z", "front_r", "front_g", "front_b", "back_r", "back_g", "back_b"];
-    let count = scene.triangles.len();
+    let count = scene.geometry.triangles.len();
     let mut text = format!(
         "ply\nformat binary_little_endian 1.0\ncomment indirect irradiance, W/m2\nelement vertex {}\n",
         3 * count
@@ -75,7 +75,7 @@ fn ply(shot: &FirstShot, scene: &Scene) -> Result<Vec<u8>, Error> {
     }
     let _ = write!(text, "element face {count}\nproperty list uchar uint vertex_indices\nend_header\n");
     let mut bytes = text.into_bytes();
-    let geometry = scene.geometry();
+    let geometry = scene.tables();
     for (t, [front, back]) in (0u32..).zip(&corners) {
         for (at, (front, back)) in [Vec2::ZERO, Vec2::X, Vec2::Y].into_iter().zip(front.iter().zip(back)) {
             for v in [geometry.position(t, at.x, at.y), *front, *back] {

@@ -41,19 +41,19 @@ impl PhotonPasses {
             return Ok(());
         }
         let mut plan = Plan::new();
-        let sky = [scene.sky];
+        let sky = [scene.lighting.sky];
         let tables: Vec<(&'static str, &[u8])> = vec![
             ("alias", bytemuck::cast_slice::<AliasEntry, u8>(&emission.alias)),
             ("elements", bytemuck::cast_slice::<Element, u8>(&emission.elements)),
-            ("nodes", bytemuck::cast_slice(&scene.nodes)),
-            ("triangles", bytemuck::cast_slice(&scene.triangles)),
-            ("uvs", bytemuck::cast_slice(&scene.uvs)),
+            ("nodes", bytemuck::cast_slice(&scene.geometry.nodes)),
+            ("triangles", bytemuck::cast_slice(&scene.geometry.triangles)),
+            ("uvs", bytemuck::cast_slice(&scene.geometry.uvs)),
             ("materials", bytemuck::cast_slice(&scene.materials)),
-            ("textures", bytemuck::cast_slice(&scene.textures)),
-            ("texels", bytemuck::cast_slice(&scene.texels)),
-            ("lights", bytemuck::cast_slice(&scene.lights)),
+            ("textures", bytemuck::cast_slice(&scene.geometry.textures)),
+            ("texels", bytemuck::cast_slice(&scene.geometry.texels)),
+            ("lights", bytemuck::cast_slice(&scene.lighting.lights)),
             ("sky", bytemuck::cast_slice(&sky)),
-            ("sky_map", bytemuck::cast_slice(&scene.sky_map)),
+            ("sky_map", bytemuck::cast_slice(&scene.lighting.sky_map)),
         ];
         let buffers: Vec<(&'static str, BufferId)> =
             tables.iter().map(|(name, bytes)| (*name, plan.storage(*name, bytes.len() as u64))).collect();

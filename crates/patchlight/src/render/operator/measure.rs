@@ -39,7 +39,7 @@ pub fn own_light(scene: &Scene, senders: &Senders, settings: &ClassicSettings) -
     let direct = scene::DirectParams {
         count: senders.points.len() as u32,
         area_rays: settings.sample_rays,
-        sky_rays: if scene.sky.map_width == 0 { 0 } else { settings.sample_rays },
+        sky_rays: if scene.lighting.sky.map_width == 0 { 0 } else { settings.sample_rays },
         seed: settings.seed,
         ..direct_params(scene)
     };

@@ -1,0 +1,211 @@
+//! What never changes in a scene: its tables, the hierarchy, and rays against them.
+
+use std::cell::Cell;
+use std::sync::Arc;
+use std::vec::Vec;
+
+use glam::Vec3;
+
+use super::hierarchy;
+use super::scene::SceneParts;
+use super::wide::WideBvh;
+use crate::Visibility;
+use crate::error::Error;
+use crate::kernel::GeometryTables;
+use crate::kernel::bvh::{FAR, STACK_SIZE};
+use crate::types::*;
+
+/// Triangles with their hierarchy, materials and textures: what never changes, shared by all
+/// that use it.
+///
+/// Tables of one value a triangle are in the order of the hierarchy's leaves.
+pub struct Geometry {
+    /// Triangles in leaf order, `[n]`.
+    pub triangles: Vec<Triangle>,
+    /// Texture coordinates, `[n]`.
+    pub uvs: Vec<TriangleUv>,
+    /// Materials as they were imported; [`Scene::materials`](crate::Scene::materials) has the
+    /// emission of the lighting.
+    pub materials: Arc<[Material]>,
+    /// Pictures.
+    pub textures: Vec<Texture>,
+    /// Texels of all pictures, two words each.
+    pub texels: Vec<u32>,
+    /// Binary hierarchy of the kernels, root first.
+    pub nodes: Vec<BvhNode>,
+    /// Least and greatest coordinates, m.
+    pub bounds: (Vec3, Vec3),
+    /// Distance by which rays start above a surface: 2·10⁻⁵ of the bounds' diagonal, m.
+    pub ray_offset: f32,
+    wide: WideBvh,
+}
+
+/// What was in the way of a ray, if anything has been yet.
+#[derive(Clone, Copy, Debug)]
+pub struct Occluder(u32);
+
+impl Default for Occluder {
+    fn default() -> Self {
+        Self(NONE)
+    }
+}
+
+impl Geometry {
+    /// Builds the hierarchy and sorts the triangles into its leaf order. The parts are checked;
+    /// their lights are left out.
+    ///
+    /// # Errors
+    /// [`Error::HierarchyDepth`] where too many triangles lie on each other.
+    pub(super) fn build(mut parts: SceneParts) -> Result<Self, Error> {
+        let (nodes, order) = hierarchy::build(&parts.triangles);
+        let depth = hierarchy::depth(&nodes);
+        let too_deep = Error::HierarchyDepth { depth, limit: STACK_SIZE };
+        if depth > STACK_SIZE {
+            return Err(too_deep);
+        }
+        // Each table goes as soon as its sorted copy is there.
+        let triangles: Vec<Triangle> = order.iter().map(|&k| parts.triangles[k as usize]).collect();
+        parts.triangles = Vec::new();
+        let uvs = order.iter().map(|&k| parts.uvs[k as usize]).collect();
+        parts.uvs = Vec::new();
+        drop(order);
+        let masked = |t: &Triangle| parts.materials[t.material as usize].mask_texture != NONE;
+        let wide = WideBvh::new(&nodes, &triangles, masked).ok_or(too_deep)?;
+        let (low, high) = bounds(&triangles);
+        Ok(Self {
+            triangles,
+            uvs,
+            materials: parts.materials.into(),
+            textures: parts.textures,
+            texels: parts.texels,
+            nodes,
+            bounds: (low, high),
+            ray_offset: 2e-5 * (high - low).length(),
+            wide,
+        })
+    }
+
+    /// The tables that rays need, as the kernels take them, with the materials as imported.
+    pub fn tables(&self) -> GeometryTables<'_> {
+        self.tables_with(&self.materials)
+    }
+
+    /// [`Geometry::tables`] with other materials, `[materials]`.
+    pub(super) fn tables_with<'a>(&'a self, materials: &'a [Material]) -> GeometryTables<'a> {
+        GeometryTables {
+            nodes: &self.nodes,
+            triangles: &self.triangles,
+            uvs: &self.uvs,
+            materials,
+            textures: &self.textures,
+            texels: &self.texels,
+        }
+    }
+
+    /// Length of the bounds' diagonal, m.
+    pub fn diagonal(&self) -> f32 {
+        (self.bounds.1 - self.bounds.0).length()
+    }
+
+    /// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through: the same
+    /// bits as [`crate::kernel::bvh::closest_hit`] unless two surfaces meet the ray at the same t.
+    #[inline]
+    pub fn closest_before(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+        self.traverse::<false>(origin, direction, t_max)
+    }
+
+    /// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
+    #[inline]
+    pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+        self.traverse::<true>(origin, direction, t_max).triangle != NONE
+    }
+
+    /// [`Geometry::occluded`] for rays that follow each other from near by to one light: what was
+    /// in the way of the `last` one is asked first.
+    #[inline]
+    pub fn occluded_again(&self, origin: Vec3, direction: Vec3, t_max: f32, last: &Cell<Occluder>) -> bool {
+        let tables = self.tables();
+        let is_hole = |triangle, u, v| tables.is_hole(triangle, u, v);
+        let Occluder(mut packet) = last.get();
+        let is_occluded = self.wide.occluded_again(origin, direction, t_max, is_hole, &mut packet);
+        last.set(Occluder(packet));
+        is_occluded
+    }
+
+    /// Longest edge of a triangle, m.
+    pub fn longest_edge(&self, triangle: u32) -> f32 {
+        let t = &self.triangles[triangle as usize];
+        t.edge_a.length().max(t.edge_b.length()).max((t.edge_b - t.edge_a).length())
+    }
+
+    /// Shares (u, v) of a triangle's edges at a point of its plane, m.
+    pub fn shares(&self, triangle: u32, position: Vec3) -> (f32, f32) {
+        let t = self.triangles[triangle as usize];
+        let p = position - t.corner;
+        let normal = t.edge_a.cross(t.edge_b);
+        let inverse = 1.0 / normal.length_squared();
+        (p.cross(t.edge_b).dot(normal) * inverse, t.edge_a.cross(p).dot(normal) * inverse)
+    }
+
+    /// Reflectance at a point of a triangle, averaged over about `area` m² of it: from the level
+    /// of the texture's pyramid whose texels are nearest to that in size.
+    pub fn filtered_albedo(&self, triangle: u32, position: Vec3, area: f32) -> Vec3 {
+        filtered_albedo(&self.tables(), triangle, self.shares(triangle, position), area)
+    }
+
+    #[inline]
+    fn traverse<const ANY: bool>(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+        let tables = self.tables();
+        self.wide.traverse::<ANY>(origin, direction, t_max, |triangle, u, v| tables.is_hole(triangle, u, v))
+    }
+}
+
+impl Visibility for Geometry {
+    #[inline]
+    fn any_hit(&self, origin: Vec3, target: Vec3) -> bool {
+        self.occluded(origin, target - origin, 1.0)
+    }
+
+    #[inline]
+    fn closest(&self, origin: Vec3, direction: Vec3) -> Hit {
+        self.closest_before(origin, direction, FAR)
+    }
+}
+
+/// Least and greatest coordinates of triangles, m.
+fn bounds(triangles: &[Triangle]) -> (Vec3, Vec3) {
+    let mut low = Vec3::INFINITY;
+    let mut high = Vec3::NEG_INFINITY;
+    for t in triangles {
+        for p in [t.corner, t.corner + t.edge_a, t.corner + t.edge_b] {
+            low = low.min(p);
+            high = high.max(p);
+        }
+    }
+    (low, high)
+}
+
+/// [`Geometry::filtered_albedo`] at the shares of a triangle's edges.
+pub(super) fn filtered_albedo(tables: &GeometryTables, triangle: u32, shares: (f32, f32), area: f32) -> Vec3 {
+    let t = tables.triangles[triangle as usize];
+    let material = tables.materials[t.material as usize];
+    let Some(texture) = tables.textures.get(material.albedo_texture as usize) else {
+        return material.albedo;
+    };
+    let uv = tables.uvs[triangle as usize];
+    let share = (uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs();
+    let texels = share * texture.width as f32 * texture.height as f32;
+    // Texels that the area covers; a level up, a texel is four times as large.
+    let mut covered = area * texels / t.edge_a.cross(t.edge_b).length();
+    let mut level = 0;
+    while covered > 2.0 && level + 1 < texture.levels {
+        covered *= 0.25;
+        level += 1;
+    }
+    tables.albedo_at_level(triangle, shares.0, shares.1, level)
+}
+
+/// Texels of a picture with its pyramid.
+pub fn texel_count(width: u32, height: u32, levels: u32) -> usize {
+    (0..levels).map(|k| ((width >> k).max(1) * (height >> k).max(1)) as usize).sum()
+}

@@ -1,0 +1,121 @@
+//! What shines in a scene, and the emitters that follow from it.
+
+use std::sync::Arc;
+use std::vec::Vec;
+
+use glam::{Vec3, Vec4};
+
+use super::geometry::Geometry;
+use crate::error::Error;
+use crate::kernel::GeometryTables;
+use crate::math::luminance;
+use crate::sampling::uniform_triangle;
+use crate::types::{Emitter, Light, Material, NONE, Sky};
+
+/// What shines, which may change in every frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Lighting {
+    /// Lights that are not geometry.
+    pub lights: Vec<Light>,
+    /// The sky.
+    pub sky: Sky,
+    /// Its map, `map_width · map_height` texels.
+    pub sky_map: Arc<[Vec4]>,
+    /// Emitted radiance of each material, W/m²/sr, instead of [`Material::radiance`] (a radiance
+    /// texture still multiplies it); empty for what the materials say.
+    pub emission: Vec<Vec3>,
+}
+
+impl Lighting {
+    /// Whether the sky sends any light.
+    pub fn has_sky(&self) -> bool {
+        luminance(self.sky.radiance) > 0.0
+    }
+
+    /// Whether the tables fit the geometry's materials and the sky's size.
+    ///
+    /// # Errors
+    /// [`Error::EmissionLength`], or [`Error::TableLength`] for the sky's map.
+    pub(super) fn check(&self, geometry: &Geometry) -> Result<(), Error> {
+        check_sky_map(&self.sky, self.sky_map.len())?;
+        let expected = geometry.materials.len();
+        let found = self.emission.len();
+        if found != 0 && found != expected {
+            return Err(Error::EmissionLength { expected, found });
+        }
+        Ok(())
+    }
+
+    /// Emitted radiance of each material, `[materials]`, W/m²/sr.
+    fn emissions<'a>(&'a self, geometry: &'a Geometry) -> impl Iterator<Item = Vec3> + 'a {
+        let imported = geometry.materials.iter().enumerate();
+        imported.map(|(k, material)| self.emission.get(k).copied().unwrap_or(material.radiance))
+    }
+}
+
+/// Whether the sky's map has as many texels as the sky says.
+///
+/// # Errors
+/// [`Error::TableLength`].
+pub(super) fn check_sky_map(sky: &Sky, found: usize) -> Result<(), Error> {
+    let expected = sky.map_width as usize * sky.map_height as usize;
+    if found != expected {
+        return Err(Error::TableLength { name: "sky_map", expected, found });
+    }
+    Ok(())
+}
+
+/// Gives the materials of a geometry the emission of a lighting; whether that changed them. They
+/// stay shared where it did not.
+pub(super) fn set_emission(materials: &mut Arc<[Material]>, lighting: &Lighting, geometry: &Geometry) -> bool {
+    let mut pairs = materials.iter().zip(lighting.emissions(geometry));
+    if pairs.all(|(material, radiance)| material.radiance == radiance) {
+        return false;
+    }
+    for (material, radiance) in Arc::make_mut(materials).iter_mut().zip(lighting.emissions(geometry)) {
+        material.radiance = radiance;
+    }
+    true
+}
+
+/// Emissive triangles with the cumulative distribution of their power.
+pub(super) fn find_emitters(tables: &GeometryTables) -> Vec<Emitter> {
+    let mut emitters: Vec<Emitter> = Vec::new();
+    let mut total = 0.0f64;
+    for (index, t) in tables.triangles.iter().enumerate() {
+        let area = 0.5 * t.edge_a.cross(t.edge_b).length();
+        let mean = mean_luminance(tables, index as u32);
+        let power = f64::from(area) * f64::from(mean);
+        if power > 0.0 {
+            total += power;
+            let probability = power as f32;
+            emitters.push(Emitter { triangle: index as u32, cumulative: 0.0, probability, area });
+        }
+    }
+    let mut sum = 0.0f64;
+    for e in &mut emitters {
+        e.probability = (f64::from(e.probability) / total) as f32;
+        sum += f64::from(e.probability);
+        e.cumulative = sum as f32;
+    }
+    if let Some(last) = emitters.last_mut() {
+        last.cumulative = 1.0;
+    }
+    emitters
+}
+
+/// Mean luminance that a triangle emits, W/m²/sr; over a grid of it where emission is textured.
+fn mean_luminance(tables: &GeometryTables, triangle: u32) -> f32 {
+    let material = tables.triangles[triangle as usize].material;
+    let is_textured = tables.materials[material as usize].radiance_texture != NONE;
+    let steps = if is_textured { 8 } else { 1 };
+    let mut mean = 0.0;
+    for a in 0..steps {
+        for b in 0..steps {
+            let at = ((a as f32 + 0.5) / steps as f32, (b as f32 + 0.5) / steps as f32);
+            let (u, v) = uniform_triangle(at);
+            mean += luminance(tables.radiance(triangle, u, v)) / (steps * steps) as f32;
+        }
+    }
+    mean
+}

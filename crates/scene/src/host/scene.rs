@@ -1,0 +1,234 @@
+//! Geometry under lights.
+
+use std::cell::Cell;
+use std::mem;
+use std::sync::Arc;
+use std::vec::Vec;
+
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+use super::geometry::{Geometry, Occluder, filtered_albedo, texel_count};
+use super::lighting::{Lighting, check_sky_map, find_emitters, set_emission};
+use crate::Visibility;
+use crate::error::Error;
+use crate::kernel::GeometryTables;
+use crate::kernel::light::{Lights, direct_irradiance};
+use crate::types::*;
+
+/// What a scene is made of: the input of [`Scene::new`].
+#[derive(Clone, Debug, Default)]
+pub struct SceneParts {
+    /// Triangles in any order, `[n]`, m.
+    pub triangles: Vec<Triangle>,
+    /// Texture coordinates, `[n]`.
+    pub uvs: Vec<TriangleUv>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Pictures.
+    pub textures: Vec<Texture>,
+    /// Texels of all pictures, two words each.
+    pub texels: Vec<u32>,
+    /// Lights that are not geometry.
+    pub lights: Vec<Light>,
+    /// The sky.
+    pub sky: Sky,
+    /// Its map, `map_width · map_height` texels.
+    pub sky_map: Vec<Vec4>,
+}
+
+/// Geometry under lights, ready for rays. A clone shares the geometry.
+///
+/// ```
+/// use glam::Vec3;
+/// use scene::{Lighting, Material, Scene, SceneParts, Sky, Triangle, TriangleUv};
+///
+/// let day = Scene::new(SceneParts {
+///     triangles: vec![Triangle { edge_a: Vec3::Z, edge_b: Vec3::X, ..Triangle::default() }],
+///     uvs: vec![TriangleUv::default()],
+///     materials: vec![Material::default()],
+///     ..SceneParts::default()
+/// })?;
+/// // The same triangles, now bright themselves.
+/// let night = Lighting { emission: vec![Vec3::ONE], ..Lighting::default() };
+/// let night = Scene::under(day.geometry.clone(), night)?;
+/// assert_eq!((day.emitters.len(), night.emitters.len()), (0, 1));
+/// # Ok::<(), scene::Error>(())
+/// ```
+#[derive(Clone)]
+pub struct Scene {
+    /// What never changes.
+    pub geometry: Arc<Geometry>,
+    /// Materials with the emission of the lighting. Their reflectance may be changed by
+    /// [`Arc::make_mut`].
+    pub materials: Arc<[Material]>,
+    /// Emissive triangles with their cumulative distribution.
+    pub emitters: Arc<[Emitter]>,
+    /// What shines. Lights and sky may be changed in place; emission changes by
+    /// [`Scene::set_lighting`], for materials and emitters follow from it.
+    pub lighting: Lighting,
+}
+
+impl Scene {
+    /// Checks the parts, builds the hierarchy and sorts the triangles into its leaf order.
+    ///
+    /// # Errors
+    /// Names the triangle or material that is wrong: [`Error`].
+    pub fn new(mut parts: SceneParts) -> Result<Self, Error> {
+        check(&parts)?;
+        let lighting = Lighting {
+            lights: mem::take(&mut parts.lights),
+            sky: parts.sky,
+            sky_map: mem::take(&mut parts.sky_map).into(),
+            emission: Vec::new(),
+        };
+        let geometry = Geometry::build(parts)?;
+        Self::under(Arc::new(geometry), lighting)
+    }
+
+    /// Geometry that is there already, under these lights.
+    ///
+    /// # Errors
+    /// [`Error::EmissionLength`] where the emission is not of one value a material,
+    /// [`Error::TableLength`] where the sky's map is not of the size that the sky says.
+    pub fn under(geometry: Arc<Geometry>, lighting: Lighting) -> Result<Self, Error> {
+        lighting.check(&geometry)?;
+        let mut materials = geometry.materials.clone();
+        set_emission(&mut materials, &lighting, &geometry);
+        let emitters = find_emitters(&geometry.tables_with(&materials)).into();
+        Ok(Self { geometry, materials, emitters, lighting })
+    }
+
+    /// Replaces the lighting. Emitters are found anew only where emission has changed.
+    ///
+    /// # Errors
+    /// As [`Scene::under`]; the scene is then left as it was.
+    pub fn set_lighting(&mut self, lighting: Lighting) -> Result<(), Error> {
+        lighting.check(&self.geometry)?;
+        if set_emission(&mut self.materials, &lighting, &self.geometry) {
+            self.emitters = find_emitters(&self.tables()).into();
+        }
+        self.lighting = lighting;
+        Ok(())
+    }
+
+    /// Replaces the lights that are not geometry.
+    pub fn set_lights(&mut self, lights: &[Light]) {
+        self.lighting.lights.clear();
+        self.lighting.lights.extend_from_slice(lights);
+    }
+
+    /// The tables that rays need, as the kernels take them, with the emission of the lighting.
+    pub fn tables(&self) -> GeometryTables<'_> {
+        self.geometry.tables_with(&self.materials)
+    }
+
+    /// Everything that shines, as the kernels take it.
+    pub fn all_lights(&self) -> Lights<'_> {
+        Lights {
+            lights: &self.lighting.lights,
+            emitters: &self.emitters,
+            sky: self.lighting.sky,
+            sky_map: &self.lighting.sky_map,
+        }
+    }
+
+    /// Whether the sky sends any light.
+    pub fn has_sky(&self) -> bool {
+        self.lighting.has_sky()
+    }
+
+    /// [`Geometry::diagonal`].
+    pub fn diagonal(&self) -> f32 {
+        self.geometry.diagonal()
+    }
+
+    /// [`Geometry::closest_before`].
+    #[inline]
+    pub fn closest_before(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+        self.geometry.closest_before(origin, direction, t_max)
+    }
+
+    /// [`Geometry::occluded`].
+    #[inline]
+    pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+        self.geometry.occluded(origin, direction, t_max)
+    }
+
+    /// [`Geometry::occluded_again`].
+    #[inline]
+    pub fn occluded_again(&self, origin: Vec3, direction: Vec3, t_max: f32, last: &Cell<Occluder>) -> bool {
+        self.geometry.occluded_again(origin, direction, t_max, last)
+    }
+
+    /// [`Geometry::longest_edge`].
+    pub fn longest_edge(&self, triangle: u32) -> f32 {
+        self.geometry.longest_edge(triangle)
+    }
+
+    /// [`Geometry::shares`].
+    pub fn shares(&self, triangle: u32, position: Vec3) -> (f32, f32) {
+        self.geometry.shares(triangle, position)
+    }
+
+    /// [`Geometry::filtered_albedo`] with this scene's materials.
+    pub fn filtered_albedo(&self, triangle: u32, position: Vec3, area: f32) -> Vec3 {
+        filtered_albedo(&self.tables(), triangle, self.shares(triangle, position), area)
+    }
+
+    /// Direct irradiance at many points, W/m², on all cores:
+    /// [`direct_irradiance`] with this scene's rays.
+    pub fn direct_irradiance(&self, p: &DirectParams, points: &[SurfacePoint]) -> Vec<Vec3> {
+        let tables = self.tables();
+        let lights = self.all_lights();
+        let occluded = |origin: Vec3, direction: Vec3, t_max: f32| self.occluded(origin, direction, t_max);
+        points
+            .par_iter()
+            .enumerate()
+            .map(|(k, point)| direct_irradiance(&tables, p, p.first + k as u32, *point, &lights, occluded))
+            .collect()
+    }
+}
+
+impl Visibility for Scene {
+    #[inline]
+    fn any_hit(&self, origin: Vec3, target: Vec3) -> bool {
+        self.geometry.any_hit(origin, target)
+    }
+
+    #[inline]
+    fn closest(&self, origin: Vec3, direction: Vec3) -> Hit {
+        self.geometry.closest(origin, direction)
+    }
+}
+
+fn check(parts: &SceneParts) -> Result<(), Error> {
+    let count = parts.triangles.len();
+    if count == 0 {
+        return Err(Error::NoTriangles);
+    }
+    if parts.uvs.len() != count {
+        return Err(Error::TableLength { name: "uvs", expected: count, found: parts.uvs.len() });
+    }
+    let texels: usize = parts.textures.iter().map(|t| texel_count(t.width, t.height, t.levels)).sum();
+    if parts.texels.len() < 2 * texels {
+        return Err(Error::TableLength { name: "texels", expected: 2 * texels, found: parts.texels.len() });
+    }
+    check_sky_map(&parts.sky, parts.sky_map.len())?;
+    for (triangle, t) in parts.triangles.iter().enumerate() {
+        if t.material as usize >= parts.materials.len() {
+            return Err(Error::MaterialIndex { triangle, material: t.material, count: parts.materials.len() });
+        }
+        if !(t.corner.is_finite() && t.edge_a.is_finite() && t.edge_b.is_finite()) {
+            return Err(Error::NotFinite { triangle });
+        }
+    }
+    for (material, m) in parts.materials.iter().enumerate() {
+        for texture in [m.albedo_texture, m.radiance_texture, m.mask_texture] {
+            if texture != NONE && texture as usize >= parts.textures.len() {
+                return Err(Error::TextureIndex { material, texture, count: parts.textures.len() });
+            }
+        }
+    }
+    Ok(())
+}
