@@ -12,15 +12,13 @@ use std::time::{Duration, Instant};
 use benches::{SEED, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion};
 use formfactor::Operator;
-use glam::{UVec2, Vec4};
-use gpu_kernels::table::{
-    TEMPORAL_SAMPLE_LISTS, TEMPORAL_SAMPLE_TABLES, TEMPORAL_SPLIT_PACK, TEMPORAL_SPLIT_SCAN, TEMPORAL_SUM_LISTS,
-};
+use glam::Vec4;
+use gpu_kernels::table::{TEMPORAL_SAMPLE_LISTS, TEMPORAL_SAMPLE_TABLES, TEMPORAL_SUM_LISTS};
 use rayon::prelude::*;
 use runtime::executor::{DeviceChoice, Executor, ExecutorError, open};
 use runtime::plan::{BufferId, Plan, Range};
 use scene::sampling::{hash3, unit};
-use temporal::{AliasTables, Distribution, Packing, RayLists, SampleParams, Settings, SplitParams, SumParams};
+use temporal::{AliasTables, Distribution, Packing, RayLists, SampleParams, Settings, SumParams};
 
 /// The sizes of the thesis's table 1.
 const SIZES: [usize; 4] = [1736, 5485, 8786, 10_422];
@@ -160,30 +158,6 @@ fn measure_device(
     ];
     loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&turn), turn.count)?;
     println!("{device}, N {n}: exact sums of {} rows {:.3} ms", turn.count, device_ms(executor)?);
-    // Tables: the device's two steps, from the weights of the host's.
-    let weights: Vec<u32> = (0..n).flat_map(|i| tables.weights(i)).map(|weight| weight as u32).collect();
-    let mut scan = vec![UVec2::ZERO; weights.len()];
-    let p = SplitParams { count: n as u32, rows: n as u32 };
-    let rows: (&str, &[u8]) = ("row_start", cast_slice(tables.row_start()));
-    let weights_of: (&str, &[u8]) = ("weights", cast_slice(&weights));
-    loaded(executor, &TEMPORAL_SPLIT_SCAN, &[rows, weights_of, ("scan", cast_slice(&scan))], bytes_of(&p), n as u32)?;
-    let scanned = device_ms(executor)?;
-    temporal::scan_all(tables.row_start(), &weights, &mut scan);
-    let slots = vec![0u32; weights.len()];
-    let p = SplitParams { count: weights.len() as u32, rows: n as u32 };
-    let all = [rows, weights_of, ("scan", cast_slice(&scan)), ("slots", cast_slice(&slots))];
-    let ids = loaded(executor, &TEMPORAL_SPLIT_PACK, &all, bytes_of(&p), p.count)?;
-    let packed = device_ms(executor)?;
-    let found: Vec<u32> = executor.download_table(ids[3])?;
-    // Anything else would be the speed of another thing.
-    let mut expected = slots;
-    temporal::pack_all(n as u32, tables.row_start(), &weights, &scan, &mut expected);
-    assert!(found == expected, "the device's tables differ");
-    println!(
-        "{device}, N {n}: tables of {} entries by splitting {:.1} ms (sums {scanned:.1}, slots {packed:.1})",
-        p.count,
-        scanned + packed
-    );
     Ok(())
 }
 

@@ -8,39 +8,22 @@ use std::time::Duration;
 use benches::{PRODUCT_SIZES, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::GatherParams;
-use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
 use glam::Vec4;
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::{
-    FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, FORMFACTOR_GATHER_HALF, FORMFACTOR_GATHER_HALF_IMAGE,
-    FORMFACTOR_GATHER_IMAGE, ImageFormat, Kernel,
-};
+use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, FORMFACTOR_GATHER_HALF, Kernel};
 use runtime::executor::{DeviceChoice, Executor, ExecutorError, open};
 use runtime::plan::{BufferId, Plan, Range};
 
-/// Matrix and exitance in buffers or in pictures, factors whole or half.
+/// Factors whole or half.
 struct Form {
     name: &'static str,
     kernel: &'static Kernel,
-    picture: Option<ImageFormat>,
     factor_bytes: usize,
 }
 
-const FORMS: [Form; 4] = [
-    Form { name: "f32", kernel: &FORMFACTOR_GATHER, picture: None, factor_bytes: 4 },
-    Form { name: "half", kernel: &FORMFACTOR_GATHER_HALF, picture: None, factor_bytes: 2 },
-    Form {
-        name: "f32-image",
-        kernel: &FORMFACTOR_GATHER_IMAGE,
-        picture: Some(ImageFormat::Rgba32Float),
-        factor_bytes: 4,
-    },
-    Form {
-        name: "half-image",
-        kernel: &FORMFACTOR_GATHER_HALF_IMAGE,
-        picture: Some(ImageFormat::Rgba16Float),
-        factor_bytes: 2,
-    },
+const FORMS: [Form; 2] = [
+    Form { name: "f32", kernel: &FORMFACTOR_GATHER, factor_bytes: 4 },
+    Form { name: "half", kernel: &FORMFACTOR_GATHER_HALF, factor_bytes: 2 },
 ];
 
 /// Milliseconds of one run of the loaded plan.
@@ -55,25 +38,14 @@ fn load(executor: &mut dyn Executor, form: &Form, n: usize) -> Result<usize, Exe
     let bytes = n * row_bytes;
     let mut plan = Plan::new();
     let irradiance = plan.storage("irradiance", (n * size_of::<Vec4>()) as u64);
-    let width = VECTOR_IMAGE_WIDTH as usize;
-    let light_rows = (4 * vectors).div_ceil(width);
-    let (matrix, light): (BufferId, BufferId) = match form.picture {
-        Some(format) => (
-            plan.image("factors", format, vectors as u32, n as u32),
-            plan.image("exitance", ImageFormat::Rgba32Float, width as u32, light_rows as u32),
-        ),
-        None => (plan.storage("factors", bytes as u64), plan.storage("exitance", (64 * vectors) as u64)),
-    };
+    let matrix: BufferId = plan.storage("factors", bytes as u64);
+    let light: BufferId = plan.storage("exitance", (64 * vectors) as u64);
     let range = usize::try_from(executor.device().max_storage_buffer_range).unwrap_or(usize::MAX);
     // Blocks begin at multiples of 256 bytes.
-    let block =
-        if form.picture.is_some() { n } else { (range / row_bytes / 64 * 64).clamp(64, n.next_multiple_of(64)) };
+    let block = (range / row_bytes / 64 * 64).clamp(64, n.next_multiple_of(64));
     for first in (0..n).step_by(block) {
         let rows = block.min(n - first);
-        let part = match form.picture {
-            Some(_) => Range::from(matrix),
-            None => matrix.range((first * row_bytes) as u64, (rows * row_bytes) as u64),
-        };
+        let part = matrix.range((first * row_bytes) as u64, (rows * row_bytes) as u64);
         let push = GatherParams { rows: rows as u32, vectors: vectors as u32, first_row: first as u32, reserved: 0 };
         plan.pass("product", form.kernel, &[part, light.into(), irradiance.into()], &push, rows as u32)?;
     }
@@ -84,8 +56,7 @@ fn load(executor: &mut dyn Executor, form: &Form, n: usize) -> Result<usize, Exe
     } else {
         executor.upload(matrix, &dense.to_half().words)?;
     }
-    let room = if form.picture.is_some() { width * light_rows } else { 4 * vectors };
-    executor.upload(light, &exitance(n, room))?;
+    executor.upload(light, &exitance(n, 4 * vectors))?;
     run(executor)?;
     let sums: Vec<Vec4> = executor.download_table(irradiance)?;
     // Rows of F sum to about 1 and the exitance is ½ in the mean: anything else would be the speed of another thing.

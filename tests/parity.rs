@@ -4,25 +4,18 @@
 //! functions whose GPU form differs are polynomials of our own. Other devices may divide with an error of 2.5 ULP and
 //! flush subnormal numbers, so there results are compared with the tolerances of [`tolerance`].
 
-use std::mem::offset_of;
-
 use assets::procedural;
-use firstshot::PhotonParams;
-use formfactor::{GatherParams, HemisphereParams, HitsParams};
 use glam::Vec3;
-use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
 use integration_tests::kernels::{Bytes, Data, Input, block_input, inputs};
 use integration_tests::vulkan;
-use localmatrix::{FadeParams, SlotParams, UpdateParams};
-use multibounce::{BlockCodec, BlockParams, MultiplyParams};
-use patches::{LookupParams, VolumeParams};
+use multibounce::BlockCodec;
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceKind, Executor};
 use runtime::plan::{BufferId, Plan, Range};
 use scene::sampling::{hash3, unit};
-use scene::{DirectParams, Hit, Ray};
-use temporal::{SampleParams, SumParams};
+use scene::{Hit, Ray};
 
 /// How far a kernel's results may be apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,30 +105,6 @@ fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Tolerance) -> O
     None
 }
 
-/// Where the number of elements, or of rows, stands in a kernel's push constants.
-fn count_offset(kernel: &Kernel) -> usize {
-    match kernel.name {
-        "scene_direct_light" => offset_of!(DirectParams, count),
-        "scene_primary" | "scene_shade" => offset_of!(PixelParams, count),
-        "scene_tone_map" => offset_of!(ToneMapParams, count),
-        "formfactor_hemisphere_hits" | "formfactor_hemisphere_row" => offset_of!(HemisphereParams, row_count),
-        "patches_lookup" => offset_of!(LookupParams, count),
-        "patches_volume_lookup" | "patches_volume_lookup_sh" => offset_of!(VolumeParams, count),
-        "formfactor_gather_csr" => offset_of!(CountParams, count),
-        "formfactor_gather_hits" => offset_of!(HitsParams, rows),
-        name if name.starts_with("formfactor_gather") => offset_of!(GatherParams, rows),
-        name if name.starts_with("firstshot_") => offset_of!(PhotonParams, count),
-        name if name.starts_with("multibounce_blocks") => offset_of!(BlockParams, block_rows),
-        "multibounce_multiply" => offset_of!(MultiplyParams, tiles),
-        name if name.starts_with("temporal_sample") => offset_of!(SampleParams, rows),
-        name if name.starts_with("temporal_sum") => offset_of!(SumParams, count),
-        "localmatrix_count" | "localmatrix_product" => offset_of!(SlotParams, count),
-        "localmatrix_fade" => offset_of!(FadeParams, count),
-        "localmatrix_update" => offset_of!(UpdateParams, count),
-        _ => offset_of!(CountParams, count),
-    }
-}
-
 #[test]
 fn every_kernel_gives_the_same_on_both_executors() {
     let Some(mut vulkan) = vulkan() else { return };
@@ -151,7 +120,7 @@ fn every_kernel_gives_the_same_on_both_executors() {
             failures.push(format!("{}: {difference}", kernel.name));
         }
         // Half the elements: a result that the comparison must refuse.
-        let at = count_offset(kernel);
+        let at = kernel.counts[0];
         let count = u32::from_le_bytes([input.push[at], input.push[at + 1], input.push[at + 2], input.push[at + 3]]);
         input.push[at..at + 4].copy_from_slice(&(count / 2).to_le_bytes());
         let half = run(&mut vulkan, kernel, &input);
@@ -202,7 +171,7 @@ fn rays(scene: &scene::Scene, count: u32) -> Vec<Ray> {
         let number = |axis| unit(hash3(3 * k + axis, stream, 2025));
         Vec3::new(number(0), number(1), number(2))
     };
-    let (low, high) = scene.geometry.bounds;
+    let (low, high) = scene.bounds;
     (0..count)
         .map(|k| {
             let axis = [Vec3::X, Vec3::NEG_Y, Vec3::Z][(k / 8 % 3) as usize];
@@ -217,7 +186,7 @@ fn rays(scene: &scene::Scene, count: u32) -> Vec<Ray> {
 fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
     let Some(mut vulkan) = vulkan() else { return };
     let scene = procedural::build("atrium:12000").expect("the built-in scene is valid").scene;
-    assert!(scene.geometry.triangles.len() >= 10_000);
+    assert!(scene.triangles.len() >= 10_000);
     let kernel = &gpu_kernels::table::SCENE_CLOSEST_HIT;
     let count = 100_000;
     let buffer = |bytes| Data::Buffer(bytes);
@@ -227,12 +196,12 @@ fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
         push: bytemuck::bytes_of(&CountParams { count }).to_vec(),
         bindings: vec![
             buffer(Bytes::of(&rays(&scene, count))),
-            buffer(Bytes::of(&scene.geometry.nodes)),
-            buffer(Bytes::of(&scene.geometry.triangles)),
-            buffer(Bytes::of(&scene.geometry.uvs)),
+            buffer(Bytes::of(&scene.nodes)),
+            buffer(Bytes::of(&scene.triangles)),
+            buffer(Bytes::of(&scene.uvs)),
             buffer(Bytes::of(&scene.materials)),
-            buffer(Bytes::of(&scene.geometry.textures)),
-            buffer(Bytes::of(&scene.geometry.texels)),
+            buffer(Bytes::of(&scene.textures)),
+            buffer(Bytes::of(&scene.texels)),
             buffer(Bytes::of(&vec![Hit::MISS; count as usize])),
         ],
     };

@@ -12,7 +12,6 @@ use ::multibounce::BlockCodec;
 use bytemuck::{Pod, Zeroable};
 use formfactor::kernel::grid::{cell_count, vertex_count};
 use formfactor::kernel::hits::WORD_COUNTS;
-use formfactor::kernel::product::VECTOR_IMAGE_WIDTH;
 use formfactor::{GatherParams, HemisphereParams, HitRows, HitsParams, ReceiverCell, TriangleGrid};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
@@ -23,7 +22,7 @@ use gpu_kernels::table::{
     MULTIBOUNCE_BLOCKS_GATHER_BC7, MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
 };
 use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
-use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, Member, VolumeParams};
+use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, VolumeParams};
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
@@ -112,6 +111,17 @@ impl Input {
     /// # Errors
     /// What the kernel says of the call.
     pub fn run_on_host(&self) -> Result<BTreeMap<usize, Bytes>, HostError> {
+        self.on_host(|call| self.kernel.run_on_host(call))
+    }
+
+    /// Hands this input to whatever runs it on the host; the written bindings afterwards, by number.
+    ///
+    /// # Errors
+    /// What `run` says of the call.
+    pub fn on_host(
+        &self,
+        run: impl FnOnce(&mut HostCall) -> Result<(), HostError>,
+    ) -> Result<BTreeMap<usize, Bytes>, HostError> {
         let mut data = self.bindings.clone();
         let mut bindings: Vec<HostBinding> = data
             .iter_mut()
@@ -127,7 +137,7 @@ impl Input {
             })
             .collect();
         let mut call = HostCall { elements: self.elements, push: &self.push, bindings: &mut bindings };
-        self.kernel.run_on_host(&mut call)?;
+        run(&mut call)?;
         drop(bindings);
         Ok(written(self.kernel, data))
     }
@@ -147,7 +157,7 @@ struct Random(u32);
 
 impl Random {
     fn word(&mut self) -> u32 {
-        self.0 += 1;
+        self.0 = self.0.wrapping_add(1);
         hash3(self.0, 0x7465_7374, 1)
     }
     fn below(&mut self, n: u32) -> u32 {
@@ -325,10 +335,11 @@ fn room<T: Pod + Zeroable>(name: &'static str, n: usize) -> (&'static str, Data)
 /// One input for every kernel of the table, in its order.
 pub fn inputs() -> Vec<Input> {
     let scene = small_scene();
-    let mut r = Random(10_000);
     KERNELS
         .iter()
         .map(|kernel| {
+            // Numbers of its own, so that another kernel more changes no input.
+            let mut r = Random(kernel.name.bytes().fold(0, |seed, byte| hash3(seed, u32::from(byte), 2)));
             let (elements, push, mut own) = own_tables(&mut r, kernel.name, &scene);
             own.extend(scene_tables(&scene));
             let find = |name: &str| {
@@ -450,7 +461,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let p = ToneMapParams { count: 300, scale: 1.7 };
             call(300, p, vec![buffer("sum", &r.colors(300)), room::<u32>("pixels", 300)])
         }
-        "formfactor_hemisphere_hits" | "formfactor_hemisphere_row" => {
+        "formfactor_hemisphere_hits" => {
             let (grids, patch_count) = grids(r, scene, cell_count);
             let mut offsets = vec![0u32];
             for k in 0..30 {
@@ -467,14 +478,14 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 ray_offset: scene.geometry.ray_offset,
                 reserved: [0; 2],
             };
-            let tables = vec![buffer("offsets", &offsets), buffer("points", &points), buffer("grids", &grids)];
             let n = row_count * rays;
-            if name.ends_with("hits") {
-                return call(n, p, [tables, vec![room::<u32>("ids", n as usize)]].concat());
-            }
-            let ids: Vec<u32> = (0..n).map(|_| r.below(patch_count + 2)).collect();
-            let factors = room::<f32>("factors", (row_count * (patch_count + 2)) as usize);
-            call(row_count, p, [tables, vec![buffer("ids", &ids), factors]].concat())
+            let tables = vec![
+                buffer("offsets", &offsets),
+                buffer("points", &points),
+                buffer("grids", &grids),
+                room::<u32>("ids", n as usize),
+            ];
+            call(n, p, tables)
         }
         "formfactor_assemble_source" => {
             let mut offsets = vec![0u32];
@@ -536,9 +547,8 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             ];
             call(rows, HitsParams { rows, first_quad }, tables)
         }
-        "formfactor_gather" | "formfactor_gather_half" | "formfactor_gather_image" | "formfactor_gather_half_image" => {
-            // More senders than a row of the vector's image has texels.
-            let (rows, senders) = (71u32, if name.ends_with("image") { 4999usize } else { 1031 });
+        "formfactor_gather" | "formfactor_gather_half" => {
+            let (rows, senders) = (71u32, 1031usize);
             let vectors = senders.div_ceil(4) as u32;
             let p = GatherParams { rows, vectors, first_row: 3, reserved: 0 };
             // A row as it is stored: what is beyond the senders is 0.
@@ -549,38 +559,17 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let halves: Vec<half::f16> = factors.iter().map(|f| half::f16::from_f32(*f)).collect();
             let mut exitance = r.colors(4 * vectors as usize);
             exitance[senders..].fill(Vec4::ZERO);
-            let of_factors = if name.contains("half") { ImageFormat::Rgba16Float } else { ImageFormat::Rgba32Float };
-            let image = |format, width, height, texels| Data::Image { format, width, height, texels };
-            let bytes = if name.contains("half") { Bytes::of(&halves) } else { Bytes::of(&factors) };
-            let tables = if name.ends_with("image") {
-                let columns = VECTOR_IMAGE_WIDTH as usize;
-                exitance.resize(exitance.len().div_ceil(columns) * columns, Vec4::ZERO);
-                let height = (exitance.len() / columns) as u32;
-                vec![
-                    ("factors", image(of_factors, vectors, rows, bytes)),
-                    ("exitance", image(ImageFormat::Rgba32Float, VECTOR_IMAGE_WIDTH, height, Bytes::of(&exitance))),
-                ]
-            } else {
-                vec![("factors", Data::Buffer(bytes)), buffer("exitance", &exitance)]
-            };
-            call(rows, p, [tables, vec![room::<Vec4>("irradiance", rows as usize + 3)]].concat())
+            let tables = vec![
+                if name.ends_with("half") { buffer("factors", &halves) } else { buffer("factors", &factors) },
+                buffer("exitance", &exitance),
+                room::<Vec4>("irradiance", rows as usize + 3),
+            ];
+            call(rows, p, tables)
         }
         name if name.starts_with("firstshot_") => firstshot::own_tables(r, name, scene),
         name if name.starts_with("localmatrix_") => localmatrix::own_tables(r, name),
         name if name.starts_with("multibounce_") => multibounce::own_tables(r, name),
         name if name.starts_with("temporal_") => temporal::own_tables(r, name),
-        "patches_gather_mean" => {
-            let (offsets, values) = (offsets(r, 200), r.colors(300));
-            let members: Vec<Member> =
-                (0..offsets[200]).map(|_| Member { sample: r.below(300), weight: r.unit() }).collect();
-            let tables = vec![
-                buffer("offsets", &offsets),
-                buffer("members", &members),
-                buffer("values", &values),
-                room::<Vec4>("means", 200),
-            ];
-            call(200, CountParams { count: 200 }, tables)
-        }
         "patches_lookup" => {
             let (shape, cells, full) = voxels(r);
             let offsets = offsets(r, full);

@@ -47,6 +47,7 @@ pub mod decoration {
 #[allow(missing_docs)]
 pub mod storage {
     pub const UNIFORM_CONSTANT: u32 = 0;
+    pub const WORKGROUP: u32 = 4;
     pub const PUSH_CONSTANT: u32 = 9;
     pub const STORAGE_BUFFER: u32 = 12;
 }

@@ -1,63 +1,37 @@
-//! Entry points of photons that start where lights fall first.
+//! Kernels of photons that start where lights fall first.
 
 use ::firstshot::kernel::{segment, start};
 use ::firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
 use ::scene::kernel::bvh;
-use ::scene::{BvhNode, GeometryTables, Light, Material, Rgb, Sky, Texture, Triangle, TriangleUv};
-use glam::{UVec3, Vec3};
-use spirv_std::spirv;
+use ::scene::{Light, Rgb, Sky};
+use glam::Vec3;
 
-use crate::invocation::element;
-
-/// Every photon as it leaves its element: [`start::start_photon`].
-#[spirv(compute(threads(64), entry_point_name = "firstshot_start"))]
-#[inline(never)]
-pub fn start(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &PhotonParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] alias: &[AliasEntry],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] elements: &[Element],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] nodes: &[BvhNode],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] triangles: &[Triangle],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] uvs: &[TriangleUv],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] materials: &[Material],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] textures: &[Texture],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] lights: &[Light],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] sky: &[Sky],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 10)] sky_map: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 11)] photons: &mut [Photon],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
+kernels! {
+    /// Every photon as it leaves what it starts from: [`start::start_photon`]. An element is a
+    /// photon.
+    FIRSTSHOT_START = "firstshot_start"(p: PhotonParams) for k in 0..count {
+        alias: read [AliasEntry; p.element_count as usize],
+        elements: read [Element; p.element_count as usize],
+        geometry: GeometryTables,
+        lights: read [Light],
+        sky: read [Sky; 1],
+        sky_map: read [Rgb],
+        photons: write [Photon],
+    } each {
         let sources = start::Sources { lights, sky: sky[0], sky_map };
-        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| bvh::any_hit(&geometry, origin, direction, t_max);
-        photons[k as usize] = start::start_photon(&geometry, &sources, p, alias, elements, k, stopped);
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        start::start_photon(&geometry, &sources, p, alias, elements, k, stopped)
     }
-}
 
-/// The next segment of every photon: where it lands, and the photon reflected there: [`segment::land`],
-/// [`segment::reflect`].
-#[spirv(compute(threads(64), entry_point_name = "firstshot_segment"))]
-#[inline(never)]
-pub fn segment(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &PhotonParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] nodes: &[BvhNode],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] triangles: &[Triangle],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] uvs: &[TriangleUv],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] materials: &[Material],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] textures: &[Texture],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] texels: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] photons: &mut [Photon],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] landings: &mut [Landing],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        let geometry = GeometryTables { nodes, triangles, uvs, materials, textures, texels };
+    /// The next segment of every photon: where it lands, and the photon as it goes on:
+    /// [`segment::land`], [`segment::reflect`]. An element is a photon.
+    FIRSTSHOT_SEGMENT = "firstshot_segment"(p: PhotonParams) for k in 0..count {
+        geometry: GeometryTables,
+        photons: update [Photon],
+        landings: write [Landing],
+    } invocation {
         let photon = photons[k as usize];
         let mut landing = segment::NO_LANDING;
         if photon.flux != Vec3::ZERO {
@@ -66,5 +40,5 @@ pub fn segment(
             photons[k as usize] = segment::reflect(&geometry, p, k, &photon, hit);
         }
         landings[k as usize] = landing;
-    }
+    } host crate::host::firstshot::segment;
 }

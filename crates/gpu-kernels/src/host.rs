@@ -1,12 +1,12 @@
 //! The host form of the kernels: the same bodies, run over all elements on all cores. Every element is computed by itself,
-//! so the result does not depend on the number of threads.
+//! so the result does not depend on the number of threads. Most host forms follow from the kernel's declaration; here are
+//! those that are faster than a loop over the elements.
 
 pub(crate) mod firstshot;
 pub(crate) mod formfactor;
 pub(crate) mod localmatrix;
 pub(crate) mod multibounce;
 pub(crate) mod patches;
-pub(crate) mod scene;
 pub(crate) mod temporal;
 pub(crate) mod tiles;
 
@@ -135,6 +135,10 @@ impl<'a> HostCall<'_, 'a> {
         if self.push.len() != kernel.push_bytes as usize {
             return Err(HostError::PushLength { kernel: name, expected: kernel.push_bytes, found: self.push.len() });
         }
+        let count = kernel.elements(self.push).unwrap_or(0);
+        if count != self.elements {
+            return Err(HostError::Elements { elements: self.elements, count });
+        }
         for (given, row) in self.bindings.iter().zip(kernel.bindings) {
             let expected = match (row.kind, row.access) {
                 (BindingKind::SampledImage { .. }, _) => "an image",
@@ -160,7 +164,7 @@ impl<'a> HostCall<'_, 'a> {
     }
 
     /// Push constants and bindings of a call that was checked against the table.
-    fn parts<P: AnyBitPattern, const N: usize>(
+    pub(crate) fn parts<P: AnyBitPattern, const N: usize>(
         &mut self,
         kernel: &Kernel,
     ) -> Result<(P, [Bound<'_, 'a>; N]), HostError> {
@@ -178,20 +182,15 @@ impl<'a> HostCall<'_, 'a> {
     }
 }
 
-/// The number of elements, on which dispatch and push constants must agree.
-fn agreed(elements: u32, count: u32) -> Result<usize, HostError> {
-    if elements == count { Ok(count as usize) } else { Err(HostError::Elements { elements, count }) }
-}
-
 /// A binding with its name.
-struct Bound<'s, 'a> {
+pub(crate) struct Bound<'s, 'a> {
     name: &'static str,
     data: &'s mut HostBinding<'a>,
 }
 
 impl<'s> Bound<'s, '_> {
     /// The elements, at least `needed` of them.
-    fn read<T: AnyBitPattern>(self, needed: usize) -> Result<&'s [T], HostError> {
+    pub(crate) fn read<T: AnyBitPattern>(self, needed: usize) -> Result<&'s [T], HostError> {
         let bytes: &'s [u8] = match self.data {
             HostBinding::Read(bytes) => bytes,
             HostBinding::Write(bytes) => bytes,
@@ -224,23 +223,20 @@ impl<'s> Bound<'s, '_> {
         Ok((self.read(format.image_bytes(width, height) as usize / 4)?, format, columns))
     }
 
-    /// The texels of an image and the length of its rows.
-    fn texels<T: AnyBitPattern>(self) -> Result<(&'s [T], usize), HostError> {
-        let (width, height) = match self.data {
-            HostBinding::Image { width, height, .. } => (*width as usize, *height as usize),
-            _ => (0, 0),
+    /// All elements, to be read and written.
+    pub(crate) fn whole<T: Pod>(self) -> Result<&'s mut [T], HostError> {
+        let HostBinding::Write(bytes) = self.data else {
+            return Err(HostError::TooShort { binding: self.name, needed: 1, found: 0 });
         };
-        Ok((self.read(width * height)?, width))
+        let layout = HostError::Layout { binding: self.name, stride: size_of::<T>(), bytes: bytes.len() };
+        bytemuck::try_cast_slice_mut(bytes).map_err(|_| layout)
     }
 
     /// The elements that are written: the first `needed`.
-    fn write<T: Pod>(self, needed: usize) -> Result<&'s mut [T], HostError> {
-        let HostBinding::Write(bytes) = self.data else {
-            return Err(HostError::TooShort { binding: self.name, needed, found: 0 });
-        };
-        let layout = HostError::Layout { binding: self.name, stride: size_of::<T>(), bytes: bytes.len() };
-        let elements: &mut [T] = bytemuck::try_cast_slice_mut(bytes).map_err(|_| layout)?;
-        long_enough(self.name, elements.len(), needed)?;
+    pub(crate) fn write<T: Pod>(self, needed: usize) -> Result<&'s mut [T], HostError> {
+        let name = self.name;
+        let elements = self.whole::<T>()?;
+        long_enough(name, elements.len(), needed)?;
         Ok(&mut elements[..needed])
     }
 }
@@ -249,7 +245,26 @@ fn long_enough(binding: &'static str, found: usize, needed: usize) -> Result<(),
     if found < needed { Err(HostError::TooShort { binding, needed, found }) } else { Ok(()) }
 }
 
+/// How many elements a table has at least whose elements these numbers name: the greatest number, and one more.
+pub(crate) fn named(numbers: &[u32]) -> usize {
+    numbers.iter().map(|&k| k as usize + 1).max().unwrap_or(0)
+}
+
+/// Elements that a core takes at once, at least.
+const TOGETHER: usize = 32;
+
+/// `f` of every element and its number, on all cores.
+pub(crate) fn each<T: Send>(elements: &mut [T], f: impl Fn(u32, &mut T) + Sync) {
+    elements.par_iter_mut().with_min_len(TOGETHER).enumerate().for_each(|(k, element)| f(k as u32, element));
+}
+
+/// The same of the elements of two tables together.
+pub(crate) fn each_pair<A: Send, B: Send>(a: &mut [A], b: &mut [B], f: impl Fn(u32, &mut A, &mut B) + Sync) {
+    let pairs = a.par_iter_mut().zip(b).with_min_len(TOGETHER).enumerate();
+    pairs.for_each(|(k, (a, b))| f(k as u32, a, b));
+}
+
 /// Element k becomes `f(k)`, on all cores.
 fn fill<T: Send>(out: &mut [T], f: impl Fn(u32) -> T + Sync) {
-    out.par_iter_mut().with_min_len(32).enumerate().for_each(|(k, element)| *element = f(k as u32));
+    each(out, |k, element| *element = f(k));
 }

@@ -1,10 +1,11 @@
 //! SPIR-V entry points of all methods, their compiled modules, and the table that describes them to executors.
 //!
 //! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel`, `multibounce::kernel`,
-//! `localmatrix::kernel`, `temporal::kernel` and `firstshot::kernel`. Here each gets an entry point (bindings,
-//! range check, one call), a module `spv/<crate>_<kernel>.spv`, and a row of [`table::KERNELS`] with its host form
-//! ([`host`]), which runs the same body over all elements on all cores. Results agree in all bits on the devices that we
-//! know, because the modules forbid contraction and take their maths from polynomials of our own.
+//! `localmatrix::kernel`, `temporal::kernel` and `firstshot::kernel`. Here each is declared once, in the file of its
+//! method. From the declaration follow its entry point (bindings, range check, one call), its module
+//! `spv/<crate>_<kernel>.spv`, its row in [`table::KERNELS`] and its host form ([`host`]), which runs the same body over all
+//! elements on all cores. Results agree in all bits on the devices that we know, because the modules forbid contraction
+//! and take their maths from polynomials of our own.
 //!
 //! # Conventions
 //!
@@ -16,8 +17,7 @@
 //! - Dense products take four rows together, rows of whole vectors of four factors (zeros beyond the senders), and
 //!   `4 · vectors` finite entries of B. A matrix beyond `maxStorageBufferRange` is bound in blocks of rows:
 //!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four rows
-//!   among a workgroup, with coalesced loads; `_image` and `_half_image` gather four rows in one invocation from texels,
-//!   which is faster on software Vulkan.
+//!   among a workgroup, with coalesced loads.
 //! - Kernels that sample rows take a frame's number, so that each frame draws others; what they write they also read, the
 //!   irradiance of the frame before.
 //! - Lists of slots are made in three passes, `localmatrix_count`, `_start` and `_compact`, the last of which finds the slot at its own
@@ -47,6 +47,41 @@
 //! # Ok::<(), gpu_kernels::host::HostError>(())
 //! ```
 //!
+//! # Adding a kernel
+//!
+//! Three edits:
+//!
+//! 1. the body, a plain function in the `kernel` module of the method's crate;
+//! 2. its declaration, in the file of the method here;
+//! 3. an input for it in `tests/support/kernels`, by its name.
+//!
+//! ```text
+//! kernels! {
+//!     /// Exitance of every patch after a bounce, W/m²: [`product::bounce`]. An element is a patch.
+//!     FORMFACTOR_BOUNCE = "formfactor_bounce"(p: CountParams) for k in 0..count {
+//!         source: read [Rgb; count],
+//!         albedo: read [Rgb; count],
+//!         irradiance: read [Rgb; count],
+//!         exitance: write [Rgb],
+//!     } each {
+//!         let i = k as usize;
+//!         product::bounce(source[i], albedo[i], irradiance[i])
+//!     }
+//! }
+//! ```
+//!
+//! `p` are the push constants, whose field `count` holds the number of elements. `[Rgb; count]` is
+//! the type of a buffer's elements, with the least number of them that the host form accepts. The
+//! value of the block goes to element `k` of the buffer that is written. `src/declare.rs` has the
+//! whole grammar: buffers that are updated, images, workgroups with shared memory, the tables of the
+//! scene in one word, and host forms written by hand where a loop over the elements is not the
+//! fastest.
+//!
+//! `just spv` then compiles the module. The tests of layout, order and parity go through
+//! [`table::KERNELS`] and need no edit: `tests/order.rs` calls the entry point itself on the host
+//! ([`table::Kernel::invocation`]), and `tests/parity.rs` compares the executors. Where they may
+//! differ by more than its bounds, it wants a tolerance with its reason.
+//!
 //! # Rebuilding the modules
 //!
 //! `just spv` runs `builder/`, a workspace of its own on stable Rust. It needs `spirv-opt` and `spirv-val` (Debian:
@@ -65,6 +100,8 @@
 #[cfg(feature = "std")]
 extern crate std;
 
+#[macro_use]
+mod declare;
 pub mod firstshot;
 pub mod formfactor;
 mod half;

@@ -1,180 +1,115 @@
-//! Entry points of the matrix round a camera: light of merged patches, lists of slots, the product between them, what the
-//! patches get of it, and updates of the matrix.
+//! Kernels of the matrix round a camera: light of merged patches, lists of slots, the product
+//! between them, what the patches get of it, and updates of the matrix.
 
 use ::localmatrix::kernel;
 use ::localmatrix::kernel::BLOCK;
 use ::localmatrix::{FadeParams, SlotParams, UpdateParams};
 use ::scene::Rgb;
-use glam::{UVec2, UVec3, Vec4};
-use spirv_std::spirv;
+use glam::{UVec2, Vec4};
 
-use crate::invocation::element;
 use crate::params::CountParams;
 
-/// Mean exitance of the leaves of each slot: [`kernel::mean`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_mean"))]
-#[inline(never)]
-pub fn mean(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] runs: &[UVec2],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] area: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] exitance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] light: &mut [Rgb],
-) {
-    let slot = element(id, groups);
-    if slot < p.count {
+kernels! {
+    /// Mean exitance of the leaves of each slot, W/m²: [`kernel::mean`]. An element is a slot.
+    LOCALMATRIX_MEAN = "localmatrix_mean"(p: CountParams) for slot in 0..count {
+        runs: read [UVec2; count],
+        area: read [f32; crate::host::localmatrix::end_of_runs(&runs[..count])],
+        exitance: read [Rgb; crate::host::localmatrix::end_of_runs(&runs[..count])],
+        light: write [Rgb],
+    } each {
         let run = runs[slot as usize];
-        light[slot as usize] = kernel::mean(run.x, run.y, area, exitance);
+        kernel::mean(run.x, run.y, area, exitance)
     }
-}
 
-/// Slots of each block that go into a list: [`kernel::count`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_count"))]
-#[inline(never)]
-pub fn count(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SlotParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] values: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] counts: &mut [u32],
-) {
-    let block = element(id, groups);
-    if block < p.count {
-        counts[block as usize] = kernel::count(block, p.slots, values);
+    /// Slots of each block of 64 whose light is not 0: [`kernel::count`]. An element is a block.
+    LOCALMATRIX_COUNT = "localmatrix_count"(p: SlotParams) for block in 0..count {
+        values: read [Rgb; p.slots as usize],
+        counts: write [u32],
+    } each {
+        kernel::count(block, p.slots, values)
     }
-}
 
-/// Where each block begins in the list: [`kernel::start`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_start"))]
-#[inline(never)]
-pub fn start(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] counts: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] starts: &mut [u32],
-) {
-    let block = element(id, groups);
-    if block < p.count {
-        starts[block as usize] = kernel::start(block, counts);
+    /// Where each block begins in the list; at the end its length: [`kernel::start`]. An element is
+    /// a block, or the end.
+    LOCALMATRIX_START = "localmatrix_start"(p: CountParams) for block in 0..count {
+        counts: read [u32; count.saturating_sub(1)],
+        starts: write [u32],
+    } each {
+        kernel::start(block, counts)
     }
-}
 
-/// The slot at each place of a list: [`kernel::compact`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_compact"))]
-#[inline(never)]
-pub fn compact(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] starts: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] values: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] list: &mut [u32],
-) {
-    let place = element(id, groups);
-    if place < p.count {
-        list[place as usize] = kernel::compact(place, p.count, starts, values);
-    }
-}
+    /// Slots whose light is not 0, then the others: [`kernel::compact`]. An element is a place of
+    /// the list.
+    LOCALMATRIX_COMPACT = "localmatrix_compact"(p: CountParams) for place in 0..count {
+        starts: read [u32],
+        values: read [Rgb],
+        list: write [u32],
+    } each {
+        kernel::compact(place, p.count, starts, values)
+    } host crate::host::localmatrix::compact;
 
-/// Irradiance of the visible slots from the lit ones, and 0 at the others: [`kernel::gather`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_product"))]
-#[inline(never)]
-#[allow(clippy::too_many_arguments)]
-pub fn product(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SlotParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] lit_starts: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] lit: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] visible_starts: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] visible: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] red: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] green: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] blue: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] root: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] light: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 9)] irradiance: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// Irradiance of visible slots from lit ones, W/m²: [`kernel::gather`]. An element is a place
+    /// of the list of visible slots, whatever comes after them gets nothing.
+    LOCALMATRIX_PRODUCT = "localmatrix_product"(p: SlotParams) for k in 0..count {
+        lit_starts: read [u32],
+        lit: read [u32],
+        visible_starts: read [u32],
+        visible: read [u32],
+        red: read [f32],
+        green: read [f32],
+        blue: read [f32],
+        root: read [f32],
+        light: read [Rgb],
+        irradiance: write [Rgb],
+    } invocation {
         let slot = visible[k as usize];
         let end = p.slots.div_ceil(BLOCK) as usize;
         // Invocations beyond the visible slots have nothing to sum; each slot is named once.
         let lit_count = if k < visible_starts[end] { lit_starts[end] } else { 0 };
-        irradiance[slot as usize] = kernel::gather(slot, p.slots, lit_count, lit, red, green, blue, root, light);
-    }
-}
+        irradiance[slot as usize] =
+            kernel::gather(slot, p.slots, lit_count, lit, red, green, blue, root, light);
+    } host crate::host::localmatrix::product;
 
-/// Irradiance of each leaf: [`kernel::spread`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_spread"))]
-#[inline(never)]
-pub fn spread(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] slot_of: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] irradiance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] leaves: &mut [Rgb],
-) {
-    let leaf = element(id, groups);
-    if leaf < p.count {
-        leaves[leaf as usize] = kernel::spread(slot_of[leaf as usize], irradiance);
+    /// Irradiance of each leaf from that of the slots, W/m²: [`kernel::spread`]. An element is a
+    /// leaf.
+    LOCALMATRIX_SPREAD = "localmatrix_spread"(p: CountParams) for leaf in 0..count {
+        slot_of: read [u32; count],
+        irradiance: read [Rgb; crate::host::localmatrix::slots_named(&slot_of[..count]).max(1)],
+        leaves: write [Rgb],
+    } each {
+        kernel::spread(slot_of[leaf as usize], irradiance)
     }
-}
 
-/// What is left of jumps of the light: [`kernel::fade`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_fade"))]
-#[inline(never)]
-pub fn fade(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &FadeParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] before: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] now: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] offset: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// What is left of the jumps of each leaf's light, W/m²: [`kernel::fade`]. An element is a
+    /// leaf.
+    LOCALMATRIX_FADE = "localmatrix_fade"(p: FadeParams) for k in 0..count {
+        before: read [Rgb; count],
+        now: read [Rgb; count],
+        offset: update [Rgb] as old,
+    } each {
         let i = k as usize;
-        offset[i] = kernel::fade(offset[i], before[i], now[i], p);
+        kernel::fade(old, before[i], now[i], p)
     }
-}
 
-/// Irradiance of each patch, with what is left of jumps: [`kernel::show`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_show"))]
-#[inline(never)]
-pub fn show(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] leaf_of: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] now: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] offset: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] irradiance: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        irradiance[k as usize] = kernel::show(leaf_of[k as usize], now, offset);
+    /// Irradiance of each patch from that of its leaf and what is left of jumps, W/m²:
+    /// [`kernel::show`]. An element is a patch.
+    LOCALMATRIX_SHOW = "localmatrix_show"(p: CountParams) for k in 0..count {
+        leaf_of: read [u32; count],
+        now: read [Rgb; crate::host::named(&leaf_of[..count])],
+        offset: read [Rgb; crate::host::named(&leaf_of[..count])],
+        irradiance: write [Rgb],
+    } each {
+        kernel::show(leaf_of[k as usize], now, offset)
     }
-}
 
-/// Four entries of a plane after an update: [`kernel::update`].
-#[spirv(compute(threads(64), entry_point_name = "localmatrix_update"))]
-#[inline(never)]
-pub fn update(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &UpdateParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] vectors: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] columns: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] place: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] plane: &mut [f32],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// A plane of the matrix after patches came or went: [`kernel::update`]. An element is four
+    /// columns of a row.
+    LOCALMATRIX_UPDATE = "localmatrix_update"(p: UpdateParams) for k in 0..count {
+        vectors: read [f32],
+        columns: read [f32],
+        place: read [u32],
+        plane: update [f32],
+    } invocation {
         let at = 4 * k as usize;
         let old = Vec4::new(plane[at], plane[at + 1], plane[at + 2], plane[at + 3]);
         let new = kernel::update(k, p, vectors, columns, place, old);
@@ -182,5 +117,5 @@ pub fn update(
         plane[at + 1] = new.y;
         plane[at + 2] = new.z;
         plane[at + 3] = new.w;
-    }
+    } host crate::host::localmatrix::update;
 }

@@ -1,154 +1,80 @@
-//! Entry points of radiosity by samples: what changes, samples of rows, exact sums of some rows, and alias tables.
+//! Kernels of radiosity by samples: what changes, samples of rows, exact sums of some rows.
 
 use ::scene::Rgb;
-use ::temporal::kernel::{sample, split, tables};
-use ::temporal::{SampleParams, SplitParams, SumParams};
-use glam::{UVec2, UVec3};
-use spirv_std::spirv;
+use ::temporal::kernel::{sample, tables};
+use ::temporal::{SampleParams, SumParams};
 
-use crate::invocation::element;
 use crate::params::CountParams;
 
-/// Change of the exitance: [`sample::change`].
-#[spirv(compute(threads(64), entry_point_name = "temporal_change"))]
-#[inline(never)]
-pub fn change(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] source: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] albedo: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] irradiance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] exitance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] change: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+kernels! {
+    /// Change of the exitance since the irradiance was sampled, W/m²: [`sample::change`]. An
+    /// element is a patch.
+    TEMPORAL_CHANGE = "temporal_change"(p: CountParams) for k in 0..count {
+        source: read [Rgb],
+        albedo: read [Rgb],
+        irradiance: read [Rgb],
+        exitance: read [Rgb],
+        change: write [Rgb],
+    } each {
         let i = k as usize;
-        change[i] = sample::change(source[i], albedo[i], irradiance[i], exitance[i]);
-    }
-}
+        sample::change(source[i], albedo[i], irradiance[i], exitance[i])
+    } host crate::host::temporal::change;
 
-/// A frame of rows that are lists: [`sample::sample_list`].
-#[spirv(compute(threads(64), entry_point_name = "temporal_sample_lists"))]
-#[inline(never)]
-pub fn sample_lists(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SampleParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] columns: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] row_sums: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] exitance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] change: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] irradiance: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.rows {
-        let previous = irradiance[k as usize];
-        irradiance[k as usize] = sample::sample_list(k, p, row_start, columns, row_sums, exitance, change, previous);
-    }
-}
+    /// Irradiance one frame on, W/m², by samples of lists of hits (`temporal::RayLists`):
+    /// [`sample::sample_list`]. An element is a row.
+    TEMPORAL_SAMPLE_LISTS = "temporal_sample_lists"(p: SampleParams) for k in 0..rows {
+        row_start: read [u32],
+        columns: read [u32],
+        row_sums: read [f32],
+        exitance: read [Rgb],
+        change: read [Rgb],
+        irradiance: update [Rgb] as previous,
+    } each {
+        sample::sample_list(k, p, row_start, columns, row_sums, exitance, change, previous)
+    } host crate::host::temporal::sample_lists;
 
-/// A frame of rows that are alias tables: [`tables::sample_table`].
-#[spirv(compute(threads(64), entry_point_name = "temporal_sample_tables"))]
-#[inline(never)]
-pub fn sample_tables(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SampleParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] slots: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] columns: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] colors: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] row_sums: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] exitance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] change: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] irradiance: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.rows {
-        let previous = irradiance[k as usize];
-        irradiance[k as usize] =
-            tables::sample_table(k, p, row_start, slots, columns, colors, row_sums, exitance, change, previous);
-    }
-}
+    /// The same by samples of alias tables (`temporal::AliasTables`): [`tables::sample_table`].
+    TEMPORAL_SAMPLE_TABLES = "temporal_sample_tables"(p: SampleParams) for k in 0..rows {
+        row_start: read [u32],
+        slots: read [u32],
+        columns: read [u32],
+        colors: read [u32],
+        row_sums: read [f32],
+        exitance: read [Rgb],
+        change: read [Rgb],
+        irradiance: update [Rgb] as previous,
+    } each {
+        tables::sample_table(
+            k, p, row_start, slots, columns, colors, row_sums, exitance, change, previous,
+        )
+    } host crate::host::temporal::sample_tables;
 
-/// Exact sums of some lists: [`sample::sum_list`].
-#[spirv(compute(threads(64), entry_point_name = "temporal_sum_lists"))]
-#[inline(never)]
-pub fn sum_lists(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SumParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] columns: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] row_sums: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] exitance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] irradiance: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// Exact irradiance of some rows of lists of hits, W/m²: [`sample::sum_list`]. An element is
+    /// one of these rows.
+    TEMPORAL_SUM_LISTS = "temporal_sum_lists"(p: SumParams) for k in 0..count {
+        row_start: read [u32],
+        columns: read [u32],
+        row_sums: read [f32],
+        exitance: read [Rgb],
+        irradiance: update [Rgb],
+    } invocation {
         let i = sample::summed_row(k, p);
         let exact = sample::sum_list(i, p, row_start, columns, row_sums, exitance);
         irradiance[i as usize] = sample::settle(irradiance[i as usize], exact);
-    }
-}
+    } host crate::host::temporal::sum_lists;
 
-/// Exact sums of some alias tables: [`tables::sum_table`].
-#[spirv(compute(threads(64), entry_point_name = "temporal_sum_tables"))]
-#[inline(never)]
-pub fn sum_tables(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SumParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] slots: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] columns: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] colors: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] row_sums: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] exitance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] irradiance: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// The same of alias tables: [`tables::sum_table`].
+    TEMPORAL_SUM_TABLES = "temporal_sum_tables"(p: SumParams) for k in 0..count {
+        row_start: read [u32],
+        slots: read [u32],
+        columns: read [u32],
+        colors: read [u32],
+        row_sums: read [f32],
+        exitance: read [Rgb],
+        irradiance: update [Rgb],
+    } invocation {
         let i = sample::summed_row(k, p);
         let exact = tables::sum_table(i, p, row_start, slots, columns, colors, row_sums, exitance);
         irradiance[i as usize] = sample::settle(irradiance[i as usize], exact);
-    }
-}
-
-/// Prefix sums of a row's weights: [`split::scan_row`].
-#[spirv(compute(threads(64), entry_point_name = "temporal_split_scan"))]
-#[inline(never)]
-pub fn split_scan(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SplitParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] weights: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] scan: &mut [UVec2],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        split::scan_row(k, row_start, weights, 0, scan);
-    }
-}
-
-/// Slot of an entry: [`split::pack_entry`].
-#[spirv(compute(threads(64), entry_point_name = "temporal_split_pack"))]
-#[inline(never)]
-pub fn split_pack(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &SplitParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] weights: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] scan: &[UVec2],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] slots: &mut [u32],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        slots[k as usize] = split::pack_entry(k, p.rows, row_start, weights, scan);
-    }
+    } host crate::host::temporal::sum_tables;
 }

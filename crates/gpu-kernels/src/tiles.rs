@@ -1,65 +1,44 @@
-//! Entry points of the product with tiles: the exitance in their order and in whole numbers, the sums of their vectors, those
-//! in whole numbers, the rows, those of squares and single entries.
+//! Kernels of the product with tiles: the exitance in their order and in whole numbers, the sums of
+//! their vectors, those in whole numbers, the rows, those of squares and single entries.
 
 use ::multibounce::kernel::tiles;
 use ::multibounce::{TileQuad, TileSquare};
 use ::scene::Rgb;
-use glam::{UVec2, UVec3, UVec4, Vec4};
-use spirv_std::spirv;
+use glam::{UVec2, UVec4, Vec4};
 
-use crate::invocation::element;
 use crate::params::{CountParams, EnterParams, ProjectParams};
 
-/// Exitance in the order of the tiles: [`tiles::enter`].
-#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_enter"))]
-#[inline(never)]
-pub fn tiles_enter(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &EnterParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] order: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] root: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] exitance: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] ordered: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        ordered[k as usize] = tiles::enter(k, p.patches, order, root, exitance);
-    }
-}
+kernels! {
+    /// Exitance in the order of tiles, times √a: [`tiles::enter`]. An element is a place, of whole
+    /// blocks.
+    MULTIBOUNCE_TILES_ENTER = "multibounce_tiles_enter"(p: EnterParams) for k in 0..count {
+        order: read [u32],
+        root: read [f32],
+        exitance: read [Rgb],
+        ordered: write [Rgb],
+    } each {
+        tiles::enter(k, p.patches, order, root, exitance)
+    } host crate::host::tiles::enter;
 
-/// Exitance of a block in whole numbers: [`tiles::round`].
-#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_round"))]
-#[inline(never)]
-pub fn tiles_round(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] ordered: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] light: &mut [u32],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// Exitance of the blocks of tiles in whole numbers: [`tiles::round`]. An element is four lanes
+    /// of a block.
+    MULTIBOUNCE_TILES_ROUND = "multibounce_tiles_round"(p: CountParams) for k in 0..count {
+        ordered: read [Rgb],
+        light: write [u32],
+    } invocation {
         tiles::round(k, ordered, light);
-    }
-}
+    } host crate::host::tiles::round;
 
-/// Sums of the slots of a few quads: [`tiles::project`].
-#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_project"))]
-#[inline(never)]
-pub fn tiles_project(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &ProjectParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] runs: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] quads: &[TileQuad],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] words: &[UVec4],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] scales: &[Vec4],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] light: &[UVec4],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] sums: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// Sums of the vectors of tiles (`multibounce::Tiles`): [`tiles::project`]. An element is a
+    /// part of a run, four quads of slots at most.
+    MULTIBOUNCE_TILES_PROJECT = "multibounce_tiles_project"(p: ProjectParams) for k in 0..count {
+        runs: read [u32],
+        quads: read [TileQuad],
+        words: read [UVec4],
+        scales: read [Vec4],
+        light: read [UVec4],
+        sums: write [Rgb],
+    } invocation {
         let (quad, count) = tiles::quads_of(k, runs);
         if count > 0 {
             let sixteen = tiles::project(quad, count, p.axes, quads, words, scales, light);
@@ -87,43 +66,29 @@ pub fn tiles_project(
                 sums[first + 15] = sixteen[15];
             }
         }
-    }
-}
+    } host crate::host::tiles::project;
 
-/// What the vectors of a run are multiplied by, in whole numbers: [`tiles::weigh`].
-#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_weigh"))]
-#[inline(never)]
-pub fn tiles_weigh(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] runs: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] partner: &[UVec4],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] sums: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] factors: &mut [UVec4],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// What the vectors of tiles are multiplied by, in whole numbers: [`tiles::weigh`]. An element
+    /// is a run of quads.
+    MULTIBOUNCE_TILES_WEIGH = "multibounce_tiles_weigh"(p: CountParams) for k in 0..count {
+        runs: read [u32],
+        partner: read [UVec4],
+        sums: read [Rgb],
+        factors: write [UVec4],
+    } invocation {
         tiles::weigh(k, runs, partner, sums, factors);
-    }
-}
+    } host crate::host::tiles::weigh;
 
-/// Rows of the ordered irradiance, those of two lanes: [`tiles::expand`].
-#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_expand"))]
-#[inline(never)]
-pub fn tiles_expand(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] run_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] runs: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] quads: &[TileQuad],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] words: &[UVec2],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] factors: &[UVec4],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] rows: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
+    /// Rows of the tiles, those of a block's splits one after another: [`tiles::expand`]. An
+    /// element is two lanes of a split of a block: a row of each of their parts.
+    MULTIBOUNCE_TILES_EXPAND = "multibounce_tiles_expand"(p: CountParams) for k in 0..count {
+        run_start: read [u32],
+        runs: read [u32],
+        quads: read [TileQuad],
+        words: read [UVec2],
+        factors: read [UVec4],
+        rows: write [Rgb],
+    } invocation {
         let rows_of = tiles::expand(k, run_start, runs, quads, words, factors);
         rows[tiles::row_at(k, 0) as usize] = rows_of[0];
         rows[tiles::row_at(k, 0) as usize + 1] = rows_of[8];
@@ -141,29 +106,24 @@ pub fn tiles_expand(
         rows[tiles::row_at(k, 6) as usize + 1] = rows_of[14];
         rows[tiles::row_at(k, 7) as usize] = rows_of[7];
         rows[tiles::row_at(k, 7) as usize + 1] = rows_of[15];
-    }
-}
+    } host crate::host::tiles::expand;
 
-/// Rows of squares and single entries: [`tiles::near`].
-#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_near"))]
-#[inline(never)]
-pub fn tiles_near(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] square_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] squares: &[TileSquare],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] square_words: &[UVec4],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] light: &[UVec4],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] row_start: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] entries: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] steps: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 7)] ordered: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 8)] near: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        let eight = tiles::near(k, square_start, squares, square_words, light, row_start, entries, steps, ordered);
+    /// Rows of the squares and of the single entries of tiles: [`tiles::near`]. An element is eight
+    /// places of the order. `ordered` has room for every place that entries can name.
+    MULTIBOUNCE_TILES_NEAR = "multibounce_tiles_near"(p: CountParams) for k in 0..count {
+        square_start: read [u32],
+        squares: read [TileSquare],
+        square_words: read [UVec4],
+        light: read [UVec4],
+        row_start: read [u32],
+        entries: read [u32],
+        steps: read [f32],
+        ordered: read [Rgb],
+        near: write [Rgb],
+    } invocation {
+        let eight = tiles::near(
+            k, square_start, squares, square_words, light, row_start, entries, steps, ordered,
+        );
         let first = 8 * k as usize;
         near[first] = eight[0];
         near[first + 1] = eight[1];
@@ -173,24 +133,17 @@ pub fn tiles_near(
         near[first + 5] = eight[5];
         near[first + 6] = eight[6];
         near[first + 7] = eight[7];
-    }
-}
+    } host crate::host::tiles::near;
 
-/// Irradiance of the patches from the rows: [`tiles::leave`].
-#[spirv(compute(threads(64), entry_point_name = "multibounce_tiles_leave"))]
-#[inline(never)]
-pub fn tiles_leave(
-    #[spirv(global_invocation_id)] id: UVec3,
-    #[spirv(num_workgroups)] groups: UVec3,
-    #[spirv(push_constant)] p: &CountParams,
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] place: &[u32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] root: &[f32],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] rows: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] near: &[Rgb],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] irradiance: &mut [Rgb],
-) {
-    let k = element(id, groups);
-    if k < p.count {
-        irradiance[k as usize] = tiles::leave(k, place, root, rows, near);
-    }
+    /// Irradiance of the patches from the rows of tiles, W/m²: [`tiles::leave`]. An element is a
+    /// patch.
+    MULTIBOUNCE_TILES_LEAVE = "multibounce_tiles_leave"(p: CountParams) for k in 0..count {
+        place: read [u32],
+        root: read [f32],
+        rows: read [Rgb],
+        near: read [Rgb],
+        irradiance: write [Rgb],
+    } each {
+        tiles::leave(k, place, root, rows, near)
+    } host crate::host::tiles::leave;
 }

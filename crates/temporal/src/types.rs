@@ -41,14 +41,3 @@ pub struct SumParams {
     pub options: u32,
 }
 const _: () = assert!(size_of::<SumParams>() == 20);
-
-/// Settings of the kernels that build alias tables.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct SplitParams {
-    /// Rows, or for the last step entries.
-    pub count: u32,
-    /// Rows.
-    pub rows: u32,
-}
-const _: () = assert!(size_of::<SplitParams>() == 8);

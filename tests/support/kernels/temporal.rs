@@ -1,12 +1,11 @@
 //! Inputs of the kernels that sample rows.
 
 use ::temporal::kernel::sample::{AUTO, COLORED, NARROW, ROTATED};
-use ::temporal::kernel::tables::PARTS;
-use ::temporal::{SampleParams, SplitParams, SumParams, scan_all};
-use glam::{UVec2, Vec4};
+use ::temporal::{SampleParams, SumParams};
+use glam::Vec4;
 use gpu_kernels::params::CountParams;
 
-use super::{Data, Random, Tables, buffer, call, offsets, room};
+use super::{Random, Tables, buffer, call, room};
 
 const ROWS: u32 = 150;
 const COLUMNS: u32 = 90;
@@ -24,20 +23,6 @@ fn rows(r: &mut Random) -> (Vec<u32>, Vec<u32>, Vec<u32>) {
     }
     let words = (0..slots.len().div_ceil(2)).map(|_| r.below(COLUMNS) << 16 | r.below(COLUMNS)).collect();
     (row_start, words, slots)
-}
-
-/// Weights of rows whose sum is [`PARTS`] an entry.
-fn weights(r: &mut Random, row_start: &[u32]) -> Vec<u32> {
-    let mut weights = Vec::new();
-    for row in row_start.windows(2) {
-        let mut left = (row[1] - row[0]) * PARTS;
-        for k in row[0]..row[1] {
-            let weight = if k + 1 == row[1] { left } else { (r.word() >> 15).min(left) };
-            left -= weight;
-            weights.push(weight);
-        }
-    }
-    weights
 }
 
 /// Elements, push constants and tables of a kernel.
@@ -87,21 +72,6 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         "temporal_sum_tables" => {
             let p = SumParams { options: NARROW | COLORED, ..sum };
             call(p.count, p, of_sum([tables(r), light(r)].concat()))
-        }
-        "temporal_split_scan" | "temporal_split_pack" => {
-            let row_start = offsets(r, ROWS as usize);
-            let weights = weights(r, &row_start);
-            let entries = weights.len() as u32;
-            let mut tables = vec![buffer("row_start", &row_start), buffer("weights", &weights)];
-            if name == "temporal_split_scan" {
-                tables.push(room::<UVec2>("scan", weights.len()));
-                return call(ROWS, SplitParams { count: ROWS, rows: ROWS }, tables);
-            }
-            let mut scan = vec![UVec2::ZERO; weights.len()];
-            scan_all(&row_start, &weights, &mut scan);
-            let scan: (&str, Data) = buffer("scan", &scan);
-            tables.extend([scan, room::<u32>("slots", weights.len())]);
-            call(entries, SplitParams { count: entries, rows: ROWS }, tables)
         }
         other => panic!("the kernel {other} has no input here: add one"),
     }

@@ -1,16 +1,13 @@
 //! Host forms of the form-factor kernels and of the products.
 
-use ::formfactor::kernel::hemisphere::{self, EXTRA_COLUMNS};
 use ::formfactor::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, WORD_COUNTS};
-use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums, VECTOR_IMAGE_WIDTH};
-use ::formfactor::{GatherParams, HemisphereParams, HitsParams};
-use ::scene::kernel::bvh;
-use ::scene::{Hit, Rgb, SurfacePoint};
+use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums};
+use ::formfactor::{GatherParams, HitsParams};
+use ::scene::Rgb;
 use glam::{UVec2, Vec4};
 use rayon::prelude::*;
 
-use super::scene::geometry;
-use super::{Bound, HostCall, HostError, agreed, fill};
+use super::{Bound, HostCall, HostError, fill};
 use crate::half::unpack_half4;
 use crate::params::CountParams;
 use crate::table::Kernel;
@@ -18,56 +15,12 @@ use crate::table::Kernel;
 /// Numbers of 16 bits.
 const MOST_COLUMNS: usize = MOST_HIT_COLUMNS as usize;
 
-pub(crate) fn hemisphere_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [offsets, points, grids, a, b, c, d, e, f, ids]) = call.parts::<HemisphereParams, 10>(kernel)?;
-    let n = agreed(elements, p.row_count.saturating_mul(p.rays))?;
-    let offsets = offsets.read::<u32>((p.first_row + p.row_count) as usize + 1)?;
-    let geometry = geometry([a, b, c, d, e, f])?;
-    let (points, grids) = (points.read::<SurfacePoint>(0)?, grids.read(geometry.triangles.len())?);
-    fill(ids.write(n)?, |k| {
-        let (row, ray) = (p.first_row + k / p.rays, k % p.rays);
-        let (origin, direction) = hemisphere::hemisphere_ray(&p, offsets, points, row, ray);
-        let hit = bvh::closest_hit(&geometry, origin, direction, bvh::FAR);
-        hemisphere::classify_hit(&p, grids, &geometry, direction, hit)
-    });
-    Ok(())
-}
-
-pub(crate) fn hemisphere_row(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [offsets, points, ids, factors]) = call.parts::<HemisphereParams, 4>(kernel)?;
-    let (rows, rays) = (agreed(elements, p.row_count)?, p.rays as usize);
-    let columns = (p.patch_count + EXTRA_COLUMNS) as usize;
-    let offsets = offsets.read::<u32>((p.first_row + p.row_count) as usize + 1)?;
-    let (points, ids) = (points.read::<SurfacePoint>(0)?, ids.read::<u32>(rows * rays)?);
-    factors.write::<f32>(rows * columns)?.par_chunks_mut(columns).enumerate().for_each(|(k, row)| {
-        // The row as a block of its own.
-        let block = HemisphereParams { first_row: p.first_row + k as u32, row_count: 1, ..p };
-        hemisphere::hemisphere_row(&block, offsets, points, &ids[k * rays..], 0, row);
-    });
-    Ok(())
-}
-
-pub(crate) fn assemble_source(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [offsets, points, direct, emission, albedo, source]) = call.parts::<CountParams, 6>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let offsets = offsets.read::<u32>(n + 1)?;
-    let points = points.read::<SurfacePoint>(0)?;
-    let (direct, albedo) = (direct.read::<Rgb>(0)?, albedo.read::<Rgb>(0)?);
-    let emission = emission.read::<Rgb>(n)?;
-    fill(source.write(n)?, |k| product::assemble_source(k, offsets, points, direct, emission, albedo));
-    Ok(())
-}
-
 /// Parts of a dense product: settings, factors, exitance, and the rows of the result.
 type Dense<'s, 'a> = (GatherParams, Bound<'s, 'a>, Bound<'s, 'a>, &'s mut [Rgb]);
 
 fn dense<'s, 'a>(kernel: &Kernel, call: &'s mut HostCall<'_, 'a>) -> Result<Dense<'s, 'a>, HostError> {
-    let elements = call.elements;
     let (p, [factors, exitance, irradiance]) = call.parts::<GatherParams, 3>(kernel)?;
-    let (first, rows) = (p.first_row as usize, agreed(elements, p.rows)?);
+    let (first, rows) = (p.first_row as usize, p.rows as usize);
     Ok((p, factors, exitance, &mut irradiance.write::<Rgb>(first + rows)?[first..]))
 }
 
@@ -123,41 +76,9 @@ pub(crate) fn gather_half(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
     Ok(())
 }
 
-/// Rows from images, four an invocation.
-fn gather_images<T: bytemuck::Pod + Sync>(
-    kernel: &Kernel,
-    call: &mut HostCall,
-    unpack: impl Fn(T) -> Vec4 + Sync,
-) -> Result<(), HostError> {
-    let (p, factors, exitance, rows) = dense(kernel, call)?;
-    factors.covers(p.vectors, p.rows)?;
-    exitance.covers(VECTOR_IMAGE_WIDTH.min(4 * p.vectors), (4 * p.vectors).div_ceil(VECTOR_IMAGE_WIDTH))?;
-    let (factors, factor_width) = factors.texels::<T>()?;
-    let (light, light_width) = exitance.texels::<Rgb>()?;
-    let load = |row: u32, vector: u32| unpack(factors[row as usize * factor_width + vector as usize]);
-    let light = |j: u32| light[(j / VECTOR_IMAGE_WIDTH) as usize * light_width + (j % VECTOR_IMAGE_WIDTH) as usize];
-    rows.par_chunks_mut(ROWS_TOGETHER as usize).enumerate().for_each(|(k, rows)| {
-        let sums = product::gather_lane(k as u32 * ROWS_TOGETHER, &p, 0, 1, load, light);
-        let sums = [sums.a, sums.b, sums.c, sums.d];
-        for (row, sum) in rows.iter_mut().zip(sums) {
-            *row = sum.extend(0.0);
-        }
-    });
-    Ok(())
-}
-
-pub(crate) fn gather_image(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    gather_images(kernel, call, |texel: Vec4| texel)
-}
-
-pub(crate) fn gather_half_image(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    gather_images(kernel, call, unpack_half4)
-}
-
 pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [row_start, columns, values, exitance, irradiance]) = call.parts::<CountParams, 5>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let n = p.count as usize;
     let row_start = row_start.read::<u32>(n + 1)?;
     let entries = row_start[n] as usize;
     let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
@@ -172,9 +93,8 @@ pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), Hos
 }
 
 pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [row_start, quads, counts, scales, exitance, irradiance]) = call.parts::<HitsParams, 6>(kernel)?;
-    let n = agreed(elements, p.rows)?;
+    let n = p.rows as usize;
     let row_start = row_start.read::<u32>(n + 1)?;
     let bound = row_start[n].saturating_sub(p.first_quad);
     let quads = quads.read::<UVec2>(bound as usize)?;
@@ -195,30 +115,6 @@ pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
             sum += ((b(four.x) + b(four.x >> 16)) + (b(four.y) + b(four.y >> 16))) * f32::from(count);
         }
         (sum * (COUNT_STEP * scales[k as usize])).truncate().extend(0.0)
-    });
-    Ok(())
-}
-
-pub(crate) fn bounce(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [source, albedo, irradiance, exitance]) = call.parts::<CountParams, 4>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let (source, albedo, irradiance) = (source.read::<Rgb>(n)?, albedo.read::<Rgb>(n)?, irradiance.read::<Rgb>(n)?);
-    fill(exitance.write(n)?, |k| product::bounce(source[k as usize], albedo[k as usize], irradiance[k as usize]));
-    Ok(())
-}
-
-pub(crate) fn interpolate(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [hits, points, triangles, grids, cells, vertices, values, irradiance]) =
-        call.parts::<CountParams, 8>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let (hits, points) = (hits.read::<Hit>(n)?, points.read::<SurfacePoint>(n)?);
-    let triangles = triangles.read(1)?;
-    let (grids, cells) = (grids.read(triangles.len())?, cells.read(0)?);
-    let (vertices, values) = (vertices.read(0)?, values.read::<Rgb>(0)?);
-    fill(irradiance.write(n)?, |k| {
-        product::interpolate_pixel(grids, cells, vertices, triangles, values, hits[k as usize], points[k as usize])
     });
     Ok(())
 }

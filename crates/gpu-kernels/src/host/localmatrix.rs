@@ -1,13 +1,13 @@
 //! Host forms of the kernels of the matrix round a camera: the bodies on all cores.
 
 use ::localmatrix::kernel::{self, BLOCK, KEPT};
-use ::localmatrix::{FadeParams, SlotParams, UpdateParams};
+use ::localmatrix::{SlotParams, UpdateParams};
 use ::scene::Rgb;
 use glam::{UVec2, Vec4};
 use rayon::prelude::*;
 use std::vec::Vec;
 
-use super::{HostCall, HostError, agreed, fill};
+use super::{HostCall, HostError, fill};
 use crate::params::CountParams;
 use crate::table::Kernel;
 
@@ -19,43 +19,23 @@ fn check(binding: &'static str, most: Option<u32>, found: usize) -> Result<(), H
     }
 }
 
+/// How many leaves runs of them need.
+pub(crate) fn end_of_runs(runs: &[UVec2]) -> usize {
+    runs.iter().map(|run| run.y).max().unwrap_or(0) as usize
+}
+
+/// How many slots a table of them names, but for those that keep what they had.
+pub(crate) fn slots_named(slots: &[u32]) -> usize {
+    slots.iter().filter(|slot| **slot != KEPT).max().map_or(0, |slot| *slot as usize + 1)
+}
+
 fn blocks(slots: u32) -> usize {
     slots.div_ceil(BLOCK) as usize
 }
 
-pub(crate) fn mean(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [runs, area, exitance, light]) = call.parts::<CountParams, 4>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let runs = runs.read::<UVec2>(n)?;
-    let leaves = runs[..n].iter().map(|run| run.y).max().unwrap_or(0) as usize;
-    let (area, exitance) = (area.read::<f32>(leaves)?, exitance.read::<Rgb>(leaves)?);
-    fill(light.write(n)?, |slot| kernel::mean(runs[slot as usize].x, runs[slot as usize].y, area, exitance));
-    Ok(())
-}
-
-pub(crate) fn count(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [values, counts]) = call.parts::<SlotParams, 2>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let values = values.read::<Rgb>(p.slots as usize)?;
-    fill(counts.write(n)?, |block| kernel::count(block, p.slots, values));
-    Ok(())
-}
-
-pub(crate) fn start(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [counts, starts]) = call.parts::<CountParams, 2>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let counts = counts.read::<u32>(n.saturating_sub(1))?;
-    fill(starts.write(n)?, |block| kernel::start(block, counts));
-    Ok(())
-}
-
 pub(crate) fn compact(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [starts, values, list]) = call.parts::<CountParams, 3>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let n = p.count as usize;
     let (starts, values) = (starts.read::<u32>(blocks(p.count) + 1)?, values.read::<Rgb>(n)?);
     if !starts.is_sorted() {
         return Err(HostError::TooShort { binding: "starts", needed: n, found: 0 });
@@ -66,10 +46,9 @@ pub(crate) fn compact(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
 }
 
 pub(crate) fn product(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, bound) = call.parts::<SlotParams, 10>(kernel)?;
     let [lit_starts, lit, visible_starts, visible, red, green, blue, root, light, irradiance] = bound;
-    let (n, slots) = (agreed(elements, p.count)?, p.slots as usize);
+    let (n, slots) = (p.count as usize, p.slots as usize);
     let end = blocks(p.slots);
     let (lit_count, seen) = (lit_starts.read::<u32>(end + 1)?[end], visible_starts.read::<u32>(end + 1)?[end]);
     let (lit, visible) = (lit.read::<u32>(lit_count as usize)?, visible.read::<u32>(n)?);
@@ -87,41 +66,9 @@ pub(crate) fn product(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
     Ok(())
 }
 
-pub(crate) fn spread(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [slot_of, irradiance, leaves]) = call.parts::<CountParams, 3>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let (slot_of, irradiance) = (slot_of.read::<u32>(n)?, irradiance.read::<Rgb>(1)?);
-    check("irradiance", slot_of[..n].iter().filter(|slot| **slot != KEPT).max().copied(), irradiance.len())?;
-    fill(leaves.write(n)?, |leaf| kernel::spread(slot_of[leaf as usize], irradiance));
-    Ok(())
-}
-
-pub(crate) fn fade(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [before, now, offset]) = call.parts::<FadeParams, 3>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let (before, now) = (before.read::<Rgb>(n)?, now.read::<Rgb>(n)?);
-    let offset: &mut [Rgb] = offset.write(n)?;
-    offset.par_iter_mut().enumerate().for_each(|(i, one)| *one = kernel::fade(*one, before[i], now[i], &p));
-    Ok(())
-}
-
-pub(crate) fn show(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [leaf_of, now, offset, irradiance]) = call.parts::<CountParams, 4>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let leaf_of = leaf_of.read::<u32>(n)?;
-    let leaves = leaf_of[..n].iter().max().map_or(0, |leaf| *leaf as usize + 1);
-    let (now, offset) = (now.read::<Rgb>(leaves)?, offset.read::<Rgb>(leaves)?);
-    fill(irradiance.write(n)?, |k| kernel::show(leaf_of[k as usize], now, offset));
-    Ok(())
-}
-
 pub(crate) fn update(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [vectors, columns, place, plane]) = call.parts::<UpdateParams, 4>(kernel)?;
-    let (n, slots) = (agreed(elements, p.count)?, p.slots as usize);
+    let (n, slots) = (p.count as usize, p.slots as usize);
     if slots == 0 || !slots.is_multiple_of(4) || 4 * n > slots * slots {
         return Err(HostError::TooShort { binding: "plane", needed: 4 * n, found: slots * slots });
     }

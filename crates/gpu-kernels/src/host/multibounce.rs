@@ -1,15 +1,14 @@
 //! Host forms of the multi-bounce products.
 
 use ::multibounce::kernel::blocks::{self, BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, BlockSums, LANES};
+use ::multibounce::kernel::multiply as product;
 use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
-use ::multibounce::kernel::{feedback, multiply as product};
-use ::multibounce::{BlockParams, FeedbackParams, MultiplyParams};
+use ::multibounce::{BlockParams, MultiplyParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 use rayon::prelude::*;
 
-use super::{Bound, HostCall, HostError, agreed, fill};
-use crate::params::CountParams;
+use super::{Bound, HostCall, HostError};
 use crate::table::{ImageFormat, Kernel};
 
 /// What the products have beside the blocks.
@@ -23,9 +22,7 @@ struct Parts<'s> {
 }
 
 fn parts<'s, 'a>(kernel: &Kernel, call: &'s mut HostCall<'_, 'a>) -> Result<(Bound<'s, 'a>, Parts<'s>), HostError> {
-    let elements = call.elements;
     let (p, [blocks, tile_scales, row_start, outliers, exitance, irradiance]) = call.parts::<BlockParams, 6>(kernel)?;
-    agreed(elements, p.block_rows)?;
     let last = p.rows.min(BLOCK.saturating_mul(p.first_block_row.saturating_add(p.block_rows)));
     let first = BLOCK.saturating_mul(p.first_block_row).min(last);
     let tile_rows = (p.first_block_row.saturating_add(p.block_rows) as usize).div_ceil(1 << p.tile_shift.min(31));
@@ -123,33 +120,10 @@ pub(crate) fn blocks_gather_image(kernel: &Kernel, call: &mut HostCall) -> Resul
     Ok(())
 }
 
-pub(crate) fn reorder(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [order, scale, input, output]) = call.parts::<CountParams, 4>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let (order, scale, input) = (order.read::<u32>(n)?, scale.read::<Vec4>(n)?, input.read::<Rgb>(0)?);
-    fill(output.write(n)?, |k| blocks::reorder(k, order, scale, input));
-    Ok(())
-}
-
-pub(crate) fn feedback(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
-    let (p, [source, albedo, irradiance, change, exitance]) = call.parts::<FeedbackParams, 5>(kernel)?;
-    let n = agreed(elements, p.count)?;
-    let (source, albedo, irradiance) = (source.read::<Rgb>(n)?, albedo.read::<Rgb>(n)?, irradiance.read::<Rgb>(n)?);
-    let both = change.write::<Rgb>(n)?.par_iter_mut().zip(exitance.write::<Rgb>(n)?);
-    both.with_min_len(1024).enumerate().for_each(|(i, (change, exitance))| {
-        *change = feedback::change(&p, source[i], albedo[i], irradiance[i], *exitance, *change);
-        *exitance += *change;
-    });
-    Ok(())
-}
-
 /// Rows of tiles on all cores.
 pub(crate) fn multiply(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [factors, albedo, operator, next]) = call.parts::<MultiplyParams, 4>(kernel)?;
-    let tiles = agreed(elements, p.tiles)? as u32;
+    let tiles = p.tiles;
     let below = p.vectors as usize;
     let (rows, inner) = ((p.row_tiles * TILE_ROWS) as usize, p.inner as usize);
     let factors = factors.read::<Vec4>(rows * below)?;

@@ -10,14 +10,9 @@ use ::multibounce::{
 };
 use ::scene::Rgb;
 
-use super::{HostCall, HostError, agreed};
+use super::{HostCall, HostError, named};
 use crate::params::{CountParams, EnterParams, ProjectParams};
 use crate::table::Kernel;
-
-/// The greatest number in a table, and one more.
-fn named(table: &[u32]) -> usize {
-    table.iter().map(|&k| k as usize + 1).max().unwrap_or(0)
-}
 
 /// The greatest of starts that must ascend, or more than any table has.
 fn end(starts: &[u32]) -> usize {
@@ -31,9 +26,8 @@ fn words_of(quads: &[TileQuad]) -> usize {
 }
 
 pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [order, root, exitance, ordered]) = call.parts::<EnterParams, 4>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let n = p.count as usize;
     let order = &order.read::<u32>(p.patches as usize)?[..p.patches as usize];
     let patches = named(order);
     enter_all(order, root.read(patches)?, exitance.read::<Rgb>(patches)?, ordered.write(n)?);
@@ -41,18 +35,16 @@ pub(crate) fn enter(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 }
 
 pub(crate) fn round(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [ordered, light]) = call.parts::<CountParams, 2>(kernel)?;
-    let blocks = agreed(elements, p.count)? / QUARTERS as usize;
+    let blocks = p.count as usize / QUARTERS as usize;
     let places = blocks * TILE as usize;
     round_all(&ordered.read::<Rgb>(places)?[..places], light.write(blocks * LIGHT_WORDS as usize)?);
     Ok(())
 }
 
 pub(crate) fn project(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [runs, quads, words, scale, light, sums]) = call.parts::<ProjectParams, 6>(kernel)?;
-    let runs_count = agreed(elements, p.count)? / RUN_PARTS as usize;
+    let runs_count = p.count as usize / RUN_PARTS as usize;
     let n = runs_of(&runs.read::<u32>(runs_count + 1)?[..runs_count + 1]);
     let quads = &quads.read::<TileQuad>(n)?[..n];
     let words = words.read::<u32>(words_of(quads))?;
@@ -71,9 +63,8 @@ fn runs_of(runs: &[u32]) -> usize {
 }
 
 pub(crate) fn weigh(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [runs, partner, sums, factors]) = call.parts::<CountParams, 4>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let n = p.count as usize;
     let runs = &runs.read::<u32>(n + 1)?[..n + 1];
     let slots = QUAD as usize * runs_of(runs);
     let partner = &partner.read::<u32>(slots)?[..slots];
@@ -84,9 +75,8 @@ pub(crate) fn weigh(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErro
 }
 
 pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [run_start, runs, quads, words, factors, rows]) = call.parts::<CountParams, 6>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let n = p.count as usize;
     let blocks = n / (PAIRS * SPLITS) as usize;
     let run_start = &run_start.read::<u32>(blocks + 1)?[..blocks + 1];
     let count = end(run_start);
@@ -99,10 +89,9 @@ pub(crate) fn expand(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostErr
 }
 
 pub(crate) fn near(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [square_start, squares, square_words, light, row_start, entries, steps, ordered, near]) =
         call.parts::<CountParams, 9>(kernel)?;
-    let n = 8 * agreed(elements, p.count)?;
+    let n = 8 * p.count as usize;
     let edges = n / LANES as usize;
     let square_start = &square_start.read::<u32>(edges + 1)?[..edges + 1];
     let count = end(square_start);
@@ -118,9 +107,8 @@ pub(crate) fn near(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError
 }
 
 pub(crate) fn leave(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let elements = call.elements;
     let (p, [place, root, rows, near, irradiance]) = call.parts::<CountParams, 5>(kernel)?;
-    let n = agreed(elements, p.count)?;
+    let n = p.count as usize;
     let (place, root) = (&place.read::<u32>(n)?[..n], root.read(n)?);
     let blocks = named(place).div_ceil(TILE as usize);
     let rows = rows.read::<Rgb>(blocks * (SPLITS * TILE) as usize)?;

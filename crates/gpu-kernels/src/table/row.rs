@@ -1,5 +1,7 @@
 //! What a row of the table says.
 
+use glam::UVec3;
+
 use crate::host::{HostCall, HostError};
 
 /// How a kernel uses a binding.
@@ -100,11 +102,21 @@ pub struct Kernel {
     pub elements_per_group: u32,
     /// Bytes of push constants, at most 128.
     pub push_bytes: u32,
+    /// Where in the push constants the number of elements stands: offsets of one number, or of two
+    /// whose product it is.
+    pub counts: &'static [usize],
     /// Bindings 0, 1, … of descriptor set 0.
     pub bindings: &'static [Binding],
     /// The same bodies over all elements, on all cores of the host: [`Kernel::run_on_host`].
     pub(crate) host: fn(&Kernel, &mut HostCall) -> Result<(), HostError>,
+    /// A single invocation of the entry point, for tests; `None` where the host cannot call it,
+    /// because a workgroup shares memory or texels are fetched.
+    pub invocation: Option<Invocation>,
 }
+
+/// One invocation on the host: the kernel, the call, the invocation's place in the dispatch
+/// (`GlobalInvocationId`) and the number of workgroups each way.
+pub type Invocation = fn(&Kernel, &mut HostCall, UVec3, UVec3) -> Result<(), HostError>;
 
 /// Widest dispatch: the least `maxComputeWorkGroupCount` that Vulkan allows a device.
 pub const MAX_GROUPS_X: u32 = 65_535;
@@ -116,6 +128,14 @@ impl Kernel {
         let groups = elements.div_ceil(self.elements_per_group);
         let x = groups.clamp(1, MAX_GROUPS_X);
         [x, groups.div_ceil(x), u32::from(groups > 0)]
+    }
+
+    /// Number of elements that push constants say; `None` when they are too short.
+    pub fn elements(&self, push: &[u8]) -> Option<u32> {
+        self.counts.iter().try_fold(1u32, |product, &offset| {
+            let word: [u8; 4] = push.get(offset..offset + 4)?.try_into().ok()?;
+            Some(product.saturating_mul(u32::from_ne_bytes(word)))
+        })
     }
 
     /// Runs the host form after checking the call against this row of the table.

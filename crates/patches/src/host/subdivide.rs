@@ -348,7 +348,7 @@ impl Subdivision {
             offsets,
             visibility: scene,
             owner: Box::new(|hit, direction| self.owner(scene, hit, direction)),
-            ray_offset: scene.ray_offset,
+            ray_offset: scene.geometry.ray_offset,
             seed: 0,
         }
     }

@@ -48,9 +48,6 @@ pub const ROWS_TOGETHER: u32 = 4;
 /// Invocations that share the columns of [`ROWS_TOGETHER`] rows in the kernels for buffers.
 pub const LANES: u32 = 64;
 
-/// Texels in a row of the image that holds a vector of one texel an element.
-pub const VECTOR_IMAGE_WIDTH: u32 = 4096;
-
 /// Row in its block that an invocation reads in place of row `i`: the last one where there is none.
 #[inline]
 pub fn clamp_row(i: u32, rows: u32) -> u32 {
