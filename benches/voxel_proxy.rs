@@ -62,10 +62,10 @@ fn measure_own(name: &str, loaded: &LoadedScene, reference: &ReferenceData, coun
     };
     let mut classic =
         Classic::bake(&loaded.scene, loaded.view.eye, settings, open(&DeviceChoice::Cpu)?.0, &mut Progress::new(true))?;
-    classic.frame(&loaded.scene.lights, &loaded.view.camera(16, 16), 0)?;
+    classic.frame(&loaded.scene.lighting.lights, &loaded.view.camera(16, 16), 0)?;
     let ours = classic.irradiance_at(&reference.surface_points(loaded.metres_per_unit))?;
     let errors = compare_points(&ours, &reference.point_indirect())?;
-    let geometry = format!("{} triangles", loaded.scene.triangles.len());
+    let geometry = format!("{} triangles", loaded.scene.geometry.triangles.len());
     print_row(name, "clusters", &geometry, classic.patch_count(), &errors);
     Ok(())
 }
