@@ -16,7 +16,7 @@ use experiments::Error;
 use formfactor::Operator;
 use glam::Vec4;
 use multibounce::BlockCodec;
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use patchlight::render::classic::{Bake, ClassicSettings, ReceiverKind};
 use patchlight::render::operator::{Codec, Feedback, Transport};
 
@@ -82,14 +82,14 @@ fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error
         receivers: ReceiverKind::Pixels,
         ..ClassicSettings::default()
     };
-    let mut progress = Progress::new(true);
-    let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &mut progress)?;
+    let progress = Progress::new(true);
+    let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &progress)?;
     let blocks = BlockCodec::ALL.map(Codec::Blocks);
     let codecs = [Codec::Dense, Codec::Half].into_iter().chain(blocks).chain([Codec::Tiles { epsilon: EPSILON }]);
     let all_bounces = codecs.map(|codec| (format!("T-{}", codec.name()), Transport::Operator(codec)));
     let one_bounce = ("F-tiles".to_owned(), Transport::Feedback(Feedback { epsilon: EPSILON, ..Feedback::default() }));
     for (name, transport) in all_bounces.chain([one_bounce]) {
-        let Some(operator) = bake.operator(transport, None, &mut progress)? else { continue };
+        let Some(operator) = bake.operator(transport, None, &progress)? else { continue };
         let (n, bytes) = (operator.patches(), operator.bytes());
         let light = exitance(n, n);
         let mut out = vec![Vec4::ZERO; n];

@@ -11,7 +11,7 @@ use std::path::Path;
 use assets::import::LoadedScene;
 use benches::SEED;
 use experiments::proxy::{ProxyRadiosity, ProxySettings};
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use patchlight::render::classic::{Classic, ClassicSettings, PatchKind};
 use reference::metrics::compare_points;
 use reference::{PointErrors, ProxyLookup, ReferenceData};
@@ -38,7 +38,7 @@ fn print_row(scene: &str, what: &str, geometry: &str, patches: usize, errors: &P
 fn measure_proxy(name: &str, loaded: &LoadedScene, reference: &ReferenceData, count: usize) -> Outcome<()> {
     let ClassicSettings { sample_rays, .. } = ClassicSettings::default();
     let settings = ProxySettings { patch_count: count, rays: RAYS, point_rays: sample_rays, seed: SEED };
-    let proxy = ProxyRadiosity::bake(&loaded.scene, settings, &mut Progress::new(true))?;
+    let proxy = ProxyRadiosity::bake(&loaded.scene, settings, &Progress::new(true))?;
     let geometry = format!("{} faces of {:.1} cm", proxy.face_count(), 100.0 * proxy.edge());
     for (lookup, what) in [(ProxyLookup::Face, "voxel faces"), (ProxyLookup::Bilinear, "voxel faces, bilinear")] {
         let ours = proxy.irradiance_at(&reference.surface_points(loaded.metres_per_unit), lookup)?;
@@ -61,7 +61,7 @@ fn measure_own(name: &str, loaded: &LoadedScene, reference: &ReferenceData, coun
         ..ClassicSettings::default()
     };
     let mut classic =
-        Classic::bake(&loaded.scene, loaded.view.eye, settings, open(&DeviceChoice::Cpu)?.0, &mut Progress::new(true))?;
+        Classic::bake(&loaded.scene, loaded.view.eye, settings, open(&DeviceChoice::Cpu)?.0, &Progress::new(true))?;
     classic.frame(&loaded.scene.lighting.lights, &loaded.view.camera(16, 16), 0)?;
     let ours = classic.irradiance_at(&reference.surface_points(loaded.metres_per_unit))?;
     let errors = compare_points(&ours, &reference.point_indirect())?;

@@ -7,7 +7,7 @@ use glam::{Vec3, Vec4};
 use integration_tests::vulkan;
 use multibounce::BlockCodec;
 use patches::{PatchSize, SubdivideSettings, subdivide};
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use patchlight::render::decode::{Decode, Decoder};
@@ -41,8 +41,8 @@ fn render(loaded: &LoadedScene, executor: Box<dyn Executor>) -> Pictures {
 }
 
 fn render_with(loaded: &LoadedScene, executor: Box<dyn Executor>, settings: ClassicSettings) -> Pictures {
-    let mut progress = Progress::new(true);
-    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &mut progress).unwrap();
+    let progress = Progress::new(true);
+    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &progress).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures
 }
@@ -211,7 +211,7 @@ fn texture_units_give_the_pictures_that_kernels_do() {
             let transport = Transport::Operator(Codec::Blocks(codec));
             let settings = ClassicSettings { transport, decode, bounces, ..settings(150) };
             let mut classic =
-                Classic::bake(&loaded.scene, loaded.view.eye, settings, Box::new(vulkan), &mut Progress::new(true))
+                Classic::bake(&loaded.scene, loaded.view.eye, settings, Box::new(vulkan), &Progress::new(true))
                     .unwrap();
             let taken = if decode == Decode::Texture { "texture" } else { "kernel" };
             assert_eq!(classic.decoder().map(Decoder::name), Some(taken));
@@ -270,7 +270,7 @@ fn feedback_follows_a_light_that_changes() {
     let frames = |transport: Transport, count: u32| -> Vec<Pictures> {
         let settings = ClassicSettings { transport, ..settings(150) };
         let mut classic =
-            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &mut Progress::new(true)).unwrap();
+            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
         let frame =
             |k| classic.frame(if k == 0 { &loaded.scene.lights } else { &brighter }, &camera, 0).unwrap().pictures;
         (0..count).map(frame).collect()
@@ -298,7 +298,7 @@ fn clusters_carry_the_light_that_polygons_do() {
     let light = |loaded: &LoadedScene, patches: PatchKind| {
         let settings = ClassicSettings { patches, ..settings(600) };
         let mut classic =
-            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &mut Progress::new(true)).unwrap();
+            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         mean(&classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect)
     };

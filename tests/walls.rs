@@ -7,7 +7,7 @@
 use assets::import::LoadedScene;
 use assets::procedural;
 use glam::{Vec3, vec3};
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use reference::metrics::quantile;
 use reference::{PathSettings, PathTracer};
@@ -145,7 +145,7 @@ impl Baked {
         };
         let executor = open(&DeviceChoice::Cpu).unwrap().0;
         let classic =
-            Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &mut Progress::new(true)).unwrap();
+            Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
         Self { classic, lights: build.parts.lights.clone() }
     }
 

@@ -10,7 +10,7 @@ use integration_tests::vulkan;
 use localmatrix::{BakeFile, LocalSettings};
 use multibounce::BlockCodec;
 use patchlight::bake::{BakeSettings, bake};
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use patchlight::render::firstshot::FirstShotSettings;
 use patchlight::render::local::LocalOptions;
@@ -197,7 +197,7 @@ impl BakedScene {
             size: SIZE,
             ..ClassicSettings::default()
         };
-        let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &mut Progress::new(true)).unwrap();
+        let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &Progress::new(true)).unwrap();
         Self { loaded, bake }
     }
 }
@@ -207,8 +207,8 @@ impl BakedScene {
 pub fn render(scene: &BakedScene, method: Method, device: Device) -> Vec<FramePixels> {
     let loaded = &scene.loaded;
     let Some(transport) = method.transport() else { return vec![trace(loaded)] };
-    let mut progress = Progress::new(true);
-    let mut classic = scene.bake.clone().load(transport, executor(device), &mut progress).unwrap();
+    let progress = Progress::new(true);
+    let mut classic = scene.bake.clone().load(transport, executor(device), &progress).unwrap();
     let mut frames = Vec::new();
     for number in 0..FRAMES {
         let lights = lights_at(loaded, number);
@@ -224,9 +224,9 @@ pub fn render(scene: &BakedScene, method: Method, device: Device) -> Vec<FramePi
 fn trace(loaded: &LoadedScene) -> FramePixels {
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let settings = PathSettings { seed: SEED, ..PathSettings::default() };
-    let mut progress = Progress::new(true);
+    let progress = Progress::new(true);
     let scene = &loaded.scene;
-    let traced = path::render(scene, &camera, settings, PATHS, None, false, &mut progress);
+    let traced = path::render(scene, &camera, settings, PATHS, None, false, &progress);
     let pictures = traced.unwrap().pictures;
     FramePixels { full: pixels(&pictures.full), indirect: Some(pixels(&pictures.indirect)) }
 }
@@ -235,7 +235,7 @@ fn trace(loaded: &LoadedScene) -> FramePixels {
 pub fn bake_city(loaded: &LoadedScene, file: &Path) {
     let scene = CITY.to_owned();
     let settings = BakeSettings { scene, voxel_size: None, patch_count: 400, rays: 64, seed: SEED };
-    bake(&loaded.scene, loaded.content_hash, &settings, None, file, CITY_MEMORY, &mut Progress::new(true)).unwrap();
+    bake(&loaded.scene, loaded.content_hash, &settings, None, file, CITY_MEMORY, &Progress::new(true)).unwrap();
 }
 
 /// The streaming world itself.

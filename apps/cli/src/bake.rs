@@ -11,7 +11,7 @@ use experiments::args::Common;
 use experiments::output;
 use patchlight::bake::{BakeSettings, Baked, Extra, LEAST_PATCHES, MOST_PATCHES, bake, merge};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;
@@ -107,8 +107,8 @@ struct Report {
 }
 
 pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
-    let mut progress = Progress::new(common.quiet);
-    let loaded = output::import(&args.scene, &mut progress)?;
+    let progress = Progress::new(common.quiet);
+    let loaded = output::import(&args.scene, &progress)?;
     let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(LEAST_BY_DEFAULT, MOST_BY_DEFAULT);
     let settings = BakeSettings {
         scene: args.scene.clone(),
@@ -121,15 +121,15 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     let path =
         common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
     let baked =
-        bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &mut progress)?;
+        bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)?;
     tell(common, path, baked, progress);
     Ok(())
 }
 
 pub fn run_merge(common: &Common, args: &Merge) -> Result<(), Error> {
-    let mut progress = Progress::new(common.quiet);
+    let progress = Progress::new(common.quiet);
     let path = common.out.clone().unwrap_or_else(|| PathBuf::from("merged.bake"));
-    let baked = merge(&args.parts, &path, &mut progress)?;
+    let baked = merge(&args.parts, &path, &progress)?;
     tell(common, path, baked, progress);
     Ok(())
 }

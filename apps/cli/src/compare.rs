@@ -1,5 +1,6 @@
 //! `patchlight compare`.
 
+use reference::PictureFile as _;
 use reference::metrics::{compare_pictures, difference_picture, indirect_scale};
 use reference::{Picture, PictureErrors, stops_to_scale};
 use serde::Serialize;

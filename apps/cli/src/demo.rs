@@ -1,5 +1,6 @@
 //! The demo: the built-in Cornell box and atrium, every method against path tracing, a light that moves.
 
+use reference::PictureFile as _;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -21,7 +22,7 @@ use experiments::report::{Figure, Plot, Section, Series, Table, page, significan
 use experiments::sequence::frame_time;
 use experiments::summary::{PassTimes, PhotonCounts, Summary};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::progress::{Progress, is_cancelled};
+use experiments::progress::{Progress, is_cancelled};
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
 use patchlight::render::decode::Decoder;
@@ -118,10 +119,10 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
     let mut outcomes = Vec::new();
     let mut device = String::new();
     for name in ["cornell", "atrium"] {
-        let mut progress = Progress::new(common.quiet);
+        let progress = Progress::new(common.quiet);
         progress.note(&format!("{name}:"));
         let loaded = progress.phase("import", |_| procedural::build(name))?;
-        let outcome = one_scene(common, &effort, &loaded, &out.join(name), &mut progress)?;
+        let outcome = one_scene(common, &effort, &loaded, &out.join(name), &progress)?;
         device = outcome.summaries.first().map(|summary| summary.device.clone()).unwrap_or_default();
         outcomes.push(outcome);
     }
@@ -166,7 +167,7 @@ fn one_scene(
     effort: &Effort,
     loaded: &LoadedScene,
     out: &Path,
-    progress: &mut Progress,
+    progress: &Progress,
 ) -> Result<Outcome, Error> {
     output::make_folder(out)?;
     let settings = ClassicSettings {
@@ -262,14 +263,14 @@ fn one_method(
     checked: &[Checked],
     out: &Path,
 ) -> Result<Run, Error> {
-    let mut progress = Progress::new(common.quiet);
+    let progress = Progress::new(common.quiet);
     let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
     let is_first = method.transport == Transport::Classic;
     if let Some(note) = note.filter(|_| is_first) {
         progress.note(&note);
     }
     let device = executor.device().name.clone();
-    let mut loaded_bake = bake.clone().load(method.transport, executor, &mut progress)?;
+    let mut loaded_bake = bake.clone().load(method.transport, executor, &progress)?;
     let phases = progress.phases.clone();
     let animation = Animation::or_default_path(loaded);
     let mut times = Times::new();
@@ -335,7 +336,7 @@ fn trace(
     effort: &Effort,
     loaded: &LoadedScene,
     at: (&[Light], &View),
-    progress: &mut Progress,
+    progress: &Progress,
 ) -> Result<Pictures, Error> {
     let mut scene = loaded.scene.clone();
     scene.set_lights(at.0);

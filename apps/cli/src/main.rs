@@ -16,7 +16,7 @@ use clap::Parser;
 
 use args::{Cli, Command};
 use experiments::{Error, bench};
-use patchlight::progress;
+use experiments::progress;
 
 /// Runs the command that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after Ctrl-C.
 fn main() -> ExitCode {

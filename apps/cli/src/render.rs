@@ -1,5 +1,6 @@
 //! `patchlight render`.
 
+use reference::PictureFile as _;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -18,7 +19,7 @@ use experiments::report::significant;
 use experiments::sequence::{Movement, Sequence};
 use experiments::summary::{PassTimes, PhotonCounts, Summary};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
 use patchlight::render::debug::{DebugPicture, worst_blocks};
@@ -31,8 +32,8 @@ use runtime::executor::{DeviceChoice, open};
 const POINT_PATHS: u32 = 4096;
 
 pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
-    let mut progress = Progress::new(common.quiet);
-    let loaded = output::import(&args.scene, &mut progress)?;
+    let progress = Progress::new(common.quiet);
+    let loaded = output::import(&args.scene, &progress)?;
     let data = args.reference.as_deref().map(ReferenceData::load).transpose()?;
     let size = args.size.or(data.as_ref().map(|d| (d.full.width, d.full.height))).unwrap_or((960, 540));
     if args.frames > 1 && data.is_some() {
@@ -67,7 +68,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         ..Summary::default()
     };
     let (pictures, points) = match args.method {
-        Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?,
+        Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &progress)?,
         Method::Classic
         | Method::Multibounce
         | Method::Tiles
@@ -75,7 +76,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         | Method::Temporal
         | Method::Local
         | Method::Firstshot => {
-            classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &mut progress)?
+            classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &progress)?
         }
     };
     if args.frames == 1 {
@@ -111,7 +112,7 @@ fn path_frames(
     out: &Path,
     data: Option<&ReferenceData>,
     summary: &mut Summary,
-    progress: &mut Progress,
+    progress: &Progress,
 ) -> Result<Frames, Error> {
     summary.device = format!("CPU, {} threads", rayon::current_num_threads());
     let bounces = match args.bounces {
@@ -155,7 +156,7 @@ fn classic_frames(
     out: &Path,
     data: Option<&ReferenceData>,
     summary: &mut Summary,
-    progress: &mut Progress,
+    progress: &Progress,
 ) -> Result<Frames, Error> {
     let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
     if let Some(note) = note {
@@ -245,7 +246,7 @@ fn classic_frames(
         let (lights, view) = movement.at(frame);
         let camera = view.camera(size.0, size.1);
         let done = progress.timed("frame", || classic.frame(&lights, &camera, frame))?;
-        if patchlight::progress::is_cancelled() {
+        if experiments::progress::is_cancelled() {
             return Err(Error::Cancelled);
         }
         if args.frames > 1 || args.errors {

@@ -1,5 +1,6 @@
 //! `patchlight render FILE.bake --method local`.
 
+use reference::PictureFile as _;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -13,7 +14,7 @@ use experiments::output;
 use experiments::sequence::Movement;
 use experiments::summary::PassTimes;
 use patchlight::memory::{peak_memory_bytes, resident_bytes};
-use patchlight::progress::{Progress, is_cancelled};
+use experiments::progress::{Progress, is_cancelled};
 use patchlight::render::streamed::{StreamFrame, StreamSettings, Streamed, scene_of};
 
 /// Pixels when no size is given: every one of them is shaded on the host.
@@ -67,7 +68,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if args.method != Method::Local {
         return Err(Error::BakeMethod { path: path.to_path_buf() });
     }
-    let mut progress = Progress::new(common.quiet);
+    let progress = Progress::new(common.quiet);
     // The file first: a bake that cannot be read should not cost the time of its scene.
     let file = BakeFile::open(path)?;
     for error in file.lost() {
@@ -76,9 +77,9 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let named = scene_of(&file)?;
     drop(file);
     let before = resident_bytes().unwrap_or(0);
-    let loaded = output::import(&scene_beside(path, &named), &mut progress)?;
+    let loaded = output::import(&scene_beside(path, &named), &progress)?;
     let geometry = resident_bytes().unwrap_or(0).saturating_sub(before);
-    let movement = Movement::new(&loaded, (args.animate, args.path), args.frames, &mut progress);
+    let movement = Movement::new(&loaded, (args.animate, args.path), args.frames, &progress);
     let options = args.local.options(loaded.exposure_stops);
     let settings = StreamSettings {
         local: LocalSettings {

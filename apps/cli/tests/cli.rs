@@ -2,6 +2,7 @@
 
 mod program;
 
+use reference::PictureFile as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};

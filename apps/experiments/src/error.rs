@@ -58,9 +58,22 @@ pub enum Error {
     Cancelled,
 }
 
-/// The library's error, and which option of the program does what it advises.
+/// The library's error, and which options of the program do what it advises.
 fn with_hint(error: &patchlight::Error) -> String {
-    error.to_string()
+    use patchlight::Error as Library;
+    let options = match error {
+        Library::FirstShotReceivers | Library::PatchesAsReceivers { .. } => "--patches, --receivers",
+        Library::OperatorMemory { instead, .. } => return format!("{error} (--patch-count, --method {instead})"),
+        Library::NoTextureUnit { .. } => "--decode kernel, --device",
+        Library::WideBlocks { .. } => "--decode kernel, --patch-count",
+        Library::OperatorPanels { .. } => "--memory-limit, --patch-count, --method feedback",
+        Library::DeviceMemory { .. } => "--build-on host, --patch-count",
+        Library::TooManyPatches { .. } => "--patches cluster, --method path",
+        Library::TooManyVoxels { .. } => "--voxel-size, --patch-count",
+        Library::MemoryLimit { .. } => "--memory-limit, --voxel-size",
+        _ => return error.to_string(),
+    };
+    format!("{error} ({options})")
 }
 
 /// What the crates of the library say goes the same way as what the library says.

@@ -7,9 +7,12 @@ mod error;
 pub mod errors;
 pub mod output;
 pub mod path;
+pub mod photons;
+pub mod progress;
 pub mod proxy;
 pub mod report;
 pub mod sequence;
 pub mod summary;
+pub mod worst_blocks;
 
 pub use error::Error;

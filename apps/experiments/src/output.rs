@@ -1,5 +1,6 @@
 //! What commands share: reading the scene, writing into the folder of results, printing.
 
+use reference::PictureFile as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -11,10 +12,10 @@ use serde::Serialize;
 
 use crate::error::Error;
 use assets::import::{LoadedScene, load_or_build};
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 
 /// A scene from a file, or a built-in one; what was repaired is said.
-pub fn import(spec: &str, progress: &mut Progress) -> Result<LoadedScene, Error> {
+pub fn import(spec: &str, progress: &Progress) -> Result<LoadedScene, Error> {
     let loaded = progress.phase("import", |_| load_or_build(spec))?;
     loaded.warnings.iter().for_each(|line| progress.warn(line));
     Ok(loaded)

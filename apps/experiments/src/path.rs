@@ -8,7 +8,7 @@ use reference::{Accumulation, BlockErrors, fingerprint};
 use scene::{Camera, Scene};
 
 use crate::error::Error;
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 use patchlight::render::Pictures;
 
 /// A path-traced picture and its own standard errors.
@@ -33,7 +33,7 @@ pub fn render(
     samples: u32,
     saved: Option<&Path>,
     resume: bool,
-    progress: &mut Progress,
+    progress: &Progress,
 ) -> Result<PathPicture, Error> {
     let mut sums = Accumulation::new(camera, settings);
     let mark = fingerprint(scene, camera);

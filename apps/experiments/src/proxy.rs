@@ -16,7 +16,7 @@ use scene::{
 };
 
 use patchlight::Error;
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 use patchlight::render::classic::direct_params;
 use patchlight::render::pixels::PixelGather;
 use patchlight::render::proceed;
@@ -54,7 +54,7 @@ impl<'a> ProxyRadiosity<'a> {
     ///
     /// # Errors
     /// A scene without area, settings out of range, cancellation.
-    pub fn bake(scene: &'a Scene, settings: ProxySettings, progress: &mut Progress) -> Result<Self, Error> {
+    pub fn bake(scene: &'a Scene, settings: ProxySettings, progress: &Progress) -> Result<Self, Error> {
         let ProxySettings { patch_count, seed, .. } = settings;
         let mut proxy = progress.phase("voxel proxy", |_| -> Result<_, Error> {
             let panels = with_panels(scene)?;

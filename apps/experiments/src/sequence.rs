@@ -15,7 +15,7 @@ use crate::output;
 use crate::report::{Plot, Section, Series, page};
 use assets::import::{Animation, LoadedScene, Target, View};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 use patchlight::render::classic::{Classic, FrameResult};
 use patchlight::render::local::{LocalFrame, SHOWN_ALBEDO};
 
@@ -39,7 +39,7 @@ impl Movement {
         loaded: &LoadedScene,
         (animate, camera): (Animate, Option<CameraPath>),
         frames: u32,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Self {
         let mut path = Animation::or_default_path(loaded);
         if animate == Animate::Sun {
@@ -277,13 +277,13 @@ mod tests {
     #[test]
     fn lights_jump_and_come_back() {
         let loaded = procedural::build("atrium").unwrap();
-        let movement = Movement::new(&loaded, (Animate::Jump, None), 9, &mut Progress::new(true));
+        let movement = Movement::new(&loaded, (Animate::Jump, None), 9, &Progress::new(true));
         let lights: Vec<_> = (0..9).map(|frame| movement.at(frame).0).collect();
         assert!(lights[0] == lights[2] && lights[3] == lights[5] && lights[0] == lights[6]);
         assert_ne!(lights[2], lights[3]);
-        let still = Movement::new(&loaded, (Animate::Still, None), 9, &mut Progress::new(true));
+        let still = Movement::new(&loaded, (Animate::Still, None), 9, &Progress::new(true));
         assert!((0..9).all(|frame| still.at(frame).0 == loaded.scene.lighting.lights));
-        let sun = Movement::new(&loaded, (Animate::Sun, None), 9, &mut Progress::new(true));
+        let sun = Movement::new(&loaded, (Animate::Sun, None), 9, &Progress::new(true));
         let moved = (sun.at(0), sun.at(8));
         for (a, b) in moved.0.0.iter().zip(&moved.1.0) {
             assert_eq!(a.direction != b.direction, a.kind == LIGHT_DIRECTIONAL);
@@ -296,7 +296,7 @@ mod tests {
     fn a_camera_flies_whatever_the_lights_do() {
         let loaded = procedural::build("atrium").unwrap();
         for path in [CameraPath::Fly, CameraPath::Shuttle, CameraPath::Circle] {
-            let movement = Movement::new(&loaded, (Animate::Still, Some(path)), 30, &mut Progress::new(true));
+            let movement = Movement::new(&loaded, (Animate::Still, Some(path)), 30, &Progress::new(true));
             let (low, high) = loaded.scene.geometry.bounds;
             let eyes: Vec<Vec3> = (0..30).map(|frame| movement.at(frame).1.eye).collect();
             assert!((0..30).all(|frame| movement.at(frame).0 == loaded.scene.lighting.lights));
@@ -307,7 +307,7 @@ mod tests {
             assert!(way > 0.5 * (high - low).max_element() && most < 0.15 * way, "{path:?} {way} {most}");
         }
         assert_eq!(
-            Movement::new(&loaded, (Animate::Still, Some(CameraPath::Fly)), 1, &mut Progress::new(true)).at(0).1,
+            Movement::new(&loaded, (Animate::Still, Some(CameraPath::Fly)), 1, &Progress::new(true)).at(0).1,
             loaded.view
         );
     }

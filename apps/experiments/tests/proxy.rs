@@ -5,13 +5,13 @@ use assets::procedural;
 use experiments::proxy::{ProxyRadiosity, ProxySettings};
 use glam::{Vec3, vec3};
 use patchlight::Error;
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use reference::ProxyLookup;
 use scene::{NONE, SurfacePoint};
 
 fn bake(loaded: &LoadedScene, patch_count: usize) -> Result<ProxyRadiosity<'_>, Error> {
     let settings = ProxySettings { patch_count, rays: 512, point_rays: 64, seed: 1 };
-    ProxyRadiosity::bake(&loaded.scene, settings, &mut Progress::new(true))
+    ProxyRadiosity::bake(&loaded.scene, settings, &Progress::new(true))
 }
 
 fn point(position: Vec3, normal: Vec3) -> SurfacePoint {

@@ -1,205 +1,289 @@
-//! Bakes of worlds larger than memory: patches of voxels and what is merged of them for the distance, and their rows of form
-//! factors, made block by block.
+//! What a scene is at rest, computed once: patches, elements and receivers, and the form factors between them.
 
-mod rows;
-mod world;
+use std::sync::Arc;
 
-use std::path::{Path, PathBuf};
-
-use localmatrix::{BakeError, BakeFile, BakeWriter, Part, WorldHead, join};
-use rayon::prelude::*;
-use scene::Scene;
-use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
+use formfactor::{Stop, add_quarter_rows, jacobi};
+use glam::Vec4;
+use patches::{
+    Columns, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
+    lit_sampler, test_lights,
+};
+use scene::sampling::hash3;
+use scene::{DirectParams, Scene, SurfacePoint};
+use transport::{Csr, HitCounts, Observer, Phase};
 
 use crate::error::Error;
-use crate::memory::resident_bytes;
-use crate::progress::{Progress, is_cancelled};
+use crate::form_factors::{Estimator, FormFactors};
+use crate::observe::{Report, run_phase};
 
-pub use rows::Rows;
-pub use world::{DarkPatch, Extra, LEAST_PATCHES, MOST_PATCHES, World};
+/// Receivers along the edge of a patch.
+const RECEIVERS_AN_EDGE: f32 = 3.0;
+/// Most receivers for each that their distance gives where light is even.
+const MOST_RECEIVERS: f32 = 10.0 / 3.0;
+/// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
+const TOLERANCE: f32 = 1e-4;
+/// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
+const MOST_BOUNCES: u32 = 200;
 
-/// Points of a node at which its direct light is measured.
-pub const POINTS: usize = 16;
-/// Rows of a block.
-const BLOCK_ROWS: u32 = 64;
-/// Blocks that are made at once, for each thread.
-const BLOCKS_A_THREAD: usize = 4;
+/// Where irradiance is gathered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ReceiverKind {
+    /// At points of the surface, close where light bends; pixels are interpolated between those about.
+    #[default]
+    Mesh,
+    /// At every visible point of a view, with nothing in between: slow, for measuring.
+    Pixels,
+    /// By the patches themselves; pixels take the mean of those about. Only voxel and axis patches can.
+    Patches,
+}
 
-/// What changes the bytes of a bake, beside the scene.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Settings of [`Bake::build`].
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BakeSettings {
-    /// The scene as the command line named it.
-    pub scene: String,
-    /// Edge of the voxels, m; without one, a power of two of a metre for about `patch_count` patches.
-    pub voxel_size: Option<f32>,
+    /// What patches are.
+    pub patches: PatchKind,
     /// About how many patches.
     pub patch_count: usize,
-    /// Rays a row.
-    pub rays: u32,
+    /// Edge of the voxels of voxel and axis patches, m, instead of their count.
+    pub voxel_size: Option<f32>,
+    /// Samples of a cluster, on average: where its direct light is measured.
+    pub samples: u32,
+    /// Rays to area lights, and to a sky map, from each sample.
+    pub sample_rays: u32,
+    /// Estimator of the form factors between patches.
+    pub estimator: Estimator,
+    /// Bounces; `None` for all.
+    pub bounces: Option<u32>,
+    /// Where irradiance is gathered.
+    pub receivers: ReceiverKind,
+    /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge, over √density.
+    pub receiver_edge: Option<f32>,
+    /// Most receivers: beyond those of the distance, where light bends; `None` for ten thirds of those.
+    pub most_receivers: Option<usize>,
+    /// Receivers for each that there would be by default.
+    pub receiver_density: f32,
+    /// Rays of a receiver's row.
+    pub receiver_rays: u32,
     /// Changes every random number.
     pub seed: u32,
 }
 
-impl BakeSettings {
-    fn key(&self) -> [u8; 32] {
-        // Where the scene lies is not what it is.
-        let own = Self { scene: String::new(), ..self.clone() };
-        let text = serde_json::to_string(&own).unwrap_or_default();
-        Sha256::digest(format!("patchlight bake 2 {POINTS} {BLOCK_ROWS} {text}")).into()
-    }
-}
-
-/// What a bake came to.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Baked {
-    /// Patches.
-    pub leaves: u32,
-    /// Patches and what was merged of them.
-    pub nodes: u32,
-    /// Edge of the voxels, m.
-    pub voxel_edge_m: f32,
-    /// Rows that this run made, those of patches only.
-    pub rows: u64,
-    /// Rows a second of making them.
-    pub rows_per_second: f64,
-    /// Rows that were there from before an interruption.
-    pub resumed_rows: u64,
-    /// Bytes of the file.
-    pub bytes: u64,
-}
-
-/// Bakes a scene, or a part of it, into a file; goes on where an interrupted run of the same ended.
-///
-/// # Errors
-/// What the scene, the file or the memory limit says; [`Error::Cancelled`], after which the next run goes on.
-pub fn bake(
-    scene: &Scene,
-    content_hash: [u8; 32],
-    settings: &BakeSettings,
-    part: Option<Part>,
-    path: &Path,
-    memory_limit: u64,
-    progress: &mut Progress,
-) -> Result<Baked, Error> {
-    let key = settings.key();
-    // What was begun is asked for first: a name that is taken should not cost minutes.
-    let begun = BakeWriter::resume(path, content_hash, key, part)?;
-    let world = World::new(scene, settings, memory_limit, progress)?;
-    let mut writer = match begun {
-        Some(writer) => writer,
-        None => {
-            let head = WorldHead {
-                part,
-                nodes: world.nodes.len() as u32,
-                leaves: world.leaves() as u32,
-                block_rows: BLOCK_ROWS,
-                scene: content_hash,
-                key,
-            };
-            let text = serde_json::to_string(settings).unwrap_or_default();
-            BakeWriter::create(path, head, &text, world.nodes.clone(), world.extra.encode())?
+impl Default for BakeSettings {
+    /// 4,000 clusters, 4,096 rays a row, all bounces, receivers on the mesh.
+    fn default() -> Self {
+        Self {
+            patches: PatchKind::default(),
+            patch_count: 4000,
+            voxel_size: None,
+            samples: ViewSettings::default().samples,
+            sample_rays: 8,
+            estimator: Estimator::Hemisphere { rays: 4096 },
+            bounces: None,
+            receivers: ReceiverKind::default(),
+            receiver_edge: None,
+            most_receivers: None,
+            receiver_density: 1.0,
+            receiver_rays: 1024,
+            seed: 0,
         }
-    };
-    let mut baked = Baked {
-        leaves: world.leaves() as u32,
-        nodes: world.nodes.len() as u32,
-        voxel_edge_m: world.extra.shape.edges.x,
-        ..Baked::default()
-    };
-    let done = progress
-        .phase("form_factors", |report| add_rows(scene, &world, settings, &mut writer, memory_limit, report))?;
-    baked.rows = done.made;
-    baked.resumed_rows = done.resumed;
-    baked.rows_per_second = done.made as f64 / progress.seconds("form_factors").max(1e-9);
-    if part.is_none() {
-        add_parents(&mut writer, progress)?;
     }
-    drop(world);
-    finish(writer, path, &mut baked)?;
-    Ok(baked)
 }
 
-/// Joins parts into a whole bake, and makes the rows of what is merged.
-///
-/// # Errors
-/// Parts that are missing, doubled, of another scene or other settings; what the files say.
-pub fn merge(parts: &[PathBuf], path: &Path, progress: &mut Progress) -> Result<Baked, Error> {
-    let files = parts.iter().map(|part| BakeFile::open(part)).collect::<Result<Vec<_>, BakeError>>()?;
-    let mut writer = progress.phase("join", |report| {
-        join(path, &files, &mut |done, all| {
-            report(done as f32 / all.max(1) as f32);
-        })
-    })?;
-    let head = *writer.head();
-    drop(files);
-    add_parents(&mut writer, progress)?;
-    let mut baked = Baked { leaves: head.leaves, nodes: head.nodes, ..Baked::default() };
-    if let Some(extra) = Extra::decode(writer.extra()) {
-        baked.voxel_edge_m = extra.shape.edges.x;
-    }
-    finish(writer, path, &mut baked)?;
-    Ok(baked)
+/// What a scene is at rest: patches, elements and receivers, and their form factors. Lights may change after it.
+#[derive(Clone)]
+pub struct Bake {
+    /// The scene, with the lighting that it was baked with.
+    pub scene: Scene,
+    /// Patches and elements.
+    pub mesh: Arc<PatchMesh>,
+    /// Their form factors.
+    pub form_factors: FormFactors,
+    /// Receivers and interpolation points.
+    pub receivers: MeshReceivers,
+    /// How direct light is measured at the samples.
+    pub direct: DirectParams,
+    /// Bounces of a frame.
+    pub bounces: u32,
+    /// What it was made with.
+    pub settings: BakeSettings,
 }
 
-fn finish(writer: BakeWriter, path: &Path, baked: &mut Baked) -> Result<(), Error> {
-    writer.finish()?;
-    baked.bytes = std::fs::metadata(path).map_err(|source| Error::Write { path: path.to_path_buf(), source })?.len();
+/// A bake that has no receivers yet.
+#[derive(Clone)]
+pub struct PatchBake<'a> {
+    sampler: Option<LitSampler<'a>>,
+    bake: Bake,
+}
+
+impl Bake {
+    /// Cuts a scene into patches, estimates their form factors, and places receivers.
+    ///
+    /// # Errors
+    /// Too many triangles or voxels, settings that do not suit each other, cancellation.
+    pub fn build(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
+        PatchBake::build(scene, settings, observer)?.with_receivers(settings, observer)
+    }
+
+    /// Values that the patches' irradiance has: those between them where pixels take it from the patches.
+    pub fn irradiance_values(&self) -> usize {
+        match &self.mesh.lookup {
+            Some(lookup) if self.settings.receivers == ReceiverKind::Patches => lookup.values,
+            _ => self.mesh.patches.len(),
+        }
+    }
+}
+
+impl<'a> PatchBake<'a> {
+    /// Cuts a scene into patches, and estimates and balances their form factors.
+    ///
+    /// # Errors
+    /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
+    pub fn build(scene: &'a Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
+        check_receivers(settings)?;
+        let triangles = scene.geometry.triangles.len();
+        if settings.patches == PatchKind::Polygon && triangles > MOST_PATCHES {
+            return Err(too_many(triangles, triangles));
+        }
+        let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, settings))?;
+        if mesh.patches.len() > MOST_PATCHES {
+            return Err(too_many(triangles, mesh.patches.len()));
+        }
+        let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
+            FormFactors::estimate(scene, &mesh, settings.estimator, settings.seed, report)
+        })?;
+        let bounces = match settings.bounces {
+            Some(bounces) => bounces,
+            None => run_phase(observer, Phase::BOUNCES, |_| enough_bounces(&form_factors.factors, &mesh.albedo))?,
+        };
+        let bake = Bake {
+            scene: scene.clone(),
+            direct: sample_params(scene, &mesh, settings),
+            mesh: Arc::new(mesh),
+            form_factors,
+            receivers: MeshReceivers::none(scene)?,
+            bounces,
+            settings: *settings,
+        };
+        Ok(Self { sampler, bake })
+    }
+
+    /// Whether these are the patches of such settings: they differ at most in receivers.
+    pub fn are_of(&self, settings: &BakeSettings) -> bool {
+        let own = &self.bake.settings;
+        let receivers = BakeSettings {
+            receivers: own.receivers,
+            receiver_edge: own.receiver_edge,
+            most_receivers: own.most_receivers,
+            receiver_density: own.receiver_density,
+            receiver_rays: own.receiver_rays,
+            ..*settings
+        };
+        receivers == *own
+    }
+
+    /// Places receivers: of these settings only what says where and with how many rays counts, with the patches as they are.
+    ///
+    /// # Errors
+    /// Receivers that the patches do not suit, cancellation.
+    pub fn with_receivers(self, settings: &BakeSettings, observer: &dyn Observer) -> Result<Bake, Error> {
+        let Self { sampler, bake } = self;
+        let settings = BakeSettings { patches: bake.settings.patches, ..*settings };
+        check_receivers(&settings)?;
+        let receivers = run_phase(observer, Phase::RECEIVERS, |report| match &sampler {
+            Some(sampler) if settings.receivers == ReceiverKind::Mesh => place(&bake, sampler, &settings, report),
+            _ => Ok(MeshReceivers::none(&bake.scene)?),
+        })?;
+        observer.note(&format!(
+            "{} patches, {} elements, {} receivers, {} interpolation points",
+            bake.mesh.patches.len(),
+            bake.mesh.elements.len(),
+            receivers.points.len(),
+            receivers.interpolation.points.len()
+        ));
+        Ok(Bake { receivers, settings, ..bake })
+    }
+}
+
+fn too_many(triangles: usize, needed: usize) -> Error {
+    Error::TooManyPatches { triangles, needed, limit: MOST_PATCHES }
+}
+
+/// What knows where light comes, and the patches and elements.
+fn make_mesh<'a>(scene: &'a Scene, settings: &BakeSettings) -> Result<(Option<LitSampler<'a>>, PatchMesh), Error> {
+    let sampler = lit_sampler(scene, settings.patch_count, settings.seed)?;
+    let made = MeshSettings {
+        kind: settings.patches,
+        count: settings.patch_count,
+        voxel_size: settings.voxel_size,
+        samples: settings.samples,
+        seed: settings.seed,
+    };
+    let mesh = PatchMesh::new(scene, sampler.as_ref(), &made)?;
+    Ok((sampler, mesh))
+}
+
+/// How direct light is measured at the samples of a mesh.
+fn sample_params(scene: &Scene, mesh: &PatchMesh, settings: &BakeSettings) -> DirectParams {
+    DirectParams {
+        count: mesh.points.len() as u32,
+        area_rays: settings.sample_rays,
+        sky_rays: if scene.lighting.sky.map_width == 0 { 0 } else { settings.sample_rays },
+        seed: settings.seed,
+        ..direct_params(scene)
+    }
+}
+
+/// Places receivers on the mesh.
+fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Report) -> Result<MeshReceivers, Error> {
+    let scene = &bake.scene;
+    let mesh = &bake.mesh;
+    let seed = settings.seed ^ 0x7265_6365;
+    let area: f32 = mesh.areas().iter().sum();
+    let patch_edge = (area / mesh.patches.len().max(1) as f32).sqrt();
+    let even = patch_edge / (RECEIVERS_AN_EDGE * scene::math::sqrt(settings.receiver_density));
+    let edge = settings.receiver_edge.unwrap_or(even);
+    let factors = &bake.form_factors;
+    let lights = test_lights(scene, mesh, &*factors.factors, factors.element_operator(), &bake.direct)?;
+    let placing = Placing {
+        rays: settings.receiver_rays,
+        edge,
+        most: settings.most_receivers.unwrap_or((MOST_RECEIVERS * area / (edge * edge)) as usize),
+        seed,
+    };
+    // How many there will be is not known: the observer is told the rows of each round.
+    let add = |rows: &mut HitCounts, points: &[SurfacePoint]| {
+        let offsets: Vec<u32> = (0..=points.len() as u32).collect();
+        let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
+        let surfaces = mesh.lighting(scene, Columns::Elements, points, &offsets, seed);
+        let rays = settings.receiver_rays;
+        add_quarter_rows(rows, &surfaces, rays, &report).map_err(|error| patches::Error::Rows(Box::new(error)))?;
+        Ok(())
+    };
+    Ok(MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add)?)
+}
+
+/// Only voxels have a lookup between patches.
+fn check_receivers(settings: &BakeSettings) -> Result<(), Error> {
+    if settings.receivers == ReceiverKind::Patches && !settings.patches.has_voxels() {
+        return Err(Error::PatchesAsReceivers { patches: settings.patches.name() });
+    }
     Ok(())
 }
 
-fn add_parents(writer: &mut BakeWriter, progress: &mut Progress) -> Result<(), Error> {
-    let proceed = |report: &(dyn Fn(f32) -> bool + Sync), done: u32, all: u32| report(done as f32 / all.max(1) as f32);
-    let all =
-        progress.phase("merged", |report| writer.add_parents(POINTS, &mut |done, all| proceed(report, done, all)))?;
-    if all { Ok(()) } else { Err(Error::Cancelled) }
-}
-
-/// Rows that were made, and that were there.
-struct Made {
-    made: u64,
-    resumed: u64,
-}
-
-fn add_rows(
-    scene: &Scene,
-    world: &World,
-    settings: &BakeSettings,
-    writer: &mut BakeWriter,
-    memory_limit: u64,
-    report: &(dyn Fn(f32) -> bool + Sync),
-) -> Result<Made, Error> {
-    let head = *writer.head();
-    let leaf_blocks = head.leaves.div_ceil(head.block_rows);
-    let own = head.own_blocks();
-    let own = own.start..own.end.min(leaf_blocks);
-    let rows = Rows::new(scene, world, settings);
-    let first = writer.next_block().map_or(own.end, |next| next.clamp(own.start, own.end));
-    let at_once = (BLOCKS_A_THREAD * rayon::current_num_threads()) as u32;
-    let mut next = first;
-    while next < own.end {
-        let end = (next + at_once).min(own.end);
-        let blocks =
-            (next..end).into_par_iter().map(|block| rows.block(&head, block)).collect::<Result<Vec<_>, Error>>()?;
-        for records in blocks {
-            writer.push(&records)?;
-        }
-        next = end;
-        check_memory("form factors", memory_limit)?;
-        if !report((next - own.start) as f32 / own.len().max(1) as f32) || is_cancelled() {
-            return Err(Error::Cancelled);
-        }
+/// Direct-light settings that follow from the scene.
+pub fn direct_params(scene: &Scene) -> DirectParams {
+    DirectParams {
+        light_count: scene.lighting.lights.len() as u32,
+        emitter_count: scene.emitters.len() as u32,
+        ray_offset: scene.geometry.ray_offset,
+        ..DirectParams::default()
     }
-    let count = |blocks: std::ops::Range<u32>| {
-        blocks.map(|block| localmatrix::block_range(&head, block).len() as u64).sum::<u64>()
-    };
-    Ok(Made { made: count(first..own.end), resumed: count(own.start..first) })
 }
 
-/// More resident memory than is allowed is an error that says what to do.
-fn check_memory(phase: &'static str, limit: u64) -> Result<(), Error> {
-    match resident_bytes() {
-        Some(used) if used > limit => Err(Error::MemoryLimit { phase, used, limit }),
-        _ => Ok(()),
-    }
+/// Bounces until a uniform source changes no patch by more than the tolerance, and a quarter more for sources that are not
+/// uniform.
+fn enough_bounces(factors: &Csr, albedo: &[Vec4]) -> Result<u32, Error> {
+    let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
+    let steps = jacobi(factors, &source, albedo, Stop::Tolerance(TOLERANCE))?.iterations;
+    Ok((steps + steps / 4).clamp(1, MOST_BOUNCES))
 }

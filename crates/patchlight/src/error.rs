@@ -1,8 +1,8 @@
-//! What can go wrong, as the user sees it.
+//! What can go wrong.
 
 use std::path::PathBuf;
 
-/// Why a command failed. Messages name the file, the place and the remedy; the exit code is 1, or 130 after Ctrl-C.
+/// Why something failed. Messages name the file, the place and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A device or a plan.
@@ -21,8 +21,11 @@ pub enum Error {
     #[error(transparent)]
     Transport(#[from] transport::Error),
     /// Receivers that photons do not serve.
-    #[error("--method firstshot gathers at the mesh or at the pixels; choose --receivers mesh or pixels")]
+    #[error("photons light receivers on the mesh or at the pixels, not the patches themselves; choose other receivers")]
     FirstShotReceivers,
+    /// A scene, or lighting that does not suit it.
+    #[error(transparent)]
+    Scene(#[from] scene::Error),
     /// The operator of the light between patches.
     #[error("operator: {0}")]
     Operator(#[from] multibounce::Error),
@@ -31,8 +34,8 @@ pub enum Error {
     Local(#[from] localmatrix::Error),
     /// Matrices that would not fit into memory.
     #[error(
-        "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; choose a \
-         smaller --patch-count, or --method {instead}"
+        "the operator of {patches} patches takes {needed:.1} GB while it is made, and {available:.1} GB are free; choose \
+         fewer patches, or {instead}"
     )]
     OperatorMemory {
         /// The patches.
@@ -46,8 +49,8 @@ pub enum Error {
     },
     /// Texture blocks where no texture unit decodes them.
     #[error(
-        "{device} has no textureCompressionBC, without which no texture unit decodes blocks; choose --decode kernel, or \
-         another --device"
+        "{device} has no textureCompressionBC, without which no texture unit decodes blocks; let the kernel \
+         decode them, or choose another device"
     )]
     NoTextureUnit {
         /// The device.
@@ -56,7 +59,7 @@ pub enum Error {
     /// Texture blocks that make a wider image than the device takes.
     #[error(
         "blocks of {patches} patches are an image as wide, {device} takes at most {limit} texels (maxImageDimension2D); \
-         choose --decode kernel, or a smaller --patch-count"
+         let the kernel decode them, or choose fewer patches"
     )]
     WideBlocks {
         /// The device.
@@ -69,7 +72,7 @@ pub enum Error {
     /// A limit that is too small for panels of an operator.
     #[error(
         "the operator of {patches} patches takes {needed} MB beside the form factors even when it is built panel by panel, and \
-         {left} MB are left; allow more with --memory-limit, or choose a smaller --patch-count, or --method feedback"
+         {left} MB are left; allow more memory, or choose fewer patches, or progressive feedback"
     )]
     OperatorPanels {
         /// The patches.
@@ -81,8 +84,8 @@ pub enum Error {
     },
     /// A device on which an operator does not fit while it is built.
     #[error(
-        "the operator of {patches} patches takes {needed:.1} GB of {device} while it is built: {source}; choose --build-on host, or \
-         a smaller --patch-count"
+        "the operator of {patches} patches takes {needed:.1} GB of {device} while it is built: {source}; build it on the host, or \
+         choose fewer patches"
     )]
     DeviceMemory {
         /// The patches.
@@ -105,7 +108,7 @@ pub enum Error {
     /// The scene has too many triangles for polygon patches.
     #[error(
         "{triangles} triangles give at least {needed} polygon patches, classic radiosity takes at most {limit}; \
-         choose --patches cluster, --method path, or a scene with fewer triangles"
+         choose clusters as patches, path tracing, or a scene with fewer triangles"
     )]
     TooManyPatches {
         /// The scene's triangles.
@@ -116,9 +119,7 @@ pub enum Error {
         limit: usize,
     },
     /// Voxels so small, or so many patches, that there are too many of something.
-    #[error(
-        "{found} {name}, and at most {limit} are possible; choose a larger --voxel-size or a smaller --patch-count"
-    )]
+    #[error("{found} {name}, and at most {limit} are possible; choose larger voxels or fewer patches")]
     TooManyVoxels {
         /// What there are too many of.
         name: &'static str,
@@ -127,17 +128,13 @@ pub enum Error {
         /// How many there may be.
         limit: u64,
     },
-    /// Patches that are not bound to voxels cannot do what is asked.
+    /// Patches that are not bound to voxels cannot be receivers.
     #[error(
-        "{option} needs patches of voxels, and {patches} patches have none; choose --patches voxel or axis, or {instead}"
+        "only voxel and axis patches can be receivers themselves, {patches} patches cannot; choose those, or receivers on the mesh"
     )]
-    NoVoxels {
-        /// What was asked.
-        option: &'static str,
+    PatchesAsReceivers {
         /// The kind of patches.
         patches: &'static str,
-        /// What does without voxels.
-        instead: &'static str,
     },
     /// A bake of a world.
     #[error(transparent)]
@@ -154,7 +151,7 @@ pub enum Error {
     },
     /// More memory than allowed.
     #[error(
-        "{phase} take {} MB of memory, and --memory-limit allows {} MB; allow more, or choose a larger --voxel-size or a smaller scene",
+        "{phase} take {} MB of memory, and {} MB are allowed; allow more, or choose larger voxels or a smaller scene",
         used >> 20, limit >> 20
     )]
     MemoryLimit {
@@ -169,3 +166,33 @@ pub enum Error {
     #[error("stopped")]
     Cancelled,
 }
+
+impl From<runtime::recipe::localmatrix::CopyError> for Error {
+    fn from(error: runtime::recipe::localmatrix::CopyError) -> Self {
+        match error {
+            runtime::recipe::localmatrix::CopyError::Executor(error) => error.into(),
+            runtime::recipe::localmatrix::CopyError::Matrix(error) => error.into(),
+        }
+    }
+}
+
+impl Error {
+    /// Whether the observer asked to stop.
+    pub fn is_cancelled(&self) -> bool {
+        match self {
+            Self::Cancelled => true,
+            Self::Transport(error) => is_cancelled(error),
+            Self::FormFactor(formfactor::Error::Shared(error)) => is_cancelled(error),
+            Self::Operator(multibounce::Error::Shared(error)) => is_cancelled(error),
+            Self::Local(localmatrix::Error::Shared(error)) => is_cancelled(error),
+            _ => false,
+        }
+    }
+}
+
+fn is_cancelled(error: &transport::Error) -> bool {
+    matches!(error, transport::Error::Cancelled { .. })
+}
+
+/// The result of what can fail here.
+pub type Result<T> = std::result::Result<T, Error>;

@@ -7,7 +7,7 @@ use glam::Vec3;
 use scene::{NONE, SurfacePoint};
 
 use crate::error::Error;
-use crate::picture::Picture;
+use crate::picture::{Picture, PictureFile};
 
 /// Irradiance at a point of a surface, with standard errors (1 σ), W/m².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -38,27 +38,6 @@ pub enum Error {
         /// What the encoder says.
         reason: String,
     },
-    /// The number of pixels does not fit the size.
-    #[error("{found} pixels given for a picture of {width} x {height}")]
-    PixelCount {
-        /// Width.
-        width: u32,
-        /// Height.
-        height: u32,
-        /// Pixels given.
-        found: usize,
-    },
-    /// Two pictures that should be compared have different sizes.
-    #[error(
-        "the pictures differ in size: {} x {} and {} x {}; render at the size of the reference (--size)",
-        ours.0, ours.1, reference.0, reference.1
-    )]
-    SizeMismatch {
-        /// Width and height of the first.
-        ours: (u32, u32),
-        /// Width and height of the second.
-        reference: (u32, u32),
-    },
     /// The picture is smaller than the window of a metric.
     #[error("pictures of {width} x {height} cannot be compared: at least {least} x {least} pixels are needed")]
     TooSmall {

@@ -57,5 +57,5 @@ pub use data::{ReferenceData, ReferencePoint};
 pub use error::{Error, ResumeError};
 pub use metrics::{PictureErrors, PointErrors};
 pub use path::{PathSettings, PathTracer, PointIrradiance, Strategy};
-pub use picture::{Picture, Precision, scale_to_stops, stops_to_scale};
+pub use picture::{Picture, PictureFile, Precision, scale_to_stops, stops_to_scale};
 pub use voxel_proxy::{ProxyFace, ProxyLookup, VoxelProxy};

@@ -169,12 +169,13 @@ pub fn compare_points(ours: &[Vec3], reference: &[Vec3]) -> Result<PointErrors, 
 /// [`Error::SizeMismatch`].
 pub fn difference_picture(ours: &Picture, reference: &Picture, range: f32) -> Result<Picture, Error> {
     let least = (DARK_POINT as f32 * luminance(reference.mean())).max(f32::MIN_POSITIVE);
-    ours.combine(reference, |o, r| {
+    let picture = ours.combine(reference, |o, r| {
         let (o, r) = (luminance(o), luminance(r));
         let x = ((o - r) / r.max(least) / range).clamp(-1.0, 1.0);
         let rest = 1.0 - x.abs();
         if x > 0.0 { Vec3::new(1.0, rest, rest) } else { Vec3::new(rest, rest, 1.0) }
-    })
+    })?;
+    Ok(picture)
 }
 
 /// The FLIP map in the magma colours of its authors: black where equal, bright yellow at worst. To be shown without
@@ -187,7 +188,7 @@ pub fn flip_picture(ours: &Picture, reference: &Picture, scale: f32) -> Result<P
     let colours = flip_values(ours, reference, scale).apply_color_lut(&nv_flip::magma_lut()).to_vec();
     let linear = |code: &u8| decode_srgb(f32::from(*code) / 255.0);
     let pixels = colours.chunks_exact(3).map(|c| Vec3::new(linear(&c[0]), linear(&c[1]), linear(&c[2]))).collect();
-    Picture::from_pixels(ours.width, ours.height, pixels)
+    Ok(Picture::from_pixels(ours.width, ours.height, pixels)?)
 }
 
 /// Value below which the share `q` of the values lies, linear between neighbours; sorts them. 0 without values.

@@ -1,5 +1,6 @@
 //! Pictures and reference folders on disk.
 
+use reference::PictureFile as _;
 use std::fs;
 use std::path::Path;
 

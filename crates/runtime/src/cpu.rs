@@ -1,6 +1,8 @@
 //! Native code: each pass by the host form of its kernel, on all cores. Needs no driver.
 
 use std::collections::VecDeque;
+use std::fmt;
+use std::sync::Arc;
 use std::time::Instant;
 
 use gpu_kernels::host::{HostBinding, HostCall};
@@ -8,9 +10,9 @@ use gpu_kernels::host::{HostBinding, HostCall};
 use crate::executor::{DeviceInfo, DeviceKind, Executor, ExecutorError, KEPT_TIMES, PassTime};
 use crate::graph::Graph;
 use crate::plan::{Bound, BufferId, BufferKind, Pass, PassId, Plan};
+use crate::recipe::Table;
 
 /// Runs plans as native code.
-#[derive(Debug)]
 pub struct Cpu {
     info: DeviceInfo,
     graph: Graph,
@@ -19,10 +21,13 @@ pub struct Cpu {
     finished: VecDeque<Vec<PassTime>>,
 }
 
-/// Bytes on a 16-byte boundary, as every table needs.
-#[derive(Debug, Default)]
+/// Bytes on a 16-byte boundary, as every table needs: zeros until something is written, or a table that is shared.
+#[derive(Default)]
 struct Block {
+    /// Empty, though reserved, until something is written.
     words: Vec<u128>,
+    count: usize,
+    shared: Option<Arc<dyn Table>>,
 }
 
 impl Block {
@@ -30,15 +35,41 @@ impl Block {
         let count = usize::try_from(bytes.div_ceil(16)).ok()?;
         let mut words = Vec::new();
         words.try_reserve_exact(count).ok()?;
-        words.resize(count, 0);
-        Some(Self { words })
+        Some(Self { words, count, shared: None })
     }
 
+    /// Keeps a table in place of a copy; says whether it can.
+    fn share(&mut self, table: &Arc<dyn Table>) -> bool {
+        let is_aligned = table.bytes().as_ptr().align_offset(16) == 0;
+        if is_aligned {
+            self.words = Vec::new();
+            self.shared = Some(Arc::clone(table));
+        }
+        is_aligned
+    }
+
+    /// Makes zeros where nothing was written yet.
+    fn make_ready(&mut self) {
+        if self.shared.is_none() {
+            self.words.resize(self.count, 0);
+        }
+    }
+
+    /// The bytes; of a block that is ready.
     fn bytes(&self) -> &[u8] {
-        bytemuck::cast_slice(&self.words)
+        match &self.shared {
+            Some(table) => table.bytes(),
+            None => bytemuck::cast_slice(&self.words),
+        }
     }
 
+    /// The bytes to write to: a copy of its own where they were shared.
     fn bytes_mut(&mut self) -> &mut [u8] {
+        self.words.resize(self.count, 0);
+        if let Some(table) = self.shared.take() {
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut self.words);
+            bytes[..table.bytes().len()].copy_from_slice(table.bytes());
+        }
         bytemuck::cast_slice_mut(&mut self.words)
     }
 }
@@ -76,6 +107,12 @@ impl Cpu {
     }
 }
 
+impl fmt::Debug for Cpu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Cpu").field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
 impl Default for Cpu {
     fn default() -> Self {
         Self::new()
@@ -88,7 +125,11 @@ fn borrow<'a>(graph: &Graph, pass: &Pass, memory: &'a mut [Block]) -> Vec<HostBi
     for (slot, block) in memory.iter_mut().enumerate() {
         let mut here: Vec<(usize, &Bound)> =
             pass.bound.iter().enumerate().filter(|(_, b)| graph.slot_of(b.buffer) == slot).collect();
+        if here.is_empty() {
+            continue;
+        }
         if here.iter().all(|(_, b)| !b.writes) {
+            block.make_ready();
             let bytes = block.bytes();
             for (k, bound) in here {
                 let part = &bytes[bound.offset as usize..(bound.offset + bound.bytes) as usize];
@@ -146,8 +187,18 @@ impl Executor for Cpu {
 
     fn clear(&mut self, buffer: BufferId) -> Result<(), ExecutorError> {
         self.graph.note_clear(buffer)?;
-        self.memory[self.graph.slot_of(buffer)].words.fill(0);
+        self.memory[self.graph.slot_of(buffer)].bytes_mut().fill(0);
         Ok(())
+    }
+
+    fn share(&mut self, buffer: BufferId, table: Arc<dyn Table>) -> Result<(), ExecutorError> {
+        let bytes = table.bytes().len() as u64;
+        self.graph.note_upload(buffer, 0, bytes)?;
+        let is_whole = self.graph.plan().buffer(buffer)?.bytes == bytes;
+        if is_whole && self.memory[self.graph.slot_of(buffer)].share(&table) {
+            return Ok(());
+        }
+        self.upload_at(buffer, 0, table.bytes())
     }
 
     fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError> {
@@ -189,7 +240,9 @@ impl Executor for Cpu {
 
     fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError> {
         let bytes = self.graph.check_download(buffer)? as usize;
-        Ok(self.memory[self.graph.slot_of(buffer)].bytes()[..bytes].to_vec())
+        let block = &mut self.memory[self.graph.slot_of(buffer)];
+        block.make_ready();
+        Ok(block.bytes()[..bytes].to_vec())
     }
 }
 

@@ -3,12 +3,14 @@
 use std::convert::Infallible;
 use std::fmt;
 use std::str::FromStr;
+use std::sync::Arc;
 
 use bytemuck::Pod;
 use gpu_kernels::host::HostError;
 
 use crate::cpu::Cpu;
 use crate::plan::{BufferId, PassId, Plan, PlanError};
+use crate::recipe::Table;
 use crate::vulkan::{self, Validation, Vulkan};
 
 /// Why a device could not be opened or a plan could not be run.
@@ -216,6 +218,15 @@ pub trait Executor: Send {
     /// # Errors
     /// Bytes that do not fit, a scratch buffer, an unknown buffer; what the device says.
     fn upload_at(&mut self, buffer: BufferId, offset: u64, bytes: &[u8]) -> Result<(), ExecutorError>;
+
+    /// Puts a table that never changes into a whole buffer. Executors that read main memory may keep it in place of a copy
+    /// until something is written to the buffer.
+    ///
+    /// # Errors
+    /// As [`Executor::upload_at`].
+    fn share(&mut self, buffer: BufferId, table: Arc<dyn Table>) -> Result<(), ExecutorError> {
+        self.upload_at(buffer, 0, table.bytes())
+    }
 
     /// Fills a buffer or a picture with zeros, in the order of the uploads. No bytes are transferred, but for pictures of
     /// texture blocks.

@@ -8,4 +8,5 @@ pub mod cpu;
 pub mod executor;
 pub mod graph;
 pub mod plan;
+pub mod recipe;
 pub mod vulkan;

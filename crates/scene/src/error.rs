@@ -60,4 +60,25 @@ pub enum Error {
         /// Room.
         limit: usize,
     },
+    /// The number of pixels does not fit the size.
+    #[error("{found} pixels given for a picture of {width} x {height}")]
+    PixelCount {
+        /// Width.
+        width: u32,
+        /// Height.
+        height: u32,
+        /// Pixels given.
+        found: usize,
+    },
+    /// Two pictures that should be compared have different sizes.
+    #[error(
+        "the pictures differ in size: {} x {} and {} x {}; render at the size of the reference",
+        ours.0, ours.1, reference.0, reference.1
+    )]
+    SizeMismatch {
+        /// Width and height of the first.
+        ours: (u32, u32),
+        /// Width and height of the second.
+        reference: (u32, u32),
+    },
 }

@@ -5,6 +5,7 @@ pub mod clip;
 mod geometry;
 mod hierarchy;
 mod lighting;
+mod picture;
 mod receivers;
 mod scene;
 mod sides;
@@ -12,6 +13,7 @@ mod wide;
 
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use lighting::Lighting;
+pub use picture::{Picture, scale_to_stops, stops_to_scale};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
 pub use sides::{POINT_WALKS, SidePolicy, Sides, find_sides, is_open};

@@ -12,7 +12,7 @@ use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
-use patchlight::progress::Progress;
+use experiments::progress::Progress;
 use patchlight::render::classic::ClassicSettings;
 use patchlight::render::decode::Decoder;
 use patchlight::render::exchange::exchange;
@@ -93,12 +93,12 @@ impl Operator {
         settings: &ClassicSettings,
         options: &OperatorOptions,
     ) -> Result<Self, Error> {
-        let mut progress = Progress::new(common.quiet || common.json);
+        let progress = Progress::new(common.quiet || common.json);
         let n = senders.patches.len();
         check_memory(n, MATRICES, "feedback")?;
         let found = progress.phase("form_factors", |report| exchange(&loaded.scene, senders, settings, report))?;
         let between = Between::new(senders, &found.factors)?;
-        let operators = between.bounces(&senders.albedo, None, &mut progress)?;
+        let operators = between.bounces(&senders.albedo, None, &progress)?;
         let mut lights = vec![own_light(&loaded.scene, senders, settings)];
         lights.extend(compact_lights(senders, settings.seed));
         let factors = &between.factors;
@@ -116,7 +116,7 @@ impl Operator {
         let mut stored = Vec::new();
         for (operator, channels) in made {
             let start = Instant::now();
-            let kept = PatchOperator::encode(codec, channels, &between, settings.seed, &mut progress)?;
+            let kept = PatchOperator::encode(codec, channels, &between, settings.seed, &progress)?;
             let seconds = start.elapsed().as_secs_f64();
             let mut one = Stored::of(operator, codec, &kept, channels, &between, &lights, &senders.albedo, seconds)?;
             if let Some(device) = &device {
@@ -125,8 +125,8 @@ impl Operator {
             }
             if let Codec::Blocks(codec) = codec {
                 let exact = between.rows(channels);
-                let orders = block_orders(&exact, &between, settings.seed, &mut progress)?;
-                one.order_mse = order_errors(codec, &exact, &orders, &mut progress)?;
+                let orders = block_orders(&exact, &between, settings.seed, &progress)?;
+                one.order_mse = order_errors(codec, &exact, &orders, &progress)?;
             }
             stored.push(one);
             if let (Some(out), "T") = (&common.out, operator) {

@@ -32,7 +32,7 @@ use crate::error::Error;
 use crate::output;
 use crate::report::{Plot, Section, Series, Table, page, significant};
 use assets::import::LoadedScene;
-use patchlight::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, is_cancelled};
 
 /// Scenes that need no file: about as many triangles as Kopylov's.
 const SCENES: [&str; 2] = ["atrium:65000", "atrium:225000"];
@@ -161,8 +161,8 @@ fn introduction(machine: &Machine) -> Vec<String> {
 }
 
 fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates: &mut Vec<Rate>) -> Result<(), Error> {
-    let mut progress = Progress::new(common.quiet);
-    let mut loaded = output::import(name, &mut progress)?;
+    let progress = Progress::new(common.quiet);
+    let mut loaded = output::import(name, &progress)?;
     loaded.scene.lighting.lights = lamps(&loaded);
     loaded.scene.lighting.sky = Sky::default();
     loaded.scene.emitters = Arc::default();
@@ -179,7 +179,7 @@ fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates
         (Way::Table, Sequences::Sobol),
     ];
     for (way, sequences) in ways {
-        let mut run = one_run(common, args, &loaded, &maps, way, sequences, &mut progress)?;
+        let mut run = one_run(common, args, &loaded, &maps, way, sequences, &progress)?;
         if let Some(reference) = &reference {
             let (difference, expected) = difference(&maps, &run.estimate, &reference.estimate);
             (run.row.difference, run.row.expected_difference) = (Some(difference), Some(expected));
@@ -290,7 +290,7 @@ fn one_run(
     maps: &VoxelMaps,
     way: Way,
     sequences: Sequences,
-    progress: &mut Progress,
+    progress: &Progress,
 ) -> Result<Run, Error> {
     let scene = &loaded.scene;
     let start = Instant::now();

@@ -15,7 +15,7 @@ use crate::report::{Section, Table, page, significant};
 use crate::sequence::{distance, flicker};
 use crate::summary::PassTimes;
 use assets::import::LoadedScene;
-use patchlight::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, is_cancelled};
 use patchlight::render::classic::{Bake, Classic, ClassicSettings, Estimator, PatchKind};
 use patchlight::render::local::{LocalOptions, white};
 use patchlight::render::operator::{Codec, Transport};
@@ -102,12 +102,12 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         output::json(&Results { name: "local", machine: &machine, seed: common.seed, rows, views })
     };
     for scene in scenes {
-        let mut progress = Progress::new(common.quiet);
-        let loaded = output::import(scene, &mut progress)?;
+        let progress = Progress::new(common.quiet);
+        let loaded = output::import(scene, &progress)?;
         let truth = Truth::find(args.references.as_deref(), &loaded)?;
         for &count in &counts {
             let measuring = Measuring { common, args, loaded: &loaded, truth: truth.as_ref() };
-            measuring.measure(count as usize, &mut progress, &mut |row, shown| {
+            measuring.measure(count as usize, &progress, &mut |row, shown| {
                 rows.extend(row);
                 views.extend(shown);
                 // What is known is kept when the rest fails or is stopped.
@@ -148,7 +148,7 @@ impl Measuring<'_> {
     fn measure(
         &self,
         count: usize,
-        progress: &mut Progress,
+        progress: &Progress,
         keep: &mut dyn FnMut(Option<Row>, Option<Shown>) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let Self { common, args, loaded, truth } = self;
@@ -163,7 +163,7 @@ impl Measuring<'_> {
             ..ClassicSettings::default()
         };
         let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, progress)?;
-        let load = |transport: Transport, progress: &mut Progress| {
+        let load = |transport: Transport, progress: &Progress| {
             let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
             let device = executor.device().name.clone();
             Ok::<_, Error>((bake.clone().load(transport, executor, progress)?, device))

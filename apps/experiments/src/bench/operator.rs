@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::output;
 use crate::report::{Plot, Section, Series, Table, page};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 use patchlight::render::classic::{ClassicSettings, Estimator, PatchKind};
 use patchlight::render::exchange::exchange;
 use patchlight::render::frame::product_on_device;
@@ -282,8 +282,8 @@ fn measure(
     builds: &mut Vec<Build>,
     rows: &mut Vec<Row>,
 ) -> Result<(), Error> {
-    let mut progress = Progress::new(common.quiet);
-    let loaded = output::import(name, &mut progress)?;
+    let progress = Progress::new(common.quiet);
+    let loaded = output::import(name, &progress)?;
     let scene = &loaded.scene;
     let settings = ClassicSettings {
         patches: kind,
@@ -305,7 +305,7 @@ fn measure(
     let start = Instant::now();
     // One more for the dense product.
     let operators = match check_memory(n, MATRICES + 1, "feedback") {
-        Ok(()) => Some(between.bounces(&senders.albedo, None, &mut progress)?),
+        Ok(()) => Some(between.bounces(&senders.albedo, None, &progress)?),
         Err(error) => {
             progress.warn(&format!("{error}; without it"));
             None
@@ -368,7 +368,7 @@ fn measure(
     if let Some(operators) = &operators {
         let codecs: Vec<_> = args.codecs.iter().filter_map(|codec| Blocks::codec(*codec)).collect();
         let source = blocks::Source { between: &between, operators, truths: &truths, row: &row, seed: common.seed };
-        rows.extend(blocks::measure(&source, &codecs, device.as_deref_mut(), &mut progress)?);
+        rows.extend(blocks::measure(&source, &codecs, device.as_deref_mut(), &progress)?);
     }
     for &epsilon in &args.epsilons {
         let all = operators.as_ref().map(|three| ("T", Channels::Three(three.each_ref())));
@@ -410,7 +410,7 @@ fn measure(
         _ => {
             let sources = truths.iter().map(|truth| &truth.source[..]).collect();
             let what = Receivers { scene, senders: &senders, between: &between, sources };
-            what.measure((common, args), &row, device, rows, &mut progress)?
+            what.measure((common, args), &row, device, rows, &progress)?
         }
     };
     builds.push(Build {

@@ -1,6 +1,7 @@
 //! Virtual patches as senders, receivers on the mesh: errors over their numbers, where the errors come from, and lights that
 //! the bake has not seen.
 
+use reference::PictureFile as _;
 use std::path::{Path, PathBuf};
 
 use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
@@ -17,7 +18,7 @@ use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::report::{Figure, Plot, Section, Series};
 use crate::summary::PassTimes;
 use assets::import::LoadedScene;
-use patchlight::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, is_cancelled};
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, Patches, ReceiverKind};
 use patchlight::render::senders::MOST_PATCHES;
@@ -87,12 +88,12 @@ pub fn one_scene(
     known: &[Row],
     keep: &Keep,
 ) -> Result<SceneResult, Error> {
-    let mut progress = Progress::new(common.quiet);
-    let loaded = output::import(scene, &mut progress)?;
+    let progress = Progress::new(common.quiet);
+    let loaded = output::import(scene, &progress)?;
     progress.note(&format!("{}: reference", loaded.name));
     let truth = match Truth::find(args.references.as_deref(), &loaded)? {
         Some(truth) => truth,
-        None => Truth::traced_with_points(&loaded, args.size, args.spp, common.seed, &mut progress)?,
+        None => Truth::traced_with_points(&loaded, args.size, args.spp, common.seed, &progress)?,
     };
     let out = out.join(&loaded.name);
     let main_count = main_count(&args.counts) as usize;

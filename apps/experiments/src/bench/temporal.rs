@@ -18,7 +18,7 @@ use crate::output;
 use crate::report::{Plot, Section, Series, Table, page};
 use crate::sequence::{distance, flicker};
 use assets::import::{Animation, LoadedScene};
-use patchlight::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, is_cancelled};
 use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
 use patchlight::render::operator::{Feedback, Transport};
 use patchlight::render::temporal::{RowKind, Sampled, Temporal};
@@ -99,18 +99,18 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let results =
         |rows: &[Row]| output::json(&Results { name: "temporal", machine: &machine, seed: common.seed, rows });
     for scene in scenes {
-        let mut progress = Progress::new(common.quiet);
-        let loaded = output::import(scene, &mut progress)?;
+        let progress = Progress::new(common.quiet);
+        let loaded = output::import(scene, &progress)?;
         let truth = match Truth::find(args.references.as_deref(), &loaded)? {
             Some(truth) => truth,
             None => {
-                Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size, args.spp, common.seed, &mut progress)?
+                Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size, args.spp, common.seed, &progress)?
             }
         };
         progress.note(&format!("compared with {}", truth.source));
         for &count in &counts {
             let measuring = Measuring { common, args, loaded: &loaded, truth: &truth };
-            measuring.measure(count as usize, &mut progress, &mut |row| {
+            measuring.measure(count as usize, &progress, &mut |row| {
                 rows.push(row);
                 // What is known is kept when the rest fails or is stopped.
                 output::write_text(&out.join("summary.json"), &results(&rows))
@@ -138,7 +138,7 @@ impl Measuring<'_> {
     fn measure(
         &self,
         count: usize,
-        progress: &mut Progress,
+        progress: &Progress,
         keep: &mut dyn FnMut(Row) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let Self { common, args, loaded, truth } = self;
@@ -175,11 +175,11 @@ impl Measuring<'_> {
         exact: Option<&Vec<Vec3>>,
     ) -> Result<(Row, Vec<Vec3>), Error> {
         let Self { common, loaded, truth, .. } = self;
-        let mut progress = Progress::new(true);
+        let progress = Progress::new(true);
         let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
         let device = executor.device().name.clone();
         let start = Instant::now();
-        let mut light = bake.clone().load(transport, executor, &mut progress)?;
+        let mut light = bake.clone().load(transport, executor, &progress)?;
         let load_s = start.elapsed().as_secs_f64();
         let path = Animation::or_default_path(loaded);
         let (away, own) = (path.at(path.duration() / 3.0).0, loaded.scene.lighting.lights.clone());

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::path;
 use assets::import::LoadedScene;
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 use patchlight::render::Pictures;
 
 /// Points of a path-traced reference, and paths of each for every path of a pixel.
@@ -72,7 +72,7 @@ impl Truth {
         size: (u32, u32),
         paths: u32,
         seed: u32,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<Self, Error> {
         let mut scene = loaded.scene.clone();
         scene.set_lights(lights);
@@ -111,7 +111,7 @@ impl Truth {
         size: (u32, u32),
         paths: u32,
         seed: u32,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<Self, Error> {
         let mut truth = Self::traced(loaded, &loaded.scene.lighting.lights, size, paths, seed, progress)?;
         let sampler = LitSampler::new(&loaded.scene, POINT_PILOTS, seed)?;

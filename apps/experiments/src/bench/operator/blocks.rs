@@ -11,7 +11,7 @@ use transport::LinearOperator;
 use super::{Row, Truth, median_ms};
 use crate::error::Error;
 use crate::report::{Table, significant};
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 use patchlight::render::decode::Decode;
 use patchlight::render::frame::{decoder, product_decoded};
 use patchlight::render::operator::measure::{block_orders, order_errors, relative_error};
@@ -53,7 +53,7 @@ pub(super) fn measure(
     source: &Source,
     codecs: &[BlockCodec],
     mut device: Option<&mut (dyn Executor + 'static)>,
-    progress: &mut Progress,
+    progress: &Progress,
 ) -> Result<Vec<Row>, Error> {
     if codecs.is_empty() {
         return Ok(Vec::new());

@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::{DEVICE_TURNS, Row, median_ms};
 use crate::args::{Bench, Common};
 use crate::error::Error;
-use patchlight::progress::Progress;
+use crate::progress::Progress;
 use patchlight::render::frame::receivers_on_device;
 use patchlight::render::operator::measure::relative_error;
 use patchlight::render::operator::{Between, seen};
@@ -94,7 +94,7 @@ fn ordered(points: Vec<SurfacePoint>, seen: &[Vec4]) -> Vec<SurfacePoint> {
 
 impl Receivers<'_> {
     /// The rows of some points over the patches.
-    fn rows(&self, points: &[SurfacePoint], rays: u32, seed: u32, progress: &mut Progress) -> Result<HitRows, Error> {
+    fn rows(&self, points: &[SurfacePoint], rays: u32, seed: u32, progress: &Progress) -> Result<HitRows, Error> {
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let surfaces = self.senders.lighting(self.scene, Columns::Patches, points, &offsets, seed);
         let mut rows = HitRows::new(self.senders.patches.len())?;
@@ -111,7 +111,7 @@ impl Receivers<'_> {
         rays: u32,
         seed: u32,
         exact: &[Vec<Vec4>],
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<[f64; 2], Error> {
         let some: Vec<SurfacePoint> = points.iter().step_by(NOISE_SHARE).copied().collect();
         let rows = self.rows(&some, rays, hash3(seed, 1, 0x6e6f_6973), progress)?;
@@ -136,7 +136,7 @@ impl Receivers<'_> {
         row: &dyn Fn(&'static str, &'static str, u64, f64) -> Row,
         mut device: Option<&mut (dyn Executor + 'static)>,
         rows: &mut Vec<Row>,
-        progress: &mut Progress,
+        progress: &Progress,
     ) -> Result<Option<ReceiverRows>, Error> {
         let points = points(self.scene, self.senders.patches.len(), args.receivers as usize, common.seed)?;
         let (n, rays) = (points.len(), args.receiver_rays());

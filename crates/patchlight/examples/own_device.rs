@@ -1,0 +1,67 @@
+//! Light on a device of the caller's: its command buffers and fences, two frames in flight, no wait in between.
+#![allow(unsafe_code, reason = "Vulkan's own calls")]
+
+use std::error::Error;
+use std::sync::Arc;
+
+use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
+use runtime::vulkan::ash::{Entry, vk};
+use runtime::vulkan::{API_VERSION, BorrowedDevice, EnabledFeatures, Vulkan, enable_features};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let loaded = assets::load_or_build("cornell")?;
+    let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
+    let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
+    let render = RenderSettings { size: (16, 16), sub_frames: 1, ..RenderSettings::default() };
+    // SAFETY: handles live until the end; each command buffer is waited for by its fence before it is recorded again.
+    unsafe {
+        let entry = Entry::load()?;
+        let application = vk::ApplicationInfo::default().api_version(API_VERSION);
+        let instance = entry.create_instance(&vk::InstanceCreateInfo::default().application_info(&application), None)?;
+        let Some(&physical_device) = instance.enumerate_physical_devices()?.first() else {
+            println!("no Vulkan device: nothing to show");
+            return Ok(());
+        };
+        let supported = instance.get_physical_device_features(physical_device);
+        let (mut features, mut vulkan_1_2) = Default::default();
+        enable_features(&supported, &mut features, &mut vulkan_1_2);
+        let enabled = EnabledFeatures::of(&features, &vulkan_1_2);
+        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
+        let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features);
+        let device = instance.create_device(physical_device, &create.push_next(&mut vulkan_1_2), None)?;
+        let queue = device.get_device_queue(0, 0);
+        let reset = vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER;
+        let pool = device.create_command_pool(&vk::CommandPoolCreateInfo::default().flags(reset), None)?;
+        let two = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(2);
+        let commands = device.allocate_command_buffers(&two)?;
+        let signalled = vk::FenceCreateInfo::default().flags(vk::FenceCreateFlags::SIGNALED);
+        let fences = [device.create_fence(&signalled, None)?, device.create_fence(&signalled, None)?];
+
+        let ours = BorrowedDevice { instance: instance.clone(), physical_device, device: device.clone(), queue_family: 0, queue, enabled };
+        let mut renderer = Renderer::new(bake, Box::new(Vulkan::borrow(ours)?), &render, &Silent)?;
+        let (camera, mut lighting) = (loaded.view.camera(16, 16), loaded.scene.lighting.clone());
+        for frame in 0..6 {
+            let slot = frame % 2;
+            device.wait_for_fences(&fences[slot..=slot], true, u64::MAX)?;
+            device.reset_fences(&fences[slot..=slot])?;
+            device.begin_command_buffer(commands[slot], &vk::CommandBufferBeginInfo::default())?;
+            lighting.lights[0].color *= 1.1;
+            renderer.vulkan_mut().ok_or("not a Vulkan executor")?.begin_recording(commands[slot], slot)?;
+            renderer.update_light(&lighting, &camera)?;
+            renderer.vulkan_mut().ok_or("not a Vulkan executor")?.end_recording()?;
+            device.end_command_buffer(commands[slot])?;
+            let buffers = [commands[slot]];
+            device.queue_submit(queue, &[vk::SubmitInfo::default().command_buffers(&buffers)], fences[slot])?;
+        }
+        device.wait_for_fences(&fences, true, u64::MAX)?;
+        let buffer = renderer.irradiance().interpolated;
+        println!("irradiance of the interpolation points: {:?}", renderer.vulkan_mut().and_then(|v| v.buffer(buffer)));
+        println!("{} values, W/m2", renderer.surface_irradiance()?.len());
+        drop(renderer);
+        fences.iter().for_each(|&fence| device.destroy_fence(fence, None));
+        device.destroy_command_pool(pool, None);
+        device.destroy_device(None);
+        instance.destroy_instance(None);
+    }
+    Ok(())
+}

@@ -1,0 +1,65 @@
+//! A method of one's own: each patch receives the mean exitance of the scene, as an "ambient" term does. Beside classic
+//! radiosity, which knows who sees whom.
+
+use std::any::Any;
+use std::error::Error;
+use std::sync::Arc;
+
+use patchlight::{
+    Bake, BakeSettings, FramePlan, Method, MethodReport, RenderSettings, Renderer, Result, Silent,
+};
+use runtime::cpu::Cpu;
+use runtime::recipe::formfactor::SparseTables;
+use transport::Csr;
+
+/// `H_i = Σ_j (a_j / a) E_j` for every patch i: one row that all patches share, repeated.
+struct Ambient {
+    rows: Arc<Csr>,
+}
+
+impl Ambient {
+    fn new(bake: &Bake) -> Self {
+        let areas = bake.mesh.areas();
+        let all: f32 = areas.iter().sum();
+        let count = areas.len() as u32;
+        let rows = Csr {
+            columns: areas.len(),
+            row_start: (0..=count).map(|i| i * count).collect(),
+            column_index: (0..count * count).map(|k| k % count).collect(),
+            values: (0..areas.len().pow(2)).map(|k| areas[k % areas.len()] / all).collect(),
+        };
+        Self { rows: Arc::new(rows) }
+    }
+}
+
+impl Method for Ambient {
+    fn add_passes(&mut self, frame: &mut FramePlan) -> Result<()> {
+        let rows = SparseTables::new(&mut frame.plan, &mut frame.tables, "ambient", &self.rows);
+        rows.gather(&mut frame.plan, "method", frame.patches.source, frame.patches.irradiance)?;
+        Ok(frame.bounce()?)
+    }
+
+    fn report(&self) -> MethodReport {
+        MethodReport::default()
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
+
+fn main() -> std::result::Result<(), Box<dyn Error>> {
+    let loaded = assets::load_or_build("cornell")?;
+    let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
+    let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
+    let render = RenderSettings { size: (80, 60), sub_frames: 1, ..RenderSettings::default() };
+    let camera = loaded.view.camera(80, 60);
+    let ambient = Box::new(Ambient::new(&bake));
+    let mut ours = Renderer::with_method(Arc::clone(&bake), Box::new(Cpu::new()), &render, ambient)?;
+    let mut classic = Renderer::new(bake, Box::new(Cpu::new()), &render, &Silent)?;
+    for (name, renderer) in [("ambient", &mut ours), ("classic", &mut classic)] {
+        let picture = renderer.picture(&loaded.scene.lighting, &camera, 0)?;
+        println!("{name:8} mean indirect radiance {:.4}", picture.pictures.indirect.mean());
+    }
+    Ok(())
+}

@@ -1,0 +1,133 @@
+//! Form factors between patches, and between the elements into which they are cut, by the estimator of the settings.
+
+use std::sync::Arc;
+
+use formfactor::{AreaToArea, Contour, Hemisphere, PointToPoint, add_hit_rows, balance, form_factors, sparse_rows};
+use patches::{Columns, PatchMesh};
+use scene::Scene;
+use transport::{Csr, HitCounts, LinearOperator};
+
+use crate::error::Error;
+use crate::observe::Report;
+
+/// Fewest rays of an element's row.
+const LEAST_ELEMENT_RAYS: u64 = 64;
+
+/// Estimator of the form factors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Estimator {
+    /// Cosine-weighted rays.
+    Hemisphere {
+        /// Rays a row.
+        rays: u32,
+    },
+    /// Lambert's contour formula with shadow rays.
+    Contour,
+    /// Pairs of points on both patches.
+    Area,
+    /// One point a patch.
+    Point,
+}
+
+/// Form factors between patches, and between elements.
+#[derive(Clone)]
+pub struct FormFactors {
+    /// From patch to patch: means of the elements' rows.
+    pub factors: Arc<Csr>,
+    /// From element to element; none where the elements are the patches.
+    pub element_rows: Option<Arc<HitCounts>>,
+    /// Share of each element's hemisphere that sees no geometry.
+    pub sky_factor: Vec<f32>,
+}
+
+impl FormFactors {
+    /// Estimates the form factors of a mesh.
+    ///
+    /// # Errors
+    /// An estimator that needs outlines for patches that have none, cancellation.
+    pub fn estimate(
+        scene: &Scene,
+        mesh: &PatchMesh,
+        estimator: Estimator,
+        seed: u32,
+        report: &Report,
+    ) -> Result<Self, Error> {
+        if !mesh.polygons.is_empty() {
+            return Self::of_polygons(scene, mesh, estimator, seed, report);
+        }
+        let without_outlines = |estimator| Err(formfactor::Error::NoOutlines { estimator }.into());
+        match estimator {
+            Estimator::Hemisphere { rays } => Self::of_samples(scene, mesh, rays, seed, report),
+            Estimator::Contour => without_outlines("Contour"),
+            Estimator::Area => without_outlines("AreaToArea"),
+            Estimator::Point => without_outlines("PointToPoint"),
+        }
+    }
+
+    /// Of patches with outlines, made reciprocal and closed.
+    fn of_polygons(
+        scene: &Scene,
+        mesh: &PatchMesh,
+        estimator: Estimator,
+        seed: u32,
+        report: &Report,
+    ) -> Result<Self, Error> {
+        let estimator: Box<dyn formfactor::Estimator> = match estimator {
+            Estimator::Hemisphere { rays } => Box::new(Hemisphere { rays }),
+            Estimator::Contour => Box::new(Contour::default()),
+            Estimator::Area => Box::new(AreaToArea::default()),
+            Estimator::Point => Box::new(PointToPoint::default()),
+        };
+        let surfaces = mesh.surfaces(scene, seed);
+        let mut rows = form_factors(&*estimator, &surfaces, &report)?;
+        balance(&mut rows.factors, &mut rows.sky_factor, &mesh.areas(), None)?;
+        let factors = Arc::new(rows.factors.to_csr(0.0)?);
+        Ok(Self { factors, element_rows: None, sky_factor: rows.sky_factor })
+    }
+
+    /// Of patches made of samples. No balance: their areas are estimates by samples, and reciprocity with them would make good
+    /// rows worse.
+    fn of_samples(scene: &Scene, mesh: &PatchMesh, rays: u32, seed: u32, report: &Report) -> Result<Self, Error> {
+        let elements = mesh.elements.len();
+        let rays = element_rays(rays, mesh);
+        if elements == mesh.patches.len() {
+            let rows = sparse_rows(&mesh.surfaces(scene, seed), rays, &report)?;
+            let factors = Arc::new(rows.factors);
+            return Ok(Self { factors, element_rows: None, sky_factor: rows.sky_factor });
+        }
+        let fine = mesh.lighting(scene, Columns::Elements, &mesh.points, &mesh.offsets, seed);
+        let mut rows = HitCounts::new(elements)?;
+        let sky_factor = add_hit_rows(&mut rows, &fine, rays, &report)?;
+        let patch: Vec<u32> = (0..elements as u32).map(|element| mesh.patch_of(element)).collect();
+        let factors = rows.means(&mesh.patch_elements, &mesh.element_shares(), &patch, mesh.patches.len())?;
+        Ok(Self { factors: Arc::new(factors), element_rows: Some(Arc::new(rows)), sky_factor })
+    }
+
+    /// What elements gather by.
+    pub fn element_operator(&self) -> &dyn LinearOperator {
+        match &self.element_rows {
+            Some(rows) => &**rows,
+            None => &*self.factors,
+        }
+    }
+
+    /// Bytes of the form factors between patches.
+    pub fn factor_bytes(&self) -> u64 {
+        self.factors.bytes()
+    }
+
+    /// Bytes of what elements gather by beside what patches do: where `has_factors`, theirs are in a frame anyway.
+    pub fn element_bytes(&self, has_factors: bool) -> u64 {
+        match &self.element_rows {
+            Some(rows) => rows.bytes(),
+            None if has_factors => 0,
+            None => self.factors.bytes(),
+        }
+    }
+}
+
+/// Rays of an element's row: as many in all as rows of the patches' own would take.
+fn element_rays(rays: u32, mesh: &PatchMesh) -> u32 {
+    let all = u64::from(rays) * mesh.patches.len() as u64;
+    all.div_ceil(mesh.elements.len().max(1) as u64).max(LEAST_ELEMENT_RAYS) as u32
+}

@@ -1,0 +1,135 @@
+//! A frame as a plan: the buffers that its stages share, and what changes from frame to frame.
+
+use glam::Vec4;
+use runtime::executor::{DeviceInfo, ExecutorError};
+use runtime::plan::{BufferId, Plan, Range};
+use runtime::recipe::formfactor::Surfaces;
+use runtime::recipe::{Tables, rgb_bytes};
+use scene::{Camera, Lighting};
+
+use crate::bake::{Bake, ReceiverKind};
+
+/// Bounces that do not go from patch to patch: to the elements, and to the receivers.
+pub const LAST_BOUNCES: u32 = 2;
+
+/// A frame's plan while its stages add their passes, in their order: direct, source, method, gather, shade.
+pub struct FramePlan<'a> {
+    /// What is lit.
+    pub bake: &'a Bake,
+    /// What runs the plan.
+    pub device: &'a DeviceInfo,
+    /// Passes so far.
+    pub plan: Plan,
+    /// Tables so far.
+    pub tables: Tables,
+    /// Light of the patches: albedo ρ, first exitance E, irradiance H (what the method is to find) and exitance B. The
+    /// irradiance has as many values as a lookup between patches needs.
+    pub patches: Surfaces,
+    /// The same of the elements, into which patches are cut.
+    pub elements: Surfaces,
+    /// Irradiance of receivers, W/m²: of each quadrant of their hemispheres, and then smoothed.
+    pub received: BufferId,
+    /// Irradiance of the interpolation points, W/m²: what pixels take theirs from.
+    pub interpolated: BufferId,
+    /// Zeros, for as many patches or elements as there are.
+    pub zeros: BufferId,
+}
+
+/// What a frame is to show.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameInput<'a> {
+    /// What shines.
+    pub lighting: &'a Lighting,
+    /// Where it is seen from.
+    pub camera: &'a Camera,
+    /// Counts the frames of the renderer, from 0.
+    pub number: u32,
+}
+
+impl<'a> FramePlan<'a> {
+    /// The buffers of the frames of a bake.
+    pub(crate) fn new(bake: &'a Bake, device: &'a DeviceInfo) -> Self {
+        let mut plan = Plan::new();
+        let mut tables = Tables::new();
+        let mesh = &bake.mesh;
+        let patch_count = mesh.patches.len();
+        let element_count = mesh.elements.len();
+        let patches = Surfaces {
+            count: patch_count as u32,
+            albedo: tables.part(&mut plan, "albedo", mesh, |mesh| &mesh.albedo),
+            source: plan.storage("source", rgb_bytes(patch_count)).into(),
+            irradiance: plan.storage("irradiance", rgb_bytes(bake.irradiance_values())).into(),
+            exitance: plan.storage("exitance", rgb_bytes(patch_count)).into(),
+        };
+        let elements = Surfaces {
+            count: element_count as u32,
+            albedo: tables.part(&mut plan, "element albedo", mesh, |mesh| &mesh.element_albedo),
+            source: plan.storage("element source", rgb_bytes(element_count)).into(),
+            irradiance: plan.storage("element irradiance", rgb_bytes(element_count)).into(),
+            exitance: plan.storage("element exitance", rgb_bytes(element_count)).into(),
+        };
+        let receivers = &bake.receivers;
+        let received = plan.storage("received", rgb_bytes(receivers.first_smooth() + receivers.points.len()));
+        let interpolated = plan.storage("interpolated", rgb_bytes(receivers.interpolation.points.len()));
+        let zeros = plan.storage("zeros", rgb_bytes(patch_count.max(element_count)));
+        Self { bake, device, plan, tables, patches, elements, received, interpolated, zeros }
+    }
+
+    /// Bounces from patch to patch: all but the last two, which end at elements and receivers; all where the patches are the
+    /// receivers.
+    pub fn patch_bounces(&self) -> u32 {
+        match self.bake.settings.receivers {
+            ReceiverKind::Patches => self.bake.bounces.max(1),
+            _ => self.bake.bounces.saturating_sub(LAST_BOUNCES),
+        }
+    }
+
+    /// Whether light goes to the elements before it goes to the receivers.
+    pub fn has_element_bounce(&self) -> bool {
+        self.bake.bounces > 1 && self.bake.settings.receivers != ReceiverKind::Patches
+    }
+
+    /// Bytes of a buffer that one binding may show.
+    pub fn binding_bytes(&self) -> u64 {
+        self.device.max_storage_buffer_range
+    }
+
+    /// The buffer of the patches' irradiance.
+    pub fn irradiance(&self) -> BufferId {
+        self.patches.irradiance.buffer
+    }
+
+    /// The buffer of the patches' exitance.
+    pub fn exitance(&self) -> BufferId {
+        self.patches.exitance.buffer
+    }
+
+    /// Adds the pass of `B = E`: what light there is before the first bounce.
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn start_from_source(&mut self) -> Result<(), ExecutorError> {
+        self.patches.bounce_of(&mut self.plan, "gather", self.zeros)?;
+        Ok(())
+    }
+
+    /// Adds the pass of a bounce at the patches, `B = E + ρ∘H`.
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn bounce(&mut self) -> Result<(), ExecutorError> {
+        self.patches.bounce(&mut self.plan, "method")?;
+        Ok(())
+    }
+
+    /// Buffers that are all zeros when the first frame begins, with the number of their values.
+    pub(crate) fn initial_zeros(&self) -> Vec<BufferId> {
+        let ranges = [self.patches.exitance, self.patches.irradiance, self.elements.irradiance];
+        ranges.map(|range: Range| range.buffer).into_iter().chain([self.zeros]).collect()
+    }
+}
+
+/// Zeros for so many RGB values.
+pub(crate) fn zeros(count: usize) -> Vec<Vec4> {
+    vec![Vec4::ZERO; count]
+}

@@ -1,0 +1,168 @@
+//! How light goes between patches in one frame: first exitance E in, irradiance H out. One file a method.
+
+pub mod classic;
+pub mod feedback;
+pub mod firstshot;
+pub mod local;
+pub mod multibounce;
+pub mod temporal;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use runtime::executor::{Executor, PassTime};
+use runtime::plan::{PassId, Range};
+use transport::Observer;
+
+use crate::bake::Bake;
+use crate::error::Error;
+use crate::frame::{FrameInput, FramePlan};
+use crate::operator::{Build, Codec, Decode};
+
+pub use feedback::FeedbackSettings;
+pub use firstshot::FirstShotSettings;
+pub use localmatrix::CameraSettings as LocalSettings;
+pub use temporal::TemporalSettings;
+
+/// How light goes between patches in one frame.
+///
+/// A method adds its passes between those that find the first exitance E of the patches
+/// ([`FramePlan::patches`]) and those that take their irradiance H, W/m², to receivers and pixels. It is made for a
+/// [`Bake`] and keeps what it needs from frame to frame.
+pub trait Method: Send {
+    /// Adds the passes from E to H. Called once for each plan that is loaded.
+    ///
+    /// # Errors
+    /// What the plan says.
+    fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error>;
+
+    /// Adds the method's own passes from an exitance to the irradiance of the elements, in place of the product with their
+    /// rows, and says whether it did.
+    ///
+    /// # Errors
+    /// What the plan says.
+    fn add_element_passes(&mut self, frame: &mut FramePlan, exitance: Range) -> Result<bool, Error> {
+        let _ = (frame, exitance);
+        Ok(false)
+    }
+
+    /// The same from the exitance of the elements to the irradiance of the receivers, [`FramePlan::received`].
+    ///
+    /// # Errors
+    /// What the plan says.
+    fn add_receiver_passes(&mut self, frame: &mut FramePlan) -> Result<bool, Error> {
+        let _ = frame;
+        Ok(false)
+    }
+
+    /// Whether the method puts the irradiance of the elements into [`FramePlan::elements`] itself, before the frame.
+    fn finds_element_irradiance(&self) -> bool {
+        false
+    }
+
+    /// Called once after the plan is loaded and its buffers are zeros.
+    ///
+    /// # Errors
+    /// What the device says.
+    fn start(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        let _ = executor;
+        Ok(())
+    }
+
+    /// Called before each frame, when lights are set and nothing of the frame has run; waits for nothing.
+    ///
+    /// # Errors
+    /// What the device says.
+    fn before_frame(&mut self, input: &FrameInput, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        let _ = (input, executor);
+        Ok(())
+    }
+
+    /// Submits the method's passes, in place of the renderer, where the host has a part in them; gives the times of the host.
+    /// `None` leaves it to the renderer, which submits them with all others.
+    ///
+    /// # Errors
+    /// What the device says.
+    fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Option<Result<Vec<PassTime>, Error>> {
+        let _ = executor;
+        None
+    }
+
+    /// What the method holds and what its last frame did.
+    fn report(&self) -> MethodReport;
+
+    /// The method as what it is, for what only it can tell.
+    fn as_any(&self) -> &dyn std::any::Any;
+}
+
+/// What a method holds, and what its last frame did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MethodReport {
+    /// Bytes of each part.
+    pub bytes: BTreeMap<String, u64>,
+    /// Milliseconds of the host before the frame.
+    pub host_ms: f64,
+    /// What changed in the matrix round the camera.
+    pub local: Option<localmatrix::CameraFrame>,
+    /// Photons of the last run.
+    pub photons: Option<::firstshot::Round>,
+}
+
+/// A method and its settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum MethodSettings {
+    /// A product with the sparse form factors for each bounce.
+    #[default]
+    Classic,
+    /// One product with the operator of all bounces.
+    Multibounce(Codec),
+    /// Products with the compressed form factors, from the light of the frame before.
+    Feedback(FeedbackSettings),
+    /// A few samples a row and frame, from the light of the frame before.
+    Temporal(TemporalSettings),
+    /// All bounces in one product, with the operator of the patches round the camera.
+    Local(LocalSettings),
+    /// No product: photons emitted from first-lit surfaces.
+    FirstShot(FirstShotSettings),
+}
+
+/// What methods are made with, beside their own settings.
+pub struct Preparation<'a> {
+    /// What is lit.
+    pub bake: &'a Arc<Bake>,
+    /// What decodes operators in texture blocks.
+    pub decode: Decode,
+    /// Where operators are built.
+    pub build: &'a Build,
+    /// Where the camera is at first, m.
+    pub eye: glam::Vec3,
+    /// Is told how far the work is.
+    pub observer: &'a dyn Observer,
+}
+
+impl MethodSettings {
+    /// Makes the method; `device` is what frames will run on, which may build operators.
+    ///
+    /// # Errors
+    /// Settings that do not suit the bake, an operator that does not fit into memory, cancellation.
+    pub fn prepare(&self, with: &Preparation, device: &mut (dyn Executor + 'static)) -> Result<Box<dyn Method>, Error> {
+        Ok(match *self {
+            Self::Classic => Box::new(classic::Classic::new(with.bake)),
+            Self::Multibounce(codec) => multibounce::prepare(codec, with, device)?,
+            Self::Feedback(settings) => feedback::prepare(&settings, with)?,
+            Self::Temporal(settings) => Box::new(temporal::TemporalMethod::new(&settings, with)?),
+            Self::Local(settings) => Box::new(local::Local::new(&settings, with)?),
+            Self::FirstShot(settings) => Box::new(firstshot::FirstShotMethod::new(&settings, with, device)?),
+        })
+    }
+}
+
+/// The ids of the passes that a plan has so far.
+pub(crate) fn passes_so_far(frame: &FramePlan) -> Vec<PassId> {
+    frame.plan.all_passes()
+}
+
+/// Bytes of parts by name.
+pub(crate) fn bytes<const N: usize>(parts: [(&str, u64); N]) -> BTreeMap<String, u64> {
+    parts.into_iter().map(|(name, count)| (name.to_owned(), count)).collect()
+}

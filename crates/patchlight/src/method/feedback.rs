@@ -1,0 +1,124 @@
+//! Progressive radiosity: products with the compressed form factors, from the light of the frame before.
+
+use multibounce::Acceleration;
+use runtime::executor::Executor;
+use runtime::plan::{BufferId, PassId};
+use runtime::recipe::multibounce::{Decoder, accelerated_bounce};
+use runtime::recipe::rgb_bytes;
+use transport::{Observer, Phase};
+
+use super::classic::Classic;
+use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
+use crate::bake::ReceiverKind;
+use crate::error::Error;
+use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES, zeros};
+use crate::observe::run_phase;
+use crate::operator::{PatchOperator, accelerations, build};
+
+/// How light goes on from frame to frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FeedbackSettings {
+    /// Relative Frobenius error of the form factors.
+    pub epsilon: f64,
+    /// Bounces in a frame.
+    pub products: u32,
+    /// Whether a bounce uses where the light was going ([`Acceleration`]).
+    pub accelerated: bool,
+}
+
+impl Default for FeedbackSettings {
+    fn default() -> Self {
+        Self { epsilon: 0.01, products: 1, accelerated: true }
+    }
+}
+
+/// Bounces whose light stays from frame to frame.
+pub struct Feedback {
+    operator: PatchOperator,
+    acceleration: Acceleration,
+    products: u32,
+    passes: Option<Passes>,
+}
+
+struct Passes {
+    /// What finds the first exitance.
+    source: Vec<PassId>,
+    /// A frame's bounces.
+    bounces: Vec<PassId>,
+    change: BufferId,
+    patches: usize,
+    /// Frames after which nothing changes, when the lights do not.
+    settling_frames: u32,
+    is_settled: bool,
+}
+
+/// Compresses the form factors, or takes classic radiosity where there are so few bounces that patches need none.
+///
+/// # Errors
+/// Form factors that cannot be compressed, cancellation.
+pub fn prepare(settings: &FeedbackSettings, with: &Preparation) -> Result<Box<dyn Method>, Error> {
+    let bake = with.bake;
+    let last = if bake.settings.receivers == ReceiverKind::Patches { 0 } else { LAST_BOUNCES };
+    let is_needed = bake.settings.bounces.is_none_or(|bounces| bounces > last) && !bake.mesh.patches.is_empty();
+    if !is_needed {
+        return Ok(Box::new(Classic::new(bake)));
+    }
+    let operator = build::form_factor_operator(settings.epsilon, with)?;
+    let [plain, fast] = run_phase(with.observer, Phase::FEEDBACK, |_| {
+        accelerations(&bake.mesh.albedo, &|light, out| operator.product(light, out))
+    })?;
+    with.observer.note(&format!(
+        "of a change of light a bounce leaves {:.1} % to come, accelerated {:.1} %",
+        100.0 * plain.rate,
+        100.0 * fast.rate
+    ));
+    let acceleration = if settings.accelerated { fast } else { plain };
+    Ok(Box::new(Feedback { operator, acceleration, products: settings.products, passes: None }))
+}
+
+impl Method for Feedback {
+    fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
+        let source = passes_so_far(frame);
+        let range = frame.binding_bytes();
+        let tables = self.operator.add_tables(&mut frame.plan, &mut frame.tables, range, Decoder::Kernel);
+        let patches = frame.patches.count as usize;
+        let change = frame.plan.storage("change", rgb_bytes(patches));
+        let exitance = frame.exitance();
+        let irradiance = frame.irradiance();
+        for _ in 0..self.products {
+            tables.product(&mut frame.plan, "method", range, exitance, irradiance)?;
+            let surfaces = frame.patches;
+            accelerated_bounce(&mut frame.plan, "method", &surfaces, change, &self.acceleration)?;
+        }
+        let bounces = passes_so_far(frame).split_off(source.len());
+        let settling_frames = frame.patch_bounces().div_ceil(self.products.max(1));
+        self.passes = Some(Passes { source, bounces, change, patches, settling_frames, is_settled: false });
+        Ok(())
+    }
+
+    fn start(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        if let Some(passes) = &self.passes {
+            executor.upload(passes.change, &zeros(passes.patches))?;
+        }
+        Ok(())
+    }
+
+    fn before_frame(&mut self, _: &FrameInput, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        let Some(passes) = self.passes.as_mut().filter(|passes| !passes.is_settled) else { return Ok(()) };
+        passes.is_settled = true;
+        executor.submit_passes(&passes.source)?;
+        for _ in 0..passes.settling_frames {
+            executor.submit_passes(&passes.bounces)?;
+        }
+        Ok(())
+    }
+
+    fn report(&self) -> MethodReport {
+        let operator: u64 = self.operator.bytes().iter().map(|part| part.1).sum();
+        MethodReport { bytes: bytes([("operator", operator)]), ..MethodReport::default() }
+    }
+
+    fn as_any(&self) -> &dyn std::any::Any {
+        self
+    }
+}

@@ -1,0 +1,137 @@
+//! All bounces in one product with the matrix of the patches round the camera, which is kept exact while they come and go.
+
+use ::localmatrix::{CameraMatrix, CameraSettings, Surface, Table};
+use formfactor::{Reciprocal, reciprocal};
+use runtime::executor::{Executor, PassTime};
+use runtime::plan::BufferId;
+use runtime::recipe::localmatrix::MatrixCopy;
+use transport::{Csr, Phase};
+
+use super::{Method, MethodReport, Preparation};
+use crate::error::Error;
+use crate::frame::{FrameInput, FramePlan};
+use crate::observe::run_phase;
+
+/// Albedo of the surface whose displayed value tells how much frames differ.
+pub const SHOWN_ALBEDO: f32 = 0.5;
+
+/// Display white: irradiance with which that surface is displayed as white, W/m², when radiance is multiplied by 2 to
+/// the power of the exposure.
+pub fn white(exposure_stops: f32) -> f32 {
+    std::f32::consts::PI / (SHOWN_ALBEDO * scene::math::pow(2.0, exposure_stops))
+}
+
+/// The matrix round a camera between the stages of a frame.
+pub struct Local {
+    matrix: CameraMatrix,
+    world_bytes: u64,
+    passes: Option<Passes>,
+}
+
+/// How the matrix is multiplied by: by the host itself where that runs the kernels, else by a copy on the device.
+enum Passes {
+    Host { source: BufferId, irradiance: BufferId },
+    Device(Box<MatrixCopy>),
+}
+
+impl Local {
+    /// Makes the world of the patches of a bake, and the matrix for a camera.
+    ///
+    /// # Errors
+    /// Settings out of their range; cancellation.
+    pub fn new(settings: &CameraSettings, with: &Preparation) -> Result<Self, Error> {
+        run_phase(with.observer, Phase::OPERATOR, |report| {
+            let world = world_of(with)?;
+            let world_bytes = world.bytes();
+            let order = world.order().to_vec();
+            let go_on = |share: f32| report((share * 1000.0) as usize, 1000).is_continue();
+            let matrix = CameraMatrix::new(Box::new(world), order, settings, with.eye, &go_on)?;
+            Ok(Self { matrix, world_bytes, passes: None })
+        })
+    }
+
+    /// What the last frame did with the matrix; on a device the lit patches are counted there, which waits for the frame.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn count_lit(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        if let Some(Passes::Device(copy)) = &self.passes {
+            self.matrix.set_lit(copy.lit(executor)?);
+        }
+        Ok(())
+    }
+}
+
+/// The patches of a bake as a world of the local matrix.
+fn world_of(with: &Preparation) -> Result<Table, Error> {
+    let mesh = &with.bake.mesh;
+    let Reciprocal { factors, area, .. } = reciprocal(&with.bake.form_factors.factors, &mesh.areas())?;
+    let mut surfaces = Vec::with_capacity(mesh.patches.len());
+    for ((patch, albedo), &area) in mesh.patches.iter().zip(&mesh.albedo).zip(&area) {
+        let albedo = albedo.truncate();
+        surfaces.push(Surface { centre: patch.centroid, normal: patch.normal, area, albedo });
+    }
+    let Csr { row_start, column_index, values, .. } = factors;
+    Ok(Table::new(&surfaces, row_start, column_index, values)?)
+}
+
+impl Method for Local {
+    fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
+        frame.start_from_source()?;
+        let source = frame.patches.source.buffer;
+        let irradiance = frame.irradiance();
+        let on_device = frame.device.index.is_some() || frame.device.kind != runtime::executor::DeviceKind::Native;
+        self.passes = Some(if on_device {
+            let copy = MatrixCopy::new(&mut frame.plan, &mut frame.tables, &self.matrix, source, irradiance)?;
+            Passes::Device(Box::new(copy))
+        } else {
+            Passes::Host { source, irradiance }
+        });
+        Ok(())
+    }
+
+    fn before_frame(&mut self, input: &FrameInput, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        self.matrix.look(input.camera.eye);
+        Ok(())
+    }
+
+    fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Option<Result<Vec<PassTime>, Error>> {
+        let passes = self.passes.as_mut()?;
+        Some(match passes {
+            Passes::Device(copy) => copy
+                .frame(executor, &mut self.matrix)
+                .map(|milliseconds| vec![PassTime { name: "update".into(), milliseconds }])
+                .map_err(Error::from),
+            Passes::Host { source, irradiance } => {
+                let buffers = (*source, *irradiance);
+                submit_on_host(&mut self.matrix, buffers.0, buffers.1, executor)
+            }
+        })
+    }
+
+    fn report(&self) -> MethodReport {
+        let mut bytes: std::collections::BTreeMap<String, u64> = self.matrix.bytes().into_iter().collect();
+        bytes.insert("local world".to_owned(), self.world_bytes);
+        MethodReport { bytes, local: Some(self.matrix.last().clone()), ..MethodReport::default() }
+    }
+
+    fn as_any(&self) -> &dyn std::any::Any {
+        self
+    }
+}
+
+/// Native code multiplies by the host's own matrix.
+fn submit_on_host(
+    matrix: &mut CameraMatrix,
+    source: BufferId,
+    irradiance: BufferId,
+    executor: &mut (dyn Executor + 'static),
+) -> Result<Vec<PassTime>, Error> {
+    let exitance = executor.download_table(source)?;
+    let frame = matrix.irradiance(&exitance)?;
+    executor.upload(irradiance, &frame.irradiance)?;
+    Ok(vec![
+        PassTime { name: "update".into(), milliseconds: frame.update_ms },
+        PassTime { name: "method".into(), milliseconds: frame.product_ms },
+    ])
+}

@@ -1,0 +1,72 @@
+//! All bounces in one product with the operator `T = F (I − diag(ρ) F)⁻¹`: `H = T E`.
+
+use runtime::executor::Executor;
+use runtime::recipe::multibounce::Decoder;
+
+use super::classic::Classic;
+use super::{Method, MethodReport, Preparation, bytes};
+use crate::bake::ReceiverKind;
+use crate::error::Error;
+use crate::frame::{FramePlan, LAST_BOUNCES};
+use crate::operator::{Codec, PatchOperator, build};
+
+/// All bounces in one product.
+pub struct Multibounce {
+    operator: PatchOperator,
+    decoder: Option<Decoder>,
+}
+
+/// Builds the operator, or takes classic radiosity where there are so few bounces that patches need none.
+///
+/// # Errors
+/// An operator that does not fit into memory, blocks that the device cannot decode, cancellation.
+pub fn prepare(
+    codec: Codec,
+    with: &Preparation,
+    device: &mut (dyn Executor + 'static),
+) -> Result<Box<dyn Method>, Error> {
+    let settings = &with.bake.settings;
+    let last = if settings.receivers == ReceiverKind::Patches { 0 } else { LAST_BOUNCES };
+    let is_needed = settings.bounces.is_none_or(|bounces| bounces > last) && !with.bake.mesh.patches.is_empty();
+    if !is_needed {
+        return Ok(Box::new(Classic::new(with.bake)));
+    }
+    let bounces = settings.bounces.map(|bounces| bounces - last);
+    let operator = build::all_bounces_operator(codec, bounces, with, device)?;
+    let decoder = operator.decoder(with.decode, device.device())?;
+    Ok(Box::new(Multibounce { operator, decoder }))
+}
+
+impl Multibounce {
+    /// What decodes the operator, where it is in texture blocks.
+    pub fn decoder(&self) -> Option<Decoder> {
+        self.decoder
+    }
+
+    /// The operator.
+    pub fn operator(&self) -> &PatchOperator {
+        &self.operator
+    }
+}
+
+impl Method for Multibounce {
+    fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
+        frame.start_from_source()?;
+        let range = frame.binding_bytes();
+        let decoder = self.decoder.unwrap_or(Decoder::Kernel);
+        let tables = self.operator.add_tables(&mut frame.plan, &mut frame.tables, range, decoder);
+        let exitance = frame.exitance();
+        let irradiance = frame.irradiance();
+        tables.product(&mut frame.plan, "method", range, exitance, irradiance)?;
+        Ok(frame.bounce()?)
+    }
+
+    fn report(&self) -> MethodReport {
+        let operator: u64 = self.operator.bytes().iter().map(|part| part.1).sum();
+        MethodReport { bytes: bytes([("operator", operator)]), ..MethodReport::default() }
+    }
+
+    fn as_any(&self) -> &dyn std::any::Any {
+        self
+    }
+}

@@ -1,0 +1,257 @@
+//! Temporal radiosity: a few samples a row and frame, from the light of the frame before.
+
+use std::ops;
+use std::sync::Arc;
+
+use ::temporal::{AliasTables, Packing, RayLists, Settings};
+use runtime::executor::Executor;
+use runtime::plan::{BufferId, PassId, Range};
+use runtime::recipe::temporal::{Rows, SampledPasses, SampledRows};
+use transport::{Csr, HitCounts, Phase};
+
+use super::{Method, MethodReport, Preparation, passes_so_far};
+use crate::bake::{Bake, ReceiverKind};
+use crate::error::Error;
+use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
+use crate::observe::run_phase;
+
+/// Entries of a list that stands for a row of real numbers.
+const LIST_ENTRIES: usize = 1024;
+
+/// How rows between patches are kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RowKind {
+    /// Lists of columns, all entries alike: [`RayLists`].
+    #[default]
+    Lists,
+    /// [`AliasTables`].
+    Tables,
+}
+
+/// Which rows are sampled; the others are multiplied by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sampled {
+    /// Those from patch to patch.
+    #[default]
+    Patches,
+    /// Those to elements and receivers, too.
+    All,
+}
+
+/// Settings of temporal radiosity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TemporalSettings {
+    /// What a frame does.
+    pub settings: Settings,
+    /// How rows between patches are kept.
+    pub rows: RowKind,
+    /// Which rows are sampled.
+    pub sampled: Sampled,
+}
+
+/// Rows of form factors as distributions, kept as `kind` says.
+///
+/// # Errors
+/// What the distributions refuse.
+pub fn rows_of_factors(factors: &Csr, kind: RowKind) -> Result<Rows, Error> {
+    let Csr { columns, row_start, column_index, values, .. } = factors;
+    Ok(match kind {
+        RowKind::Lists => {
+            let lists = RayLists::from_rows(*columns, row_start, column_index, values, LIST_ENTRIES)?;
+            Rows::Lists(Arc::new(lists))
+        }
+        RowKind::Tables => {
+            let tables = AliasTables::from_rows(*columns, row_start, column_index, values, Packing::Stacks)?;
+            Rows::Tables(Arc::new(tables))
+        }
+    })
+}
+
+/// Rows of counts of hits, as lists of these.
+///
+/// # Errors
+/// What the distributions refuse.
+pub fn rows_of_hits(rows: &HitCounts) -> Result<Rows, Error> {
+    let lists = RayLists::from_counts(rows.columns(), rows.scales(), |i| rows.row(i))?;
+    Ok(Rows::Lists(Arc::new(lists)))
+}
+
+/// Light that is sampled from frame to frame.
+pub struct TemporalMethod {
+    settings: Settings,
+    /// From patch to patch; none where all bounces end at elements and receivers.
+    patches: Option<Rows>,
+    elements: Option<Rows>,
+    receivers: Option<Rows>,
+    levels: Vec<Level>,
+    /// Passes of the plan up to the last level.
+    passes: usize,
+    frame: u32,
+    is_settled: bool,
+}
+
+/// Rows of one kind among the passes of a frame.
+struct Level {
+    /// The passes since the level before, which find what it samples.
+    before: ops::Range<usize>,
+    sampled: SampledPasses,
+    /// How often light is summed before the first frame.
+    bounces: u32,
+    all: Vec<PassId>,
+}
+
+impl TemporalMethod {
+    /// Makes the rows into distributions.
+    ///
+    /// # Errors
+    /// Settings out of their range, rows that cannot be sampled.
+    pub fn new(settings: &TemporalSettings, with: &Preparation) -> Result<Self, Error> {
+        settings.settings.check()?;
+        run_phase(with.observer, Phase::TABLES, |_| Self::of(settings, with.bake))
+    }
+
+    fn of(settings: &TemporalSettings, bake: &Bake) -> Result<Self, Error> {
+        let by_patches = bake.settings.receivers == ReceiverKind::Patches;
+        let last = if by_patches { 0 } else { LAST_BOUNCES };
+        let factors = &bake.form_factors.factors;
+        let mut method = Self {
+            settings: settings.settings,
+            patches: None,
+            elements: None,
+            receivers: None,
+            levels: Vec::new(),
+            passes: 0,
+            frame: 0,
+            is_settled: false,
+        };
+        if bake.bounces > last {
+            method.patches = Some(rows_of_factors(factors, settings.rows)?);
+        }
+        // Elements that no light comes to from others, and receivers that are not there, are left as they are.
+        let all = settings.sampled == Sampled::All;
+        if all && bake.bounces > 1 && !by_patches {
+            method.elements = Some(match &bake.form_factors.element_rows {
+                Some(rows) => rows_of_hits(rows)?,
+                None => rows_of_factors(factors, settings.rows)?,
+            });
+        }
+        if all && !bake.receivers.points.is_empty() {
+            method.receivers = Some(rows_of_hits(&bake.receivers.rows)?);
+        }
+        Ok(method)
+    }
+
+    fn add_level(
+        &mut self,
+        frame: &mut FramePlan,
+        pass: &str,
+        rows: &Rows,
+        light: Light,
+        bounces: u32,
+    ) -> Result<(), Error> {
+        let before = self.passes..frame.plan.passes().len();
+        let level = SampledRows {
+            pass,
+            rows,
+            settings: self.settings,
+            source: light.source,
+            albedo: light.albedo,
+            reflected: light.reflected,
+            irradiance: light.irradiance,
+        };
+        let range = frame.binding_bytes();
+        let sampled = SampledPasses::new(&mut frame.plan, &mut frame.tables, &level, range)?;
+        let all = passes_so_far(frame);
+        self.levels.push(Level { before, sampled, bounces, all });
+        self.passes = frame.plan.passes().len();
+        Ok(())
+    }
+}
+
+/// What shines, and what is lit.
+struct Light {
+    source: Range,
+    albedo: Range,
+    reflected: Range,
+    irradiance: BufferId,
+}
+
+impl Method for TemporalMethod {
+    fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
+        self.levels.clear();
+        self.passes = 0;
+        self.frame = 0;
+        self.is_settled = false;
+        let Some(rows) = self.patches.clone() else { return Ok(frame.start_from_source()?) };
+        let light = Light {
+            source: frame.patches.source,
+            albedo: frame.patches.albedo,
+            reflected: frame.patches.irradiance,
+            irradiance: frame.irradiance(),
+        };
+        let bounces = frame.patch_bounces();
+        self.add_level(frame, "method", &rows, light, bounces)?;
+        Ok(frame.bounce()?)
+    }
+
+    fn add_element_passes(&mut self, frame: &mut FramePlan, exitance: Range) -> Result<bool, Error> {
+        let Some(rows) = self.elements.clone() else { return Ok(false) };
+        // What is only passed on is reflected from nothing.
+        let light = Light {
+            source: exitance,
+            albedo: frame.elements.albedo,
+            reflected: frame.zeros.into(),
+            irradiance: frame.elements.irradiance.buffer,
+        };
+        self.add_level(frame, "lookup", &rows, light, 1)?;
+        Ok(true)
+    }
+
+    fn add_receiver_passes(&mut self, frame: &mut FramePlan) -> Result<bool, Error> {
+        let Some(rows) = self.receivers.clone() else { return Ok(false) };
+        let light = Light {
+            source: frame.elements.exitance,
+            albedo: frame.elements.albedo,
+            reflected: frame.zeros.into(),
+            irradiance: frame.received,
+        };
+        self.add_level(frame, "lookup", &rows, light, 1)?;
+        Ok(true)
+    }
+
+    fn start(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        for level in &self.levels {
+            level.sampled.clear(executor)?;
+        }
+        Ok(())
+    }
+
+    fn before_frame(&mut self, _: &FrameInput, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        if !self.is_settled {
+            // Before the first frame all rows are summed.
+            self.is_settled = true;
+            for level in &self.levels {
+                executor.submit_passes(&level.all[level.before.clone()])?;
+                for _ in 0..level.bounces {
+                    level.sampled.settle(executor)?;
+                }
+            }
+        }
+        for level in &self.levels {
+            level.sampled.set_frame(executor, self.frame)?;
+        }
+        self.frame = self.frame.wrapping_add(1);
+        Ok(())
+    }
+
+    fn report(&self) -> MethodReport {
+        let parts = [("tables", &self.patches), ("elements", &self.elements), ("receivers", &self.receivers)];
+        let parts = parts.into_iter().filter_map(|(name, rows)| Some((name, rows.as_ref()?)));
+        let bytes = parts.map(|(name, rows)| (name.to_owned(), rows.distribution().bytes() as u64)).collect();
+        MethodReport { bytes, ..MethodReport::default() }
+    }
+
+    fn as_any(&self) -> &dyn std::any::Any {
+        self
+    }
+}

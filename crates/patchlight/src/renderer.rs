@@ -1,0 +1,488 @@
+//! A bake on a device: lights, camera and method change between frames, and nothing is waited for unless results are asked for.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use formfactor::gather_by_rays;
+use glam::{Vec3, Vec4};
+use patches::Columns;
+use runtime::executor::{Executor, PassTime};
+use runtime::plan::{BufferId, PassId};
+use runtime::recipe::scene::SceneTables;
+use runtime::vulkan::Vulkan;
+use scene::{Camera, DirectParams, Light, Lighting, Scene, SurfacePoint};
+use transport::{LinearOperator as _, Observer};
+
+use crate::bake::{Bake, ReceiverKind};
+use crate::error::Error;
+use crate::frame::{FrameInput, FramePlan};
+use crate::method::{Method, MethodReport, MethodSettings, Preparation, firstshot::go_on};
+use crate::operator::{Build, Decode};
+use crate::picture::{Picture, Pictures};
+use crate::pixels::PixelGather;
+use crate::stage::{direct, gather, shade, source};
+
+/// Rays of a row of [`Renderer::irradiance_at`].
+const POINT_RAYS: u32 = 4096;
+/// Fewest lights that there is room for.
+const LEAST_LIGHTS: usize = 16;
+
+/// Settings of [`Renderer::new`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderSettings {
+    /// How light goes between patches.
+    pub method: MethodSettings,
+    /// What decodes operators in texture blocks.
+    pub decode: Decode,
+    /// Where operators are built.
+    pub build: Build,
+    /// Where the camera is at first, m; only the matrix round the camera asks.
+    pub eye: Vec3,
+    /// Picture size, pixels.
+    pub size: (u32, u32),
+    /// Sub-frames a picture: positions in each pixel, and shadow rays of area lights.
+    pub sub_frames: u32,
+}
+
+impl Default for RenderSettings {
+    /// Classic radiosity, 16 sub-frames of 960 × 540.
+    fn default() -> Self {
+        Self {
+            method: MethodSettings::default(),
+            decode: Decode::default(),
+            build: Build::default(),
+            eye: Vec3::ZERO,
+            size: (960, 540),
+            sub_frames: 16,
+        }
+    }
+}
+
+/// What a light update did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LightUpdate {
+    /// Counts the updates of the renderer, from 0.
+    pub number: u32,
+    /// Times that are known: of the host's part of this update, and of passes that the device has finished since the last.
+    pub times: Vec<PassTime>,
+}
+
+/// A rendered frame.
+pub struct FrameResult {
+    /// The picture.
+    pub pictures: Pictures,
+    /// Milliseconds of each pass: direct, gather, method, lookup, shade.
+    pub times: Vec<(String, f64)>,
+}
+
+/// Device buffers with the irradiance of the last light update, for the caller's own shaders: each value is a `Vec4`, RGB in
+/// W/m² and one unused component. [`runtime::vulkan::Vulkan::buffer`] gives the Vulkan buffer of each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReceiverBuffers {
+    /// Irradiance of the patches, all bounces but the last two where receivers are on the mesh.
+    pub patches: BufferId,
+    /// Irradiance of the elements.
+    pub elements: BufferId,
+    /// Exitance of the elements.
+    pub element_exitance: BufferId,
+    /// Irradiance of the interpolation points of the mesh ([`patches::MeshReceivers::interpolation`]): what pixels take
+    /// theirs from.
+    pub interpolated: BufferId,
+    /// First exitance of the patches.
+    pub source: BufferId,
+}
+
+/// A bake on a device.
+pub struct Renderer {
+    bake: Arc<Bake>,
+    scene: Scene,
+    executor: Box<dyn Executor>,
+    method: Box<dyn Method>,
+    settings: RenderSettings,
+    frame: Frame,
+    number: u32,
+}
+
+/// The loaded plan.
+struct Frame {
+    tables: SceneTables,
+    direct: direct::DirectLight,
+    source: source::Source,
+    shade: shade::Shade,
+    buffers: ReceiverBuffers,
+    /// Passes up to the first exitance, those of the method, and those from its irradiance to the interpolation points.
+    before: Vec<PassId>,
+    method: Vec<PassId>,
+    after: Vec<PassId>,
+}
+
+impl Renderer {
+    /// Makes what the method needs, and loads the plan of a frame into the executor.
+    ///
+    /// # Errors
+    /// An operator that does not fit into memory, a device that is too small, cancellation.
+    pub fn new(
+        bake: Arc<Bake>,
+        mut executor: Box<dyn Executor>,
+        settings: &RenderSettings,
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
+        let method = prepare(&bake, settings, executor.as_mut(), observer)?;
+        Self::with_method(bake, executor, settings, method)
+    }
+
+    /// The same with any method.
+    ///
+    /// # Errors
+    /// A device that is too small.
+    pub fn with_method(
+        bake: Arc<Bake>,
+        mut executor: Box<dyn Executor>,
+        settings: &RenderSettings,
+        mut method: Box<dyn Method>,
+    ) -> Result<Self, Error> {
+        let scene = bake.scene.clone();
+        let frame = Frame::load(&bake, &scene, executor.as_mut(), settings, method.as_mut())?;
+        Ok(Self { bake, scene, executor, method, settings: settings.clone(), frame, number: 0 })
+    }
+
+    /// Changes the method; light starts anew.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn set_method(&mut self, method: MethodSettings, observer: &dyn Observer) -> Result<(), Error> {
+        self.settings.method = method;
+        self.method = prepare(&self.bake, &self.settings, self.executor.as_mut(), observer)?;
+        self.load()
+    }
+
+    fn load(&mut self) -> Result<(), Error> {
+        let executor = self.executor.as_mut();
+        self.frame = Frame::load(&self.bake, &self.scene, executor, &self.settings, self.method.as_mut())?;
+        Ok(())
+    }
+
+    /// Finds the light of a frame: direct light → first exitance → the method → interpolation points. Lights may be added,
+    /// removed and changed, and so may the sky and the emission of materials. Submits the work and waits for nothing, but where
+    /// more lights or another sky map need larger buffers, and with photons, which are traced first.
+    ///
+    /// # Errors
+    /// Lighting that does not suit the scene; what the device says.
+    pub fn update_light(&mut self, lighting: &Lighting, camera: &Camera) -> Result<LightUpdate, Error> {
+        self.set_lighting(lighting)?;
+        let input = FrameInput { lighting: &self.scene.lighting, camera, number: self.number };
+        let executor = self.executor.as_mut();
+        self.method.before_frame(&input, executor)?;
+        let mut times = submit_light(&self.frame, self.method.as_mut(), executor)?;
+        times.extend(executor.finished_times()?);
+        let number = self.number;
+        self.number = self.number.wrapping_add(1);
+        Ok(LightUpdate { number, times })
+    }
+
+    /// Device buffers of the light.
+    pub fn irradiance(&self) -> &ReceiverBuffers {
+        &self.frame.buffers
+    }
+
+    /// What runs the plan: to record into a caller's command buffer, to ask for device buffers, to wait.
+    pub fn executor_mut(&mut self) -> &mut dyn Executor {
+        self.executor.as_mut()
+    }
+
+    /// The Vulkan executor, if it is one: to record into a caller's command buffer and to ask for device buffers.
+    pub fn vulkan_mut(&mut self) -> Option<&mut Vulkan> {
+        self.executor.as_vulkan()
+    }
+
+    /// The bake.
+    pub fn bake(&self) -> &Arc<Bake> {
+        &self.bake
+    }
+
+    /// The method.
+    pub fn method(&self) -> &dyn Method {
+        self.method.as_ref()
+    }
+
+    /// What the method holds, and what its last frame did.
+    pub fn report(&self) -> MethodReport {
+        self.method.report()
+    }
+
+    /// A light update and a picture of it; waits. Random numbers are those of frame `number`.
+    ///
+    /// # Errors
+    /// As [`Self::update_light`].
+    pub fn picture(&mut self, lighting: &Lighting, camera: &Camera, number: u32) -> Result<FrameResult, Error> {
+        self.executor.wait()?;
+        let update = self.update_light(lighting, camera)?;
+        let shot = shade::Shot {
+            camera,
+            light_count: self.scene.lighting.lights.len() as u32,
+            emitter_count: self.scene.emitters.len() as u32,
+            has_sky: self.scene.has_sky(),
+            number,
+            seed: self.bake.settings.seed,
+        };
+        let executor = self.executor.as_mut();
+        self.frame.shade.set(executor, &shot)?;
+        executor.submit_passes(self.frame.shade.passes())?;
+        let mut times = update.times;
+        times.extend(executor.wait()?);
+        let mut times = by_name(times);
+        let report = self.method.report();
+        if report.photons.is_some() {
+            times.push(("method".to_owned(), report.host_ms));
+        }
+        let full = self.sum(self.frame.shade.full)?;
+        let direct = self.sum(self.frame.shade.direct)?;
+        let indirect = match self.bake.settings.receivers {
+            ReceiverKind::Mesh | ReceiverKind::Patches => full.minus(&direct)?,
+            ReceiverKind::Pixels => self.gather_pixels(camera, number)?,
+        };
+        let full = direct.plus(&indirect)?;
+        Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
+    }
+
+    /// A light update that is waited for; milliseconds of each pass.
+    ///
+    /// # Errors
+    /// As [`Self::update_light`].
+    pub fn advance(&mut self, lighting: &Lighting, camera: &Camera) -> Result<Vec<(String, f64)>, Error> {
+        self.executor.wait()?;
+        let mut times = self.update_light(lighting, camera)?.times;
+        times.extend(self.executor.wait()?);
+        Ok(by_name(times))
+    }
+
+    /// Indirect irradiance of the last update where pixels take it from, W/m²: at the interpolation points, or of the patches
+    /// where they are the receivers.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn surface_irradiance(&mut self) -> Result<Vec<Vec3>, Error> {
+        let buffer = match self.bake.settings.receivers {
+            ReceiverKind::Patches => self.frame.buffers.patches,
+            ReceiverKind::Mesh => self.frame.buffers.interpolated,
+            ReceiverKind::Pixels => self.frame.buffers.elements,
+        };
+        Ok(self.download(buffer)?.iter().map(|h| h.truncate()).collect())
+    }
+
+    /// A buffer of RGB values of the last update, W/m²; waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn download(&mut self, buffer: BufferId) -> Result<Vec<Vec4>, Error> {
+        Ok(self.executor.download_table(buffer)?)
+    }
+
+    /// Indirect irradiance of the last update at any points, W/m²: their own rows, gathered exactly from the elements, or, with
+    /// the patches as receivers, the mean of those about.
+    ///
+    /// # Errors
+    /// What the device says; cancellation.
+    pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
+        let seed = self.bake.settings.seed ^ 0x706f_696e;
+        let method = self.method.as_any().downcast_ref::<crate::method::firstshot::FirstShotMethod>();
+        if let Some(photons) = method {
+            return Ok(photons.shot().irradiance_at(&self.scene, points, seed));
+        }
+        let by_patches = self.bake.settings.receivers == ReceiverKind::Patches;
+        let bake = Arc::clone(&self.bake);
+        if let Some(lookup) = bake.mesh.lookup.as_ref().filter(|_| by_patches) {
+            let light = lookup.at_points(&self.download(self.frame.buffers.patches)?, points)?;
+            return Ok(light.iter().map(|h| h.truncate()).collect());
+        }
+        let light = self.gather(points, POINT_RAYS, seed)?;
+        Ok(light.iter().map(|h| h.truncate()).collect())
+    }
+
+    fn gather(&mut self, points: &[SurfacePoint], rays: u32, seed: u32) -> Result<Vec<Vec4>, Error> {
+        let exitance = self.download(self.frame.buffers.element_exitance)?;
+        gather_from_elements(&self.bake, &self.scene, &exitance, points, rays, seed)
+    }
+
+    fn gather_pixels(&mut self, camera: &Camera, frame: u32) -> Result<Picture, Error> {
+        let exitance = self.download(self.frame.buffers.element_exitance)?;
+        let settings = self.bake.settings;
+        let gather = |points: &[SurfacePoint], seed: u32| {
+            gather_from_elements(&self.bake, &self.scene, &exitance, points, settings.receiver_rays, seed)
+        };
+        let pixels = PixelGather {
+            scene: &self.scene,
+            gather: &gather,
+            lights: &self.scene.lighting.lights,
+            camera,
+            frame,
+            sub_frames: self.settings.sub_frames,
+            seed: settings.seed,
+        };
+        pixels.indirect()
+    }
+
+    fn sum(&mut self, sum: BufferId) -> Result<Picture, Error> {
+        let scale = 1.0 / self.frame.shade.sub_frames() as f32;
+        let sums: Vec<Vec4> = self.executor.download_table(sum)?;
+        let (width, height) = self.settings.size;
+        Ok(Picture::from_pixels(width, height, sums.iter().map(|c| c.truncate() * scale).collect())?)
+    }
+
+    /// Bytes of each part that frames hold beside the scene.
+    pub fn bytes(&self) -> BTreeMap<String, u64> {
+        let mesh = &self.bake.mesh;
+        let factors = &self.bake.form_factors;
+        let receivers = &self.bake.receivers;
+        let own = self.method.report().bytes;
+        let by_patches = self.bake.settings.receivers == ReceiverKind::Patches;
+        let has_factors = by_patches || own.contains_key("form_factors");
+        let lookup = mesh.lookup.as_ref().map_or(0, |lookup| lookup.bytes() as u64);
+        let mut bytes = BTreeMap::from([
+            ("elements".to_owned(), factors.element_bytes(has_factors)),
+            ("samples".to_owned(), size_of_val(&mesh.points[..]) as u64),
+            ("receivers".to_owned(), receivers.rows.bytes()),
+            ("smoothing".to_owned(), receivers.smoothing.bytes()),
+            ("interpolation".to_owned(), receivers.weights.bytes()),
+            ("lookup".to_owned(), lookup),
+        ]);
+        bytes.extend(own);
+        bytes
+    }
+
+    /// Takes over what shines, and puts on the device what has changed of it.
+    fn set_lighting(&mut self, lighting: &Lighting) -> Result<(), Error> {
+        let sky_changes = self.scene.lighting.sky != lighting.sky
+            || self.scene.lighting.sky_map != lighting.sky_map
+            || self.scene.lighting.emission != lighting.emission;
+        self.scene.set_lighting(lighting.clone())?;
+        if !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
+            return self.load().and_then(|()| self.upload_lights());
+        }
+        if sky_changes {
+            self.frame.upload_sky(&self.bake, &self.scene, self.executor.as_mut())?;
+        }
+        self.upload_lights()
+    }
+
+    fn upload_lights(&mut self) -> Result<(), Error> {
+        let executor = self.executor.as_mut();
+        self.frame.tables.set_lights(executor, &self.scene.lighting.lights)?;
+        let direct = DirectParams {
+            light_count: self.scene.lighting.lights.len() as u32,
+            emitter_count: self.scene.emitters.len() as u32,
+            sky_rays: if self.scene.lighting.sky.map_width == 0 { 0 } else { self.bake.settings.sample_rays },
+            ..self.bake.direct
+        };
+        Ok(executor.push(self.frame.direct.pass, &direct)?)
+    }
+}
+
+/// Makes the method of the settings.
+fn prepare(
+    bake: &Arc<Bake>,
+    settings: &RenderSettings,
+    executor: &mut (dyn Executor + 'static),
+    observer: &dyn Observer,
+) -> Result<Box<dyn Method>, Error> {
+    let with = Preparation { bake, decode: settings.decode, build: &settings.build, eye: settings.eye, observer };
+    settings.method.prepare(&with, executor)
+}
+
+/// Submits the passes of a light update; times of the host's part.
+fn submit_light(
+    frame: &Frame,
+    method: &mut dyn Method,
+    executor: &mut (dyn Executor + 'static),
+) -> Result<Vec<PassTime>, Error> {
+    executor.submit_passes(&frame.before)?;
+    let submitted = method.submit(executor);
+    let Some(times) = submitted else {
+        let rest: Vec<PassId> = frame.method.iter().chain(&frame.after).copied().collect();
+        executor.submit_passes(&rest)?;
+        return Ok(Vec::new());
+    };
+    let times = times?;
+    executor.submit_passes(&frame.after)?;
+    Ok(times)
+}
+
+impl Frame {
+    /// Makes the plan, loads it and uploads everything that stays.
+    fn load(
+        bake: &Arc<Bake>,
+        scene: &Scene,
+        executor: &mut (dyn Executor + 'static),
+        settings: &RenderSettings,
+        method: &mut dyn Method,
+    ) -> Result<Self, Error> {
+        let device = executor.device().clone();
+        let mut frame = FramePlan::new(bake, &device);
+        let capacity = scene.lighting.lights.len().next_power_of_two().max(LEAST_LIGHTS);
+        let tables = SceneTables::new(&mut frame.plan, &mut frame.tables, scene, capacity);
+        let direct = direct::add(&mut frame, &tables)?;
+        let source = source::add(&mut frame, &direct)?;
+        let before = frame.plan.all_passes();
+        method.add_passes(&mut frame)?;
+        let own = frame.plan.all_passes().split_off(before.len());
+        gather::add(&mut frame, method)?;
+        let after = frame.plan.all_passes().split_off(before.len() + own.len());
+        let shade = shade::add(&mut frame, &tables, settings.size, settings.sub_frames)?;
+        let buffers = ReceiverBuffers {
+            patches: frame.irradiance(),
+            elements: frame.elements.irradiance.buffer,
+            element_exitance: frame.elements.exitance.buffer,
+            interpolated: frame.interpolated,
+            source: frame.patches.source.buffer,
+        };
+        let cleared = frame.initial_zeros();
+        let FramePlan { plan, tables: stay, .. } = frame;
+        executor.load(plan)?;
+        stay.upload(executor)?;
+        for buffer in cleared {
+            executor.clear(buffer)?;
+        }
+        shade.clear(executor)?;
+        let loaded = Self { tables, direct, source, shade, buffers, before, method: own, after };
+        loaded.upload_sky(bake, scene, executor)?;
+        method.start(executor)?;
+        Ok(loaded)
+    }
+
+    /// The sky and the emission of materials, and what elements reflect of a constant sky.
+    fn upload_sky(&self, bake: &Bake, scene: &Scene, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        self.tables.set_sky_and_emission(executor, scene)?;
+        Ok(executor.upload(self.source.emission, &source::sky_exitance(bake, &scene.lighting))?)
+    }
+}
+
+/// Irradiance at points by rows of their own over the elements, W/m².
+fn gather_from_elements(
+    bake: &Bake,
+    scene: &Scene,
+    exitance: &[Vec4],
+    points: &[SurfacePoint],
+    rays: u32,
+    seed: u32,
+) -> Result<Vec<Vec4>, Error> {
+    let offsets: Vec<u32> = (0..=points.len() as u32).collect();
+    let surfaces = bake.mesh.lighting(scene, Columns::Elements, points, &offsets, seed);
+    Ok(gather_by_rays(&surfaces, rays, exitance, &go_on)?)
+}
+
+/// Times of passes of one name added up, in the order of the first of each.
+pub fn by_name(passes: Vec<PassTime>) -> Vec<(String, f64)> {
+    let mut times: Vec<(String, f64)> = Vec::new();
+    for time in passes {
+        match times.iter_mut().find(|(name, _)| *name == time.name) {
+            Some((_, sum)) => *sum += time.milliseconds,
+            None => times.push((time.name, time.milliseconds)),
+        }
+    }
+    times
+}
+
+/// The lighting of a scene with other lights.
+pub fn with_lights(scene: &Scene, lights: &[Light]) -> Lighting {
+    Lighting { lights: lights.to_vec(), ..scene.lighting.clone() }
+}

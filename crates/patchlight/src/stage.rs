@@ -1,0 +1,9 @@
+//! The stages of a frame, one file each: every one adds its passes to the plan.
+//!
+//! `direct` (irradiance at samples) → `source` (first exitance of elements and patches) → the method (irradiance of patches)
+//! → `gather` (elements, receivers, interpolation points) → `shade` (pixels).
+
+pub mod direct;
+pub mod gather;
+pub mod shade;
+pub mod source;

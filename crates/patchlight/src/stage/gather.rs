@@ -1,0 +1,90 @@
+//! The last two bounces: irradiance of the elements, then of the receivers, smoothed, and of the interpolation points, W/m².
+
+use gpu_kernels::params::CountParams;
+use gpu_kernels::table;
+use runtime::executor::ExecutorError;
+use runtime::recipe::formfactor::{HitTables, SparseTables};
+use runtime::recipe::{add_pass, rgb_bytes};
+
+use crate::frame::FramePlan;
+use crate::method::Method;
+use crate::receivers::QUADRANTS;
+
+/// Adds the passes.
+///
+/// # Errors
+/// What the plan and the method say.
+pub fn add(frame: &mut FramePlan, method: &mut dyn Method) -> Result<(), crate::Error> {
+    if frame.has_element_bounce() && !method.finds_element_irradiance() {
+        add_element_bounce(frame, method)?;
+    }
+    frame.elements.bounce(&mut frame.plan, "lookup")?;
+    if frame.bake.receivers.points.is_empty() {
+        return Ok(());
+    }
+    if !method.add_receiver_passes(frame)? {
+        let rows = HitTables::new(&mut frame.plan, &mut frame.tables, &frame.bake.receivers.rows);
+        let range = frame.binding_bytes();
+        rows.gather(&mut frame.plan, "lookup", range, frame.elements.exitance.buffer, frame.received)?;
+    }
+    Ok(add_interpolation(frame)?)
+}
+
+/// The first of the two last bounces: between elements, each with its own first exitance and its share of what the patch
+/// reflects.
+fn add_element_bounce(frame: &mut FramePlan, method: &mut dyn Method) -> Result<(), crate::Error> {
+    let Some(element_rows) = &frame.bake.form_factors.element_rows else {
+        // The elements are the patches.
+        if !method.add_element_passes(frame, frame.patches.exitance)? {
+            let name = "patch";
+            let rows = SparseTables::new(&mut frame.plan, &mut frame.tables, name, &frame.bake.form_factors.factors);
+            rows.gather(&mut frame.plan, "lookup", frame.patches.exitance, frame.elements.irradiance)?;
+        }
+        return Ok(());
+    };
+    add_patch_light(frame)?;
+    let exitance = frame.elements.exitance;
+    if !method.add_element_passes(frame, exitance)? {
+        let rows = HitTables::new(&mut frame.plan, &mut frame.tables, element_rows);
+        let range = frame.binding_bytes();
+        rows.gather(&mut frame.plan, "lookup", range, exitance.buffer, frame.elements.irradiance.buffer)?;
+    }
+    Ok(())
+}
+
+/// Exitance of the elements with the irradiance of their patches.
+fn add_patch_light(frame: &mut FramePlan) -> Result<(), ExecutorError> {
+    let mesh = &frame.bake.mesh;
+    let plan = &mut frame.plan;
+    let tables = &mut frame.tables;
+    let elements = mesh.elements.len() as u32;
+    let patch_light = plan.storage("patch light at elements", rgb_bytes(elements as usize));
+    let patch: Vec<u32> = (0..elements).map(|element| mesh.patch_of(element)).collect();
+    let starts: Vec<u32> = (0..=elements).collect();
+    let own = [
+        ("row_start", tables.owned(plan, "element starts", starts)),
+        ("columns", tables.owned(plan, "element patches", patch)),
+        ("values", tables.owned(plan, "element ones", vec![1.0f32; elements as usize])),
+        ("exitance", frame.patches.irradiance),
+        ("irradiance", patch_light.into()),
+    ];
+    let count = CountParams { count: elements };
+    add_pass(plan, "lookup", &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, elements)?;
+    frame.elements.bounce_of(plan, "lookup", patch_light)?;
+    Ok(())
+}
+
+/// From the quadrants of the receivers to smoothed values, and from both to the interpolation points.
+fn add_interpolation(frame: &mut FramePlan) -> Result<(), ExecutorError> {
+    let receivers = &frame.bake.receivers;
+    let count = receivers.points.len();
+    let quadrants = frame.received.range(0, rgb_bytes(QUADRANTS * count));
+    let smooth = frame.received.range(rgb_bytes(receivers.first_smooth()), rgb_bytes(count));
+    let plan = &mut frame.plan;
+    let tables = &mut frame.tables;
+    let smoothing = SparseTables::new(plan, tables, "smoothing", &receivers.smoothing);
+    smoothing.gather(plan, "lookup", quadrants, smooth)?;
+    let weights = SparseTables::new(plan, tables, "interpolation", &receivers.weights);
+    weights.gather(plan, "lookup", frame.received, frame.interpolated)?;
+    Ok(())
+}

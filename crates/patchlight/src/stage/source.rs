@@ -1,0 +1,66 @@
+//! First exitance E of the elements from their samples, and of the patches from their elements, W/m².
+
+use glam::Vec4;
+use gpu_kernels::params::CountParams;
+use gpu_kernels::table;
+use runtime::executor::ExecutorError;
+use runtime::plan::{BufferId, Range};
+use runtime::recipe::add_pass;
+use runtime::recipe::formfactor::assemble_source;
+use scene::Lighting;
+
+use super::direct::DirectLight;
+use crate::bake::Bake;
+use crate::frame::FramePlan;
+
+/// What changes in the stage with the sky.
+#[derive(Clone, Copy, Debug)]
+pub struct Source {
+    /// What elements reflect of a constant sky, W/m².
+    pub emission: BufferId,
+}
+
+/// Adds the passes.
+///
+/// # Errors
+/// What the plan says.
+pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, ExecutorError> {
+    let mesh = &frame.bake.mesh;
+    let plan = &mut frame.plan;
+    let tables = &mut frame.tables;
+    let elements = mesh.elements.len();
+    let emission = plan.storage("emission", (elements * size_of::<Vec4>()) as u64);
+    let own = [
+        ("points", direct.points),
+        ("offsets", tables.part(plan, "offsets", mesh, |mesh| &mesh.offsets)),
+        ("direct", Range::from(direct.irradiance)),
+        ("albedo", tables.part(plan, "point albedo", mesh, |mesh| &mesh.point_albedo)),
+        ("emission", Range::from(emission)),
+        ("source", frame.elements.source),
+    ];
+    assemble_source(plan, "gather", &own, frame.elements.count)?;
+
+    // A patch has the mean of its elements by area.
+    let numbers: Vec<u32> = (0..elements as u32).collect();
+    let own = [
+        ("row_start", tables.part(plan, "patch elements", mesh, |mesh| &mesh.patch_elements)),
+        ("columns", tables.owned(plan, "element numbers", numbers)),
+        ("values", tables.owned(plan, "element shares", mesh.element_shares())),
+        ("exitance", frame.elements.source),
+        ("irradiance", frame.patches.source),
+    ];
+    let count = CountParams { count: frame.patches.count };
+    add_pass(plan, "gather", &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, count.count)?;
+    Ok(Source { emission })
+}
+
+/// First exitance that a constant sky gives each element: `ρ π L s`, with the share s of its hemisphere that sees the sky.
+/// A sky with a map is sampled instead.
+pub fn sky_exitance(bake: &Bake, lighting: &Lighting) -> Vec<Vec4> {
+    let sky = lighting.sky;
+    let radiance = if sky.map_width == 0 { sky.radiance } else { glam::Vec3::ZERO };
+    let irradiance = radiance * std::f32::consts::PI;
+    let albedo = bake.mesh.element_albedo.iter();
+    let shares = &bake.form_factors.sky_factor;
+    albedo.zip(shares).map(|(albedo, share)| *albedo * (irradiance * *share).extend(0.0)).collect()
+}

@@ -1,0 +1,11 @@
+//! Worlds larger than memory: patches of voxels and what is merged of them for the distance, their rows of form factors in a
+//! file, and frames that read what the camera comes to.
+
+pub mod bake;
+mod forest;
+mod rows;
+pub mod streamed;
+
+pub use bake::{BakedWorld, WorldSettings, bake, merge};
+pub use forest::{DarkPatch, Extra, Forest, LEAST_PATCHES, MOST_PATCHES};
+pub use streamed::{StreamFrame, StreamSettings, Streamed, scene_of};

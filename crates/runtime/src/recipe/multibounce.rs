@@ -1,0 +1,136 @@
+//! Recipes of `multibounce`: products with an operator, however it is stored, and bounces that use where light was going.
+
+mod blocks;
+mod dense;
+mod low_rank;
+
+use glam::Vec4;
+use gpu_kernels::table::{self, Kernel};
+use multibounce::Acceleration;
+
+use super::{Tables, add_pass, formfactor::Surfaces};
+use crate::executor::{Executor, ExecutorError};
+use crate::plan::{BufferId, PassId, Plan, Range};
+
+pub use blocks::{BlockTables, Decoder};
+pub use dense::{DenseTables, planar, planar_columns};
+pub use low_rank::LowRankTables;
+
+/// An operator's tables on the device, and what a product keeps between its passes.
+#[derive(Clone, Debug)]
+pub enum OperatorTables {
+    /// Entries one by one, in single or half precision.
+    Dense(DenseTables),
+    /// Texture blocks and outliers.
+    Blocks(BlockTables),
+    /// Sums of rank-1 terms, dense sub-blocks and sparse residuals.
+    LowRank(LowRankTables),
+}
+
+impl OperatorTables {
+    /// Adds the passes of `irradiance = T exitance`; a binding shows at most `range` bytes.
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn product(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        range: u64,
+        exitance: BufferId,
+        irradiance: BufferId,
+    ) -> Result<(), ExecutorError> {
+        match self {
+            Self::Dense(dense) => dense.product(plan, pass, range, exitance, irradiance),
+            Self::Blocks(blocks) => blocks.product(plan, pass, exitance, irradiance),
+            Self::LowRank(low_rank) => low_rank.product(plan, pass, exitance, irradiance),
+        }
+    }
+}
+
+/// Adds the pass of a bounce that goes on from the frame before, accelerated as `acceleration` says:
+/// `B = E + ρ∘H` and more of its change. `change` keeps that change, one RGB value a patch, W/m².
+///
+/// # Errors
+/// Buffers that are too short.
+pub fn accelerated_bounce(
+    plan: &mut Plan,
+    pass: &str,
+    surfaces: &Surfaces,
+    change: BufferId,
+    acceleration: &Acceleration,
+) -> Result<PassId, ExecutorError> {
+    let own = [("change", Range::from(change))];
+    let push = acceleration.params(surfaces.count);
+    add_pass(plan, pass, &table::MULTIBOUNCE_FEEDBACK, &own, &surfaces.bindings(), &push, push.count)
+}
+
+/// The product with an operator alone, loaded into an executor.
+pub struct Product {
+    exitance: BufferId,
+    irradiance: BufferId,
+}
+
+impl Product {
+    /// Loads the product of an operator of so many rows and columns, whose tables `make` adds to the plan.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn load(
+        executor: &mut dyn Executor,
+        rows: usize,
+        columns: usize,
+        range: u64,
+        make: &dyn Fn(&mut Plan, &mut Tables) -> OperatorTables,
+    ) -> Result<Self, ExecutorError> {
+        let mut plan = Plan::new();
+        let mut tables = Tables::new();
+        let operator = make(&mut plan, &mut tables);
+        let exitance = plan.storage("exitance", super::rgb_bytes(columns));
+        let irradiance = plan.storage("irradiance", super::rgb_bytes(rows));
+        operator.product(&mut plan, "product", range, exitance, irradiance)?;
+        executor.load(plan)?;
+        tables.upload(executor)?;
+        Ok(Self { exitance, irradiance })
+    }
+
+    /// Irradiance from exitance, W/m², and the median of the times of so many products, ms.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn run(
+        &self,
+        executor: &mut dyn Executor,
+        exitance: &[Vec4],
+        turns: usize,
+    ) -> Result<(Vec<Vec4>, f64), ExecutorError> {
+        executor.upload(self.exitance, exitance)?;
+        let mut times = Vec::with_capacity(turns);
+        for _ in 0..turns.max(1) {
+            let passes = executor.run()?;
+            times.push(passes.iter().map(|pass| pass.milliseconds).sum::<f64>());
+        }
+        times.sort_by(f64::total_cmp);
+        Ok((executor.download_table(self.irradiance)?, times[times.len() / 2]))
+    }
+}
+
+/// Adds a pass that reorders RGB values: `output[k] = scale[k] ∘ input[order[k]]`, zero where the order names none.
+pub(super) fn reorder(
+    plan: &mut Plan,
+    pass: &str,
+    order: Range,
+    scale: Range,
+    input: impl Into<Range>,
+    output: impl Into<Range>,
+    count: u32,
+) -> Result<PassId, ExecutorError> {
+    let own = [("order", order), ("scale", scale), ("input", input.into()), ("output", output.into())];
+    let push = gpu_kernels::params::CountParams { count };
+    add_pass(plan, pass, &table::MULTIBOUNCE_REORDER, &own, &[], &push, count)
+}
+
+/// The gathering kernel of dense operators in single precision.
+const DENSE: &Kernel = &table::FORMFACTOR_GATHER;
+/// The same in half precision.
+const HALF: &Kernel = &table::FORMFACTOR_GATHER_HALF;

@@ -1,0 +1,179 @@
+//! Recipes of `scene`: tables that rays need, rays themselves, direct light, primary rays, shading and tone mapping.
+
+use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::table;
+use scene::{DirectParams, Light, Scene};
+
+use super::{Bindings, Named, Tables, add_pass};
+use crate::executor::{Executor, ExecutorError};
+use crate::plan::{BufferId, PassId, Plan, Range};
+
+/// A scene on the device: geometry once and for all, what shines anew where it changes.
+#[derive(Clone, Debug)]
+pub struct SceneTables {
+    named: Vec<Named>,
+    lights: BufferId,
+    light_capacity: usize,
+    materials: BufferId,
+    emitters: BufferId,
+    sky: BufferId,
+    sky_map: BufferId,
+}
+
+impl SceneTables {
+    /// Puts the geometry on the device, with room for `light_capacity` lights; [`Self::set_lighting`] fills the rest.
+    pub fn new(plan: &mut Plan, tables: &mut Tables, scene: &Scene, light_capacity: usize) -> Self {
+        let geometry = &scene.geometry;
+        let mut named = vec![
+            tables.named_part(plan, "nodes", geometry, |g| &g.nodes),
+            tables.named_part(plan, "triangles", geometry, |g| &g.triangles),
+            tables.named_part(plan, "uvs", geometry, |g| &g.uvs),
+            tables.named_part(plan, "textures", geometry, |g| &g.textures),
+            tables.named_part(plan, "texels", geometry, |g| &g.texels),
+        ];
+        let materials = plan.storage_for("materials", &scene.materials);
+        let emitters = plan.storage_for("emitters", &scene.emitters);
+        let sky = plan.storage_for("sky", &[scene.lighting.sky]);
+        let sky_map = plan.storage_for("sky_map", &scene.lighting.sky_map);
+        let lights = plan.storage("lights", (light_capacity * size_of::<Light>()) as u64);
+        let changing =
+            [("materials", materials), ("emitters", emitters), ("sky", sky), ("sky_map", sky_map), ("lights", lights)];
+        named.extend(changing.map(|(name, buffer)| (name, Range::from(buffer))));
+        Self { named, lights, light_capacity, materials, emitters, sky, sky_map }
+    }
+
+    /// The buffers by the names of the kernels' bindings.
+    pub fn bindings(&self) -> &[Named] {
+        &self.named
+    }
+
+    /// Lights that there is room for.
+    pub fn light_capacity(&self) -> usize {
+        self.light_capacity
+    }
+
+    /// Whether the tables of what shines in a scene have the sizes of those on the device.
+    ///
+    /// # Errors
+    /// Buffers of another plan.
+    pub fn fits(&self, executor: &dyn Executor, scene: &Scene) -> Result<bool, ExecutorError> {
+        let sizes = [
+            (self.materials, size_of_val(&scene.materials[..])),
+            (self.emitters, size_of_val(&scene.emitters[..])),
+            (self.sky_map, size_of_val(&scene.lighting.sky_map[..])),
+        ];
+        for (buffer, bytes) in sizes {
+            if executor.plan().buffer(buffer)?.bytes != bytes as u64 {
+                return Ok(false);
+            }
+        }
+        Ok(scene.lighting.lights.len() <= self.light_capacity)
+    }
+
+    /// Puts the lights on the device: the first `light_capacity` ones.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_lights(&self, executor: &mut dyn Executor, lights: &[Light]) -> Result<(), ExecutorError> {
+        let mut table = lights.to_vec();
+        table.resize(self.light_capacity, Light::default());
+        executor.upload(self.lights, &table)
+    }
+
+    /// Puts the sky, its map, and the emission of materials on the device.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_sky_and_emission(&self, executor: &mut dyn Executor, scene: &Scene) -> Result<(), ExecutorError> {
+        executor.upload(self.sky, &[scene.lighting.sky])?;
+        executor.upload(self.sky_map, &scene.lighting.sky_map[..])?;
+        executor.upload(self.materials, &scene.materials[..])?;
+        executor.upload(self.emitters, &scene.emitters[..])
+    }
+
+    /// Adds the pass of direct irradiance at points, W/m². Bindings: `points`, `irradiance`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn direct_light(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &DirectParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_DIRECT_LIGHT, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the pass of the nearest hits of rays. Bindings: `rays`, `hits`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn closest_hits(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        rays: u32,
+    ) -> Result<PassId, ExecutorError> {
+        let count = CountParams { count: rays };
+        add_pass(plan, pass, &table::SCENE_CLOSEST_HIT, bindings, &self.named, &count, rays)
+    }
+
+    /// Adds the pass that says of each ray whether something is in its way. Bindings: `rays`, `stopped`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn any_hits(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        rays: u32,
+    ) -> Result<PassId, ExecutorError> {
+        let count = CountParams { count: rays };
+        add_pass(plan, pass, &table::SCENE_ANY_HIT, bindings, &self.named, &count, rays)
+    }
+
+    /// Adds the pass of the primary rays of a camera. Bindings: `hits`, `points`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn primary(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &PixelParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_PRIMARY, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the pass that adds the radiance of a sub-frame to the sum of each pixel, W/m²/sr. Bindings: `hits`, `direct`,
+    /// `indirect`, `sum`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn shade(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &PixelParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_SHADE, bindings, &self.named, params, params.count)
+    }
+}
+
+/// Adds the pass of displayed colours: bytes red, green, blue, 255. Bindings: `sum`, `pixels`.
+///
+/// # Errors
+/// Buffers that are missing or too short.
+pub fn tone_map(
+    plan: &mut Plan,
+    pass: &str,
+    bindings: Bindings,
+    params: &ToneMapParams,
+) -> Result<PassId, ExecutorError> {
+    add_pass(plan, pass, &table::SCENE_TONE_MAP, bindings, &[], params, params.count)
+}

@@ -1,0 +1,103 @@
+//! Tables that stay on the device from frame to frame.
+
+use std::sync::Arc;
+
+use bytemuck::{Pod, cast_slice};
+
+use crate::executor::{Executor, ExecutorError};
+use crate::plan::{BufferId, Plan, Range};
+use crate::recipe::Named;
+
+/// Bytes that an executor may keep instead of a copy of its own.
+pub trait Table: Send + Sync {
+    /// The bytes, always the same ones.
+    fn bytes(&self) -> &[u8];
+}
+
+impl<T: Pod + Send + Sync> Table for Vec<T> {
+    fn bytes(&self) -> &[u8] {
+        cast_slice(self)
+    }
+}
+
+/// A table that is a part of something shared.
+struct Part<O, T> {
+    owner: Arc<O>,
+    part: fn(&O) -> &[T],
+}
+
+impl<O: Send + Sync, T: Pod> Table for Part<O, T> {
+    fn bytes(&self) -> &[u8] {
+        cast_slice((self.part)(&self.owner))
+    }
+}
+
+/// The tables of a plan, and the buffers that they go into.
+#[derive(Default)]
+pub struct Tables {
+    contents: Vec<(BufferId, Arc<dyn Table>)>,
+}
+
+impl Tables {
+    /// No tables yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A table that is a part of something shared, which the executor may read in place.
+    pub fn part<O: Send + Sync + 'static, T: Pod>(
+        &mut self,
+        plan: &mut Plan,
+        name: &str,
+        owner: &Arc<O>,
+        part: fn(&O) -> &[T],
+    ) -> Range {
+        self.add(plan, name, Arc::new(Part { owner: Arc::clone(owner), part }))
+    }
+
+    /// A table that belongs to the plan alone.
+    pub fn owned<T: Pod + Send + Sync>(&mut self, plan: &mut Plan, name: &str, table: Vec<T>) -> Range {
+        self.add(plan, name, Arc::new(table))
+    }
+
+    /// A part of something shared whose buffer has the name of the binding that it is for.
+    pub fn named_part<O: Send + Sync + 'static, T: Pod>(
+        &mut self,
+        plan: &mut Plan,
+        name: &'static str,
+        owner: &Arc<O>,
+        part: fn(&O) -> &[T],
+    ) -> Named {
+        (name, self.part(plan, name, owner, part))
+    }
+
+    /// A table of the plan alone whose buffer has the name of the binding that it is for.
+    pub fn named<T: Pod + Send + Sync>(&mut self, plan: &mut Plan, name: &'static str, table: Vec<T>) -> Named {
+        (name, self.owned(plan, name, table))
+    }
+
+    /// Any table.
+    pub fn add(&mut self, plan: &mut Plan, name: &str, table: Arc<dyn Table>) -> Range {
+        let buffer = plan.storage(name, table.bytes().len() as u64);
+        self.fill(buffer, table);
+        Range::from(buffer)
+    }
+
+    /// The contents of a buffer that is in the plan already, such as an image.
+    pub fn fill(&mut self, buffer: BufferId, table: Arc<dyn Table>) {
+        if !table.bytes().is_empty() {
+            self.contents.push((buffer, table));
+        }
+    }
+
+    /// Puts all tables into their buffers, once the plan is loaded.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn upload(self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
+        for (buffer, table) in self.contents {
+            executor.share(buffer, table)?;
+        }
+        Ok(())
+    }
+}

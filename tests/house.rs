@@ -1,0 +1,104 @@
+//! The shape of the project: which crate may know which, and that words of the glossary are the only ones in use.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+
+/// Crates of the project that each crate may depend on directly, besides those of [`BELOW_ALL`]. The picture is that of
+/// ARCHITECTURE.md.
+const ARROWS: [(&str, &[&str]); 16] = [
+    ("scene", &[]),
+    ("transport", &["scene"]),
+    ("formfactor", &["scene", "transport"]),
+    ("patches", &["scene", "transport"]),
+    ("multibounce", &["scene", "transport"]),
+    ("localmatrix", &["scene", "transport"]),
+    ("temporal", &["scene", "transport"]),
+    ("firstshot", &["scene", "transport"]),
+    ("gpu-kernels", &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"]),
+    ("runtime", &[
+        "scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "gpu-kernels",
+    ]),
+    ("patchlight", &[
+        "scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "gpu-kernels",
+        "runtime",
+    ]),
+    ("assets", &["scene"]),
+    ("reference", &["scene"]),
+    ("experiments", EVERYTHING),
+    ("cli", EVERYTHING),
+    ("benches", EVERYTHING),
+];
+
+const EVERYTHING: &[&str] = &[
+    "scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "gpu-kernels",
+    "runtime", "patchlight", "assets", "reference", "experiments",
+];
+
+/// What a library must not know: command lines, terminals, reports, files of scenes.
+const NOT_IN_LIBRARIES: [&str; 9] =
+    ["clap", "indicatif", "ctrlc", "maud", "gltf", "tobj", "toml", "assets", "reference"];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Direct dependencies of each crate of the workspace, without those of its tests.
+fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
+    let output = Command::new(cargo)
+        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
+        .current_dir(root())
+        .output()
+        .expect("cargo starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON");
+    let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let mut crates = BTreeMap::new();
+    for package in list(&metadata["packages"]) {
+        let normal = list(&package["dependencies"]).into_iter().filter(|d| d["kind"].is_null());
+        crates.insert(text(&package["name"]), normal.map(|d| text(&d["name"])).collect());
+    }
+    crates
+}
+
+/// Arrows that the picture does not have.
+fn wrong_arrows(crates: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
+    let allowed: BTreeMap<&str, &[&str]> = ARROWS.into_iter().collect();
+    let mut wrong = Vec::new();
+    for (name, dependencies) in crates {
+        let Some(allowed) = allowed.get(name.as_str()) else { continue };
+        for other in dependencies.iter().filter(|d| crates.contains_key(*d)) {
+            if !allowed.contains(&other.as_str()) {
+                wrong.push(format!("{name} -> {other}"));
+            }
+        }
+    }
+    wrong
+}
+
+#[test]
+fn arrows_are_those_of_the_picture() {
+    let mut crates = dependencies();
+    assert_eq!(wrong_arrows(&crates), Vec::<String>::new());
+    for name in crates.keys().filter(|name| *name != "integration-tests") {
+        assert!(ARROWS.iter().any(|(known, _)| known == name), "{name} is not in the picture");
+    }
+    // An arrow between two methods is noticed.
+    crates.entry("temporal".into()).or_default().insert("patches".into());
+    assert_eq!(wrong_arrows(&crates), ["temporal -> patches"]);
+}
+
+#[test]
+fn libraries_know_no_command_line() {
+    let crates = dependencies();
+    for library in ["runtime", "patchlight"] {
+        for unwanted in NOT_IN_LIBRARIES {
+            assert!(!crates[library].contains(unwanted), "{library} knows {unwanted}");
+        }
+    }
+    assert!(crates["cli"].contains("clap"), "the program has a command line");
+}
