@@ -1,66 +1,83 @@
-//! An order in which neighbours are alike, by halving.
+//! An order of patches or receivers in which neighbours are alike, by bisection.
 
 use std::vec::Vec;
 
 use glam::{Vec3, Vec4};
-use transport::bisect::bisect;
 
-use crate::kernel::tiles::TILE;
+use crate::bisect::bisect;
 
-/// Products with the covariance that find a principal axis well enough to halve by.
+/// Products with the covariance that find a principal axis well enough to bisect by.
 const POWER_STEPS: usize = 12;
+/// Weight of the mean visible point, beside 1 of the position.
+const VISIBLE_WEIGHT: f32 = 0.3;
+/// Weight of ambient occlusion, in distances of neighbours on a square sheet as wide as the whole:
+/// what 0 and 1 differ by.
+const OCCLUSION_WEIGHT: f32 = 12.0;
 
-/// Position, normal and what is seen, at the scale of positions.
-type Place = [f32; DIMENSIONS];
+/// Position, normal, mean visible point and ambient occlusion, at the scale of positions.
+type Features = [f32; DIMENSIONS];
 const DIMENSIONS: usize = 10;
-/// What the middle of what patches see counts, beside their own.
-const SEEN: f32 = 0.3;
-/// What sight that always meets something counts beside sight that never does, in distances of neighbours on the sheet.
-const COVER: f32 = 12.0;
 
-/// Patches in an order in which neighbours are alike: halved across the axis along which they spread
-/// most, down to single ones, at multiples of [`TILE`] as long as there are more. `order[p]` is the patch at place p.
+/// An order of surface points in which neighbours are alike: points are bisected across the
+/// principal axis of their features, down to single ones. Parts of more than `multiple` points are
+/// cut at a multiple of it. `order[p]` is the point at place p.
 ///
-/// What spreads are positions, m; normals, whose turn by a right angle counts like the distance of neighbours on a square sheet as
-/// wide as the whole: enough to tell the sides of sheets apart, and no more, because patches of one corner see the same
-/// from its walls; and, unless `seen` is empty, what patches see: `seen[i] = Σ_j F_ij (p_j, 1)`, by whose w (the share of sight that
-/// meets anything) places under the sky differ from those beside them that are not.
-pub fn halving_order(positions: &[Vec3], normals: &[Vec3], seen: &[Vec4]) -> Vec<u32> {
+/// Features are positions, m; normals, of which a right angle counts like the distance of
+/// neighbours on a square sheet as wide as the whole: enough to tell the sides of a sheet apart,
+/// and no more, because walls of one corner see the same; and, unless `visible` is empty, the mean
+/// visible point and the ambient occlusion, `visible[i] = Σ_j F_ij (p_j, 1)`, whose w is the share
+/// of the hemisphere that meets geometry.
+pub fn spatial_order(positions: &[Vec3], normals: &[Vec3], visible: &[Vec4], multiple: usize) -> Vec<u32> {
     let mut order: Vec<u32> = (0..positions.len().min(normals.len()) as u32).collect();
-    let (low, high) = positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |b, p| (b.0.min(*p), b.1.max(*p)));
+    let low = positions.iter().fold(Vec3::INFINITY, |low, p| low.min(*p));
+    let high = positions.iter().fold(Vec3::NEG_INFINITY, |high, p| high.max(*p));
     let spacing = (high - low).max_element() / scene::math::sqrt(positions.len().max(1) as f32);
-    let turn = spacing.max(f32::MIN_POSITIVE) * std::f32::consts::FRAC_1_SQRT_2;
-    let place = |i: &u32| {
-        let (p, n) = (positions[*i as usize], turn * normals[*i as usize]);
-        let sight = match seen.get(*i as usize) {
-            Some(sight) if sight.w > 0.0 => (SEEN * (sight.truncate() / sight.w)).extend(COVER * spacing * sight.w),
-            // What sees nothing sees itself.
-            Some(_) => (SEEN * p).extend(0.0),
-            None => Vec4::ZERO,
-        };
-        [p.x, p.y, p.z, n.x, n.y, n.z, sight.x, sight.y, sight.z, sight.w]
-    };
-    let places: Vec<Place> = order.iter().map(place).collect();
-    bisect(&mut order, |part| ((), halve(part, &places)));
+    let mut features: Vec<Features> = Vec::with_capacity(order.len());
+    for (i, (position, normal)) in positions.iter().zip(normals).enumerate() {
+        features.push(features_of(*position, *normal, visible.get(i), spacing));
+    }
+    bisect(&mut order, |part| ((), bisect_part(part, &features, multiple.max(1))));
     order
 }
 
-/// Mean, and the axis along which these spread most.
-fn principal_axis(part: &[u32], places: &[Place]) -> ([f64; DIMENSIONS], [f64; DIMENSIONS]) {
+/// The features of a point; `spacing` is the distance of neighbours on a sheet, m.
+fn features_of(p: Vec3, normal: Vec3, visible: Option<&Vec4>, spacing: f32) -> Features {
+    let normal_scale = spacing.max(f32::MIN_POSITIVE) * std::f32::consts::FRAC_1_SQRT_2;
+    let n = normal_scale * normal;
+    let v = match visible {
+        Some(v) if v.w > 0.0 => {
+            let point = VISIBLE_WEIGHT * (v.truncate() / v.w);
+            point.extend(OCCLUSION_WEIGHT * spacing * v.w)
+        }
+        // What sees nothing sees itself.
+        Some(_) => (VISIBLE_WEIGHT * p).extend(0.0),
+        None => Vec4::ZERO,
+    };
+    [p.x, p.y, p.z, n.x, n.y, n.z, v.x, v.y, v.z, v.w]
+}
+
+/// Mean of the features, and the axis along which they spread most, by power iteration.
+fn principal_axis(part: &[u32], features: &[Features]) -> ([f64; DIMENSIONS], [f64; DIMENSIONS]) {
     let mut mean = [0.0f64; DIMENSIONS];
     for &i in part {
-        (0..DIMENSIONS).for_each(|k| mean[k] += f64::from(places[i as usize][k]) / part.len() as f64);
+        for (mean, feature) in mean.iter_mut().zip(features[i as usize]) {
+            *mean += f64::from(feature) / part.len() as f64;
+        }
     }
     let mut covariance = [[0.0f64; DIMENSIONS]; DIMENSIONS];
     for &i in part {
-        let offset: [f64; DIMENSIONS] = std::array::from_fn(|k| f64::from(places[i as usize][k]) - mean[k]);
-        (0..DIMENSIONS).for_each(|k| (0..DIMENSIONS).for_each(|l| covariance[k][l] += offset[k] * offset[l]));
+        let own = &features[i as usize];
+        let offset: [f64; DIMENSIONS] = std::array::from_fn(|k| f64::from(own[k]) - mean[k]);
+        for (k, row) in covariance.iter_mut().enumerate() {
+            for (l, entry) in row.iter_mut().enumerate() {
+                *entry += offset[k] * offset[l];
+            }
+        }
     }
     let mut axis: [f64; DIMENSIONS] = std::array::from_fn(|k| covariance[k][k]);
     for _ in 0..POWER_STEPS {
-        let next: [f64; DIMENSIONS] =
-            std::array::from_fn(|k| (0..DIMENSIONS).map(|l| covariance[k][l] * axis[l]).sum());
-        let length = libm::sqrt(next.iter().map(|x| x * x).sum());
+        let next: [f64; DIMENSIONS] = std::array::from_fn(|k| dot(&covariance[k], &axis));
+        let length = next.iter().map(|x| x * x).sum::<f64>().sqrt();
         if length == 0.0 {
             break;
         }
@@ -69,19 +86,28 @@ fn principal_axis(part: &[u32], places: &[Place]) -> ([f64; DIMENSIONS], [f64; D
     (mean, axis)
 }
 
+fn dot(a: &[f64; DIMENSIONS], b: &[f64; DIMENSIONS]) -> f64 {
+    (0..DIMENSIONS).map(|k| a[k] * b[k]).sum()
+}
+
 /// Sorts a part along its principal axis, and says where it is cut.
-fn halve(part: &mut [u32], places: &[Place]) -> usize {
+fn bisect_part(part: &mut [u32], features: &[Features], multiple: usize) -> usize {
     if part.len() <= 2 {
         return 0;
     }
-    let (mean, axis) = principal_axis(part, places);
-    let along =
-        |i: u32| -> f64 { (0..DIMENSIONS).map(|k| (f64::from(places[i as usize][k]) - mean[k]) * axis[k]).sum() };
-    let mut keyed: Vec<(f64, u32)> = part.iter().map(|&i| (along(i), i)).collect();
+    let (mean, axis) = principal_axis(part, features);
+    let mut keyed: Vec<(f64, u32)> = Vec::with_capacity(part.len());
+    for &i in part.iter() {
+        let own = &features[i as usize];
+        let offset: [f64; DIMENSIONS] = std::array::from_fn(|k| f64::from(own[k]) - mean[k]);
+        keyed.push((dot(&offset, &axis), i));
+    }
     keyed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    part.iter_mut().zip(keyed).for_each(|(i, (_, sorted))| *i = sorted);
-    let tile = TILE as usize;
-    if part.len() > tile { (part.len() / 2).next_multiple_of(tile) } else { part.len() / 2 }
+    for (i, (_, sorted)) in part.iter_mut().zip(keyed) {
+        *i = sorted;
+    }
+    let middle = part.len() / 2;
+    if part.len() > multiple { middle.next_multiple_of(multiple) } else { middle }
 }
 
 #[cfg(test)]
@@ -89,12 +115,14 @@ mod tests {
     use super::*;
     use scene::sampling::{hash3, unit};
 
+    const MULTIPLE: usize = 128;
+
     #[test]
     fn every_patch_has_one_place_and_neighbours_are_near() {
         for n in [0usize, 1, 2, 3, 127, 128, 129, 1000] {
             let random = |i: usize, d: u32| unit(hash3(i as u32, d, 1));
             let positions: Vec<Vec3> = (0..n).map(|i| Vec3::new(random(i, 0), random(i, 1), 0.0)).collect();
-            let order = halving_order(&positions, &vec![Vec3::Z; n], &[]);
+            let order = spatial_order(&positions, &vec![Vec3::Z; n], &[], MULTIPLE);
             let mut sorted = order.clone();
             sorted.sort_unstable();
             assert!(sorted.iter().enumerate().all(|(k, &i)| k == i as usize) && sorted.len() == n);
@@ -116,7 +144,7 @@ mod tests {
         let seen = |i: usize| (positions[i], if i.is_multiple_of(2) { 1.0 } else { 0.1 });
         let seen: Vec<Vec4> = (0..n).map(seen).map(|(p, cover)| (cover * p).extend(cover)).collect();
         let halves = |seen: &[Vec4]| {
-            let order = halving_order(&positions, &vec![Vec3::Z; n], seen);
+            let order = spatial_order(&positions, &vec![Vec3::Z; n], seen, MULTIPLE);
             let (first, second) = order.split_at(n / 2);
             [first, second].map(|half| half.iter().filter(|&&i| i.is_multiple_of(2)).count())
         };
