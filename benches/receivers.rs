@@ -15,7 +15,7 @@ use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::kernel::hemisphere::hemisphere_ray;
 use formfactor::{Csr, HemisphereParams, HitRows, Operator};
 use glam::{IVec4, UVec3, Vec3, Vec4};
-use patches::Receivers;
+use patches::InterpolationMesh;
 use rayon::prelude::*;
 use scene::{Hit, NONE, Scene, SidePolicy, SurfacePoint, Visibility, find_sides};
 
@@ -80,7 +80,7 @@ fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     let area: f32 = scene.geometry.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
     let mut edge = f32::sqrt(area / ROWS as f32);
     loop {
-        let points = Receivers::new(scene, &sides, edge, 0.4 * edge, |_, _| Some(edge), |_| None)
+        let points = InterpolationMesh::new(scene, &sides, edge, 0.4 * edge, |_, _| Some(edge), |_| None)
             .expect("the edge is positive")
             .points;
         println!("receivers: {} at edges of {edge:.3} m", points.len());

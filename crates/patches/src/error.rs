@@ -1,7 +1,9 @@
-//! What can be wrong with grids, samples and patches.
+//! What can be wrong with grids, samples, patches and receivers.
+
+use std::boxed::Box;
 
 /// Why virtual patches could not be made or used.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A table, a setting or a number that cannot be.
     #[error(transparent)]
@@ -54,4 +56,13 @@ pub enum Error {
     /// No ray met a surface.
     #[error("no ray met a surface: there are no samples to make patches of")]
     NoSamples,
+    /// An edge of voxels was given for patches that have none.
+    #[error("{patches} patches have no voxels whose size could be set; give their number instead")]
+    VoxelSizeWithoutVoxels {
+        /// The kind of patches.
+        patches: &'static str,
+    },
+    /// The caller's estimator of the receivers' rows failed, or was cancelled.
+    #[error(transparent)]
+    Rows(Box<dyn std::error::Error + Send + Sync>),
 }

@@ -4,30 +4,38 @@ mod axis;
 mod cluster;
 mod grid;
 mod group;
+mod interpolation_mesh;
 mod lightmap;
 mod lit;
 mod lookup;
+mod mesh;
 mod nearest;
 mod patch_set;
-mod receivers;
+mod placement;
 mod sample;
 mod subdivide;
+mod test_lights;
 mod view;
+mod visibility;
 mod volume;
 
 pub use axis::{AxisWeights, axis_patches};
 pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
 pub use grid::{Grid, PIECE_LIMIT, VOXEL_LIMIT};
+pub use interpolation_mesh::InterpolationMesh;
 pub use lightmap::{LIGHTMAP_LIMIT, LightmapTexels};
 pub use lit::LitSampler;
 pub use lookup::{Lookup, LookupSettings};
+pub use mesh::{Columns, MOST_PATCHES, MeshSettings, PatchKind, PatchMesh, lit_sampler};
 pub use nearest::Nearest;
 pub use patch_set::PatchSet;
-pub use receivers::Receivers;
+pub use placement::{AddRows, MeshReceivers, Placing};
 pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,
     divisions_for_gradient, subdivide,
 };
+pub use test_lights::{LIGHT_VECTORS, Lights, test_lights};
 pub use view::{ViewClusters, ViewSettings, view_clusters};
+pub use visibility::{SurfacePlace, is_visible};
 pub use volume::{PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};

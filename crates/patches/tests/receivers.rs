@@ -1,7 +1,7 @@
 //! Receivers: few, in the open, and enough for what lies between them.
 
 use glam::{Vec3, Vec4};
-use patches::{Error, Receivers};
+use patches::{Error, InterpolationMesh};
 use scene::{Hit, Material, NONE, Scene, SceneParts, SidePolicy, Sides, Triangle, TriangleUv, find_sides};
 use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_count};
 
@@ -24,13 +24,20 @@ fn sheet(corner: Vec3, a: Vec3, b: Vec3, n: u32) -> Vec<Triangle> {
 }
 
 /// Vertices `edge` apart, in cells of three times as much.
-fn receivers(scene: &Scene, edge: f32) -> Receivers {
-    Receivers::new(scene, &find_sides(scene, SidePolicy::Both), 3.0 * edge, 0.4 * edge, |_, _| Some(edge), |_| None)
-        .unwrap()
+fn receivers(scene: &Scene, edge: f32) -> InterpolationMesh {
+    InterpolationMesh::new(
+        scene,
+        &find_sides(scene, SidePolicy::Both),
+        3.0 * edge,
+        0.4 * edge,
+        |_, _| Some(edge),
+        |_| None,
+    )
+    .unwrap()
 }
 
 /// The receivers of each cell of one side of a triangle, and the middle of the cell.
-fn cells(scene: &Scene, set: &Receivers, triangle: u32, front: bool) -> Vec<(Vec3, Vec<u32>)> {
+fn cells(scene: &Scene, set: &InterpolationMesh, triangle: u32, front: bool) -> Vec<(Vec3, Vec<u32>)> {
     let grid = set.grids[triangle as usize];
     let first = if front { grid.front } else { grid.back };
     if first == NONE {
@@ -50,7 +57,7 @@ fn cells(scene: &Scene, set: &Receivers, triangle: u32, front: bool) -> Vec<(Vec
 }
 
 /// The interpolated values at points of both sides of all triangles, beside the points themselves.
-fn between(scene: &Scene, set: &Receivers, value: impl Fn(Vec3) -> f32) -> Vec<(Vec3, f32)> {
+fn between(scene: &Scene, set: &InterpolationMesh, value: impl Fn(Vec3) -> f32) -> Vec<(Vec3, f32)> {
     let values: Vec<Vec4> = set.points.iter().map(|p| Vec4::splat(value(p.position))).collect();
     let mut found = Vec::new();
     for t in 0..scene.geometry.triangles.len() as u32 {
@@ -86,7 +93,7 @@ fn values_between_receivers_follow_a_linear_field() {
         let set = receivers(&scene, edge);
         // A vertex may take the value of a receiver 0.4 edges away, a small triangle that of its middle.
         let bound = 0.8 * edge * Vec3::new(2.0, 0.0, 0.5).length();
-        let worst = |set: &Receivers| {
+        let worst = |set: &InterpolationMesh| {
             between(&scene, set, ramp).into_iter().map(|(p, found)| (found - ramp(p)).abs()).fold(0.0, f32::max)
         };
         assert!(worst(&set) < bound, "{n}: {} above {bound}", worst(&set));
@@ -107,7 +114,7 @@ fn receivers_do_not_look_through_a_wall() {
     let set = receivers(&scene, 0.2);
     let geometry = scene.tables();
     // The middle of every cell of the floor sees the receivers of its vertices.
-    let blind = |set: &Receivers| {
+    let blind = |set: &InterpolationMesh| {
         let mut count = 0;
         for t in (0..scene.geometry.triangles.len() as u32).filter(|&t| geometry.normal(t).y.abs() > 0.9) {
             for (front, sign) in [(true, 1.0), (false, -1.0)] {
@@ -164,7 +171,7 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     let sides = find_sides(&scene, SidePolicy::Both);
     let with = |length: fn(&scene::SurfacePoint, f32) -> Option<f32>| {
-        Receivers::new(&scene, &sides, 0.25, 0.01, length, |_| None).unwrap()
+        InterpolationMesh::new(&scene, &sides, 0.25, 0.01, length, |_| None).unwrap()
     };
     let even = with(|_, _| Some(0.25));
     let half = with(|p, _| (p.position.x > 0.5).then_some(0.25));
@@ -175,8 +182,11 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
     assert!(left < fine.points.len() / 5);
     // What has no length may have another.
     let lengths = |p: &scene::SurfacePoint, _: f32| (p.position.x > 0.5).then_some(0.25);
-    let filled = Receivers::new(&scene, &sides, 0.25, 0.01, lengths, |p| (p.position.z > 0.5).then_some(0.05)).unwrap();
-    let few = |set: &Receivers, z: f32| set.points.iter().filter(|p| p.position.x < 0.1 && (p.position.z > z)).count();
+    let filled =
+        InterpolationMesh::new(&scene, &sides, 0.25, 0.01, lengths, |p| (p.position.z > 0.5).then_some(0.05)).unwrap();
+    let few = |set: &InterpolationMesh, z: f32| {
+        set.points.iter().filter(|p| p.position.x < 0.1 && (p.position.z > z)).count()
+    };
     assert!(few(&half, 0.0) == 0 && few(&filled, 0.6) > 20 && few(&filled, 0.0) == few(&filled, 0.2));
     let found = between(&scene, &half, |_| 1.0);
     assert!(found.iter().any(|(p, value)| p.x < 0.2 && *value == 0.0));
@@ -188,13 +198,13 @@ fn wrong_edges_are_refused() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     for edge in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         let sides = find_sides(&scene, SidePolicy::Both);
-        let found = Receivers::new(&scene, &sides, edge, 0.1, |_, _| Some(0.1), |_| None);
+        let found = InterpolationMesh::new(&scene, &sides, edge, 0.1, |_, _| Some(0.1), |_| None);
         assert!(matches!(found, Err(Error::Shared(transport::Error::Setting { name: "edge", .. }))), "{edge}");
-        let found = Receivers::new(&scene, &sides, 0.1, edge, |_, _| Some(0.1), |_| None);
+        let found = InterpolationMesh::new(&scene, &sides, 0.1, edge, |_, _| Some(0.1), |_| None);
         assert!(matches!(found, Err(Error::Shared(transport::Error::Setting { name: "weld", .. }))), "{edge}");
     }
     assert!(matches!(
-        Receivers::new(&scene, &[], 1.0, 0.1, |_, _| None, |_| None),
+        InterpolationMesh::new(&scene, &[], 1.0, 0.1, |_, _| None, |_| None),
         Err(Error::Shared(transport::Error::Length { .. }))
     ));
 }
@@ -232,7 +242,7 @@ fn corners_of_the_mesh_have_the_values_of_their_receivers() {
     assert!(matches!(set.corner_irradiance(&values[1..], true), Err(Error::Shared(transport::Error::Length { .. }))));
     // A side without receivers is dark.
     let front_only = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
-    let half = Receivers::new(&scene, &front_only, 0.21, 0.028, |_, _| Some(0.07), |_| None).unwrap();
+    let half = InterpolationMesh::new(&scene, &front_only, 0.21, 0.028, |_, _| Some(0.07), |_| None).unwrap();
     let kept = vec![Vec4::ONE; half.points.len()];
     assert!(half.corner_irradiance(&kept, false).unwrap().iter().flatten().all(|v| *v == Vec4::ZERO));
     assert!(half.corner_irradiance(&kept, true).unwrap().iter().flatten().all(|v| (*v - Vec4::ONE).length() < 1e-5));

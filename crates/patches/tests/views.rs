@@ -72,24 +72,24 @@ fn areas_are_those_of_the_surfaces_that_light_reaches() {
 }
 
 #[test]
-fn facets_cut_patches_and_samples_into_runs() {
+fn elements_cut_patches_and_samples_into_runs() {
     let scene = open_hall();
     let found = cut(&scene, 200, 0);
-    let (samples, facets) = (found.set.samples.len() as u32, found.facets.len() - 1);
-    assert!(facets > 4 * 200 && facets <= 6 * 200, "{facets}");
-    assert_eq!((found.facets[0], found.facets[facets]), (0, samples));
-    assert!(found.facets.windows(2).all(|f| f[0] < f[1]));
-    // A patch begins where its first facet begins.
-    let starts: Vec<u32> = found.patch_facets.iter().map(|&f| found.facets[f as usize]).collect();
+    let (samples, elements) = (found.set.samples.len() as u32, found.elements.len() - 1);
+    assert!(elements > 4 * 200 && elements <= 6 * 200, "{elements}");
+    assert_eq!((found.elements[0], found.elements[elements]), (0, samples));
+    assert!(found.elements.windows(2).all(|f| f[0] < f[1]));
+    // A patch begins where its first element begins.
+    let starts: Vec<u32> = found.patch_elements.iter().map(|&f| found.elements[f as usize]).collect();
     assert_eq!(starts, found.set.offsets);
-    // Facets bend less than patches.
+    // Elements bend less than patches.
     let mean = |k: std::ops::Range<usize>| found.set.samples[k].iter().map(|s| s.normal).sum::<Vec3>().length();
     let length = |starts: &[u32]| starts.windows(2).map(|r| mean(r[0] as usize..r[1] as usize)).sum::<f32>();
-    assert!(length(&found.facets) > length(&found.set.offsets));
-    // No more facets than samples, nor than wanted.
-    let few = ViewSettings { patches: 10, facets: 1000, most_facets: 50, ..ViewSettings::default() };
+    assert!(length(&found.elements) > length(&found.set.offsets));
+    // No more elements than samples, nor than wanted.
+    let few = ViewSettings { patches: 10, elements: 1000, most_elements: 50, ..ViewSettings::default() };
     let sampler = LitSampler::new(&scene, 1, 0).unwrap();
-    assert_eq!(view_clusters(&sampler, &few).unwrap().facets.len(), 51);
+    assert_eq!(view_clusters(&sampler, &few).unwrap().elements.len(), 51);
 }
 
 #[test]

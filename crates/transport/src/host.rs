@@ -1,12 +1,14 @@
 //! Matrices, and their products on all cores.
 
 mod hits;
+mod order;
 mod polygon;
 mod product;
 mod storage;
 mod surfaces;
 
 pub use hits::HitCounts;
+pub use order::spatial_order;
 pub use polygon::Polygon;
 pub use product::widen_half;
 pub use storage::{Csr, Dense, Half};

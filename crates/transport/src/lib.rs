@@ -10,8 +10,8 @@
 //!   [`FnOperator`] for any function;
 //! - [`Patch`], [`Polygon`] and [`Surfaces`], what exchanges light, and the regular grid on each
 //!   triangle ([`TriangleGrid`], [`kernel::grid`]) that numbers patches and interpolates receivers;
-//! - [`Permutation`], an order of rows or columns, and [`bisect`], the top-down bisection that
-//!   finds orders in which neighbours are alike;
+//! - [`Permutation`], an order of rows or columns, [`bisect`], the top-down bisection that finds
+//!   orders in which neighbours are alike, and [`spatial_order`], one of surface points;
 //! - [`alias`], the construction of alias tables, which sample an entry in constant time;
 //! - [`Observer`], by which long work tells how far it is and asks whether to go on;
 //! - [`Error`], what can be wrong with tables and settings in any method.

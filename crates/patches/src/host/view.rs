@@ -42,34 +42,34 @@ pub struct ViewSettings {
     pub patches: u32,
     /// Samples a patch, on average.
     pub samples: u32,
-    /// Facets a patch, on average.
-    pub facets: u32,
-    /// Most facets in all.
-    pub most_facets: u32,
+    /// Elements a patch, on average.
+    pub elements: u32,
+    /// Most elements in all.
+    pub most_elements: u32,
     /// Changes every random number.
     pub seed: u32,
 }
 
 impl Default for ViewSettings {
     fn default() -> Self {
-        Self { patches: 10_000, samples: 24, facets: 6, most_facets: 1 << 16, seed: 0 }
+        Self { patches: 10_000, samples: 24, elements: 6, most_elements: 1 << 16, seed: 0 }
     }
 }
 
-/// Patches, and each of them cut into facets.
+/// Patches, and each of them cut into elements.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ViewClusters {
     /// Samples and patches. Each sample belongs to one patch, and the samples of a patch follow each other.
     pub set: PatchSet,
-    /// Facet f owns `set.samples[facets[f]..facets[f + 1]]`, `[facets + 1]`.
-    pub facets: Vec<u32>,
-    /// Patch i owns the facets `patch_facets[i]..patch_facets[i + 1]`, `[patches + 1]`.
-    pub patch_facets: Vec<u32>,
+    /// Element e owns `set.samples[elements[e]..elements[e + 1]]`, `[elements + 1]`.
+    pub elements: Vec<u32>,
+    /// Patch i owns the elements `patch_elements[i]..patch_elements[i + 1]`, `[patches + 1]`.
+    pub patch_elements: Vec<u32>,
 }
 
 /// Makes patches of like samples: equal-area samples of both sides of all triangles, without those inside of solids or
 /// that see no geometry; then the cluster with the greatest area × variance is split at the mean of the feature that
-/// varies most, until there are enough. Going on in the same way cuts each patch into facets, over which light may be
+/// varies most, until there are enough. Going on in the same way cuts each patch into elements, over which light may be
 /// gathered more finely than patches send it. O(S log S) for S samples.
 ///
 /// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are free
@@ -82,8 +82,8 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
     let counts = [
         ("patches", settings.patches),
         ("samples", settings.samples),
-        ("facets", settings.facets),
-        ("most_facets", settings.most_facets),
+        ("elements", settings.elements),
+        ("most_elements", settings.most_elements),
     ];
     for (name, value) in counts {
         if value == 0 {
@@ -102,15 +102,15 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
     let edge = scene::math::sqrt((sampler.lit_area() / f64::from(settings.patches)) as f32);
     let mut features = see(scene, &samples, edge, settings.seed);
     add_light(scene, &samples, &mut features, settings.seed);
-    let facets = settings.patches.saturating_mul(settings.facets).min(settings.most_facets).max(settings.patches);
-    let cut = split(&samples, &features, settings.patches as usize, facets as usize);
+    let elements = settings.patches.saturating_mul(settings.elements).min(settings.most_elements).max(settings.patches);
+    let cut = split(&samples, &features, settings.patches as usize, elements as usize);
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
     let voxels = std::vec![NONE; cut.patches.len() - 1];
-    let first_facet = |sample: &u32| cut.facets.partition_point(|f| f < sample) as u32;
-    let patch_facets = cut.patches.iter().map(first_facet).collect();
+    let first_element = |sample: &u32| cut.elements.partition_point(|f| f < sample) as u32;
+    let patch_elements = cut.patches.iter().map(first_element).collect();
     let set = PatchSet::from_groups(samples, &voxels, cut.patches, members)?;
-    Ok(ViewClusters { set, facets: cut.facets, patch_facets })
+    Ok(ViewClusters { set, elements: cut.elements, patch_elements })
 }
 
 fn surface_point(sample: &Sample) -> SurfacePoint {
@@ -239,14 +239,14 @@ impl Ord for Node {
     }
 }
 
-/// Samples in the order of their clusters, and where each patch and each facet starts.
+/// Samples in the order of their clusters, and where each patch and each element starts.
 struct Cut {
     order: Vec<u32>,
     patches: Vec<u32>,
-    facets: Vec<u32>,
+    elements: Vec<u32>,
 }
 
-fn split(samples: &[Sample], features: &[Features], patches: usize, facets: usize) -> Cut {
+fn split(samples: &[Sample], features: &[Features], patches: usize, elements: usize) -> Cut {
     let mut order: Vec<u32> = (0..samples.len() as u32).collect();
     let mut open = BinaryHeap::from([Node::new(0, order.len(), &order, samples, features)]);
     let mut closed = Vec::new();
@@ -258,7 +258,7 @@ fn split(samples: &[Sample], features: &[Features], patches: usize, facets: usiz
         starts
     };
     let mut patch_starts = None;
-    while open.len() + closed.len() < facets {
+    while open.len() + closed.len() < elements {
         if open.len() + closed.len() == patches {
             patch_starts = Some(starts(&open, &closed));
         }
@@ -277,6 +277,6 @@ fn split(samples: &[Sample], features: &[Features], patches: usize, facets: usiz
         open.push(Node::new(node.start, middle, &order, samples, features));
         open.push(Node::new(middle, node.end, &order, samples, features));
     }
-    let facets = starts(&open, &closed);
-    Cut { order, patches: patch_starts.unwrap_or_else(|| facets.clone()), facets }
+    let elements = starts(&open, &closed);
+    Cut { order, patches: patch_starts.unwrap_or_else(|| elements.clone()), elements }
 }

@@ -28,7 +28,7 @@ const MOST_WITHIN: f32 = 32.0;
 
 /// Points at which irradiance is wanted: the vertices of a grid on each triangle, those that lie together merged.
 #[derive(Clone, Debug, Default)]
-pub struct Receivers {
+pub struct InterpolationMesh {
     /// Per triangle of the scene, where the cells of its sides stand in `cells`.
     pub grids: Vec<TriangleGrid>,
     /// The cells, and where their vertices stand in `vertices`, [`NONE`] for a cell without; see
@@ -50,7 +50,7 @@ struct Side {
     first: u32,
 }
 
-impl Receivers {
+impl InterpolationMesh {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
     /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says
     /// nothing asks `otherwise` for its middle, and has no vertices where that says nothing either; one that is smaller than
@@ -164,13 +164,13 @@ impl Receivers {
     }
 }
 
-impl ReceiverSet for Receivers {
+impl ReceiverSet for InterpolationMesh {
     fn points(&self) -> &[SurfacePoint] {
         &self.points
     }
 }
 
-impl Receivers {
+impl InterpolationMesh {
     /// Irradiance at the mesh's own vertices, W/m²: at the corner, the end of `edge_a` and the end of `edge_b` of every
     /// triangle, on its front or its back; zero where that side has no receivers. Corners of different triangles that
     /// share a receiver have the same value, so that a vertex of a smooth mesh may take that of any of its triangles.

@@ -1,0 +1,309 @@
+//! Receivers on the mesh: points where irradiance is gathered, more of them where it changes; the
+//! smoothing of their values; and interpolation points between them.
+
+mod field;
+mod refinement;
+mod smoothing;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+use std::vec;
+use std::vec::Vec;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use scene::{NONE, Scene, Sides, SurfacePoint};
+use transport::{Csr, HitCounts, QUADRANTS, rotational_gradients};
+
+use self::field::{ReceiverField, weighted_sum};
+use self::refinement::ReceiverSamples;
+use super::interpolation_mesh::InterpolationMesh;
+use super::lit::LitSampler;
+use super::test_lights::{Estimates, Lights};
+use crate::error::Error;
+use crate::types::Sample;
+
+/// Rounds in which receivers are added.
+const ROUNDS: usize = 2;
+/// Rounds in which interpolation points that see no receiver become receivers, and the share of
+/// them that does in each.
+const ORPHAN_ROUNDS: usize = 2;
+const ORPHAN_SHARE: usize = 3;
+/// Share of the receivers that is kept for them.
+const ORPHAN_ROOM: f64 = 0.2;
+
+/// Differences of normals up to this are none.
+const LEAST_ROTATION: f32 = 0.05;
+/// Irradiance is rotated by no more than this, however much the normal differs.
+const MOST_ROTATION: f32 = 0.5;
+/// Smoothed values begin at multiples of this: ranges of a buffer do at 256 bytes.
+const ALIGNED: usize = 16;
+/// Rows of an operator that are made together.
+const BLOCK_ROWS: usize = 1 << 16;
+
+/// How receivers are placed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placing {
+    /// Distance between them where light is even, m.
+    pub edge: f32,
+    /// Most receivers.
+    pub most: usize,
+    /// Rays of each.
+    pub rays: u32,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+/// The number of a receiver or a column, with its weight or distance.
+type Entry = (u32, f32);
+
+/// Adds the rows of receivers over the elements: [`QUADRANTS`] rows a point, in the order of
+/// [`rotational_gradients`].
+pub type AddRows<'a> = dyn Fn(&mut HitCounts, &[SurfacePoint]) -> Result<(), Error> + 'a;
+
+/// Receivers and the interpolation points between them. Cheap to clone.
+#[derive(Clone)]
+pub struct MeshReceivers {
+    /// Where irradiance is gathered.
+    pub points: Arc<Vec<SurfacePoint>>,
+    /// Their rows over the elements, one for each quadrant of a receiver's hemisphere.
+    pub rows: Arc<HitCounts>,
+    /// From the quadrants' values to one smoothed value for each receiver: a linear fit with those
+    /// near it that differ by no more than their noise.
+    pub smoothing: Arc<Csr>,
+    /// The interpolation points, and the triangles' grids over them.
+    pub interpolation: Arc<InterpolationMesh>,
+    /// From the quadrants' values, followed from [`Self::first_smooth`] on by the smoothed ones, to
+    /// the value of each interpolation point: smoothed values interpolate, and quadrants rotate them
+    /// to the point's normal. For light that is the same everywhere the quadrants add nothing.
+    pub weights: Arc<Csr>,
+}
+
+impl MeshReceivers {
+    /// No receivers.
+    ///
+    /// # Errors
+    /// [`Error::Shared`] for a scene with more triangles than can be numbered.
+    pub fn none(scene: &Scene) -> Result<Self, Error> {
+        let sides = vec![Sides::default(); scene.geometry.triangles.len()];
+        let interpolation = InterpolationMesh::new(scene, &sides, 1.0, 1.0, |_, _| None, |_| None)?;
+        let empty = Csr { row_start: vec![0], ..Csr::default() };
+        Ok(Self {
+            points: Arc::default(),
+            rows: Arc::new(HitCounts::new(0)?),
+            smoothing: Arc::new(empty.clone()),
+            interpolation: Arc::new(interpolation),
+            weights: Arc::new(empty),
+        })
+    }
+
+    /// Where the smoothed values stand among all: after those of the quadrants.
+    pub fn first_smooth(&self) -> usize {
+        first_smooth(self.points.len())
+    }
+
+    /// Receivers of the light of so many elements: equal-area ones, then more of them where they
+    /// differ from the mean of their neighbours under `lights` (the elements' exitance), then some
+    /// where interpolation points see none.
+    ///
+    /// # Errors
+    /// What `add_rows` says, and [`Error::Shared`] for more elements, points or weights than can be
+    /// numbered.
+    pub fn place(
+        scene: &Scene,
+        sampler: &LitSampler,
+        elements: usize,
+        placing: &Placing,
+        lights: &[Lights],
+        add_rows: &AddRows,
+    ) -> Result<Self, Error> {
+        let placement = Placement { scene, sampler, placing, lights, add_rows };
+        let set = placement.refined_samples(elements)?;
+        let mut field = ReceiverField::new(set);
+        let mut interpolation = field.interpolation_mesh(sampler, placing.seed)?;
+        let mut weights = visible_weights(&field, &mut interpolation)?;
+        field = placement.serve_orphans(field, &interpolation.points, &mut weights)?;
+        let estimates = Estimates::new(&field.set.rows, lights, placing.rays)?;
+        let smoothing = field.smoothing(&estimates);
+        let smooth: Vec<Lights> = smoothing.par_iter().map(|row| weighted_sum(row, &estimates.light)).collect();
+        let points = interpolation.points.par_iter();
+        points.zip(&mut weights).for_each(|(point, weights)| field.fit(point, weights, &smooth));
+        placement.serve_rest(&field, &interpolation.points, &mut weights);
+
+        let samples = &field.set.samples;
+        let smoothing =
+            table(QUADRANTS * samples.len(), smoothing, &|k, row| smoothing_entries(samples, samples[k].normal, row))?;
+        let columns = first_smooth(samples.len()) + samples.len();
+        let weights =
+            table(columns, weights, &|k, row| interpolation_entries(samples, interpolation.points[k].normal, row))?;
+        Ok(Self {
+            points: Arc::new(field.set.points),
+            rows: Arc::new(field.set.rows),
+            smoothing: Arc::new(smoothing),
+            interpolation: Arc::new(interpolation),
+            weights: Arc::new(weights),
+        })
+    }
+}
+
+/// What all steps of [`MeshReceivers::place`] are given.
+struct Placement<'a> {
+    scene: &'a Scene,
+    sampler: &'a LitSampler<'a>,
+    placing: &'a Placing,
+    lights: &'a [Lights],
+    add_rows: &'a AddRows<'a>,
+}
+
+impl<'a> Placement<'a> {
+    /// Equal-area receivers, and more of them where they differ from the mean of their neighbours.
+    fn refined_samples(&self, elements: usize) -> Result<ReceiverSamples<'a>, Error> {
+        let Self { sampler, placing, .. } = self;
+        let wanted = sampler.lit_area() / f64::from(placing.edge * placing.edge);
+        let most = (placing.most as f64 * (1.0 - ORPHAN_ROOM)) as usize;
+        let samples = sampler.samples(wanted.clamp(1.0, most as f64) as u32, placing.seed);
+        let mut set = ReceiverSamples::new(self.scene, samples, elements)?;
+        set.add_rows(self.add_rows)?;
+        for round in 0..ROUNDS {
+            let room = most.saturating_sub(set.samples.len()) / (ROUNDS - round);
+            let seed = placing.seed.wrapping_add(1 + round as u32);
+            let estimates = Estimates::new(&set.rows, self.lights, placing.rays)?;
+            let added = set.worst_places(sampler, &estimates, room, seed);
+            if added.is_empty() {
+                break;
+            }
+            set.samples.extend(added);
+            set.add_rows(self.add_rows)?;
+        }
+        // All stand for the same mean area: distances are measured in the mean edge.
+        let area = (sampler.lit_area() / set.samples.len().max(1) as f64) as f32;
+        set.samples.iter_mut().for_each(|sample| sample.area = area);
+        set.mean_area = area;
+        Ok(set)
+    }
+
+    /// Makes receivers of some of the interpolation points that see none, and finds the weights of
+    /// all of them again.
+    fn serve_orphans(
+        &self,
+        mut field: ReceiverField<'a>,
+        points: &[SurfacePoint],
+        weights: &mut [Vec<Entry>],
+    ) -> Result<ReceiverField<'a>, Error> {
+        let Self { sampler, placing, .. } = *self;
+        let area = field.set.mean_area;
+        for round in 0..ORPHAN_ROUNDS {
+            let orphans: Vec<usize> = (0..weights.len()).filter(|&k| weights[k].is_empty()).collect();
+            let room = placing.most.saturating_sub(field.set.samples.len()) / (ORPHAN_ROUNDS - round);
+            let step = ORPHAN_SHARE.max(orphans.len().div_ceil(room.max(1)));
+            if orphans.is_empty() || room == 0 {
+                break;
+            }
+            let chosen = orphans.par_iter().step_by(step);
+            let samples = chosen.map(|&k| Sample { area, ..sample_at(&points[k]) });
+            let lit = samples.filter(|sample| sampler.is_lit(sample, placing.seed));
+            field.set.samples.par_extend(lit);
+            field.set.add_rows(self.add_rows)?;
+            field = ReceiverField::new(field.set);
+            let found: Vec<_> = orphans.par_iter().map(|&k| field.weights(&points[k], true)).collect();
+            for (k, found) in orphans.into_iter().zip(found) {
+                weights[k] = found;
+            }
+        }
+        Ok(field)
+    }
+
+    /// The nearest receivers have to serve the rest of the interpolation points, unless no light
+    /// comes there at all.
+    fn serve_rest(&self, field: &ReceiverField, points: &[SurfacePoint], weights: &mut [Vec<Entry>]) {
+        let Self { sampler, placing, .. } = *self;
+        points.par_iter().zip(weights).for_each(|(point, weights)| {
+            if weights.is_empty() && sampler.is_lit(&sample_at(point), placing.seed) {
+                *weights = field.weights(point, false);
+            }
+        });
+    }
+}
+
+/// The weights of the interpolation points that see receivers. One that sees none is inside of a
+/// solid or behind a wall: it is left out where others of its cell serve, else it has no weights.
+fn visible_weights(field: &ReceiverField, interpolation: &mut InterpolationMesh) -> Result<Vec<Vec<Entry>>, Error> {
+    let points = interpolation.points.par_iter();
+    let mut found: Vec<Vec<Entry>> = points.map(|point| field.weights(point, true)).collect();
+    let good: Vec<bool> = found.iter().map(|weights| !weights.is_empty()).collect();
+    let kept = interpolation.retain(field.set.scene, &good)?;
+    Ok(kept.iter().map(|&k| std::mem::take(&mut found[k as usize])).collect())
+}
+
+/// An interpolation point as a sample, without an area.
+fn sample_at(&SurfacePoint { position, normal, .. }: &SurfacePoint) -> Sample {
+    Sample { position, normal, triangle: NONE, ..Sample::default() }
+}
+
+fn first_smooth(receivers: usize) -> usize {
+    (QUADRANTS * receivers).next_multiple_of(ALIGNED)
+}
+
+/// An operator from what `entries` makes of each row, in blocks: the rows are many, and theirs are
+/// longer.
+fn table(
+    columns: usize,
+    rows: Vec<Vec<Entry>>,
+    entries: &(dyn Fn(usize, &[Entry]) -> Vec<Entry> + Sync),
+) -> Result<Csr, Error> {
+    let mut csr = Csr { columns, row_start: vec![0], ..Csr::default() };
+    for (block, rows) in rows.chunks(BLOCK_ROWS).enumerate() {
+        let numbered = rows.par_iter().enumerate();
+        let made = numbered.map(|(k, row)| {
+            let mut row = entries(block * BLOCK_ROWS + k, row);
+            row.sort_unstable_by_key(|entry| entry.0);
+            row
+        });
+        csr.push_rows(&made.collect::<Vec<_>>())?;
+    }
+    Ok(csr)
+}
+
+/// The row of the smoothing of a receiver with this normal, over quadrants: each of the receivers
+/// that it is smoothed with is rotated to its normal.
+fn smoothing_entries(samples: &[Sample], normal: Vec3, row: &[Entry]) -> Vec<Entry> {
+    let mut entries = Vec::with_capacity(QUADRANTS * row.len());
+    for &(receiver, weight) in row {
+        let changes = rotation_changes(samples[receiver as usize].normal, normal);
+        for quadrant in 0..QUADRANTS {
+            let change = changes.map_or(0.0, |changes| changes[quadrant]);
+            entries.push((quadrant_row(receiver, quadrant), weight * (1.0 + change)));
+        }
+    }
+    entries
+}
+
+/// The row of an interpolation point with this normal: what rotation changes, over quadrants, then
+/// the smoothed values.
+fn interpolation_entries(samples: &[Sample], normal: Vec3, row: &[Entry]) -> Vec<Entry> {
+    let mut entries = Vec::with_capacity(row.len());
+    for &(receiver, weight) in row {
+        let changes = rotation_changes(samples[receiver as usize].normal, normal);
+        for (quadrant, change) in changes.into_iter().flatten().enumerate() {
+            entries.push((quadrant_row(receiver, quadrant), weight * change));
+        }
+    }
+    let first_smooth = first_smooth(samples.len()) as u32;
+    entries.extend(row.iter().map(|&(receiver, weight)| (first_smooth + receiver, weight)));
+    entries
+}
+
+/// The row of a quadrant of a receiver.
+fn quadrant_row(receiver: u32, quadrant: usize) -> u32 {
+    QUADRANTS as u32 * receiver + quadrant as u32
+}
+
+/// By what share the irradiance from each quadrant changes as the normal rotates; `None` where it
+/// does not.
+fn rotation_changes(from: Vec3, to: Vec3) -> Option<[f32; QUADRANTS]> {
+    let rotation = to - from;
+    let is_rotated = rotation.length() > LEAST_ROTATION;
+    let rotation = rotation.clamp_length_max(MOST_ROTATION);
+    is_rotated.then(|| rotational_gradients(from).map(|gradient| gradient.dot(rotation)))
+}

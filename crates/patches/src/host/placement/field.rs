@@ -1,0 +1,227 @@
+//! Receivers in space: the interpolation points between them, and their weights.
+
+use std::vec;
+use std::vec::Vec;
+
+use glam::{Mat2, Vec2, Vec4};
+use rayon::prelude::*;
+use scene::math::sqrt;
+use scene::sampling::frame;
+use scene::{Sides, SurfacePoint};
+
+use super::refinement::ReceiverSamples;
+use super::{Entry, sample_at};
+use crate::error::Error;
+use crate::host::interpolation_mesh::InterpolationMesh;
+use crate::host::lit::LitSampler;
+use crate::host::nearest::Nearest;
+use crate::host::test_lights::{LIGHT_VECTORS, Lights};
+use crate::host::visibility::{SurfacePlace, is_visible};
+use crate::types::Sample;
+
+/// Receivers that an interpolation point takes its value from; one more gives the distance at which
+/// the weight is zero.
+const NEIGHBOURS: usize = 8;
+/// Receivers among which they are chosen.
+const SEARCHED: usize = 20;
+/// Ridge of the linear fit through them, in squared edges between receivers.
+const RIDGE: f32 = 0.03;
+/// The value of an interpolation point may be beyond those of its receivers by this share of the
+/// greatest: where light is even rounding would not let it go anywhere.
+const SLACK: f32 = 0.01;
+/// Weights below this are left out.
+const LEAST_WEIGHT: f32 = 0.02;
+/// What a difference of the normal counts in the choice, over that in the search.
+const NORMAL_WEIGHT: f32 = 100.0;
+
+/// Furthest that receivers are compared, in edges between them.
+pub(super) const NEAR: f32 = 4.0;
+/// Furthest that a receiver may be from an interpolation point, or from one that is smoothed with
+/// it, in the same.
+pub(super) const FAR: f32 = 5.5;
+/// Furthest that one may be from what is smaller than [`SMALL`] edges.
+const FURTHEST: f32 = 8.0;
+const SMALL: f32 = 3.0;
+
+/// Edge of the cells over which the distance between interpolation points may change, in mean edges
+/// between receivers.
+const CELL_EDGE: f32 = 6.0;
+/// Least distance between interpolation points, in the same.
+const LEAST_SPACING: f32 = 0.3;
+/// Interpolation points nearer than this may be one, in the same.
+const WELD: f32 = 0.25;
+/// Receivers whose distances give the distance between interpolation points: one and its
+/// neighbours.
+const SPACED: usize = 5;
+
+/// Receivers in space.
+pub(super) struct ReceiverField<'a> {
+    pub set: ReceiverSamples<'a>,
+    pub nearest: Nearest,
+    /// Mean edge between receivers, m.
+    pub edge: f32,
+}
+
+impl<'a> ReceiverField<'a> {
+    pub fn new(set: ReceiverSamples<'a>) -> Self {
+        let nearest = Nearest::new(&set.samples);
+        let edge = sqrt(set.mean_area);
+        Self { set, nearest, edge }
+    }
+
+    /// Interpolation points, as close as receivers are about them.
+    pub fn interpolation_mesh(&self, sampler: &LitSampler, seed: u32) -> Result<InterpolationMesh, Error> {
+        let Self { set, edge, .. } = self;
+        let spacing: Vec<f32> = set.samples.par_iter().map(|sample| self.spacing(sample)).collect();
+        let both = vec![Sides { front: true, back: true }; set.scene.geometry.triangles.len()];
+        InterpolationMesh::new(
+            set.scene,
+            &both,
+            CELL_EDGE * edge,
+            WELD * edge,
+            |point, size| self.spacing_about(&spacing, point, size),
+            // Light may come where no receiver is: interpolation points there gather it themselves.
+            |point| sampler.is_lit(&sample_at(point), seed).then_some(SMALL * edge),
+        )
+    }
+
+    /// Mean distance of a receiver from its neighbours, m.
+    fn spacing(&self, sample: &Sample) -> f32 {
+        let (found, count) = self.nearest.samples::<SPACED>(sample.position, sample.normal, NEAR);
+        let mut sum = 0.0;
+        for &(k, _) in &found[..count] {
+            sum += self.set.samples[k as usize].position.distance(sample.position);
+        }
+        sum / (count.max(2) - 1) as f32
+    }
+
+    /// Distance between interpolation points about a point of a cell whose longest edge is `size` m;
+    /// `None` where no receiver is near.
+    fn spacing_about(&self, spacing: &[f32], point: &SurfacePoint, size: f32) -> Option<f32> {
+        // What is small may have no receiver of its own.
+        let most = if size <= SMALL * self.edge { FURTHEST } else { NEAR };
+        let (found, count) = self.nearest.samples::<3>(point.position, point.normal, most);
+        if count == 0 {
+            return None;
+        }
+        let mean = found[..count].iter().map(|f| spacing[f.0 as usize]).sum::<f32>() / count as f32;
+        Some(mean.max(LEAST_SPACING * self.edge))
+    }
+
+    /// The receivers that an interpolation point takes, with weights that sum to 1: the nearest in
+    /// position and normal. Empty when it must see them and sees none.
+    pub fn weights(&self, point: &SurfacePoint, must_see: bool) -> Vec<Entry> {
+        let place = SurfacePlace::from(point);
+        let mut kept = Vec::new();
+        for entry in self.similar_receivers(place) {
+            if !must_see || self.is_receiver_visible(place, entry.0) {
+                kept.push(entry);
+            }
+            if kept.len() > NEIGHBOURS {
+                break;
+            }
+        }
+        let Some(&(_, last)) = kept.last() else { return kept };
+        let range = if kept.len() > NEIGHBOURS { last } else { 2.0 * last };
+        let weights = shepard_weights(&kept, range);
+        let total: f32 = weights.iter().sum();
+        for (entry, weight) in kept.iter_mut().zip(weights) {
+            entry.1 = weight / total;
+        }
+        kept.truncate(NEIGHBOURS);
+        kept.shrink_to_fit();
+        kept
+    }
+
+    /// The receivers nearest to a place in position and normal, the nearest first.
+    fn similar_receivers(&self, place: SurfacePlace) -> Vec<Entry> {
+        let SurfacePlace { position, normal } = place;
+        let (mut found, mut count) = self.nearest.samples::<SEARCHED>(position, normal, FAR);
+        if count == 0 {
+            (found, count) = self.nearest.samples::<SEARCHED>(position, normal, FURTHEST);
+        }
+        let mut similar = found[..count].to_vec();
+        for (k, distance) in &mut similar {
+            let rotation = normal.distance_squared(self.set.samples[*k as usize].normal);
+            *distance = sqrt(*distance * *distance + NORMAL_WEIGHT * rotation);
+        }
+        similar.sort_by(|a, b| a.1.total_cmp(&b.1));
+        similar
+    }
+
+    /// Whether a receiver is visible from a place.
+    pub fn is_receiver_visible(&self, place: SurfacePlace, receiver: u32) -> bool {
+        let there = SurfacePlace::from(&self.set.samples[receiver as usize]);
+        is_visible(self.set.scene, place, there, self.edge)
+    }
+
+    /// Makes the weights of an interpolation point those of a linear fit through its receivers, as
+    /// far as under every light the value stays between the least and the greatest of theirs.
+    /// `smooth` are the receivers' smoothed values.
+    pub fn fit(&self, point: &SurfacePoint, weights: &mut Vec<Entry>, smooth: &[Lights]) {
+        let changes = self.linear_changes(point.into(), weights, RIDGE);
+        let mean = weighted_sum(weights, smooth);
+        let step: Vec<Entry> = weights.iter().zip(&changes).map(|(w, change)| (w.0, w.1 * change)).collect();
+        let step = weighted_sum(&step, smooth);
+        let mut share: f32 = 1.0;
+        for v in 0..LIGHT_VECTORS {
+            let values = weights.iter().map(|w| smooth[w.0 as usize][v]);
+            let Some(least) = values.clone().reduce(Vec4::min) else { return };
+            let Some(most) = values.reduce(Vec4::max) else { return };
+            let slack = most * SLACK;
+            let upwards = step[v].cmpgt(Vec4::ZERO);
+            let room = Vec4::select(upwards, most + slack - mean[v], least - slack - mean[v]);
+            let moves = step[v].abs().cmpgt(Vec4::splat(f32::MIN_POSITIVE));
+            share = share.min(Vec4::select(moves, room / step[v], Vec4::ONE).min_element());
+        }
+        let share = share.max(0.0);
+        for (entry, change) in weights.iter_mut().zip(changes) {
+            entry.1 *= 1.0 + share * change;
+        }
+        weights.retain(|w| w.1.abs() >= LEAST_WEIGHT);
+        let total: f32 = weights.iter().map(|w| w.1).sum();
+        weights.iter_mut().for_each(|w| w.1 /= total);
+    }
+
+    /// What a linear fit at a place changes in weights that sum to 1, as shares of each, where
+    /// `ridge` holds the slope back.
+    pub fn linear_changes(&self, place: SurfacePlace, weights: &[Entry], ridge: f32) -> Vec<f32> {
+        let (right, up) = frame(place.normal);
+        let mut offsets: Vec<Vec2> = Vec::with_capacity(weights.len());
+        for &(k, _) in weights {
+            let offset = (self.set.samples[k as usize].position - place.position) / self.edge;
+            offsets.push(Vec2::new(offset.dot(right), offset.dot(up)));
+        }
+        let mean: Vec2 = offsets.iter().zip(weights).map(|(&offset, w)| offset * w.1).sum();
+        let mut covariance = Mat2::from_diagonal(Vec2::splat(ridge));
+        for (&offset, &(_, weight)) in offsets.iter().zip(weights) {
+            let away = offset - mean;
+            covariance += Mat2::from_cols(away * away.x, away * away.y) * weight;
+        }
+        let slope = covariance.inverse() * -mean;
+        offsets.iter().map(|&offset| slope.dot(offset - mean)).collect()
+    }
+}
+
+/// `Σ_k w_k v_k` under all lights.
+pub(super) fn weighted_sum(weights: &[Entry], values: &[Lights]) -> Lights {
+    let mut sum = [Vec4::ZERO; LIGHT_VECTORS];
+    for &(k, weight) in weights {
+        for (sum, value) in sum.iter_mut().zip(values[k as usize]) {
+            *sum += value * weight;
+        }
+    }
+    sum
+}
+
+/// Weights by distance: inverse, down to zero at the range (Franke and Little's form of Shepard's
+/// weights).
+pub(super) fn shepard_weights(distances: &[Entry], range: f32) -> Vec<f32> {
+    let range = range.max(1e-6) * 1.001;
+    let mut weights = Vec::with_capacity(distances.len());
+    for &(_, distance) in distances {
+        let d = distance.max(1e-3 * range);
+        weights.push(((range - d) / (range * d)).powi(2));
+    }
+    weights
+}

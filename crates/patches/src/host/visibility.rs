@@ -1,0 +1,40 @@
+//! Whether points of a surface see each other.
+
+use glam::Vec3;
+use scene::{Scene, SurfacePoint, Visibility};
+
+use crate::types::Sample;
+
+/// Height at which points look, in edges between samples: above what bends in between.
+const LIFT: f32 = 0.1;
+/// Height as a share of their distance for every unit that their normals differ: twice the height
+/// of an arc over its chord.
+const ARC: f32 = 0.25;
+
+/// A position on a surface, and the side that it is on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePlace {
+    /// Position, m.
+    pub position: Vec3,
+    /// Unit normal of the side.
+    pub normal: Vec3,
+}
+
+impl From<&Sample> for SurfacePlace {
+    fn from(sample: &Sample) -> Self {
+        Self { position: sample.position, normal: sample.normal }
+    }
+}
+
+impl From<&SurfacePoint> for SurfacePlace {
+    fn from(point: &SurfacePoint) -> Self {
+        Self { position: point.position, normal: point.normal }
+    }
+}
+
+/// Whether nothing stands between two places of a surface whose samples are `edge` m apart.
+pub fn is_visible(scene: &Scene, from: SurfacePlace, to: SurfacePlace, edge: f32) -> bool {
+    let arc = ARC * from.position.distance(to.position) * from.normal.distance(to.normal);
+    let height = scene.geometry.ray_offset + LIFT * edge + arc;
+    !scene.any_hit(from.position + from.normal * height, to.position + to.normal * height)
+}
