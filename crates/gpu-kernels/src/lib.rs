@@ -77,8 +77,8 @@
 //! scene in one word, and host forms written by hand where a loop over the elements is not the
 //! fastest.
 //!
-//! `just spv` then compiles the module. The tests of layout, order and parity go through
-//! [`table::KERNELS`] and need no edit: `tests/order.rs` calls the entry point itself on the host
+//! `just spv` then compiles the module, which the row of the table includes. The tests of layout,
+//! order and parity go through [`table::KERNELS`] and need no edit: `tests/order.rs` calls the entry point itself on the host
 //! ([`table::Kernel::invocation`]), and `tests/parity.rs` compares the executors. Where they may
 //! differ by more than its bounds, it wants a tolerance with its reason.
 //!
