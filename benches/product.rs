@@ -13,10 +13,10 @@ use assets::import::load_or_build;
 use benches::{PRODUCT_SIZES, Stream, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use experiments::Error;
+use experiments::progress::Progress;
 use formfactor::Operator;
 use glam::Vec4;
 use multibounce::BlockCodec;
-use experiments::progress::Progress;
 use patchlight::render::classic::{Bake, ClassicSettings, ReceiverKind};
 use patchlight::render::operator::{Codec, Feedback, Transport};
 

@@ -10,8 +10,8 @@ use std::path::Path;
 
 use assets::import::LoadedScene;
 use benches::SEED;
-use experiments::proxy::{ProxyRadiosity, ProxySettings};
 use experiments::progress::Progress;
+use experiments::proxy::{ProxyRadiosity, ProxySettings};
 use patchlight::render::classic::{Classic, ClassicSettings, PatchKind};
 use reference::metrics::compare_points;
 use reference::{PointErrors, ProxyLookup, ReferenceData};

@@ -17,14 +17,39 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("localmatrix", &["scene", "transport"]),
     ("temporal", &["scene", "transport"]),
     ("firstshot", &["scene", "transport"]),
-    ("gpu-kernels", &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"]),
-    ("runtime", &[
-        "scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "gpu-kernels",
-    ]),
-    ("patchlight", &[
-        "scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "gpu-kernels",
+    (
+        "gpu-kernels",
+        &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"],
+    ),
+    (
         "runtime",
-    ]),
+        &[
+            "scene",
+            "transport",
+            "formfactor",
+            "patches",
+            "multibounce",
+            "localmatrix",
+            "temporal",
+            "firstshot",
+            "gpu-kernels",
+        ],
+    ),
+    (
+        "patchlight",
+        &[
+            "scene",
+            "transport",
+            "formfactor",
+            "patches",
+            "multibounce",
+            "localmatrix",
+            "temporal",
+            "firstshot",
+            "gpu-kernels",
+            "runtime",
+        ],
+    ),
     ("assets", &["scene"]),
     ("reference", &["scene"]),
     ("experiments", EVERYTHING),
@@ -33,8 +58,20 @@ const ARROWS: [(&str, &[&str]); 16] = [
 ];
 
 const EVERYTHING: &[&str] = &[
-    "scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "gpu-kernels",
-    "runtime", "patchlight", "assets", "reference", "experiments",
+    "scene",
+    "transport",
+    "formfactor",
+    "patches",
+    "multibounce",
+    "localmatrix",
+    "temporal",
+    "firstshot",
+    "gpu-kernels",
+    "runtime",
+    "patchlight",
+    "assets",
+    "reference",
+    "experiments",
 ];
 
 /// What a library must not know: command lines, terminals, reports, files of scenes.

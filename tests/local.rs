@@ -2,9 +2,9 @@
 
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
+use experiments::progress::Progress;
 use glam::Vec3;
 use integration_tests::vulkan;
-use experiments::progress::Progress;
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use patchlight::render::local::LocalOptions;

@@ -2,12 +2,12 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
+use experiments::progress::Progress;
 use formfactor::{Hemisphere, Stop, balance, closure_residual, form_factors, jacobi, reciprocity_residual};
 use glam::{Vec3, Vec4};
 use integration_tests::vulkan;
 use multibounce::BlockCodec;
 use patches::{PatchSize, SubdivideSettings, subdivide};
-use experiments::progress::Progress;
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use patchlight::render::decode::{Decode, Decoder};
@@ -269,8 +269,7 @@ fn feedback_follows_a_light_that_changes() {
     // The light of this and of the frames after it, once the lights are brighter in the second.
     let frames = |transport: Transport, count: u32| -> Vec<Pictures> {
         let settings = ClassicSettings { transport, ..settings(150) };
-        let mut classic =
-            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
         let frame =
             |k| classic.frame(if k == 0 { &loaded.scene.lights } else { &brighter }, &camera, 0).unwrap().pictures;
         (0..count).map(frame).collect()
@@ -297,8 +296,7 @@ fn clusters_carry_the_light_that_polygons_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, patches: PatchKind| {
         let settings = ClassicSettings { patches, ..settings(600) };
-        let mut classic =
-            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         mean(&classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect)
     };

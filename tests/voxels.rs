@@ -2,9 +2,9 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
+use experiments::progress::Progress;
 use glam::Vec3;
 use integration_tests::vulkan;
-use experiments::progress::Progress;
 use patchlight::render::Pictures;
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
 use reference::metrics::quantile;
@@ -45,8 +45,7 @@ fn render(
     executor: Box<dyn Executor>,
     points: &[SurfacePoint],
 ) -> (Pictures, Vec<Vec3>) {
-    let mut classic =
-        Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
+    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
     assert_eq!(classic.receiver_count(), 0);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let pictures = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures;
@@ -126,8 +125,7 @@ fn patches_that_receive_take_every_bounce() {
 fn patches_of_voxels_carry_the_light_that_clusters_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, settings: ClassicSettings| {
-        let mut classic =
-            Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         let picture = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>()

@@ -6,8 +6,8 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use glam::{Vec3, vec3};
 use experiments::progress::Progress;
+use glam::{Vec3, vec3};
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use reference::metrics::quantile;
 use reference::{PathSettings, PathTracer};
@@ -144,8 +144,7 @@ impl Baked {
             ..ClassicSettings::default()
         };
         let executor = open(&DeviceChoice::Cpu).unwrap().0;
-        let classic =
-            Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
+        let classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
         Self { classic, lights: build.parts.lights.clone() }
     }
 

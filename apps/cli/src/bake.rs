@@ -9,9 +9,9 @@ use serde::Serialize;
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
+use experiments::progress::Progress;
 use patchlight::bake::{BakeSettings, Baked, Extra, LEAST_PATCHES, MOST_PATCHES, bake, merge};
 use patchlight::memory::peak_memory_bytes;
-use experiments::progress::Progress;
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;
@@ -120,8 +120,7 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     let part = args.part.map_or(String::new(), |p| format!("-{}-of-{}", p.number, p.of));
     let path =
         common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
-    let baked =
-        bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)?;
+    let baked = bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)?;
     tell(common, path, baked, progress);
     Ok(())
 }

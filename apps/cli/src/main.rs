@@ -15,8 +15,8 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use args::{Cli, Command};
-use experiments::{Error, bench};
 use experiments::progress;
+use experiments::{Error, bench};
 
 /// Runs the command that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after Ctrl-C.
 fn main() -> ExitCode {

@@ -11,10 +11,10 @@ use super::args::{Method, Render};
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
+use experiments::progress::{Progress, is_cancelled};
 use experiments::sequence::Movement;
 use experiments::summary::PassTimes;
 use patchlight::memory::{peak_memory_bytes, resident_bytes};
-use experiments::progress::{Progress, is_cancelled};
 use patchlight::render::streamed::{StreamFrame, StreamSettings, Streamed, scene_of};
 
 /// Pixels when no size is given: every one of them is shaded on the host.

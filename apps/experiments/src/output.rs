@@ -11,8 +11,8 @@ use reference::{Precision, scale_to_stops};
 use serde::Serialize;
 
 use crate::error::Error;
-use assets::import::{LoadedScene, load_or_build};
 use crate::progress::Progress;
+use assets::import::{LoadedScene, load_or_build};
 
 /// A scene from a file, or a built-in one; what was repaired is said.
 pub fn import(spec: &str, progress: &Progress) -> Result<LoadedScene, Error> {

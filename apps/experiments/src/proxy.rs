@@ -15,8 +15,8 @@ use scene::{
     TriangleUv, find_sides,
 };
 
-use patchlight::Error;
 use crate::progress::Progress;
+use patchlight::Error;
 use patchlight::render::classic::direct_params;
 use patchlight::render::pixels::PixelGather;
 use patchlight::render::proceed;

@@ -12,10 +12,10 @@ use scene::{Camera, LIGHT_DIRECTIONAL, Light};
 use crate::args::{Animate, CameraPath};
 use crate::error::Error;
 use crate::output;
+use crate::progress::Progress;
 use crate::report::{Plot, Section, Series, page};
 use assets::import::{Animation, LoadedScene, Target, View};
 use patchlight::memory::peak_memory_bytes;
-use crate::progress::Progress;
 use patchlight::render::classic::{Classic, FrameResult};
 use patchlight::render::local::{LocalFrame, SHOWN_ALBEDO};
 

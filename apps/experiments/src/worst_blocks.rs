@@ -73,5 +73,4 @@ mod tests {
         }
         assert!(worst_blocks(&wrong, &Picture::new(16, 16), 1.0).is_err());
     }
-
 }

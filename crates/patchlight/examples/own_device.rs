@@ -17,7 +17,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     unsafe {
         let entry = Entry::load()?;
         let application = vk::ApplicationInfo::default().api_version(API_VERSION);
-        let instance = entry.create_instance(&vk::InstanceCreateInfo::default().application_info(&application), None)?;
+        let instance =
+            entry.create_instance(&vk::InstanceCreateInfo::default().application_info(&application), None)?;
         let Some(&physical_device) = instance.enumerate_physical_devices()?.first() else {
             println!("no Vulkan device: nothing to show");
             return Ok(());
@@ -37,7 +38,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         let signalled = vk::FenceCreateInfo::default().flags(vk::FenceCreateFlags::SIGNALED);
         let fences = [device.create_fence(&signalled, None)?, device.create_fence(&signalled, None)?];
 
-        let ours = BorrowedDevice { instance: instance.clone(), physical_device, device: device.clone(), queue_family: 0, queue, enabled };
+        let ours = BorrowedDevice {
+            instance: instance.clone(),
+            physical_device,
+            device: device.clone(),
+            queue_family: 0,
+            queue,
+            enabled,
+        };
         let mut renderer = Renderer::new(bake, Box::new(Vulkan::borrow(ours)?), &render, &Silent)?;
         let (camera, mut lighting) = (loaded.view.camera(16, 16), loaded.scene.lighting.clone());
         for frame in 0..6 {

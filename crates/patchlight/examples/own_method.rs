@@ -5,9 +5,7 @@ use std::any::Any;
 use std::error::Error;
 use std::sync::Arc;
 
-use patchlight::{
-    Bake, BakeSettings, FramePlan, Method, MethodReport, RenderSettings, Renderer, Result, Silent,
-};
+use patchlight::{Bake, BakeSettings, FramePlan, Method, MethodReport, RenderSettings, Renderer, Result, Silent};
 use runtime::cpu::Cpu;
 use runtime::recipe::formfactor::SparseTables;
 use transport::Csr;

@@ -51,13 +51,17 @@ pub struct DebugPicture {
 
 /// What a view shows of a bake and its last frame.
 pub struct DebugView<'a> {
+    /// The scene.
     pub scene: &'a Scene,
+    /// Its patches and elements.
     pub mesh: &'a PatchMesh,
+    /// Its receivers.
     pub receivers: &'a MeshReceivers,
     /// First exitance E of the patches, W/m².
     pub source: &'a [Vec4],
     /// Irradiance H of the patches, W/m².
     pub irradiance: &'a [Vec4],
+    /// Who looks.
     pub camera: &'a Camera,
     /// Exposure of the scene's pictures, stops.
     pub stops: f32,
@@ -187,7 +191,7 @@ fn shown(receivers: &MeshReceivers, scene: &Scene, seen: &Seen) -> Option<Shown>
     let cell = ids.to_array().map(|id| cell.first + id);
     let mut parts: Vec<(u32, f32)> = Vec::new();
     for (vertex, share) in cell.into_iter().zip(weights.to_array()) {
-        let Csr { row_start, column_index, values, .. } = &receivers.weights;
+        let Csr { row_start, column_index, values, .. } = &*receivers.weights;
         let node = nodes.vertices[vertex as usize] as usize;
         for k in row_start[node] as usize..row_start[node + 1] as usize {
             let (receiver, weight) = (column_index[k], share * values[k]);

@@ -8,9 +8,6 @@ pub enum Error {
     /// A device or a plan.
     #[error(transparent)]
     Executor(#[from] runtime::executor::ExecutorError),
-    /// A picture, a comparison, a saved accumulation.
-    #[error(transparent)]
-    Reference(#[from] reference::Error),
     /// Patches or form factors.
     #[error("form factors: {0}")]
     FormFactor(#[from] formfactor::Error),

@@ -15,14 +15,19 @@ pub type Gather<'a> = dyn Fn(&[SurfacePoint], u32) -> Result<Vec<Vec4>, Error> +
 
 /// What the pixels of a frame show of indirect light.
 pub struct PixelGather<'a> {
+    /// The scene.
     pub scene: &'a Scene,
     /// Indirect irradiance at the visible points.
     pub gather: &'a Gather<'a>,
+    /// Its lights.
     pub lights: &'a [Light],
+    /// Who looks.
     pub camera: &'a Camera,
     /// Number of the frame, and its sub-frames.
     pub frame: u32,
+    /// Positions in each pixel.
     pub sub_frames: u32,
+    /// Changes every random number.
     pub seed: u32,
 }
 

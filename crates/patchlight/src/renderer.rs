@@ -14,6 +14,7 @@ use scene::{Camera, DirectParams, Light, Lighting, Scene, SurfacePoint};
 use transport::{LinearOperator as _, Observer};
 
 use crate::bake::{Bake, ReceiverKind};
+use crate::debug::{DebugPicture, DebugView};
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan};
 use crate::method::{Method, MethodReport, MethodSettings, Preparation, firstshot::go_on};
@@ -297,6 +298,30 @@ impl Renderer {
         }
         let light = self.gather(points, POINT_RAYS, seed)?;
         Ok(light.iter().map(|h| h.truncate()).collect())
+    }
+
+    /// Pictures of the bake and of the last update's light in it, as a camera sees them: patches, elements, the axes of their
+    /// normals, E and H of the patches (H of all bounces but the last where receivers are apart), and where receivers are on
+    /// the mesh, they and their distances. `stops` is the exposure of the scene's pictures.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn debug_pictures(&mut self, camera: &Camera, stops: f32) -> Result<Vec<DebugPicture>, Error> {
+        let source = self.download(self.frame.buffers.source)?;
+        let irradiance = match self.bake.settings.receivers {
+            ReceiverKind::Patches => self.download(self.frame.buffers.patches)?,
+            _ => self.bake.mesh.patch_means(&self.download(self.frame.buffers.elements)?),
+        };
+        let view = DebugView {
+            scene: &self.scene,
+            mesh: &self.bake.mesh,
+            receivers: &self.bake.receivers,
+            source: &source,
+            irradiance: &irradiance,
+            camera,
+            stops,
+        };
+        view.pictures()
     }
 
     fn gather(&mut self, points: &[SurfacePoint], rays: u32, seed: u32) -> Result<Vec<Vec4>, Error> {

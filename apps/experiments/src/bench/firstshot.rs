@@ -30,9 +30,9 @@ use super::{Machine, Setup};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
+use crate::progress::{Progress, is_cancelled};
 use crate::report::{Plot, Section, Series, Table, page, significant};
 use assets::import::LoadedScene;
-use crate::progress::{Progress, is_cancelled};
 
 /// Scenes that need no file: about as many triangles as Kopylov's.
 const SCENES: [&str; 2] = ["atrium:65000", "atrium:225000"];

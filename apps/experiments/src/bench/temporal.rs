@@ -15,10 +15,10 @@ use super::{Machine, SCENES, Setup};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
+use crate::progress::{Progress, is_cancelled};
 use crate::report::{Plot, Section, Series, Table, page};
 use crate::sequence::{distance, flicker};
 use assets::import::{Animation, LoadedScene};
-use crate::progress::{Progress, is_cancelled};
 use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
 use patchlight::render::operator::{Feedback, Transport};
 use patchlight::render::temporal::{RowKind, Sampled, Temporal};
@@ -103,9 +103,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         let loaded = output::import(scene, &progress)?;
         let truth = match Truth::find(args.references.as_deref(), &loaded)? {
             Some(truth) => truth,
-            None => {
-                Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size, args.spp, common.seed, &progress)?
-            }
+            None => Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size, args.spp, common.seed, &progress)?,
         };
         progress.note(&format!("compared with {}", truth.source));
         for &count in &counts {

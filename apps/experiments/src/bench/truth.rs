@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::path;
-use assets::import::LoadedScene;
 use crate::progress::Progress;
+use assets::import::LoadedScene;
 use patchlight::render::Pictures;
 
 /// Points of a path-traced reference, and paths of each for every path of a pixel.

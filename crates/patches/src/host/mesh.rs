@@ -151,7 +151,7 @@ impl PatchMesh {
     }
 
     /// Area-weighted mean of a quantity over each patch, from one value an element.
-    pub(super) fn patch_means(&self, elements: &[Vec4]) -> Vec<Vec4> {
+    pub fn patch_means(&self, elements: &[Vec4]) -> Vec<Vec4> {
         let shares = self.element_shares();
         let mut means = Vec::with_capacity(self.patches.len());
         for range in self.patch_elements.windows(2) {

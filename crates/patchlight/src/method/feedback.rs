@@ -5,7 +5,7 @@ use runtime::executor::Executor;
 use runtime::plan::{BufferId, PassId};
 use runtime::recipe::multibounce::{Decoder, accelerated_bounce};
 use runtime::recipe::rgb_bytes;
-use transport::{Observer, Phase};
+use transport::{LinearOperator as _, Phase};
 
 use super::classic::Classic;
 use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
@@ -64,9 +64,7 @@ pub fn prepare(settings: &FeedbackSettings, with: &Preparation) -> Result<Box<dy
         return Ok(Box::new(Classic::new(bake)));
     }
     let operator = build::form_factor_operator(settings.epsilon, with)?;
-    let [plain, fast] = run_phase(with.observer, Phase::FEEDBACK, |_| {
-        accelerations(&bake.mesh.albedo, &|light, out| operator.product(light, out))
-    })?;
+    let [plain, fast] = run_phase(with.observer, Phase::FEEDBACK, |_| accelerations(&bake.mesh.albedo, &operator))?;
     with.observer.note(&format!(
         "of a change of light a bounce leaves {:.1} % to come, accelerated {:.1} %",
         100.0 * plain.rate,
@@ -114,7 +112,7 @@ impl Method for Feedback {
     }
 
     fn report(&self) -> MethodReport {
-        let operator: u64 = self.operator.bytes().iter().map(|part| part.1).sum();
+        let operator: u64 = self.operator.bytes();
         MethodReport { bytes: bytes([("operator", operator)]), ..MethodReport::default() }
     }
 

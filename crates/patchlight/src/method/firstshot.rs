@@ -228,33 +228,37 @@ impl FirstShot {
     /// Indirect irradiance at points, W/m²: the mean over rays of `ρ (H_d + H)` at what they meet, H of the illumination maps,
     /// H_d by shadow rays.
     pub fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Vec<Vec3> {
-        points.par_iter().enumerate().map(|(index, point)| self.gather(scene, index as u32, point, seed)).collect()
+        let maps = &self.maps;
+        let estimate = &self.estimate;
+        let light = |(index, point): (usize, &SurfacePoint)| gather(maps, estimate, scene, index as u32, point, seed);
+        points.par_iter().enumerate().map(light).collect()
     }
+}
 
-    fn gather(&self, scene: &Scene, index: u32, point: &SurfacePoint, seed: u32) -> Vec3 {
-        let tables = scene.tables();
-        let lights = scene.all_lights();
-        let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
-        let direct = DirectParams { area_rays: 1, sky_rays: u32::from(scene.has_sky()), seed, ..direct_params(scene) };
-        let shift = (hash3(index, 0, seed), hash3(index, 1, seed));
-        let origin = point.position + point.normal * scene.geometry.ray_offset;
-        let mut sum = Vec3::ZERO;
-        for k in 0..POINT_RAYS {
-            let direction = cosine_hemisphere(point.normal, hammersley(k, POINT_RAYS, shift));
-            let hit = scene.closest_before(origin, direction, FAR);
-            if hit.triangle == NONE {
-                continue;
-            }
-            let there = surface_point(&tables, hit, direction);
-            let number = hash3(index, k, seed);
-            let first = direct_irradiance(&tables, &direct, number, there, &lights, occluded);
-            let is_back = tables.normal(hit.triangle).dot(direction) > 0.0;
-            let cell = self.maps.cell(hit.triangle, hit.u, hit.v, is_back);
-            let more = self.estimate.irradiance.get(cell as usize).copied().unwrap_or(Vec3::ZERO);
-            sum += tables.albedo(hit.triangle, hit.u, hit.v) * (first + more);
+/// Indirect irradiance at a point, W/m²: see [`FirstShot::irradiance_at`].
+fn gather(maps: &PatchMaps, estimate: &Estimate, scene: &Scene, index: u32, point: &SurfacePoint, seed: u32) -> Vec3 {
+    let tables = scene.tables();
+    let lights = scene.all_lights();
+    let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
+    let direct = DirectParams { area_rays: 1, sky_rays: u32::from(scene.has_sky()), seed, ..direct_params(scene) };
+    let shift = (hash3(index, 0, seed), hash3(index, 1, seed));
+    let origin = point.position + point.normal * scene.geometry.ray_offset;
+    let mut sum = Vec3::ZERO;
+    for k in 0..POINT_RAYS {
+        let direction = cosine_hemisphere(point.normal, hammersley(k, POINT_RAYS, shift));
+        let hit = scene.closest_before(origin, direction, FAR);
+        if hit.triangle == NONE {
+            continue;
         }
-        sum / POINT_RAYS as f32
+        let there = surface_point(&tables, hit, direction);
+        let number = hash3(index, k, seed);
+        let first = direct_irradiance(&tables, &direct, number, there, &lights, occluded);
+        let is_back = tables.normal(hit.triangle).dot(direction) > 0.0;
+        let cell = maps.cell(hit.triangle, hit.u, hit.v, is_back);
+        let more = estimate.irradiance.get(cell as usize).copied().unwrap_or(Vec3::ZERO);
+        sum += tables.albedo(hit.triangle, hit.u, hit.v) * (first + more);
     }
+    sum / POINT_RAYS as f32
 }
 
 /// How much of the photons is done, of 1,000: what the error or the greatest number allows.

@@ -5,7 +5,7 @@ use formfactor::{Reciprocal, reciprocal};
 use runtime::executor::{Executor, PassTime};
 use runtime::plan::BufferId;
 use runtime::recipe::localmatrix::MatrixCopy;
-use transport::{Csr, Phase};
+use transport::Phase;
 
 use super::{Method, MethodReport, Preparation};
 use crate::error::Error;
@@ -71,8 +71,7 @@ fn world_of(with: &Preparation) -> Result<Table, Error> {
         let albedo = albedo.truncate();
         surfaces.push(Surface { centre: patch.centroid, normal: patch.normal, area, albedo });
     }
-    let Csr { row_start, column_index, values, .. } = factors;
-    Ok(Table::new(&surfaces, row_start, column_index, values)?)
+    Ok(Table::new(&surfaces, factors)?)
 }
 
 impl Method for Local {

@@ -2,6 +2,7 @@
 
 use runtime::executor::Executor;
 use runtime::recipe::multibounce::Decoder;
+use transport::LinearOperator as _;
 
 use super::classic::Classic;
 use super::{Method, MethodReport, Preparation, bytes};
@@ -62,7 +63,7 @@ impl Method for Multibounce {
     }
 
     fn report(&self) -> MethodReport {
-        let operator: u64 = self.operator.bytes().iter().map(|part| part.1).sum();
+        let operator: u64 = self.operator.bytes();
         MethodReport { bytes: bytes([("operator", operator)]), ..MethodReport::default() }
     }
 

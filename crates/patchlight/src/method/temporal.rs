@@ -7,7 +7,7 @@ use ::temporal::{AliasTables, Packing, RayLists, Settings};
 use runtime::executor::Executor;
 use runtime::plan::{BufferId, PassId, Range};
 use runtime::recipe::temporal::{Rows, SampledPasses, SampledRows};
-use transport::{Csr, HitCounts, Phase};
+use transport::{Csr, HitCounts, LinearOperator as _, Phase};
 
 use super::{Method, MethodReport, Preparation, passes_so_far};
 use crate::bake::{Bake, ReceiverKind};

@@ -8,7 +8,7 @@ use runtime::recipe::{add_pass, rgb_bytes};
 
 use crate::frame::FramePlan;
 use crate::method::Method;
-use crate::receivers::QUADRANTS;
+use transport::QUADRANTS;
 
 /// Adds the passes.
 ///

@@ -224,19 +224,26 @@ impl Streamed {
     /// # Errors
     /// What the matrix says; cancellation.
     pub fn settle(&mut self, eye: Vec3, report: &(dyn Fn(f32) -> bool + Sync)) -> Result<Step, Error> {
+        let stopped = Cell::new(false);
         // The disk is given up when nothing has come for so long.
         let (last, slots) = (Cell::new((0, Instant::now())), self.settings.local.slots as f32);
         let go_on = |done: usize| {
             if done != last.get().0 {
                 last.set((done, Instant::now()));
             }
-            report(done as f32 / slots) && last.get().1.elapsed() < PATIENCE && !is_cancelled()
+            stopped.set(stopped.get() || !report(done as f32 / slots));
+            !stopped.get() && last.get().1.elapsed() < PATIENCE
         };
         match self.local.settle(&mut self.rows, Way { eye, ahead: eye }, &go_on) {
             Ok(step) => Ok(step),
             // A disk that is too slow: coarser nodes do until it comes.
-            Err(localmatrix::Error::Cancelled) if !is_cancelled() => Ok(Step::default()),
-            Err(localmatrix::Error::Cancelled) => Err(Error::Cancelled),
+            Err(error) if Error::from(error.clone()).is_cancelled() => {
+                if stopped.get() {
+                    Err(Error::Cancelled)
+                } else {
+                    Ok(Step::default())
+                }
+            }
             Err(error) => Err(error.into()),
         }
     }
@@ -433,7 +440,7 @@ impl Streamed {
             sky_rays: if self.scene.lighting.sky.map_width == 0 { 0 } else { SKY_RAYS },
             ..direct_params(&self.scene)
         };
-        let scale = reference::stops_to_scale(stops);
+        let scale = scene::stops_to_scale(stops);
         let shown = |h: f32| 255.0 * encode_srgb((h * SHOWN_ALBEDO / std::f32::consts::PI * scale).clamp(0.0, 1.0));
         let (width, height) = self.settings.size;
         let pixel = |index: u32| {

@@ -10,8 +10,8 @@ use transport::LinearOperator;
 
 use super::{Row, Truth, median_ms};
 use crate::error::Error;
-use crate::report::{Table, significant};
 use crate::progress::Progress;
+use crate::report::{Table, significant};
 use patchlight::render::decode::Decode;
 use patchlight::render::frame::{decoder, product_decoded};
 use patchlight::render::operator::measure::{block_orders, order_errors, relative_error};
