@@ -310,7 +310,10 @@ impl Renderer {
         let source = self.download(self.frame.buffers.source)?;
         let irradiance = match self.bake.settings.receivers {
             ReceiverKind::Patches => self.download(self.frame.buffers.patches)?,
-            _ => self.bake.mesh.patch_means(&self.download(self.frame.buffers.elements)?),
+            _ => {
+                let elements = self.download(self.frame.buffers.elements)?;
+                self.bake.mesh.patch_means(&elements)
+            }
         };
         let view = DebugView {
             scene: &self.scene,
