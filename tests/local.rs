@@ -2,7 +2,7 @@
 
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
-use experiments::progress::Progress;
+use patchlight::Silent;
 use glam::Vec3;
 use integration_tests::vulkan;
 use patchlight::render::Pictures;
@@ -27,7 +27,7 @@ fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Ba
         size: SIZE,
         ..ClassicSettings::default()
     };
-    Bake::new(&loaded.scene, loaded.view.eye, settings, &Progress::new(true)).unwrap()
+    Bake::new(&loaded.scene, loaded.view.eye, settings, &Silent).unwrap()
 }
 
 fn cpu() -> Box<dyn Executor> {
@@ -51,7 +51,7 @@ fn flight(
     executor: Box<dyn Executor>,
     frames: u32,
 ) -> (Vec<Vec<Vec3>>, Pictures, usize) {
-    let mut light = bake.clone().load(transport, executor, &Progress::new(true)).unwrap();
+    let mut light = bake.clone().load(transport, executor, &Silent).unwrap();
     let (path, lights) = (Animation::fly(loaded), &loaded.scene.lighting.lights);
     let (mut shown, mut entered) = (Vec::new(), 0);
     for frame in 0..frames {
@@ -163,7 +163,7 @@ fn settings_out_of_their_range_are_refused() {
     for options in
         [LocalOptions { budget: 0, ..LocalOptions::DEFAULT }, LocalOptions { fade: 0, ..LocalOptions::DEFAULT }]
     {
-        let Err(error) = bake.clone().load(Transport::Local(options), cpu(), &Progress::new(true)) else {
+        let Err(error) = bake.clone().load(Transport::Local(options), cpu(), &Silent) else {
             panic!("{options:?} passes");
         };
         let message = error.to_string();

@@ -2,7 +2,7 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use experiments::progress::Progress;
+use patchlight::Silent;
 use formfactor::{Hemisphere, Stop, balance, closure_residual, form_factors, jacobi, reciprocity_residual};
 use glam::{Vec3, Vec4};
 use integration_tests::vulkan;
@@ -211,7 +211,7 @@ fn texture_units_give_the_pictures_that_kernels_do() {
             let transport = Transport::Operator(Codec::Blocks(codec));
             let settings = ClassicSettings { transport, decode, bounces, ..settings(150) };
             let mut classic =
-                Classic::bake(&loaded.scene, loaded.view.eye, settings, Box::new(vulkan), &Progress::new(true))
+                Classic::bake(&loaded.scene, loaded.view.eye, settings, Box::new(vulkan), &Silent)
                     .unwrap();
             let taken = if decode == Decode::Texture { "texture" } else { "kernel" };
             assert_eq!(classic.decoder().map(Decoder::name), Some(taken));
@@ -269,7 +269,7 @@ fn feedback_follows_a_light_that_changes() {
     // The light of this and of the frames after it, once the lights are brighter in the second.
     let frames = |transport: Transport, count: u32| -> Vec<Pictures> {
         let settings = ClassicSettings { transport, ..settings(150) };
-        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Silent).unwrap();
         let frame =
             |k| classic.frame(if k == 0 { &loaded.scene.lights } else { &brighter }, &camera, 0).unwrap().pictures;
         (0..count).map(frame).collect()
@@ -296,7 +296,7 @@ fn clusters_carry_the_light_that_polygons_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, patches: PatchKind| {
         let settings = ClassicSettings { patches, ..settings(600) };
-        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Silent).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         mean(&classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect)
     };

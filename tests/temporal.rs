@@ -2,7 +2,7 @@
 
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
-use experiments::progress::Progress;
+use patchlight::Silent;
 use glam::Vec3;
 use integration_tests::vulkan;
 use patchlight::render::Pictures;
@@ -32,7 +32,7 @@ fn settings(patches: PatchKind, receivers: ReceiverKind) -> ClassicSettings {
 }
 
 fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Bake {
-    Bake::new(&loaded.scene, loaded.view.eye, settings(patches, receivers), &Progress::new(true)).unwrap()
+    Bake::new(&loaded.scene, loaded.view.eye, settings(patches, receivers), &Silent).unwrap()
 }
 
 fn cpu() -> Box<dyn Executor> {
@@ -59,7 +59,7 @@ fn frames(
     executor: Box<dyn Executor>,
     count: u32,
 ) -> (Vec<Vec<Vec3>>, Pictures) {
-    let mut light = bake.clone().load(transport, executor, &Progress::new(true)).unwrap();
+    let mut light = bake.clone().load(transport, executor, &Silent).unwrap();
     let away = away(loaded);
     (0..4).for_each(|_| drop(light.advance(&away).unwrap()));
     let lights = &loaded.scene.lighting.lights;
@@ -167,7 +167,7 @@ fn white_furnace() {
     let loaded = procedural::build("furnace").unwrap();
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
     for temporal in variants() {
-        let mut light = bake.clone().load(Transport::Temporal(temporal), cpu(), &Progress::new(true)).unwrap();
+        let mut light = bake.clone().load(Transport::Temporal(temporal), cpu(), &Silent).unwrap();
         let lights = &loaded.scene.lighting.lights;
         (0..10).for_each(|_| drop(light.advance(lights).unwrap()));
         let pictures = light.frame(lights, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
@@ -202,7 +202,7 @@ fn settings_out_of_their_range_are_refused() {
         [Settings { samples: 0, ..Settings::default() }, Settings { blend: Blend::Fixed(1.0), ..Settings::default() }]
     {
         let transport = Transport::Temporal(Temporal { settings, ..Temporal::default() });
-        let refused = bake.clone().load(transport, cpu(), &Progress::new(true));
+        let refused = bake.clone().load(transport, cpu(), &Silent);
         let message = refused.err().expect("a refusal").to_string();
         assert!(message.contains("temporal radiosity") && message.contains("must be"), "{message}");
     }

@@ -2,7 +2,7 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use experiments::progress::Progress;
+use patchlight::Silent;
 use glam::Vec3;
 use integration_tests::vulkan;
 use patchlight::render::Pictures;
@@ -45,7 +45,7 @@ fn render(
     executor: Box<dyn Executor>,
     points: &[SurfacePoint],
 ) -> (Pictures, Vec<Vec3>) {
-    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
+    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Silent).unwrap();
     assert_eq!(classic.receiver_count(), 0);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let pictures = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures;
@@ -125,7 +125,7 @@ fn patches_that_receive_take_every_bounce() {
 fn patches_of_voxels_carry_the_light_that_clusters_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, settings: ClassicSettings| {
-        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Silent).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         let picture = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>()
@@ -150,7 +150,7 @@ fn patches_of_voxels_carry_the_light_that_clusters_do() {
 fn patches_without_voxels_are_refused_as_receivers() {
     let loaded = procedural::build("furnace").unwrap();
     for kind in [PatchKind::Polygon, PatchKind::Cluster] {
-        let error = Classic::bake(&loaded.scene, loaded.view.eye, settings(kind), cpu(), &Progress::new(true))
+        let error = Classic::bake(&loaded.scene, loaded.view.eye, settings(kind), cpu(), &Silent)
             .err()
             .unwrap()
             .to_string();

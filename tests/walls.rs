@@ -6,7 +6,7 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use experiments::progress::Progress;
+use patchlight::Silent;
 use glam::{Vec3, vec3};
 use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
 use reference::metrics::quantile;
@@ -144,7 +144,7 @@ impl Baked {
             ..ClassicSettings::default()
         };
         let executor = open(&DeviceChoice::Cpu).unwrap().0;
-        let classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
+        let classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Silent).unwrap();
         Self { classic, lights: build.parts.lights.clone() }
     }
 
