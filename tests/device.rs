@@ -4,7 +4,7 @@ use glam::{Vec3, Vec4};
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
 use integration_tests::vulkan;
-use multibounce::{Proceed, RectangularTiles, TileSide, halving_order};
+use multibounce::{LowRank, Proceed, TileSide, TileSource, halving_order};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
 use runtime::plan::{BufferId, PassId, Plan};
@@ -250,7 +250,9 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let (order, sender_order) = (line(421), line(300));
     let receivers = TileSide { area: &[1.0; 421], order: &order };
     let senders = TileSide { area: &area, order: &sender_order };
-    let tiles = RectangularTiles::encode(&rows, receivers, senders, 0.02, &|_, _| Proceed::Continue(())).unwrap();
+    let tiles =
+        LowRank::encode(TileSource::Rows { rows: &rows, receivers, senders }, 0.02, &|_, _| Proceed::Continue(()))
+            .unwrap();
     let light: Vec<Vec4> =
         (0..300).map(|j| Vec4::new(random(j, 0, 9), random(j, 1, 9), random(j, 2, 9), 0.0)).collect();
     let mut expected = vec![Vec4::ZERO; 421];

@@ -8,9 +8,9 @@ use formfactor::kernel::product::packed_row_words;
 use formfactor::{Csr, Dense, Half, Reciprocal, reciprocal, widen_half};
 use glam::{Vec3, Vec4};
 use multibounce::{
-    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, MatrixRows, Permutation, Room,
-    StoredOperator, Tiles, all_bounces, all_bounces_stored, halving_order, projected_order, some_bounces,
-    some_bounces_stored, spectral_radius, spectral_range,
+    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, Factors, LowRank, MatrixRows, Permutation, Room,
+    StoredOperator, TileSide, TileSource, all_bounces, all_bounces_stored, halving_order, projected_order,
+    some_bounces, some_bounces_stored, spectral_radius, spectral_range,
 };
 use rayon::prelude::*;
 
@@ -107,7 +107,7 @@ pub enum PatchOperator {
     /// Texture blocks and outliers.
     Blocks(BlockMatrix),
     /// Tiles; of one channel they hold form factors.
-    Tiles(Box<Tiles>),
+    Tiles(Box<LowRank>),
 }
 
 /// Columns of the dense operators of n patches: whole vectors of four.
@@ -190,7 +190,9 @@ impl PatchOperator {
                     Self::Blocks(BlockMatrix::encode(n, &rows, order, settings, &proceed)?)
                 }
                 Codec::Tiles { epsilon } => {
-                    Self::Tiles(Box::new(Tiles::encode(channels, &between.area, &between.order, epsilon, &proceed)?))
+                    let patches = TileSide { area: &between.area, order: &between.order };
+                    let source = TileSource::Symmetric { channels, patches };
+                    Self::Tiles(Box::new(LowRank::encode(source, epsilon, &proceed)?))
                 }
             })
         })
@@ -202,7 +204,7 @@ impl PatchOperator {
             Self::Dense(dense) => dense.rows,
             Self::Half(half) => half.rows,
             Self::Blocks(matrix) => matrix.len(),
-            Self::Tiles(tiles) => tiles.patches(),
+            Self::Tiles(tiles) => tiles.rows(),
         }
     }
 

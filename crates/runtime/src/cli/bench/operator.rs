@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use formfactor::{Operator, Stop, jacobi};
 use glam::Vec4;
-use multibounce::{Channels, TileRoom, Tiles};
+use multibounce::{Channels, LowRank, LowRankWorkspace, TileSide, TileSource};
 use serde::Serialize;
 
 use super::{Machine, SCENES, Setup, stream_gb_s};
@@ -376,7 +376,10 @@ fn measure(
             let start = Instant::now();
             let tiles = progress.phase("compress", |report| {
                 let proceed = |done, total| crate::render::proceed(report, done, total);
-                Tiles::encode(channels, &between.area, &between.order, epsilon, &proceed)
+                {
+                    let patches = TileSide { area: &between.area, order: &between.order };
+                    LowRank::encode(TileSource::Symmetric { channels, patches }, epsilon, &proceed)
+                }
             })?;
             let seconds = start.elapsed().as_secs_f64();
             let errors = truths.iter().map(|truth| {
@@ -385,7 +388,7 @@ fn measure(
                 Ok(relative_error(&h, exact, &between.area))
             });
             let errors = errors.collect::<Result<Vec<f64>, Error>>()?;
-            let mut room = TileRoom::default();
+            let mut room = LowRankWorkspace::default();
             let time = median_ms(|| Ok(tiles.apply_in(&mut room, &truths[0].source, &mut h)?))?;
             let compact = errors[1..].iter().copied().fold(0.0, f64::max);
             let read = tiles.bytes();

@@ -7,7 +7,8 @@ use gpu_kernels::params::{CountParams, EnterParams, ProjectParams};
 use gpu_kernels::table::{self, ImageFormat, Kernel};
 use multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use multibounce::kernel::tiles::{FACTOR_WORDS, LIGHT_WORDS, PAIRS, PLACES, QUAD, QUARTERS, RUN_PARTS, SPLITS, TILE};
-use multibounce::{BlockCodec, BlockMatrix, BlockParams, ExpandTables, NearTables, RectangularTiles, Tiles};
+use multibounce::{BlockCodec, BlockMatrix, BlockParams, ColumnVectors, ExpandTables, LowRank, NearTables};
+use transport::LinearOperator;
 
 use super::super::decode::{Decode, Decoder};
 use super::super::operator::{PatchOperator, apart};
@@ -363,33 +364,26 @@ pub(super) struct TileTables {
 }
 
 impl TileTables {
-    fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a Tiles) -> Self {
-        let mut tables = vec![
+    fn new<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a LowRank) -> Self {
+        let own = (&tiles.place[..], &tiles.root[..], &tiles.partner[..]);
+        let receivers = rows_of(plan, uploads, own, tiles.expand_tables(), tiles.near_tables());
+        let mut senders = vec![
             uploads.named(plan, "order", cast_slice(&tiles.order)),
             uploads.named(plan, "scales", cast_slice(&tiles.scale)),
         ];
-        let own = (&tiles.place[..], &tiles.root[..], &tiles.partner[..]);
-        tables.extend(rows_of(plan, uploads, own, tiles.expand_tables(), tiles.near_tables()));
-        let runs = tiles.runs.len().saturating_sub(1);
-        let counts = [tiles.patches(), tiles.patches(), tiles.quads.len(), runs, runs];
-        Self::with(plan, tables.clone(), tables, tiles.axes, counts)
-    }
-
-    /// Of many receivers.
-    fn rectangular<'a>(plan: &mut Plan, uploads: &mut Uploads<'a>, tiles: &'a RectangularTiles) -> Self {
-        let senders = vec![
-            uploads.named(plan, "order", cast_slice(&tiles.sender_order)),
-            uploads.named(plan, "root", cast_slice(&tiles.sender_root)),
-            uploads.named(plan, "runs", cast_slice(&tiles.sender_runs)),
-            uploads.named(plan, "quads", cast_slice(&tiles.sender_quads)),
-            uploads.named(plan, "words", cast_slice(&tiles.sender_words)),
-            uploads.named(plan, "scales", cast_slice(&tiles.scale)),
-        ];
-        let own = (&tiles.place[..], &tiles.root[..], &tiles.partner[..]);
-        let receivers = rows_of(plan, uploads, own, tiles.expand_tables(), tiles.near_tables());
-        let runs = [&tiles.sender_runs, &tiles.runs].map(|runs| runs.len().saturating_sub(1));
-        let counts = [tiles.senders(), tiles.receivers(), tiles.sender_quads.len(), runs[0], runs[1]];
-        Self::with(plan, senders, receivers, Vec4::ZERO, counts)
+        match &tiles.columns {
+            Some(ColumnVectors { root, runs, quads, words }) => senders.extend([
+                uploads.named(plan, "root", cast_slice(root)),
+                uploads.named(plan, "runs", cast_slice(runs)),
+                uploads.named(plan, "quads", cast_slice(quads)),
+                uploads.named(plan, "words", cast_slice(words)),
+            ]),
+            None => senders.extend(receivers.iter().cloned()),
+        }
+        let quads = tiles.project_tables().quads.len();
+        let [sender_runs, runs] = [tiles.column_runs(), &tiles.runs].map(|runs| runs.len().saturating_sub(1));
+        let (rows, columns) = tiles.shape();
+        Self::with(plan, senders, receivers, tiles.axes, [columns, rows, quads, sender_runs, runs])
     }
 
     fn with(
@@ -477,14 +471,14 @@ fn rows_of<'a>(
 /// What the device says.
 pub fn receivers_on_device(
     executor: &mut dyn Executor,
-    tiles: &RectangularTiles,
+    tiles: &LowRank,
     light: &[Vec4],
     turns: usize,
 ) -> Result<(Vec<Vec4>, f64), ExecutorError> {
     let (mut plan, mut uploads) = (Plan::new(), Uploads::default());
-    let tables = TileTables::rectangular(&mut plan, &mut uploads, tiles);
+    let tables = TileTables::new(&mut plan, &mut uploads, tiles);
     let [exitance, irradiance] =
-        [("exitance", tiles.senders()), ("irradiance", tiles.receivers())].map(|(name, n)| plan.storage(name, rgb(n)));
+        [("exitance", tiles.columns()), ("irradiance", tiles.rows())].map(|(name, n)| plan.storage(name, rgb(n)));
     tables.product(&mut plan, exitance, irradiance)?;
     executor.load(plan)?;
     for (buffer, bytes) in uploads.0 {
@@ -504,7 +498,6 @@ mod tests {
     use crate::render::operator::Codec;
     use crate::vulkan::{Validation, Vulkan};
     use multibounce::Channels;
-    use transport::LinearOperator;
 
     #[test]
     fn the_passes_give_the_product_of_the_host_for_every_size_of_a_binding() {
