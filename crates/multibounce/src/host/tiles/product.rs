@@ -188,7 +188,7 @@ impl LowRank {
         ExpandTables { run_start, runs, quads, words }
     }
 
-    /// The tables of [`near_all`].
+    /// The tables of [`crate::near_all`].
     pub fn near_tables(&self) -> NearTables<'_> {
         let Self { square_start, squares, square_words, row_start, entries, steps, .. } = self;
         NearTables { square_start, squares, square_words, row_start, entries, steps }
