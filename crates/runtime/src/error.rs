@@ -23,6 +23,12 @@ pub enum Error {
     /// Tables, settings and sizes of any method.
     #[error(transparent)]
     Transport(#[from] transport::Error),
+    /// Photons.
+    #[error("photons: {0}")]
+    Photons(transport::Error),
+    /// Rows that frames sample.
+    #[error("temporal radiosity: {0}")]
+    Temporal(transport::Error),
     /// Receivers that photons do not serve.
     #[error("--method firstshot gathers at the mesh or at the pixels; choose --receivers mesh or pixels")]
     FirstShotReceivers,

@@ -337,7 +337,7 @@ impl Bake {
     /// Settings out of their range, rows that cannot be sampled.
     fn sampled(&self, transport: Transport, progress: &mut Progress) -> Result<Option<SampledRows>, Error> {
         let Transport::Temporal(temporal) = transport else { return Ok(None) };
-        temporal.settings.check()?;
+        temporal.settings.check().map_err(Error::Temporal)?;
         let by_patches = self.settings.receivers == ReceiverKind::SelfReceivers;
         let last = if by_patches { 0 } else { LAST_BOUNCES };
         let sampled = progress.phase("tables", |_| -> Result<_, Error> {

@@ -70,7 +70,7 @@ impl Registry for PatchMaps {
 impl PatchMaps {
     /// Maps as fine as the senders are looked up.
     pub fn new(scene: &Scene, senders: &Senders) -> Result<Self, Error> {
-        let maps = IlluminationMaps::with_divisions(scene, &senders.divisions())?;
+        let maps = IlluminationMaps::with_divisions(scene, &senders.divisions()).map_err(Error::Photons)?;
         let side = |(t, is_back): (u32, bool)| -> Vec<u32> {
             let owner = |(_, [a, b, c]): (u32, [glam::Vec2; 3])| {
                 let middle = (a + b + c) / 3.0;
@@ -162,7 +162,7 @@ impl FirstShot {
             seed: self.seed,
             ..PhotonSettings::default()
         };
-        let mut tracer = Tracer::new(scene, &emission, &self.maps, settings)?;
+        let mut tracer = Tracer::new(scene, &emission, &self.maps, settings).map_err(Error::Photons)?;
         let progress = |round: &Round| -> Proceed {
             let by_error = (settings.error / round.error).powi(2);
             let by_count = round.photons as f64 / settings.most_photons as f64;
@@ -174,7 +174,7 @@ impl FirstShot {
                 passes.load(scene, &emission)?;
                 tracer.run_with(&progress, |p| passes.trace(p))?
             }
-            None => tracer.run(&progress)?,
+            None => tracer.run(&progress).map_err(Error::Photons)?,
         };
         if !finished {
             return Err(Error::Cancelled);
@@ -260,6 +260,6 @@ pub(crate) fn quietly(_: f32) -> bool {
 fn cancelled(error: transport::Error) -> Error {
     match error {
         transport::Error::Cancelled { .. } => Error::Cancelled,
-        other => other.into(),
+        other => Error::Photons(other),
     }
 }

@@ -56,18 +56,20 @@ impl Rows {
     pub fn new(factors: &Csr, kind: RowKind) -> Result<Self, Error> {
         let Csr { columns, row_start, column_index, values, .. } = factors;
         Ok(match kind {
-            RowKind::Lists => {
-                Self::Lists(RayLists::from_rows(*columns, row_start, column_index, values, LIST_ENTRIES)?)
-            }
-            RowKind::Tables => {
-                Self::Tables(AliasTables::from_rows(*columns, row_start, column_index, values, Packing::Stacks)?)
-            }
+            RowKind::Lists => Self::Lists(
+                RayLists::from_rows(*columns, row_start, column_index, values, LIST_ENTRIES)
+                    .map_err(Error::Temporal)?,
+            ),
+            RowKind::Tables => Self::Tables(
+                AliasTables::from_rows(*columns, row_start, column_index, values, Packing::Stacks)
+                    .map_err(Error::Temporal)?,
+            ),
         })
     }
 
     /// Rows that are counts of hits, as lists of these.
     pub(crate) fn of_hits(rows: &HitRows) -> Result<Self, Error> {
-        Ok(Self::Lists(RayLists::from_counts(rows.columns(), rows.scales(), |i| rows.row(i))?))
+        Ok(Self::Lists(RayLists::from_counts(rows.columns(), rows.scales(), |i| rows.row(i)).map_err(Error::Temporal)?))
     }
 
     /// The rows as they are sampled.

@@ -207,7 +207,7 @@ impl VoxelMaps {
         let area: f32 = scene.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
         // Both sides are patches.
         let edge = scene::math::sqrt(2.0 * area / count as f32);
-        let maps = IlluminationMaps::new(scene, edge / CELLS)?;
+        let maps = IlluminationMaps::new(scene, edge / CELLS).map_err(Error::Photons)?;
         let geometry = scene.geometry();
         let mut numbers: BTreeMap<([i32; 3], usize), u32> = BTreeMap::new();
         let mut patches = Vec::with_capacity(maps.len());
@@ -302,7 +302,8 @@ fn one_run(
         seed: common.seed,
         ..PhotonSettings::default()
     };
-    let mut tracer = Tracer::new(scene, &emission, maps, PhotonSettings { error: args.error, ..settings })?;
+    let mut tracer = Tracer::new(scene, &emission, maps, PhotonSettings { error: args.error, ..settings })
+        .map_err(Error::Photons)?;
     let mut curve = Vec::new();
     // To the error that is asked for, which is timed, then on.
     let start = Instant::now();
@@ -313,12 +314,14 @@ fn one_run(
     };
     let cell = RefCell::new(&mut curve);
     let finished = progress
-        .phase(way.name(), |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, args.error)))?;
+        .phase(way.name(), |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, args.error)))
+        .map_err(Error::Photons)?;
     let (trace_s, reached) = (start.elapsed().as_secs_f64(), tracer.round());
     tracer.set_error(settings.error)?;
     let finished = finished
         && progress
-            .phase("on", |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, settings.error)))?;
+            .phase("on", |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, settings.error)))
+            .map_err(Error::Photons)?;
     if !finished {
         return Err(Error::Cancelled);
     }
@@ -344,9 +347,11 @@ fn one_run(
 fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
     let go_on = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     Ok(match way {
-        Way::Classical => Emission::classical(scene)?,
-        Way::Exact => Emission::first_shot(scene, &PieceSettings::default(), Texels::Mean, true, &go_on)?,
-        Way::Table => Emission::first_shot(scene, &PieceSettings::table_alone(), Texels::Mean, false, &go_on)?,
+        Way::Classical => Emission::classical(scene).map_err(Error::Photons)?,
+        Way::Exact => Emission::first_shot(scene, &PieceSettings::default(), Texels::Mean, true, &go_on)
+            .map_err(Error::Photons)?,
+        Way::Table => Emission::first_shot(scene, &PieceSettings::table_alone(), Texels::Mean, false, &go_on)
+            .map_err(Error::Photons)?,
     })
 }
 
@@ -367,7 +372,7 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
     let emission = emission(scene, way)?;
     let settings = PhotonSettings { seed: common.seed, ..PhotonSettings::default() };
     let batches = settings.batches;
-    let p = Tracer::new(scene, &emission, maps, settings)?.params(RATE_PHOTONS / batches);
+    let p = Tracer::new(scene, &emission, maps, settings).map_err(Error::Photons)?.params(RATE_PHOTONS / batches);
     let rays = photon_rays(scene, &emission, &p);
     let boxes: Vec<_> = scene
         .triangles

@@ -82,11 +82,11 @@ impl PhotonPasses {
     /// The landings of a dispatch of at most 2¹⁸ photons, segment by segment.
     ///
     /// # Errors
-    /// [`Error::Transport`] for more than that, and what the device says.
+    /// [`Error::Photons`] for more than that, and what the device says.
     pub fn trace(&mut self, p: &PhotonParams) -> Result<Vec<Landing>, Error> {
         if p.count > MOST_PHOTONS {
             let (found, limit) = (u64::from(p.count), u64::from(MOST_PHOTONS));
-            return Err(firstshot::Error::TooMany { name: "photons of a dispatch", found, limit }.into());
+            return Err(Error::Photons(transport::Error::TooMany { name: "photons of a dispatch", found, limit }));
         }
         let Some(Loaded { start, segment, landings }) = self.loaded else { return Ok(Vec::new()) };
         for pass in [start, segment] {
