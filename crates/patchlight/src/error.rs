@@ -17,6 +17,12 @@ pub enum Error {
     /// Tables, settings and sizes of any method.
     #[error(transparent)]
     Transport(#[from] transport::Error),
+    /// Photons.
+    #[error("photons: {0}")]
+    Photons(transport::Error),
+    /// Rows that frames sample.
+    #[error("temporal radiosity: {0}")]
+    Temporal(transport::Error),
     /// Receivers that photons do not serve.
     #[error("photons light receivers on the mesh or at the pixels, not the patches themselves; choose other receivers")]
     FirstShotReceivers,

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use formfactor::{HitRows, Operator, add_hit_rows};
 use glam::{Vec3, Vec4};
-use multibounce::{RectangularRoom, RectangularTiles, TileSide, halving_order};
+use multibounce::{LowRank, LowRankWorkspace, TileSide, TileSource, halving_order};
 use patches::Sample;
 use scene::sampling::hash3;
 use scene::{Scene, SurfacePoint};
@@ -176,10 +176,10 @@ impl Receivers<'_> {
                 let receivers = TileSide { area: &area, order: &order };
                 let senders = TileSide { area: &self.between.area, order: &self.between.order };
                 let proceed = |done, total| proceed(report, done, total);
-                RectangularTiles::encode(&sparse, receivers, senders, epsilon, &proceed)
+                LowRank::encode(TileSource::Rows { rows: &sparse, receivers, senders }, epsilon, &proceed)
             })?;
             let compress_s = start.elapsed().as_secs_f64();
-            let mut room = RectangularRoom::default();
+            let mut room = LowRankWorkspace::default();
             let mut errors = Vec::new();
             for (source, exact) in self.sources.iter().zip(&exact) {
                 tiles.apply_in(&mut room, source, &mut h)?;
