@@ -386,9 +386,8 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     other[299].y *= 2.0;
     let tiles = Arc::new(tiles);
     let check = |executor: &mut dyn Executor| {
-        let make = |plan: &mut Plan, tables: &mut Tables| {
-            OperatorTables::LowRank(LowRankTables::new(plan, tables, &tiles))
-        };
+        let make =
+            |plan: &mut Plan, tables: &mut Tables| OperatorTables::LowRank(LowRankTables::new(plan, tables, &tiles));
         let product = Product::load(executor, 421, 300, u64::MAX, &make).unwrap();
         assert_eq!(product.run(executor, &light, 1).unwrap().0, expected);
         assert_ne!(product.run(executor, &other, 1).unwrap().0, expected);

@@ -17,8 +17,8 @@ use patchlight::world::{StreamSettings, Streamed, WorldSettings, bake};
 use patchlight::{
     Bake, BakeSettings, Estimator, MethodSettings, Picture, ReceiverKind, RenderSettings, Renderer, Silent,
 };
-use reference::path::{PathSettings, PathTracer};
 use reference::Accumulation;
+use reference::path::{PathSettings, PathTracer};
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::Light;
 
