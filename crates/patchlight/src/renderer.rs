@@ -9,6 +9,7 @@ use patches::Columns;
 use runtime::executor::{Executor, PassTime};
 use runtime::plan::{BufferId, PassId};
 use runtime::recipe::scene::SceneTables;
+#[cfg(feature = "vulkan")]
 use runtime::vulkan::Vulkan;
 use scene::{Camera, DirectParams, Light, Lighting, Scene, SurfacePoint};
 use transport::{LinearOperator as _, Observer};
@@ -77,7 +78,7 @@ pub struct FrameResult {
 }
 
 /// Device buffers with the irradiance of the last light update, for the caller's own shaders: each value is a `Vec4`, RGB in
-/// W/m² and one unused component. [`runtime::vulkan::Vulkan::buffer`] gives the Vulkan buffer of each.
+/// W/m² and one unused component. `runtime::vulkan::Vulkan::buffer` gives the Vulkan buffer of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReceiverBuffers {
     /// Irradiance of the patches, all bounces but the last two where receivers are on the mesh.
@@ -192,6 +193,7 @@ impl Renderer {
     }
 
     /// The Vulkan executor, if it is one: to record into a caller's command buffer and to ask for device buffers.
+    #[cfg(feature = "vulkan")]
     pub fn vulkan_mut(&mut self) -> Option<&mut Vulkan> {
         self.executor.as_vulkan()
     }
