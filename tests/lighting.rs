@@ -61,7 +61,7 @@ fn lamps(loaded: &LoadedScene, count: usize) -> Lighting {
     lighting.lights = (0..count)
         .map(|k| {
             let mut lamp = lamp;
-            lamp.position += Vec3::X * 0.02 * k as f32;
+            lamp.position += Vec3::X * 1e-3 * k as f32;
             lamp
         })
         .collect();

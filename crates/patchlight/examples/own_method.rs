@@ -27,7 +27,8 @@ impl Method for Ambient {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<()> {
         let rows = SparseTables::new(&mut frame.plan, &mut frame.tables, "ambient", &self.0);
         rows.gather(&mut frame.plan, "method", frame.patches.source, frame.patches.irradiance)?;
-        Ok(frame.bounce()?)
+        frame.bounce()?;
+        Ok(())
     }
 
     fn report(&self) -> MethodReport {
