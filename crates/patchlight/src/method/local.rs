@@ -49,17 +49,6 @@ impl Local {
             Ok(Self { matrix, world_bytes, passes: None })
         })
     }
-
-    /// What the last frame did with the matrix; on a device the lit patches are counted there, which waits for the frame.
-    ///
-    /// # Errors
-    /// What the device says.
-    pub fn count_lit(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        if let Some(Passes::Device(copy)) = &self.passes {
-            self.matrix.set_lit(copy.lit(executor)?);
-        }
-        Ok(())
-    }
 }
 
 /// The patches of a bake as a world of the local matrix.
@@ -106,6 +95,14 @@ impl Method for Local {
                 submit_on_host(&mut self.matrix, buffers.0, buffers.1, executor)
             }
         })
+    }
+
+    /// Counts the lit patches where a device has them.
+    fn count(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        if let Some(Passes::Device(copy)) = &self.passes {
+            self.matrix.set_lit(copy.lit(executor)?);
+        }
+        Ok(())
     }
 
     fn report(&self) -> MethodReport {
