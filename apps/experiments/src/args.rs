@@ -9,7 +9,10 @@ use patches::PatchKind;
 use patchlight::BakeSettings;
 use patchlight::method::FirstShotSettings;
 
+use runtime::executor::DeviceChoice;
+
 use crate::bench::Part;
+use crate::error::Error;
 
 /// Options of every command.
 #[derive(Args, Debug, Clone)]
@@ -32,6 +35,19 @@ pub struct Common {
     /// Print the summary as JSON on standard output.
     #[arg(long, global = true)]
     pub json: bool,
+}
+
+impl Common {
+    /// Refuses a device where only native code works, in place of ignoring it.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] unless the device is left to the program, or native code.
+    pub fn native_only(&self, command: &'static str) -> Result<(), Error> {
+        match DeviceChoice::parse(&self.device) {
+            DeviceChoice::Auto | DeviceChoice::Cpu => Ok(()),
+            _ => Err(Error::NoDevice { command, device: self.device.clone() }),
+        }
+    }
 }
 
 /// How lights move.

@@ -98,7 +98,10 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Operator => operator::run(common, args),
         Experiment::Temporal => temporal::run(common, args),
         Experiment::Local => local::run(common, args),
-        Experiment::Firstshot => firstshot::run(common, args),
+        Experiment::Firstshot => {
+            common.native_only("bench firstshot")?;
+            firstshot::run(common, args)
+        }
     }
 }
 
