@@ -187,7 +187,13 @@ impl Error {
             Self::Transport(error) => is_cancelled(error),
             Self::FormFactor(formfactor::Error::Shared(error)) => is_cancelled(error),
             Self::Operator(multibounce::Error::Shared(error)) => is_cancelled(error),
+            Self::Local(localmatrix::Error::Cancelled) => true,
             Self::Local(localmatrix::Error::Shared(error)) => is_cancelled(error),
+            Self::Patches(patches::Error::Shared(error)) => is_cancelled(error),
+            Self::Patches(patches::Error::Rows(error)) => match error.downcast_ref() {
+                Some(formfactor::Error::Shared(error)) => is_cancelled(error),
+                _ => false,
+            },
             _ => false,
         }
     }

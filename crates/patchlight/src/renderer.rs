@@ -213,6 +213,15 @@ impl Renderer {
         self.method.report()
     }
 
+    /// The same with what only the device knows of the last frame; waits for it.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn counted_report(&mut self) -> Result<MethodReport, Error> {
+        self.method.count(self.executor.as_mut())?;
+        Ok(self.method.report())
+    }
+
     /// A light update and a picture of it; waits. Random numbers are those of frame `number`.
     ///
     /// # Errors
@@ -233,11 +242,7 @@ impl Renderer {
         executor.submit_passes(self.frame.shade.passes())?;
         let mut times = update.times;
         times.extend(executor.wait()?);
-        let mut times = by_name(times);
-        let report = self.method.report();
-        if report.photons.is_some() {
-            times.push(("method".to_owned(), report.host_ms));
-        }
+        let times = self.with_photons(by_name(times));
         let full = self.sum(self.frame.shade.full)?;
         let direct = self.sum(self.frame.shade.direct)?;
         let indirect = match self.bake.settings.receivers {
@@ -256,7 +261,16 @@ impl Renderer {
         self.executor.wait()?;
         let mut times = self.update_light(lighting, camera)?.times;
         times.extend(self.executor.wait()?);
-        Ok(by_name(times))
+        Ok(self.with_photons(by_name(times)))
+    }
+
+    /// Times with that of the photons, which are traced before the frame.
+    fn with_photons(&self, mut times: Vec<(String, f64)>) -> Vec<(String, f64)> {
+        let report = self.method.report();
+        if report.photons.is_some() {
+            times.push(("method".to_owned(), report.host_ms));
+        }
+        times
     }
 
     /// Indirect irradiance of the last update where pixels take it from, W/m²: at the interpolation points, or of the patches

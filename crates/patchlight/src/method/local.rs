@@ -51,17 +51,6 @@ impl Local {
             Ok(Self { matrix, world_bytes, passes: None, bounce: None })
         })
     }
-
-    /// What the last frame did with the matrix; on a device the lit patches are counted there, which waits for the frame.
-    ///
-    /// # Errors
-    /// What the device says.
-    pub fn count_lit(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        if let Some(Passes::Device(copy)) = &self.passes {
-            self.matrix.set_lit(copy.lit(executor)?);
-        }
-        Ok(())
-    }
 }
 
 /// The patches of a bake as a world of the local matrix.
@@ -108,6 +97,14 @@ impl Method for Local {
             executor.submit_passes(bounce.as_slice())?;
             Ok(times)
         }))
+    }
+
+    /// Counts the lit patches where a device has them.
+    fn count(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        if let Some(Passes::Device(copy)) = &self.passes {
+            self.matrix.set_lit(copy.lit(executor)?);
+        }
+        Ok(())
     }
 
     fn report(&self) -> MethodReport {
