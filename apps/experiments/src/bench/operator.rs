@@ -10,7 +10,7 @@ use ::patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
 use faer::Mat;
 use formfactor::{Stop, jacobi};
 use glam::Vec4;
-use multibounce::{Acceleration, Channels, TileRoom, Tiles};
+use multibounce::{Acceleration, Channels, LowRank, LowRankWorkspace, TileSide, TileSource};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::operator::build::{MATRICES, check_memory};
 use patchlight::operator::measure::{exact_product, relative_error};
@@ -493,7 +493,8 @@ impl<'a> Subject<'a> {
     ) -> Result<Row, Error> {
         let SymmetricFactors { area, order, .. } = self.factors;
         let start = Instant::now();
-        let tiles = self.progress.phase("compress", |report| Tiles::encode(channels, area, order, epsilon, &report))?;
+        let source = TileSource::Symmetric { channels, patches: TileSide { area, order } };
+        let tiles = self.progress.phase("compress", |report| LowRank::encode(source, epsilon, &report))?;
         let seconds = start.elapsed().as_secs_f64();
         let mut irradiance = vec![Vec4::ZERO; self.patches()];
         let mut errors = Vec::with_capacity(self.truths.len());
@@ -502,7 +503,7 @@ impl<'a> Subject<'a> {
             let exact = truth.all.as_ref().filter(|_| operator == "T").unwrap_or(&truth.direct);
             errors.push(relative_error(&irradiance, exact, area));
         }
-        let mut workspace = TileRoom::default();
+        let mut workspace = LowRankWorkspace::default();
         let time = median_ms(|| Ok(tiles.apply_in(&mut workspace, self.own(), &mut irradiance)?))?;
         let mut row = Row {
             epsilon: Some(epsilon),

@@ -190,7 +190,7 @@ impl Receivers<'_> {
         let found = self.irradiances(&*tiles)?;
         let errors: Vec<f64> =
             found.iter().zip(exact).map(|(found, exact)| relative_error(found, exact, &area)).collect();
-        let mut workspace = RectangularRoom::default();
+        let mut workspace = LowRankWorkspace::default();
         let mut irradiance = vec![Vec4::ZERO; n];
         let time = median_ms(|| Ok(tiles.apply_in(&mut workspace, subject.own(), &mut irradiance)?))?;
         let device_ms = match device {
@@ -209,7 +209,7 @@ impl Receivers<'_> {
     }
 
     /// Compresses rows of receivers that all have this area.
-    fn encode(&self, hits: &HitCounts, area: &[f32], epsilon: f64) -> Result<RectangularTiles, Error> {
+    fn encode(&self, hits: &HitCounts, area: &[f32], epsilon: f64) -> Result<LowRank, Error> {
         let order: Vec<u32> = (0..hits.rows() as u32).collect();
         let scales = hits.scales();
         let sparse = |i: usize, each: &mut dyn FnMut(u32, f32)| {
@@ -217,23 +217,17 @@ impl Receivers<'_> {
         };
         let receivers = TileSide { area, order: &order };
         let patches = TileSide { area: &self.subject.factors.area, order: &self.subject.factors.order };
-        let made = self
-            .subject
-            .progress
-            .phase("compress", |report| RectangularTiles::encode(&sparse, receivers, patches, epsilon, &report));
+        let source = TileSource::Rows { rows: &sparse, receivers, senders: patches };
+        let made = self.subject.progress.phase("compress", |report| LowRank::encode(source, epsilon, &report));
         Ok(made?)
     }
 }
 
 /// Median time of products on a device, ms.
-fn product_ms(
-    device: &mut (dyn Executor + 'static),
-    tiles: &Arc<RectangularTiles>,
-    light: &[Vec4],
-) -> Result<f64, Error> {
+fn product_ms(device: &mut (dyn Executor + 'static), tiles: &Arc<LowRank>, light: &[Vec4]) -> Result<f64, Error> {
     let range = device.device().max_storage_buffer_range;
-    let product = Product::load(device, tiles.receivers(), tiles.senders(), range, &|plan, tables| {
-        OperatorTables::LowRank(LowRankTables::rectangular(plan, tables, tiles))
+    let product = Product::load(device, tiles.rows(), tiles.columns(), range, &|plan, tables| {
+        OperatorTables::LowRank(LowRankTables::new(plan, tables, tiles))
     })?;
     Ok(product.run(device, light, DEVICE_TURNS)?.1)
 }
