@@ -230,13 +230,6 @@ impl Machine {
         let device = executor.device();
         let gpu = (device.kind != DeviceKind::Native).then(|| device.name.clone());
         let stream_gb_s = stream_gb_s(STREAM_BYTES, STREAM_TURNS);
-        Ok(Self { cpu: cpu_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
+        Ok(Self { cpu: runtime::cpu::processor_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
     }
-}
-
-/// Name of the processor, where the system tells.
-fn cpu_name() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = text.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split_once(':'));
-    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }

@@ -247,7 +247,7 @@ impl Executor for Cpu {
 }
 
 /// The processor as Linux names it; elsewhere its architecture.
-fn processor_name() -> String {
+pub fn processor_name() -> String {
     let table = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = table.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     let name = name.map_or(std::env::consts::ARCH, |(_, name)| name.trim());
