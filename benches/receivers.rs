@@ -1,6 +1,7 @@
-//! The product H_r = F_r B of many receivers with few patches: rows of counts of hits beside compressed sparse rows, and
-//! beside the bandwidth with which the same cores read as many bytes. Receivers and hits are those of Sponza (of the
-//! built-in atrium without the shared scenes). The table is measured in turns, so that a busy machine slows all alike.
+//! The product H_r = F_r B of many receivers with few patches: rows of counts of hits beside
+//! compressed sparse rows, and beside the bandwidth with which the same cores read as many bytes.
+//! Receivers and hits are those of Sponza (of the built-in atrium without the shared scenes). The
+//! table is measured in turns, so that a busy machine slows all alike.
 
 #![allow(missing_docs)]
 

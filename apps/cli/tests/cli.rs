@@ -465,7 +465,8 @@ fn debug_pictures_show_the_bake() {
         succeeds(&arguments);
         let written = |name: &str| out.join("debug").join(format!("{name}.png")).is_file();
         assert!(always.iter().all(|name| written(name)), "{patches}, {receivers}");
-        // Elements where they are not the patches, receivers where there are some, the worst with a reference only.
+        // Elements where they are not the patches, receivers where there are some, the worst with a
+        // reference only.
         assert_eq!(written("elements"), patches == "cluster");
         for name in ["receivers", "refined"] {
             assert_eq!(written(name), receivers == "mesh", "{patches}, {receivers}: {name}");
