@@ -23,7 +23,7 @@ const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 /// Patches and form factors.
 type Row = Vec<(u32, f32)>;
 
-/// Exchange of patches along a line, most with the nearest.
+/// Form factors of patches along a line, most with the nearest.
 fn row(patch: u32, patches: u32) -> Row {
     let factor = |j: u32| {
         let far = patch.abs_diff(j) as f32;

@@ -7,6 +7,7 @@
 
 use std::hint::black_box;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use assets::import::load_or_build;
@@ -14,11 +15,14 @@ use benches::{PRODUCT_SIZES, Stream, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use experiments::Error;
 use experiments::progress::Progress;
-use formfactor::Operator;
 use glam::Vec4;
 use multibounce::BlockCodec;
-use patchlight::render::classic::{Bake, ClassicSettings, ReceiverKind};
-use patchlight::render::operator::{Codec, Feedback, Transport};
+use patchlight::method::Preparation;
+use patchlight::operator::build::{all_bounces_operator, form_factor_operator};
+use patchlight::operator::{Build, Codec, Decode, PatchOperator};
+use patchlight::{Bake, BakeSettings, ReceiverKind};
+use runtime::cpu::Cpu;
+use transport::LinearOperator;
 
 /// Turns of the table: product, stream, product, …
 const TURNS: usize = 15;
@@ -26,7 +30,7 @@ const TURNS: usize = 15;
 /// More than four times the last-level cache of large servers.
 const OUT_OF_CACHE: usize = 1100 << 20;
 
-/// Relative error of operators in tiles.
+/// Relative error of operators of low rank.
 const EPSILON: f64 = 0.01;
 
 /// Patches of the operators.
@@ -64,7 +68,7 @@ fn measure(criterion: &mut Criterion, group: &str, name: &str, n: usize, bytes: 
     );
 }
 
-fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl Operator, bytes: usize) {
+fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator, bytes: usize) {
     let n = operator.rows();
     let light = exitance(n, n);
     let mut out = vec![Vec4::ZERO; n];
@@ -76,28 +80,35 @@ fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl Operator
 /// T of the light between the patches of a scene, and F for feedback.
 fn measure_operators(criterion: &mut Criterion, scene: &str) -> Result<(), Error> {
     let loaded = load_or_build(scene)?;
-    let settings = ClassicSettings {
+    let settings = BakeSettings {
         patch_count: PATCHES,
         // No points of the surface: only the light between patches is measured.
         receivers: ReceiverKind::Pixels,
-        ..ClassicSettings::default()
+        ..BakeSettings::default()
     };
     let progress = Progress::new(true);
-    let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &progress)?;
+    let bake = Arc::new(Bake::build(&loaded.scene, &settings, &progress)?);
+    let build = Build::default();
+    let with =
+        Preparation { bake: &bake, decode: Decode::Auto, build: &build, eye: loaded.view.eye, observer: &progress };
+    let group = format!("product/{}", loaded.name);
     let blocks = BlockCodec::ALL.map(Codec::Blocks);
-    let codecs = [Codec::Dense, Codec::Half].into_iter().chain(blocks).chain([Codec::Tiles { epsilon: EPSILON }]);
-    let all_bounces = codecs.map(|codec| (format!("T-{}", codec.name()), Transport::Operator(codec)));
-    let one_bounce = ("F-tiles".to_owned(), Transport::Feedback(Feedback { epsilon: EPSILON, ..Feedback::default() }));
-    for (name, transport) in all_bounces.chain([one_bounce]) {
-        let Some(operator) = bake.operator(transport, None, &progress)? else { continue };
-        let (n, bytes) = (operator.patches(), operator.bytes());
-        let light = exitance(n, n);
-        let mut out = vec![Vec4::ZERO; n];
-        measure(criterion, &format!("product/{}", loaded.name), &name, n, bytes as usize, || {
-            operator.apply(black_box(&light), &mut out).expect("the shapes agree");
-        });
+    let low_rank = Codec::LowRank { epsilon: EPSILON };
+    for codec in [Codec::Dense, Codec::Half].into_iter().chain(blocks).chain([low_rank]) {
+        let operator = all_bounces_operator(codec, None, &with, &mut Cpu::new())?;
+        measure_operator(criterion, &group, &format!("T-{}", codec.name()), &operator);
     }
+    measure_operator(criterion, &group, "F-tiles", &form_factor_operator(EPSILON, &with)?);
     Ok(())
+}
+
+fn measure_operator(criterion: &mut Criterion, group: &str, name: &str, operator: &PatchOperator) {
+    let n = operator.patches();
+    let light = exitance(n, n);
+    let mut out = vec![Vec4::ZERO; n];
+    measure(criterion, group, name, n, operator.bytes() as usize, || {
+        operator.apply(black_box(&light), &mut out).expect("the shapes agree");
+    });
 }
 
 fn main() -> Result<(), Error> {

@@ -1,6 +1,7 @@
-//! The product H_r = F_r B of many receivers with few senders: rows of counts of hits beside compressed sparse rows, and
-//! beside the bandwidth with which the same cores read as many bytes. Receivers and hits are those of Sponza (of the
-//! built-in atrium without the shared scenes). The table is measured in turns, so that a busy machine slows all alike.
+//! The product H_r = F_r B of many receivers with few patches: rows of counts of hits beside
+//! compressed sparse rows, and beside the bandwidth with which the same cores read as many bytes.
+//! Receivers and hits are those of Sponza (of the built-in atrium without the shared scenes). The
+//! table is measured in turns, so that a busy machine slows all alike.
 
 #![allow(missing_docs)]
 
@@ -12,38 +13,39 @@ use std::time::{Duration, Instant};
 use assets::import::{LoadedScene, load, load_or_build};
 use benches::{SEED, Stream, exitance};
 use criterion::{BenchmarkId, Criterion, Throughput};
+use formfactor::HemisphereParams;
 use formfactor::kernel::hemisphere::hemisphere_ray;
-use formfactor::{Csr, HemisphereParams, HitRows, Operator};
 use glam::{IVec4, UVec3, Vec3, Vec4};
 use patches::InterpolationMesh;
 use rayon::prelude::*;
 use scene::{Hit, NONE, Scene, SidePolicy, SurfacePoint, Visibility, find_sides};
+use transport::{Csr, HitCounts, LinearOperator};
 
 const SPONZA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes/sponza/sponza.toml");
 /// Receivers.
 const ROWS: usize = 160_000;
-/// Senders at most.
+/// Patches at most.
 const COLUMNS: usize = 1 << 16;
 /// Rays of a receiver.
 const RAYS: u32 = 512;
 /// Rows whose hits are in memory at a time.
 const BLOCK: usize = 4096;
-/// Rays of a receiver from which the size of the senders is found.
+/// Rays of a receiver from which the size of the patches is found.
 const TRIAL_RAYS: u32 = 4;
 /// Turns of the table: product, stream, product, …
 const TURNS: usize = 41;
 
-/// Senders: the sides of the surface in the cells of a grid, numbered along a space-filling curve.
-struct Senders {
+/// Patches: the sides of the surface in the cells of a grid, numbered along a space-filling curve.
+struct Patches {
     cell: f32,
     numbers: HashMap<IVec4, u32>,
 }
 
-impl Senders {
-    /// The smallest cells with at most [`COLUMNS`] senders among the places that are hit.
+impl Patches {
+    /// The smallest cells with at most [`COLUMNS`] patches among the places that are hit.
     fn new(places: &[(Vec3, Vec3)]) -> Self {
         let keys = |cell: f32| {
-            let mut keys: Vec<IVec4> = places.par_iter().map(|place| sender_key(*place, cell)).collect();
+            let mut keys: Vec<IVec4> = places.par_iter().map(|place| patch_key(*place, cell)).collect();
             keys.par_sort_unstable_by_key(|key| (morton(*key), key.w));
             keys.dedup();
             keys
@@ -57,12 +59,12 @@ impl Senders {
     }
 
     fn number(&self, place: (Vec3, Vec3)) -> u32 {
-        self.numbers.get(&sender_key(place, self.cell)).copied().unwrap_or(NONE)
+        self.numbers.get(&patch_key(place, self.cell)).copied().unwrap_or(NONE)
     }
 }
 
 /// The cell of a place, and the axis and side that its normal is nearest to.
-fn sender_key((place, normal): (Vec3, Vec3), cell: f32) -> IVec4 {
+fn patch_key((place, normal): (Vec3, Vec3), cell: f32) -> IVec4 {
     let axis = normal.abs().max_position();
     (place / cell).floor().as_ivec3().extend(2 * axis as i32 + i32::from(normal[axis] > 0.0))
 }
@@ -91,8 +93,8 @@ fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     }
 }
 
-/// The rows of the receivers over senders of about the size that [`COLUMNS`] of them have.
-fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitRows {
+/// The rows of the receivers over patches of about the size that [`COLUMNS`] of them have.
+fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitCounts {
     let count = receivers.len();
     let offsets: Vec<u32> = (0..=count as u32).collect();
     let p = HemisphereParams {
@@ -109,13 +111,13 @@ fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitRows {
         (!hit.is_miss()).then(|| (scene.tables().position(hit.triangle, hit.u, hit.v), facing()))
     };
     let trial = |row: usize| (0..TRIAL_RAYS).filter_map(move |ray| place(row, ray * (RAYS / TRIAL_RAYS)));
-    let senders = Senders::new(&(0..count).into_par_iter().flat_map_iter(trial).collect::<Vec<_>>());
-    println!("senders: {} in cells of {:.3} m", senders.numbers.len(), senders.cell);
-    let mut rows = HitRows::new(senders.numbers.len()).expect("16 bits suffice");
+    let patches = Patches::new(&(0..count).into_par_iter().flat_map_iter(trial).collect::<Vec<_>>());
+    println!("patches: {} in cells of {:.3} m", patches.numbers.len(), patches.cell);
+    let mut rows = HitCounts::new(patches.numbers.len()).expect("16 bits suffice");
     for first in (0..count).step_by(BLOCK) {
         let block = BLOCK.min(count - first);
         let hit =
-            |k: usize| place(first + k / RAYS as usize, k as u32 % RAYS).map_or(NONE, |place| senders.number(place));
+            |k: usize| place(first + k / RAYS as usize, k as u32 % RAYS).map_or(NONE, |place| patches.number(place));
         let hits: Vec<u32> = (0..block * RAYS as usize).into_par_iter().map(hit).collect();
         rows.push(&hits, &vec![1.0 / RAYS as f32; block]).expect("the shapes agree");
     }
@@ -127,7 +129,7 @@ fn csr_bytes(csr: &Csr) -> usize {
 }
 
 /// Criterion's figures, then the table's row.
-fn measure(criterion: &mut Criterion, name: &str, operator: &impl Operator, tables: usize) {
+fn measure(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator, tables: usize) {
     let (rows, columns) = (operator.rows(), operator.columns());
     let light = exitance(columns, columns);
     let mut out = vec![Vec4::ZERO; rows];

@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 
 use benches::{SEED, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion};
-use formfactor::Operator;
 use glam::Vec4;
 use gpu_kernels::table::{TEMPORAL_SAMPLE_LISTS, TEMPORAL_SAMPLE_TABLES, TEMPORAL_SUM_LISTS};
 use rayon::prelude::*;
@@ -19,6 +18,7 @@ use runtime::executor::{DeviceChoice, Executor, ExecutorError, open};
 use runtime::plan::{BufferId, Plan, Range};
 use scene::sampling::{hash3, unit};
 use temporal::{AliasTables, Distribution, Packing, RayLists, SampleParams, Settings, SumParams};
+use transport::{Csr, LinearOperator};
 
 /// The sizes of the thesis's table 1.
 const SIZES: [usize; 4] = [1736, 5485, 8786, 10_422];
@@ -31,37 +31,24 @@ const LIST: usize = 1024;
 /// Turns of which the best counts.
 const TURNS: usize = 15;
 
-struct Sparse {
-    row_start: Vec<u32>,
-    columns: Vec<u32>,
-    values: Vec<f32>,
+fn rows(n: usize) -> Csr {
+    let rows: Vec<Vec<(u32, f32)>> = (0..n as u32).into_par_iter().map(|i| row(i, n)).collect();
+    Csr::from_rows(n, &rows).expect("columns are below n")
 }
 
-fn rows(n: usize) -> Sparse {
-    let made: Vec<Vec<(u32, f32)>> = (0..n as u32)
-        .into_par_iter()
-        .map(|i| {
-            let near = |k| {
-                // Half of them in the neighbourhood, half anywhere.
-                let far = if k % 2 == 0 { 0.02 } else { 1.0 };
-                let offset = far * (unit(hash3(i, k, SEED)) - 0.5) * n as f32;
-                ((i as f32 + offset).rem_euclid(n as f32) as u32).min(n as u32 - 1)
-            };
-            let mut columns: Vec<u32> = (0..ENTRIES).map(near).collect();
-            columns.sort_unstable();
-            columns.dedup();
-            let value = |&j: &u32| 1e-4 + unit(hash3(i, j, SEED + 1)).powi(6);
-            let sum: f32 = columns.iter().map(value).sum();
-            columns.iter().map(|j| (*j, 0.95 * value(j) / sum)).collect()
-        })
-        .collect();
-    let mut rows = Sparse { row_start: vec![0], columns: Vec::new(), values: Vec::new() };
-    for row in made {
-        rows.columns.extend(row.iter().map(|entry| entry.0));
-        rows.values.extend(row.iter().map(|entry| entry.1));
-        rows.row_start.push(rows.columns.len() as u32);
-    }
-    rows
+/// Row `i` of n: half of its entries in the neighbourhood, half anywhere.
+fn row(i: u32, n: usize) -> Vec<(u32, f32)> {
+    let near = |k| {
+        let far = if k % 2 == 0 { 0.02 } else { 1.0 };
+        let offset = far * (unit(hash3(i, k, SEED)) - 0.5) * n as f32;
+        ((i as f32 + offset).rem_euclid(n as f32) as u32).min(n as u32 - 1)
+    };
+    let mut columns: Vec<u32> = (0..ENTRIES).map(near).collect();
+    columns.sort_unstable();
+    columns.dedup();
+    let value = |&j: &u32| 1e-4 + unit(hash3(i, j, SEED + 1)).powi(6);
+    let sum: f32 = columns.iter().map(value).sum();
+    columns.iter().map(|j| (*j, 0.95 * value(j) / sum)).collect()
 }
 
 fn best_ms(mut work: impl FnMut()) -> f64 {
@@ -118,7 +105,8 @@ fn measure_device(
     tables: &AliasTables,
 ) -> Result<(), ExecutorError> {
     use bytemuck::{bytes_of, cast_slice};
-    let (light, out) = (exitance(n, n), vec![Vec4::ZERO; n]);
+    let light = exitance(n, n);
+    let out = vec![Vec4::ZERO; n];
     let device = executor.device().name.clone();
     for samples in SAMPLES {
         let settings = Settings { samples, ..Settings::default() };
@@ -173,77 +161,88 @@ fn main() -> Result<(), ExecutorError> {
         }
     };
     for n in SIZES.into_iter().chain(LARGE) {
-        let Sparse { row_start, columns, values } = rows(n);
-        let light = exitance(n, n);
-        let mut out = vec![Vec4::ZERO; n];
-        let entries = values.len();
-        if n < LARGE[0] {
-            let dense = factors(n, n, n);
-            let bytes = 4.0 * (n * n) as f64;
-            let ms = measure(&mut criterion, "dense", n, || {
-                dense.apply(black_box(&light), &mut out).expect("the shapes agree");
-            });
-            println!("N {n}: dense {ms:.3} ms, {:.1} GB/s", bytes * 1e-6 / ms);
-        }
-        let csr = formfactor::Csr {
-            rows: n,
-            columns: n,
-            row_start: row_start.clone(),
-            column_index: columns.clone(),
-            values: values.clone(),
-        };
-        let ms = measure(&mut criterion, "sparse", n, || {
-            csr.apply(black_box(&light), &mut out).expect("the shapes agree");
-        });
-        println!("N {n}: sparse rows of {entries} entries {ms:.3} ms, {:.1} MB", 8e-6 * entries as f64);
-
-        let start = Instant::now();
-        let lists = RayLists::from_rows(n, &row_start, &columns, &values, LIST).expect("rows are valid");
-        let lists_ms = 1e3 * start.elapsed().as_secs_f64();
-        let table =
-            |packing| AliasTables::from_rows(n, &row_start, &columns, &values, packing).expect("rows are valid");
-        let start = Instant::now();
-        let tables = table(Packing::Stacks);
-        let stacks_ms = 1e3 * start.elapsed().as_secs_f64();
-        let start = Instant::now();
-        let split = table(Packing::Split);
-        println!(
-            "N {n}: built lists {lists_ms:.1} ms, {:.1} MB; tables by stacks {stacks_ms:.1} ms, by splitting {:.1} ms, {:.1} MB, {:.2} bytes an entry",
-            1e-6 * lists.bytes() as f64,
-            1e3 * start.elapsed().as_secs_f64(),
-            1e-6 * split.bytes() as f64,
-            split.bytes() as f64 / entries as f64
-        );
-        let kinds: [(&str, &dyn Distribution); 2] = [("lists", &lists), ("tables", &tables)];
-        for (name, distribution) in kinds {
-            for samples in SAMPLES {
-                for (how, settings) in [
-                    ("", Settings { samples, ..Settings::default() }),
-                    ("-independent", Settings { samples, rotated: false, ..Settings::default() }),
-                ] {
-                    let mut frame = 0;
-                    let ms = measure(&mut criterion, &format!("{name}-{samples}{how}"), n, || {
-                        frame += 1;
-                        let p = settings.params(n as u32, 0, frame);
-                        distribution.sample(&p, black_box(&light), &light, &mut out).expect("the shapes agree");
-                    });
-                    let each = 1e6 * ms / (n as f64 * f64::from(samples));
-                    println!("N {n}, Q {samples}: {name}{how} {ms:.3} ms, {each:.2} ns a sample");
-                }
-            }
-            let settings = Settings::default();
-            let mut frame = 0;
-            let ms = measure(&mut criterion, &format!("{name}-sums"), n, || {
-                frame += 1;
-                let turn = settings.turn(n as u32, 0, frame);
-                distribution.sum(&turn, black_box(&light), &mut out).expect("the shapes agree");
-            });
-            println!("N {n}: {name}, exact sums of a {}th of the rows {ms:.3} ms", settings.refresh);
-        }
+        let rows = rows(n);
+        measure_exact(&mut criterion, n, &rows);
+        let (lists, tables) = build(n, &rows);
+        measure_samples(&mut criterion, "lists", n, &lists);
+        measure_samples(&mut criterion, "tables", n, &tables);
         if let Some(device) = device.as_deref_mut().filter(|_| n < LARGE[0]) {
             measure_device(device, n, &lists, &tables)?;
         }
     }
     criterion.final_summary();
     Ok(())
+}
+
+/// Products with dense and with sparse rows.
+fn measure_exact(criterion: &mut Criterion, n: usize, rows: &Csr) {
+    let light = exitance(n, n);
+    let mut out = vec![Vec4::ZERO; n];
+    if n < LARGE[0] {
+        let dense = factors(n, n, n);
+        let bytes = 4.0 * (n * n) as f64;
+        let ms = measure(criterion, "dense", n, || {
+            dense.apply(black_box(&light), &mut out).expect("the shapes agree");
+        });
+        println!("N {n}: dense {ms:.3} ms, {:.1} GB/s", bytes * 1e-6 / ms);
+    }
+    let entries = rows.values.len();
+    let ms = measure(criterion, "sparse", n, || {
+        rows.apply(black_box(&light), &mut out).expect("the shapes agree");
+    });
+    println!("N {n}: sparse rows of {entries} entries {ms:.3} ms, {:.1} MB", 8e-6 * entries as f64);
+}
+
+/// Lists, and tables by stacks, with the times that they take, and those of tables by splitting.
+fn build(n: usize, rows: &Csr) -> (RayLists, AliasTables) {
+    let Csr { row_start, column_index, values, .. } = rows;
+    let start = Instant::now();
+    let lists = RayLists::from_rows(n, row_start, column_index, values, LIST).expect("rows are valid");
+    let lists_ms = 1e3 * start.elapsed().as_secs_f64();
+    let (tables, stacks_ms) = alias_tables(n, rows, Packing::Stacks);
+    let (split, split_ms) = alias_tables(n, rows, Packing::Split);
+    println!(
+        "N {n}: built lists {lists_ms:.1} ms, {:.1} MB; tables by stacks {stacks_ms:.1} ms, by splitting \
+         {split_ms:.1} ms, {:.1} MB, {:.2} bytes an entry",
+        1e-6 * lists.bytes() as f64,
+        1e-6 * split.bytes() as f64,
+        split.bytes() as f64 / values.len() as f64
+    );
+    (lists, tables)
+}
+
+/// Tables, and milliseconds of making them.
+fn alias_tables(n: usize, rows: &Csr, packing: Packing) -> (AliasTables, f64) {
+    let start = Instant::now();
+    let tables = AliasTables::from_rows(n, &rows.row_start, &rows.column_index, &rows.values, packing);
+    (tables.expect("rows are valid"), 1e3 * start.elapsed().as_secs_f64())
+}
+
+/// Sampled frames, and the exact sums of those rows that come in turn.
+fn measure_samples(criterion: &mut Criterion, name: &str, n: usize, distribution: &dyn Distribution) {
+    let light = exitance(n, n);
+    let mut out = vec![Vec4::ZERO; n];
+    for samples in SAMPLES {
+        for (how, settings) in [
+            ("", Settings { samples, ..Settings::default() }),
+            ("-independent", Settings { samples, rotated: false, ..Settings::default() }),
+        ] {
+            let mut frame = 0;
+            let ms = measure(criterion, &format!("{name}-{samples}{how}"), n, || {
+                frame += 1;
+                let p = settings.params(n as u32, 0, frame);
+                distribution.sample(&p, black_box(&light), &light, &mut out).expect("the shapes agree");
+            });
+            let each = 1e6 * ms / (n as f64 * f64::from(samples));
+            println!("N {n}, Q {samples}: {name}{how} {ms:.3} ms, {each:.2} ns a sample");
+        }
+    }
+    let settings = Settings::default();
+    let mut frame = 0;
+    let ms = measure(criterion, &format!("{name}-sums"), n, || {
+        frame += 1;
+        let turn = settings.turn(n as u32, 0, frame);
+        distribution.sum(&turn, black_box(&light), &mut out).expect("the shapes agree");
+    });
+    println!("N {n}: {name}, exact sums of a {}th of the rows {ms:.3} ms", settings.refresh);
 }

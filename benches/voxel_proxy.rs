@@ -7,15 +7,17 @@
 
 use std::error::Error;
 use std::path::Path;
+use std::sync::Arc;
 
 use assets::import::LoadedScene;
 use benches::SEED;
 use experiments::progress::Progress;
 use experiments::proxy::{ProxyRadiosity, ProxySettings};
-use patchlight::render::classic::{Classic, ClassicSettings, PatchKind};
+use patches::PatchKind;
+use patchlight::{Bake, BakeSettings, RenderSettings, Renderer};
 use reference::metrics::compare_points;
 use reference::{PointErrors, ProxyLookup, ReferenceData};
-use runtime::executor::{DeviceChoice, open};
+use runtime::cpu::Cpu;
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
 /// Scenes: the name of the folder, of the file in it, and of the folder with the reference.
@@ -36,7 +38,7 @@ fn print_row(scene: &str, what: &str, geometry: &str, patches: usize, errors: &P
 }
 
 fn measure_proxy(name: &str, loaded: &LoadedScene, reference: &ReferenceData, count: usize) -> Outcome<()> {
-    let ClassicSettings { sample_rays, .. } = ClassicSettings::default();
+    let BakeSettings { sample_rays, .. } = BakeSettings::default();
     let settings = ProxySettings { patch_count: count, rays: RAYS, point_rays: sample_rays, seed: SEED };
     let proxy = ProxyRadiosity::bake(&loaded.scene, settings, &Progress::new(true))?;
     let geometry = format!("{} faces of {:.1} cm", proxy.face_count(), 100.0 * proxy.edge());
@@ -49,24 +51,24 @@ fn measure_proxy(name: &str, loaded: &LoadedScene, reference: &ReferenceData, co
 }
 
 fn measure_own(name: &str, loaded: &LoadedScene, reference: &ReferenceData, count: usize) -> Outcome<()> {
-    let settings = ClassicSettings {
+    let settings = BakeSettings {
         patches: PatchKind::Cluster,
         patch_count: count,
         // Only the points matter.
         receiver_edge: Some(0.1 * loaded.scene.diagonal()),
         receiver_rays: 16,
-        sub_frames: 1,
-        size: (16, 16),
         seed: SEED,
-        ..ClassicSettings::default()
+        ..BakeSettings::default()
     };
-    let mut classic =
-        Classic::bake(&loaded.scene, loaded.view.eye, settings, open(&DeviceChoice::Cpu)?.0, &Progress::new(true))?;
-    classic.frame(&loaded.scene.lighting.lights, &loaded.view.camera(16, 16), 0)?;
-    let ours = classic.irradiance_at(&reference.surface_points(loaded.metres_per_unit))?;
+    let progress = Progress::new(true);
+    let bake = Arc::new(Bake::build(&loaded.scene, &settings, &progress)?);
+    let render = RenderSettings { size: (16, 16), sub_frames: 1, ..RenderSettings::default() };
+    let mut renderer = Renderer::new(Arc::clone(&bake), Box::new(Cpu::new()), &render, &progress)?;
+    renderer.update_light(&loaded.scene.lighting, &loaded.view.camera(16, 16))?;
+    let ours = renderer.irradiance_at(&reference.surface_points(loaded.metres_per_unit))?;
     let errors = compare_points(&ours, &reference.point_indirect())?;
     let geometry = format!("{} triangles", loaded.scene.geometry.triangles.len());
-    print_row(name, "clusters", &geometry, classic.patch_count(), &errors);
+    print_row(name, "clusters", &geometry, bake.mesh.patches.len(), &errors);
     Ok(())
 }
 

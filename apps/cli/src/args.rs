@@ -324,7 +324,8 @@ pub struct Render {
     /// Bounces in a frame (feedback).
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub products: u32,
-    /// Bounces are not accelerated by where the light was going (feedback): it settles in about twice as many.
+    /// Bounces are not accelerated by where the light was going (feedback): it settles in about
+    /// twice as many.
     #[arg(long)]
     pub plain: bool,
     /// Relative error of the patches' irradiance at which photons are enough (firstshot).
@@ -336,11 +337,12 @@ pub struct Render {
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
     pub receivers: ReceiverPlaces,
-    /// Distance between receivers where light is even, m [default: a third of the patches' mean edge]. Receivers are the
-    /// points at which indirect light is gathered.
+    /// Distance between receivers where light is even, m [default: a third of the patches' mean
+    /// edge]. Receivers are the points at which indirect light is gathered.
     #[arg(long)]
     pub receiver_edge: Option<f32>,
-    /// Most receivers; where light bends they stand closer [default: ten thirds of as many as that distance gives].
+    /// Most receivers; where light bends they stand closer [default: ten thirds of as many as that
+    /// distance gives].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
     pub most_receivers: Option<u32>,
     /// Estimator of the form factors.
@@ -356,8 +358,9 @@ pub struct Render {
     /// first.
     #[arg(long)]
     pub reference: Option<PathBuf>,
-    /// Also write pictures into OUT/debug: colours by patch, element, axis and receiver, E and H of the patches, where receivers
-    /// were refined; with --reference the blocks that are worst (classic).
+    /// Also write pictures into OUT/debug: colours by patch, element, axis and receiver, E and H of
+    /// the patches, where receivers were refined; with --reference the blocks that are worst
+    /// (classic).
     #[arg(long)]
     pub debug: bool,
     /// Continue an interrupted path-traced picture in the same folder.

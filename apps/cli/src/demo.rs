@@ -258,7 +258,8 @@ impl Stage<'_> {
         Ok(Renderer::new(Arc::clone(self.bake), executor, &settings, progress)?)
     }
 
-    /// All frames of the first method; of the others only the light, but for the frames that are checked.
+    /// All frames of the first method; of the others only the light, but for the frames that are
+    /// checked.
     fn run(&self, method: &Method, checked: &[Checked]) -> Result<Run, Error> {
         let effort = self.effort;
         let progress = Progress::new(self.common.quiet);
@@ -403,8 +404,9 @@ fn compared_figures(out: &Path, runs: &[Run], checked: Option<&Checked>, stops: 
     }
     for (method, run) in METHODS.iter().zip(runs) {
         let Some(ours) = &run.pictures else { continue };
-        let (folder, blocks) = (out.join(method.name), (ours.full.block_means(8), traced.full.block_means(8)));
-        difference_picture(&blocks.0, &blocks.1, 0.25)?.write_png(&folder.join("difference.png"), 0.0)?;
+        let folder = out.join(method.name);
+        let blocks = [&ours.full, &traced.full].map(|picture| picture.block_means(8));
+        difference_picture(&blocks[0], &blocks[1], 0.25)?.write_png(&folder.join("difference.png"), 0.0)?;
         let caption = "difference of 8 × 8 block means: red brighter, blue darker, full colour at 25 %";
         figures.push(Figure::read(&folder, "difference.png", format!("{}: {caption}", method.title))?);
     }

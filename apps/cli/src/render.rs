@@ -293,7 +293,7 @@ impl Job<'_> {
             summary.decode = Some(decoder_name(decoder));
             progress.note(match decoder {
                 Decoder::Texture { .. } => "texture blocks are decoded by the texture unit",
-                Decoder::Kernel => "texture blocks are decoded by the kernel",
+                Decoder::Kernel => "texture blocks are decoded in the kernel",
             });
         }
         let phases = progress.phases();

@@ -100,7 +100,8 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     Ok(())
 }
 
-/// The scene that a bake names. The file comes first: a bake that cannot be read should not cost the time of its scene.
+/// The scene that a bake names. The file comes first: a bake that cannot be read should not cost
+/// the time of its scene.
 fn named_scene(path: &Path, progress: &Progress) -> Result<String, Error> {
     let file = BakeFile::open(path)?;
     for error in file.lost() {
@@ -151,7 +152,8 @@ impl Flight<'_> {
         Ok(())
     }
 
-    /// Renders frames and writes their pictures; `held` are the bytes that were resident before the matrix.
+    /// Renders frames and writes their pictures; `held` are the bytes that were resident before the
+    /// matrix.
     fn frames(&mut self, frames: u32, held: u64) -> Result<Vec<Line>, Error> {
         let mut lines = Vec::new();
         for number in 0..frames {

@@ -171,6 +171,25 @@ fn an_unknown_device_is_named() {
 }
 
 #[test]
+fn a_device_is_refused_where_only_native_code_works() {
+    for arguments in [
+        &["bake", "cornell"][..],
+        &["merge", "part.bake"],
+        &["render", "cornell", "--method", "path"],
+        &["compare", "a.exr", "b.exr"],
+        &["scene", "cornell"],
+        &["info", "cornell"],
+        &["info", "cornell", "--operator", "--codec", "dense"],
+        &["bench", "firstshot", "atrium:3000"],
+    ] {
+        let message = fails(1, &[arguments, &["--device", "vulkan"]].concat());
+        assert!(message.contains("--device vulkan") && message.contains("--device cpu"), "{message}");
+        assert!(message.contains(arguments[0]), "{message}");
+    }
+    succeeds(&["info", "cornell", "--device", "cpu"]);
+}
+
+#[test]
 fn one_product_gives_what_many_bounces_give() {
     let folder = tempfile::tempdir().unwrap();
     let full = |method: &str, more: &[&str]| {
@@ -446,7 +465,8 @@ fn debug_pictures_show_the_bake() {
         succeeds(&arguments);
         let written = |name: &str| out.join("debug").join(format!("{name}.png")).is_file();
         assert!(always.iter().all(|name| written(name)), "{patches}, {receivers}");
-        // Elements where they are not the patches, receivers where there are some, the worst with a reference only.
+        // Elements where they are not the patches, receivers where there are some, the worst with a
+        // reference only.
         assert_eq!(written("elements"), patches == "cluster");
         for name in ["receivers", "refined"] {
             assert_eq!(written(name), receivers == "mesh", "{patches}, {receivers}: {name}");

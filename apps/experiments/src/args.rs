@@ -218,7 +218,8 @@ pub fn parse_density(text: &str) -> Result<f32, String> {
 pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let wrong = || format!("`{text}` is no size; write WIDTHxHEIGHT, for example 960x540");
     let (width, height) = text.split_once('x').ok_or_else(wrong)?;
-    let (width, height) = (width.parse().map_err(|_| wrong())?, height.parse().map_err(|_| wrong())?);
+    let width = width.parse().map_err(|_| wrong())?;
+    let height = height.parse().map_err(|_| wrong())?;
     if !(1..=16_384).contains(&width) || !(1..=16_384).contains(&height) {
         return Err(format!("`{text}`: each side must be from 1 to 16384 pixels"));
     }

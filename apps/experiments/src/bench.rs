@@ -215,7 +215,8 @@ fn suited_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: u
     }
 }
 
-/// Puts a bake on the device of the options. What there is to say of the device was said when the machine was described.
+/// Puts a bake on the device of the options. What there is to say of the device was said when the
+/// machine was described.
 fn load(common: &Common, bake: &Arc<Bake>, settings: &RenderSettings, progress: &Progress) -> Result<Renderer, Error> {
     let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
     Ok(Renderer::new(Arc::clone(bake), executor, settings, progress)?)

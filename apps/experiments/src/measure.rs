@@ -1,4 +1,5 @@
-//! What is lost by storing an operator: errors of irradiance under some lights, and pictures of the matrix.
+//! What is lost by storing an operator: errors of irradiance under some lights, and pictures of the
+//! matrix.
 
 use std::f32::consts::LN_10;
 
@@ -52,7 +53,8 @@ pub fn own_light(scene: &Scene, mesh: &PatchMesh, sample_rays: u32, seed: u32) -
     mesh.source(&scene.direct_irradiance(&direct, &mesh.points))
 }
 
-/// Bounces after which exitance that began with none is within a share of where it settles, by its length, for good.
+/// Bounces after which exitance that began with none is within a share of where it settles, by its
+/// length, for good.
 pub struct Settling<'a> {
     /// The share.
     pub share: f32,
@@ -156,8 +158,8 @@ fn compact_light(mesh: &PatchMesh, light: u32, seed: u32) -> Vec<Vec4> {
     source
 }
 
-/// Orders of rows and columns that blocks can have: the patches' own, one by chance, that of tiles, that of blocks, and for
-/// few patches the one of the thesis.
+/// Orders of rows and columns that blocks can have: the patches' own, one by chance, that of tiles,
+/// that of blocks, and for few patches the one of the thesis.
 ///
 /// # Errors
 /// An order that is none.
@@ -205,8 +207,9 @@ pub fn order_errors(
     })
 }
 
-/// Pictures of an operator without compression: in the order of the patches and, where the operator has one, in its own,
-/// and of what is lost. Grey tells the power of ten, from [`DECADES`] below the greatest pixel; each pixel is a mean.
+/// Pictures of an operator without compression: in the order of the patches and, where the operator
+/// has one, in its own, and of what is lost. Grey tells the power of ten, from [`DECADES`] below
+/// the greatest pixel; each pixel is a mean.
 ///
 /// # Errors
 /// An order that is none.

@@ -34,7 +34,9 @@ pub fn write_files(shot: &FirstShot, scene: &Scene, mesh: &PatchMesh, folder: &P
     };
     let mut text = String::from("x,y,z,nx,ny,nz,area,indirect_r,indirect_g,indirect_b,standard_error\n");
     for light in shot.patch_light(mesh) {
-        let (c, n, h) = (light.patch.centroid, light.patch.normal, light.irradiance);
+        let c = light.patch.centroid;
+        let n = light.patch.normal;
+        let h = light.irradiance;
         // Writing into a string cannot fail.
         let _ = writeln!(
             text,

@@ -164,19 +164,40 @@ fn figure(f: &Figure) -> Markup {
 /// Most places of x that are named.
 const MOST_MARKS: usize = 6;
 
-fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
-    const COLORS: [&str; 8] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633"];
-    // Room for the names, some seven pixels a letter.
-    let names = p.series.iter().map(|s| &s.name).chain([&p.x]);
-    let longest = names.map(|name| name.chars().count()).max().unwrap_or(0);
-    let right = (12.0 + 7.0 * longest as f64).max(170.0);
-    let (width, height, left, bottom, top) = (590.0 + right, 240.0, 60.0, 28.0, 26.0);
-    let points = || p.series.iter().flat_map(|s| &s.points);
-    let scale = |x: f64| if p.logarithmic { x.max(f64::MIN_POSITIVE).ln() } else { x };
-    let mut marks: Vec<f64> = points().map(|point| point.0).collect();
+/// Colours of lines, over again when they are used up.
+const COLORS: [&str; 8] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633"];
+/// Height of a plot, and room at its left, its bottom and its top.
+const HEIGHT: f64 = 240.0;
+const LEFT: f64 = 60.0;
+const BOTTOM: f64 = 28.0;
+const TOP: f64 = 26.0;
+
+/// What an axis shows: from where to where.
+struct Axis {
+    first: f64,
+    last: f64,
+    is_logarithmic: bool,
+}
+
+impl Axis {
+    fn scale(&self, v: f64) -> f64 {
+        if self.is_logarithmic { v.max(f64::MIN_POSITIVE).ln() } else { v }
+    }
+
+    /// Where a value stands between both ends, from 0 to 1.
+    fn share(&self, v: f64) -> f64 {
+        let first = self.scale(self.first);
+        (self.scale(v.max(self.first)) - first) / (self.scale(self.last) - first).max(1e-12)
+    }
+}
+
+/// The x axis, and the places on it that are named.
+fn x_axis(p: &Plot) -> (Axis, Vec<f64>) {
+    let mut marks: Vec<f64> = p.series.iter().flat_map(|s| &s.points).map(|point| point.0).collect();
     marks.sort_by(f64::total_cmp);
     marks.dedup();
-    let (first, last) = (marks.first().copied().unwrap_or(0.0), marks.last().copied().unwrap_or(0.0));
+    let first = marks.first().copied().unwrap_or(0.0);
+    let last = marks.last().copied().unwrap_or(0.0);
     // What is none would be infinitely far.
     let first = if p.logarithmic { first.max(1e-6 * last) } else { first };
     if marks.len() > MOST_MARKS {
@@ -185,34 +206,49 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
             false => vec![first, last],
         };
     }
-    let along = |from: f64, to: f64, v: f64| (scale(v) - scale(from)) / (scale(to) - scale(from)).max(1e-12);
-    let greatest = points().fold(0.0f64, |a, b| a.max(b.1)).max(1e-12) * 1.08;
-    let least =
-        if p.logarithmic { points().fold(greatest, |a, b| a.min(b.1)).max(1e-3 * greatest) / 1.08 } else { 0.0 };
-    let levels: Vec<f64> = match p.logarithmic {
-        true => round_levels(least, greatest),
-        false => (0..=4).map(|step| greatest * f64::from(step) / 4.0).collect(),
-    };
-    let x = |v: f64| left + (width - left - right) * along(first, last, v.max(first));
-    let y = |v: f64| height - bottom - (height - bottom - top) * along(least, greatest, v.max(least));
+    (Axis { first, last, is_logarithmic: p.logarithmic }, marks)
+}
+
+/// The y axis, and the levels that are named.
+fn y_axis(p: &Plot) -> (Axis, Vec<f64>) {
+    let values = || p.series.iter().flat_map(|s| &s.points).map(|point| point.1);
+    let greatest = values().fold(0.0f64, f64::max).max(1e-12) * 1.08;
+    if !p.logarithmic {
+        let levels = (0..=4).map(|step| greatest * f64::from(step) / 4.0).collect();
+        return (Axis { first: 0.0, last: greatest, is_logarithmic: false }, levels);
+    }
+    let least = values().fold(greatest, f64::min).max(1e-3 * greatest) / 1.08;
+    (Axis { first: least, last: greatest, is_logarithmic: true }, round_levels(least, greatest))
+}
+
+fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
+    // Room for the names, some seven pixels a letter.
+    let names = p.series.iter().map(|s| &s.name).chain([&p.x]);
+    let longest = names.map(|name| name.chars().count()).max().unwrap_or(0);
+    let right = (12.0 + 7.0 * longest as f64).max(170.0);
+    let width = 590.0 + right;
+    let (x_axis, marks) = x_axis(p);
+    let (y_axis, levels) = y_axis(p);
+    let x = |v: f64| LEFT + (width - LEFT - right) * x_axis.share(v);
+    let y = |v: f64| HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * y_axis.share(v);
     html! {
-        svg xmlns=[namespace] viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) role="img"
+        svg xmlns=[namespace] viewBox=(format!("0 0 {width} {HEIGHT}")) width=(width) height=(HEIGHT) role="img"
             aria-label=(p.title) font-family="sans-serif" {
-            text x=(left) y="14" font-size="13" fill="currentColor" font-weight="600" { (p.title) ", " (p.unit) }
+            text x=(LEFT) y="14" font-size="13" fill="currentColor" font-weight="600" { (p.title) ", " (p.unit) }
             @for &v in &levels {
-                line x1=(left) x2=(width - right) y1=(y(v)) y2=(y(v)) stroke="#8884" {}
-                text x=(left - 6.0) y=(y(v) + 4.0) font-size="11" text-anchor="end" fill="currentColor" {
+                line x1=(LEFT) x2=(width - right) y1=(y(v)) y2=(y(v)) stroke="#8884" {}
+                text x=(LEFT - 6.0) y=(y(v) + 4.0) font-size="11" text-anchor="end" fill="currentColor" {
                     (significant(v))
                 }
             }
             @for mark in &marks {
                 // The last one must not run into what x is.
-                @let anchor = if *mark == last { "end" } else { "middle" };
-                text x=(x(*mark)) y=(height - 8.0) font-size="11" text-anchor=(anchor) fill="currentColor" {
+                @let anchor = if *mark == x_axis.last { "end" } else { "middle" };
+                text x=(x(*mark)) y=(HEIGHT - 8.0) font-size="11" text-anchor=(anchor) fill="currentColor" {
                     (if mark.fract() == 0.0 { mark.to_string() } else { significant(*mark) })
                 }
             }
-            text x=(width - right + 6.0) y=(height - 8.0) font-size="11" fill="currentColor" { (p.x) }
+            text x=(width - right + 6.0) y=(HEIGHT - 8.0) font-size="11" fill="currentColor" { (p.x) }
             @for (k, s) in p.series.iter().enumerate() {
                 @let line = s.points.iter().map(|(u, v)| format!("{:.1},{:.1}", x(*u), y(*v)));
                 polyline points=(line.collect::<Vec<_>>().join(" ")) fill="none" stroke-width="2"
@@ -220,7 +256,7 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
                 @if p.logarithmic {
                     @for (u, v) in &s.points { circle cx=(x(*u)) cy=(y(*v)) r="3" fill=(COLORS[k % COLORS.len()]) {} }
                 }
-                text x=(width - right + 6.0) y=(top + 14.0 + 16.0 * k as f64) font-size="12"
+                text x=(width - right + 6.0) y=(TOP + 14.0 + 16.0 * k as f64) font-size="12"
                     fill=(COLORS[k % COLORS.len()]) { (s.name) }
             }
         }

@@ -132,8 +132,8 @@ impl Sequence {
         Self { frames: Vec::new(), before: Vec::new(), scale: reference::stops_to_scale(stops) }
     }
 
-    /// Takes in a frame, its light and, where the matrix goes with the camera, its picture, beside those of exact
-    /// products with the same lights.
+    /// Takes in a frame, its light and, where the matrix goes with the camera, its picture, beside
+    /// those of exact products with the same lights.
     ///
     /// # Errors
     /// What the device says.
@@ -177,7 +177,8 @@ impl Sequence {
     /// What changes of the matrix round the camera took, beside making it anew in every frame in which the camera moved.
     pub fn work(&self) -> Option<String> {
         let steps = || self.frames.iter().skip(1).filter_map(|f| f.local.as_ref());
-        let (work, anew): (u64, u64) = (steps().map(|l| l.step.work).sum(), steps().map(|l| l.anew).sum());
+        let work: u64 = steps().map(|l| l.step.work).sum();
+        let anew: u64 = steps().map(|l| l.anew).sum();
         let moved: usize = steps().map(|l| l.step.entered + l.step.left).sum();
         let lit: u64 = steps().map(|l| l.product).sum();
         let all: u64 = steps().map(|l| 3 * (l.patches as u64).pow(2)).sum();

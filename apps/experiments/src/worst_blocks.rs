@@ -25,7 +25,7 @@ pub fn worst_blocks(ours: &Picture, reference: &Picture, scale: f32) -> Result<P
     blocks.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     blocks.truncate(WORST);
 
-    let (width, height) = (ours.width, ours.height);
+    let Picture { width, height, .. } = *ours;
     let mut both = Picture::new(2 * width, height);
     for y in 0..height {
         for (side, picture) in [ours, reference].into_iter().enumerate() {
@@ -36,9 +36,12 @@ pub fn worst_blocks(ours: &Picture, reference: &Picture, scale: f32) -> Result<P
     }
     both.pixels.iter_mut().for_each(|p| *p *= scale);
     for (_, block) in blocks {
-        let (x, y) = (block % difference.width * BLOCK_EDGE, block / difference.width * BLOCK_EDGE);
-        let (left, right) = (x.saturating_sub(FRAME), (x + BLOCK_EDGE + FRAME).min(width));
-        let (top, bottom) = (y.saturating_sub(FRAME), (y + BLOCK_EDGE + FRAME).min(height));
+        let x = block % difference.width * BLOCK_EDGE;
+        let y = block / difference.width * BLOCK_EDGE;
+        let left = x.saturating_sub(FRAME);
+        let right = (x + BLOCK_EDGE + FRAME).min(width);
+        let top = y.saturating_sub(FRAME);
+        let bottom = (y + BLOCK_EDGE + FRAME).min(height);
         let inside =
             |row: u32, column: u32| (y..y + BLOCK_EDGE).contains(&row) && (x..x + BLOCK_EDGE).contains(&column);
         for (row, column) in (top..bottom).flat_map(|row| (left..right).map(move |column| (row, column))) {

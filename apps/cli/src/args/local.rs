@@ -16,12 +16,13 @@ pub struct LocalArgs {
     /// Frames that the camera's path is predicted ahead (local).
     #[arg(long, default_value_t = LocalSettings::DEFAULT.look_ahead, value_parser = parse_frames)]
     pub look_ahead: f32,
-    /// Frames over which changes of the matrix come into the light, more where displayed values would change by more than
-    /// two 255ths a frame; 1 for at once (local).
+    /// Frames over which changes of the matrix come into the light, more where displayed values
+    /// would change by more than two 255ths a frame; 1 for at once (local).
     #[arg(long, default_value_t = LocalSettings::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub fade: u32,
-    /// Make all changes that suit the camera in each frame, wait for the disk, and let nothing fade: pictures as of a camera
-    /// at rest, to compare those of a moving one with. --budget, --look-ahead and --fade make no difference then (local).
+    /// Make all changes that suit the camera in each frame, wait for the disk, and let nothing
+    /// fade: pictures as of a camera at rest, to compare those of a moving one with. --budget,
+    /// --look-ahead and --fade make no difference then (local).
     #[arg(long)]
     pub at_rest: bool,
 }

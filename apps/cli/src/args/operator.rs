@@ -21,7 +21,8 @@ pub enum Storage {
     Bc6h,
     /// The same of a byte an entry: 8-bit colours on up to three lines.
     Bc7,
-    /// Rank-1 terms, dense sub-blocks and sparse residuals in tiles, with the error that --epsilon says.
+    /// Rank-1 terms, dense sub-blocks and sparse residuals in tiles, with the error that --epsilon
+    /// says.
     #[default]
     Tiles,
 }

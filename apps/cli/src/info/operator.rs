@@ -201,8 +201,8 @@ impl Operator {
 }
 
 impl Stored {
-    /// An operator as the options say; `device` is what frames would run on, and `pictures` a folder for pictures of the
-    /// matrix.
+    /// An operator as the options say; `device` is what frames would run on, and `pictures` a
+    /// folder for pictures of the matrix.
     fn of(
         operator: &'static str,
         subject: &Subject,

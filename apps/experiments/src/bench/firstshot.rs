@@ -1,5 +1,6 @@
-//! `bench firstshot`: photons, photon hits and time to an error, first shot against photons from the lights; quasi-random against
-//! random numbers; photon segments against the hierarchy's own rays.
+//! `bench firstshot`: photons, photon hits and time to an error, first shot against photons from
+//! the lights; quasi-random against random numbers; photon segments against the hierarchy's own
+//! rays.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -257,13 +258,15 @@ impl Registry for VoxelMaps {
 
 /// Lamps in the free air round the eye: on the way from it to what rays in all directions meet.
 fn lamps(loaded: &LoadedScene) -> Vec<Light> {
-    let (scene, eye) = (&loaded.scene, loaded.view.eye);
+    let scene = &loaded.scene;
+    let eye = loaded.view.eye;
     let mut lamps: Vec<Light> = Vec::new();
     let mut number = 0;
     while lamps.len() < LIGHTS as usize && number < 64 * LIGHTS {
         let (x, y) = hammersley(number * 7 % (64 * LIGHTS), 64 * LIGHTS, (hash3(1, 0, 0), hash3(2, 0, 0)));
         number += 1;
-        let ((s, c), z) = (sin_cos_turn(x), 1.0 - 2.0 * y);
+        let (s, c) = sin_cos_turn(x);
+        let z = 1.0 - 2.0 * y;
         let r = (1.0 - z * z).max(0.0).sqrt();
         let direction = Vec3::new(r * s, z, r * c);
         let hit = scene.closest_before(eye, direction, FAR);
@@ -362,10 +365,12 @@ fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
 
 /// Relative difference of the patches' irradiance (L2 by area), and what the errors of both let expect.
 fn difference(maps: &VoxelMaps, ours: &Estimate, theirs: &Estimate) -> (f64, f64) {
-    let (mut wrong, mut all) = (0.0, 0.0);
+    let mut wrong = 0.0;
+    let mut all = 0.0;
     for ((a, b), area) in maps.means(&ours.irradiance).iter().zip(maps.means(&theirs.irradiance)).zip(&maps.areas) {
         let area = f64::from(*area);
-        let (a, b) = (f64::from(luminance(*a)), f64::from(luminance(b)));
+        let a = f64::from(luminance(*a));
+        let b = f64::from(luminance(b));
         wrong += area * (a - b).powi(2);
         all += area * b * b;
     }
@@ -400,7 +405,8 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
         bvh.ray_traverse(ray, &mut hit, |r, k| triangles[k].intersect(r));
         hit.t < FAR
     };
-    let (mut ours, mut theirs) = (f64::INFINITY, f64::INFINITY);
+    let mut ours = f64::INFINITY;
+    let mut theirs = f64::INFINITY;
     let mut segments = 0;
     for _ in 0..RATE_ROUNDS {
         let start = Instant::now();
@@ -410,7 +416,8 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
         std::hint::black_box(rays.par_iter().with_min_len(1024).filter(|ray| closest(ray)).count());
         theirs = theirs.min(start.elapsed().as_secs_f64());
     }
-    let (ours, theirs) = (segments as f64 / ours * 1e-6, rays.len() as f64 / theirs * 1e-6);
+    let ours = segments as f64 / ours * 1e-6;
+    let theirs = rays.len() as f64 / theirs * 1e-6;
     let scene = format!("{} triangles", scene.geometry.triangles.len());
     Ok(Rate {
         scene,

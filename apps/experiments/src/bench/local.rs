@@ -247,7 +247,8 @@ impl Measuring<'_> {
         Ok(flown)
     }
 
-    /// A frame whose picture and light are compared with those of full radiosity; milliseconds of its passes.
+    /// A frame whose picture and light are compared with those of full radiosity; milliseconds of
+    /// its passes.
     fn compare(
         &self,
         light: &mut Renderer,

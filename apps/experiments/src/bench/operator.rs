@@ -330,14 +330,7 @@ fn measure(
     let bounces = subject.settling_bounces(&own, &both)?;
     subject.add_truths(std::iter::once(own).chain(compact_lights(mesh, common.seed)))?;
 
-    subject.add_exact(rows)?;
-    let codecs: Vec<_> = args.codecs.iter().filter_map(|codec| Blocks::codec(*codec)).collect();
-    rows.extend(blocks::measure(&subject, &codecs, device.as_deref_mut())?);
-    for &epsilon in &args.epsilons {
-        for (operator, channels) in subject.channels() {
-            rows.push(subject.low_rank(operator, channels, epsilon, device.as_deref_mut())?);
-        }
-    }
+    subject.add_rows(args, device.as_deref_mut(), rows)?;
     let receivers = match args.receivers {
         0 => None,
         _ => Receivers { scene, subject: &subject, common, args }.measure(device, rows)?,
@@ -423,7 +416,7 @@ impl<'a> Subject<'a> {
     fn settling_bounces(&self, own: &[Vec4], both: &[Acceleration; 2]) -> Result<[usize; 2], Error> {
         let factors = &self.factors.factors;
         let settling = Settling { share: 1e-3, albedo: &self.mesh.albedo, source: own, factors };
-        settling.bounces(both.clone())
+        settling.bounces(*both)
     }
 
     /// Finds what lights give without compression.
@@ -460,7 +453,26 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// Rows without compression: a sparse product, three bounces of classic radiosity, dense products.
+    /// The rows of operators from patch to patch.
+    fn add_rows(
+        &self,
+        args: &Bench,
+        mut device: Option<&mut (dyn Executor + 'static)>,
+        rows: &mut Vec<Row>,
+    ) -> Result<(), Error> {
+        self.add_exact(rows)?;
+        let codecs: Vec<_> = args.codecs.iter().filter_map(|codec| Blocks::codec(*codec)).collect();
+        rows.extend(blocks::measure(self, &codecs, device.as_deref_mut())?);
+        for &epsilon in &args.epsilons {
+            for (operator, channels) in self.channels() {
+                rows.push(self.low_rank(operator, channels, epsilon, device.as_deref_mut())?);
+            }
+        }
+        Ok(())
+    }
+
+    /// Rows without compression: a sparse product, three bounces of classic radiosity, dense
+    /// products.
     fn add_exact(&self, rows: &mut Vec<Row>) -> Result<(), Error> {
         let sparse = &self.factors.factors;
         let bytes = (size_of_val(&sparse.row_start[..]) + 8 * sparse.values.len()) as u64;

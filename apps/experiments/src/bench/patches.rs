@@ -1,5 +1,5 @@
-//! Patches of any kind, receivers on the mesh: errors over their numbers, where the errors come from, and lights that the
-//! bake has not seen.
+//! Patches of any kind, receivers on the mesh: errors over their numbers, where the errors come
+//! from, and lights that the bake has not seen.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -29,7 +29,8 @@ use patchlight::{BakeSettings, Estimator, PatchBake, Pictures, ReceiverKind, Ren
 const MAIN_COUNT: u32 = 10_000;
 /// Form factors of the proxy are dense: beyond this number they take gigabytes.
 const MOST_PROXY_FACES: u32 = 10_000;
-/// Of the break-down: more patches, samples a patch and their rays, rays of patches and elements, rays of receivers.
+/// Of the break-down: more patches, samples a patch and their rays, rays of patches and elements,
+/// rays of receivers.
 const MORE_PATCHES: usize = 4;
 const MORE_SAMPLES: u32 = 4;
 const MORE_RAYS: u32 = 8;
@@ -233,7 +234,8 @@ impl Experiment<'_> {
         })
     }
 
-    /// A bake on a device, of the last patches if only receivers differ, and the seconds that it takes from the beginning.
+    /// A bake on a device, of the last patches if only receivers differ, and the seconds that it
+    /// takes from the beginning.
     fn bake(&mut self, case: &Case) -> Result<(Renderer, f64), Error> {
         let start = self.progress.phases().len();
         let known = self.patches.take().filter(|(patches, _)| patches.are_of(&case.bake));
@@ -548,7 +550,8 @@ impl Experiment<'_> {
                 self.main_count
             ),
         ];
-        let (mut tables, mut plots) = (Vec::new(), Vec::new());
+        let mut tables = Vec::new();
+        let mut plots = Vec::new();
         for (part, table) in [
             (Part::Patches, patches_table(&rows)),
             (Part::BreakDown, break_down_table(&rows)),

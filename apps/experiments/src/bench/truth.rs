@@ -54,7 +54,8 @@ impl Truth {
             return Ok(None);
         };
         let data = ReferenceData::load(&folder)?;
-        let (points, point_indirect) = (data.surface_points(loaded.metres_per_unit), data.point_indirect());
+        let points = data.surface_points(loaded.metres_per_unit);
+        let point_indirect = data.point_indirect();
         let Some(indirect) = data.indirect else { return Ok(None) };
         let direct = match data.direct {
             Some(direct) => direct,

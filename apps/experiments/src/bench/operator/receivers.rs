@@ -67,7 +67,8 @@ pub(super) struct Receivers<'a> {
 /// no light comes anywhere.
 fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<SurfacePoint>, Error> {
     let Some(sampler) = lit_sampler(scene, patches, seed)? else { return Ok(Vec::new()) };
-    let (mut samples, mut wanted) = (Vec::new(), count);
+    let mut samples = Vec::new();
+    let mut wanted = count;
     for _ in 0..MORE_TIMES {
         samples = sampler.samples(wanted as u32, hash3(seed, 0, 0x7265_6365));
         if samples.len() >= count || samples.is_empty() {
@@ -83,7 +84,8 @@ fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<
     Ok(ordered((0..).zip(&samples).map(point).collect(), &[]))
 }
 
-/// Points in an order in which neighbours are alike, by their mean visible points unless those are unknown.
+/// Points in an order in which neighbours are alike, by their mean visible points unless those are
+/// unknown.
 fn ordered(points: Vec<SurfacePoint>, mean_visible: &[Vec4]) -> Vec<SurfacePoint> {
     let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = points.iter().map(|p| (p.position, p.normal)).unzip();
     let order = halving_order(&positions, &normals, mean_visible);
