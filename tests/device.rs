@@ -1,14 +1,17 @@
 //! Devices: choice, messages, limits, transfers, clocks. Skipped without Vulkan, but for what must work without.
 
+use std::sync::Arc;
+
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
 use integration_tests::vulkan;
-use multibounce::{Proceed, RectangularTiles, TileSide, halving_order};
-use patchlight::render::operator::receivers_on_device;
+use multibounce::{LowRank, Proceed, TileSide, TileSource, halving_order};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
 use runtime::plan::{BufferId, PassId, Plan};
+use runtime::recipe::Tables;
+use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::sampling::{hash3, unit};
 use transport::LinearOperator;
@@ -372,16 +375,22 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let (order, sender_order) = (line(421), line(300));
     let receivers = TileSide { area: &[1.0; 421], order: &order };
     let senders = TileSide { area: &area, order: &sender_order };
-    let tiles = RectangularTiles::encode(&rows, receivers, senders, 0.02, &|_, _| Proceed::Continue(())).unwrap();
+    let tiles =
+        LowRank::encode(TileSource::Rows { rows: &rows, receivers, senders }, 0.02, &|_, _| Proceed::Continue(()))
+            .unwrap();
     let light: Vec<Vec4> =
         (0..300).map(|j| Vec4::new(random(j, 0, 9), random(j, 1, 9), random(j, 2, 9), 0.0)).collect();
     let mut expected = vec![Vec4::ZERO; 421];
     tiles.apply(&light, &mut expected).unwrap();
     let mut other = light.clone();
     other[299].y *= 2.0;
+    let tiles = Arc::new(tiles);
     let check = |executor: &mut dyn Executor| {
-        assert_eq!(receivers_on_device(executor, &tiles, &light, 1).unwrap().0, expected);
-        assert_ne!(receivers_on_device(executor, &tiles, &other, 1).unwrap().0, expected);
+        let make =
+            |plan: &mut Plan, tables: &mut Tables| OperatorTables::LowRank(LowRankTables::new(plan, tables, &tiles));
+        let product = Product::load(executor, 421, 300, u64::MAX, &make).unwrap();
+        assert_eq!(product.run(executor, &light, 1).unwrap().0, expected);
+        assert_ne!(product.run(executor, &other, 1).unwrap().0, expected);
     };
     check(&mut Cpu::new());
     if let Some(mut executor) = vulkan() {

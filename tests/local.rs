@@ -1,21 +1,22 @@
 //! The matrix round the camera through the whole pipeline, on the CPU and, where there is a device, on Vulkan.
 
+use std::sync::Arc;
+
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
-use experiments::progress::Progress;
 use glam::Vec3;
+use integration_tests::setup::Setup;
 use integration_tests::vulkan;
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use patchlight::render::local::LocalOptions;
-use patchlight::render::operator::Transport;
+use patches::PatchKind;
+use patchlight::method::LocalSettings;
+use patchlight::{Bake, Estimator, MethodSettings, Pictures, ReceiverKind};
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::math::luminance;
 
 const SIZE: (u32, u32) = (48, 36);
 
-fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Bake {
-    let settings = ClassicSettings {
+fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Arc<Bake> {
+    let settings = Setup {
         patches,
         patch_count: 250,
         estimator: Estimator::Hemisphere { rays: 512 },
@@ -25,17 +26,22 @@ fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Ba
         sub_frames: 4,
         seed: 3,
         size: SIZE,
-        ..ClassicSettings::default()
+        ..Setup::default()
     };
-    Bake::new(&loaded.scene, loaded.view.eye, settings, &Progress::new(true)).unwrap()
+    settings.bake(loaded).unwrap()
+}
+
+/// What a bake is rendered with.
+fn loader(method: MethodSettings) -> Setup {
+    Setup { method, sub_frames: 4, size: SIZE, ..Setup::default() }
 }
 
 fn cpu() -> Box<dyn Executor> {
     open(&DeviceChoice::Cpu).unwrap().0
 }
 
-fn local(slots: usize) -> LocalOptions {
-    LocalOptions { slots, budget: 16, ..LocalOptions::DEFAULT }
+fn local(slots: usize) -> LocalSettings {
+    LocalSettings { slots, budget: 16, ..LocalSettings::DEFAULT }
 }
 
 fn distance(a: &[Vec3], b: &[Vec3]) -> f32 {
@@ -46,34 +52,33 @@ fn distance(a: &[Vec3], b: &[Vec3]) -> f32 {
 /// Light of the surfaces while the camera flies through the scene, frame by frame; the last picture; patches that entered.
 fn flight(
     loaded: &LoadedScene,
-    bake: &Bake,
-    transport: Transport,
+    bake: &Arc<Bake>,
+    method: MethodSettings,
     executor: Box<dyn Executor>,
     frames: u32,
 ) -> (Vec<Vec<Vec3>>, Pictures, usize) {
-    let mut light = bake.clone().load(transport, executor, &Progress::new(true)).unwrap();
-    let (path, lights) = (Animation::fly(loaded), &loaded.scene.lighting.lights);
+    let mut light = loader(method).load(loaded, bake, executor).unwrap();
+    let path = Animation::fly(loaded);
+    let lighting = &loaded.scene.lighting;
     let (mut shown, mut entered) = (Vec::new(), 0);
     for frame in 0..frames {
-        light.look(path.at(frame as f32 / frames as f32).1.eye);
-        light.advance(lights).unwrap();
+        let view = path.at(frame as f32 / frames as f32).1;
+        light.advance(lighting, &view.camera(SIZE.0, SIZE.1)).unwrap();
         shown.push(light.surface_irradiance().unwrap());
-        entered += light.local_frame().map_or(0, |frame| frame.step.entered);
+        entered += light.report().local.map_or(0, |frame| frame.step.entered);
     }
-    let pictures = light.frame(lights, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
+    let pictures = light.picture(lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
     (shown, pictures, entered)
 }
 
 #[test]
 fn few_merged_patches_light_a_scene_almost_as_all_do_and_nothing_pops() {
     let loaded = procedural::build("atrium:3000").unwrap();
-    for (patches, receivers) in
-        [(PatchKind::Cluster, ReceiverKind::Mesh), (PatchKind::Axis, ReceiverKind::SelfReceivers)]
-    {
+    for (patches, receivers) in [(PatchKind::Cluster, ReceiverKind::Mesh), (PatchKind::Axis, ReceiverKind::Patches)] {
         let bake = bake(&loaded, patches, receivers);
-        let (all, ..) = flight(&loaded, &bake, Transport::Local(local(4096)), cpu(), 2);
+        let (all, ..) = flight(&loaded, &bake, MethodSettings::Local(local(4096)), cpu(), 2);
         let errors = [8, 32, 128].map(|slots| {
-            let (shown, _, entered) = flight(&loaded, &bake, Transport::Local(local(slots)), cpu(), 40);
+            let (shown, _, entered) = flight(&loaded, &bake, MethodSettings::Local(local(slots)), cpu(), 40);
             let jump = shown.windows(2).map(|two| distance(&two[1], &two[0])).fold(0.0, f32::max);
             let error = distance(&shown[39], &all[1]);
             println!(
@@ -92,14 +97,14 @@ fn few_merged_patches_light_a_scene_almost_as_all_do_and_nothing_pops() {
 fn all_patches_in_the_matrix_are_classic_radiosity() {
     let loaded = procedural::build("cornell").unwrap();
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
-    let (exact, _, none) = flight(&loaded, &bake, Transport::Classic, cpu(), 1);
-    let (shown, _, entered) = flight(&loaded, &bake, Transport::Local(local(4096)), cpu(), 3);
+    let (exact, _, none) = flight(&loaded, &bake, MethodSettings::Classic, cpu(), 1);
+    let (shown, _, entered) = flight(&loaded, &bake, MethodSettings::Local(local(4096)), cpu(), 3);
     assert_eq!((none, entered), (0, 0));
     // Form factors are made reciprocal: they were, but for rounding and the balance's own rest.
     let error = distance(&shown[2], &exact[0]);
     println!("{error}");
     assert!(error < 2e-3, "{error}");
-    let (few, ..) = flight(&loaded, &bake, Transport::Local(local(4)), cpu(), 1);
+    let (few, ..) = flight(&loaded, &bake, MethodSettings::Local(local(4)), cpu(), 1);
     assert!(distance(&few[0], &exact[0]) > 2e-3);
 }
 
@@ -107,7 +112,7 @@ fn all_patches_in_the_matrix_are_classic_radiosity() {
 fn both_executors_and_two_runs_give_the_same_light() {
     let loaded = procedural::build("atrium:3000").unwrap();
     let bake = bake(&loaded, PatchKind::Cluster, ReceiverKind::Mesh);
-    let transport = Transport::Local(local(64));
+    let transport = MethodSettings::Local(local(64));
     let (ours, pictures, entered) = flight(&loaded, &bake, transport, cpu(), 12);
     assert!(entered > 0 && ours[11] != ours[0]);
     let again = flight(&loaded, &bake, transport, cpu(), 12);
@@ -134,7 +139,7 @@ fn white_furnace() {
     let loaded = procedural::build("furnace").unwrap();
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
     for slots in [4, 24, 4096] {
-        let (_, pictures, _) = flight(&loaded, &bake, Transport::Local(local(slots)), cpu(), 4);
+        let (_, pictures, _) = flight(&loaded, &bake, MethodSettings::Local(local(slots)), cpu(), 4);
         let error = furnace_error(&loaded, &pictures);
         println!("{slots} slots: {error}");
         assert!(error < 0.01, "{slots}: {error}");
@@ -150,7 +155,7 @@ fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
     let outside =
         loaded.scene.lighting.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
-    let (_, pictures, _) = flight(&loaded, &bake, Transport::Local(local(4096)), cpu(), 4);
+    let (_, pictures, _) = flight(&loaded, &bake, MethodSettings::Local(local(4096)), cpu(), 4);
     let pixels = &pictures.full.pixels;
     let inside = pixels.iter().map(|p| luminance(*p)).sum::<f32>() / pixels.len() as f32;
     assert!(outside > 0.0 && inside < 1e-4 * outside, "inside {inside}, outside {outside}");
@@ -161,9 +166,9 @@ fn settings_out_of_their_range_are_refused() {
     let loaded = procedural::build("cornell").unwrap();
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
     for options in
-        [LocalOptions { budget: 0, ..LocalOptions::DEFAULT }, LocalOptions { fade: 0, ..LocalOptions::DEFAULT }]
+        [LocalSettings { budget: 0, ..LocalSettings::DEFAULT }, LocalSettings { fade: 0, ..LocalSettings::DEFAULT }]
     {
-        let Err(error) = bake.clone().load(Transport::Local(options), cpu(), &Progress::new(true)) else {
+        let Err(error) = loader(MethodSettings::Local(options)).load(&loaded, &bake, cpu()) else {
             panic!("{options:?} passes");
         };
         let message = error.to_string();

@@ -171,7 +171,7 @@ fn rays(scene: &scene::Scene, count: u32) -> Vec<Ray> {
         let number = |axis| unit(hash3(3 * k + axis, stream, 2025));
         Vec3::new(number(0), number(1), number(2))
     };
-    let (low, high) = scene.bounds;
+    let (low, high) = scene.geometry.bounds;
     (0..count)
         .map(|k| {
             let axis = [Vec3::X, Vec3::NEG_Y, Vec3::Z][(k / 8 % 3) as usize];
@@ -186,7 +186,7 @@ fn rays(scene: &scene::Scene, count: u32) -> Vec<Ray> {
 fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
     let Some(mut vulkan) = vulkan() else { return };
     let scene = procedural::build("atrium:12000").expect("the built-in scene is valid").scene;
-    assert!(scene.triangles.len() >= 10_000);
+    assert!(scene.geometry.triangles.len() >= 10_000);
     let kernel = &gpu_kernels::table::SCENE_CLOSEST_HIT;
     let count = 100_000;
     let buffer = |bytes| Data::Buffer(bytes);
@@ -196,12 +196,12 @@ fn a_hundred_thousand_rays_hit_the_same_in_every_bit() {
         push: bytemuck::bytes_of(&CountParams { count }).to_vec(),
         bindings: vec![
             buffer(Bytes::of(&rays(&scene, count))),
-            buffer(Bytes::of(&scene.nodes)),
-            buffer(Bytes::of(&scene.triangles)),
-            buffer(Bytes::of(&scene.uvs)),
+            buffer(Bytes::of(&scene.geometry.nodes)),
+            buffer(Bytes::of(&scene.geometry.triangles)),
+            buffer(Bytes::of(&scene.geometry.uvs)),
             buffer(Bytes::of(&scene.materials)),
-            buffer(Bytes::of(&scene.textures)),
-            buffer(Bytes::of(&scene.texels)),
+            buffer(Bytes::of(&scene.geometry.textures)),
+            buffer(Bytes::of(&scene.geometry.texels)),
             buffer(Bytes::of(&vec![Hit::MISS; count as usize])),
         ],
     };

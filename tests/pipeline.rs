@@ -2,16 +2,18 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use experiments::progress::Progress;
 use formfactor::{Hemisphere, Stop, balance, closure_residual, form_factors, jacobi, reciprocity_residual};
 use glam::{Vec3, Vec4};
+use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use multibounce::BlockCodec;
+use patches::PatchKind;
 use patches::{PatchSize, SubdivideSettings, subdivide};
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use patchlight::render::decode::{Decode, Decoder};
-use patchlight::render::operator::{Codec, Feedback, Transport};
+use patchlight::method::FeedbackSettings;
+use patchlight::method::multibounce::Multibounce;
+use patchlight::operator::{Codec, Decode, decoder_name};
+use patchlight::renderer::with_lights;
+use patchlight::{Estimator, MethodSettings, Pictures, ReceiverKind, Renderer};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
 use scene::{Scene, SceneParts};
@@ -20,19 +22,18 @@ use std::sync::Arc;
 
 const SIZE: (u32, u32) = (48, 36);
 
-fn settings(patches: usize) -> ClassicSettings {
-    ClassicSettings {
+fn settings(patches: usize) -> Setup {
+    Setup {
         patches: PatchKind::Polygon,
         patch_count: patches,
         estimator: Estimator::Hemisphere { rays: 1024 },
         bounces: None,
-        receiver_edge: None,
         most_receivers: None,
         receiver_rays: 256,
         sub_frames: 8,
         seed: 3,
         size: SIZE,
-        ..ClassicSettings::default()
+        ..Setup::default()
     }
 }
 
@@ -40,11 +41,15 @@ fn render(loaded: &LoadedScene, executor: Box<dyn Executor>) -> Pictures {
     render_with(loaded, executor, settings(300))
 }
 
-fn render_with(loaded: &LoadedScene, executor: Box<dyn Executor>, settings: ClassicSettings) -> Pictures {
-    let progress = Progress::new(true);
-    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &progress).unwrap();
+fn render_with(loaded: &LoadedScene, executor: Box<dyn Executor>, settings: Setup) -> Pictures {
+    let mut classic = settings.renderer(loaded, executor).unwrap();
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
-    classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures
+    classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures
+}
+
+/// Name of what decodes texture blocks.
+fn decoder_of(renderer: &Renderer) -> Option<&'static str> {
+    renderer.method().as_any().downcast_ref::<Multibounce>()?.decoder().map(decoder_name)
 }
 
 fn cpu() -> Box<dyn Executor> {
@@ -146,7 +151,7 @@ fn both_executors_render_the_same_pictures() {
     let ours = render(&loaded, cpu());
     check_same(&ours, &render(&loaded, Box::new(vulkan))).unwrap();
     // Another seed gives another picture.
-    let other = render_with(&loaded, cpu(), ClassicSettings { seed: 4, ..settings(300) });
+    let other = render_with(&loaded, cpu(), Setup { seed: 4, ..settings(300) });
     assert!(check_same(&ours, &other).is_err());
 }
 
@@ -161,22 +166,23 @@ fn indirect_error(ours: &Pictures, exact: &Pictures) -> f32 {
 fn every_codec_renders_the_picture_of_the_dense_operator() {
     let loaded = procedural::build("cornell").unwrap();
     for (patches, receivers, worst) in
-        [(PatchKind::Polygon, ReceiverKind::Mesh, 0.002), (PatchKind::Axis, ReceiverKind::SelfReceivers, 0.03)]
+        [(PatchKind::Polygon, ReceiverKind::Mesh, 0.002), (PatchKind::Axis, ReceiverKind::Patches, 0.03)]
     {
-        let render = |transport: Transport, bounces: Option<u32>| {
-            let settings = ClassicSettings { transport, patches, receivers, bounces, ..settings(150) };
+        let render = |method: MethodSettings, bounces: Option<u32>| {
+            let settings = Setup { method, patches, receivers, bounces, ..settings(150) };
             render_with(&loaded, cpu(), settings)
         };
-        let exact = render(Transport::Operator(Codec::Dense), None);
+        let exact = render(MethodSettings::Multibounce(Codec::Dense), None);
         // F is made reciprocal for operators, so the light is not quite that of classic radiosity.
-        let classic = indirect_error(&render(Transport::Classic, None), &exact);
+        let classic = indirect_error(&render(MethodSettings::Classic, None), &exact);
         assert!(classic < 0.02, "{patches:?}: {classic}");
         let blocks = BlockCodec::ALL.map(|codec| (Codec::Blocks(codec), worst));
-        for (codec, limit) in [(Codec::Half, 1e-4), (Codec::Tiles { epsilon: 0.01 }, worst)].into_iter().chain(blocks) {
-            let found = indirect_error(&render(Transport::Operator(codec), None), &exact);
+        for (codec, limit) in [(Codec::Half, 1e-4), (Codec::LowRank { epsilon: 0.01 }, worst)].into_iter().chain(blocks)
+        {
+            let found = indirect_error(&render(MethodSettings::Multibounce(codec), None), &exact);
             println!("{patches:?}, {codec:?}: {found}");
             assert!(found < limit, "{patches:?}, {codec:?}: {found}");
-            let few = indirect_error(&render(Transport::Operator(codec), Some(3)), &exact);
+            let few = indirect_error(&render(MethodSettings::Multibounce(codec), Some(3)), &exact);
             assert!(few > worst, "{patches:?}, {codec:?} with three bounces: {few}");
         }
     }
@@ -185,13 +191,14 @@ fn every_codec_renders_the_picture_of_the_dense_operator() {
 #[test]
 fn both_executors_render_the_same_pictures_with_operators() {
     let loaded = procedural::build("cornell").unwrap();
-    let (half, blocks) = (Transport::Operator(Codec::Half), Transport::Operator(Codec::Blocks(BlockCodec::Bc1)));
-    for transport in [half, blocks, Transport::Feedback(Feedback::default())] {
+    let (half, blocks) =
+        (MethodSettings::Multibounce(Codec::Half), MethodSettings::Multibounce(Codec::Blocks(BlockCodec::Bc1)));
+    for transport in [half, blocks, MethodSettings::Feedback(FeedbackSettings::default())] {
         let Some(vulkan) = vulkan() else { return };
-        let by_operator = ClassicSettings { transport, ..settings(150) };
+        let by_operator = Setup { method: transport, ..settings(150) };
         let ours = render_with(&loaded, cpu(), by_operator);
         check_same(&ours, &render_with(&loaded, Box::new(vulkan), by_operator)).unwrap();
-        let other = render_with(&loaded, cpu(), ClassicSettings { bounces: Some(3), ..by_operator });
+        let other = render_with(&loaded, cpu(), Setup { bounces: Some(3), ..by_operator });
         assert!(check_same(&ours, &other).is_err(), "{transport:?}");
     }
 }
@@ -208,15 +215,13 @@ fn texture_units_give_the_pictures_that_kernels_do() {
                 println!("skipped: the device has no textureCompressionBC");
                 return None;
             }
-            let transport = Transport::Operator(Codec::Blocks(codec));
-            let settings = ClassicSettings { transport, decode, bounces, ..settings(150) };
-            let mut classic =
-                Classic::bake(&loaded.scene, loaded.view.eye, settings, Box::new(vulkan), &Progress::new(true))
-                    .unwrap();
+            let transport = MethodSettings::Multibounce(Codec::Blocks(codec));
+            let settings = Setup { method: transport, decode, bounces, ..settings(150) };
+            let mut classic = settings.renderer(&loaded, Box::new(vulkan)).unwrap();
             let taken = if decode == Decode::Texture { "texture" } else { "kernel" };
-            assert_eq!(classic.decoder().map(Decoder::name), Some(taken));
+            assert_eq!(decoder_of(&classic), Some(taken));
             let camera = loaded.view.camera(SIZE.0, SIZE.1);
-            let pictures = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures;
+            let pictures = classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures;
             Some((pictures, classic.surface_irradiance().unwrap()))
         };
         let Some((kernel, exact)) = render(Decode::Kernel, None) else { return };
@@ -239,7 +244,7 @@ fn texture_units_give_the_pictures_that_kernels_do() {
 #[test]
 fn the_furnace_is_closed_with_every_format_of_blocks() {
     let loaded = procedural::build("furnace").unwrap();
-    let with = |codec, bounces| ClassicSettings { transport: Transport::Operator(codec), bounces, ..settings(200) };
+    let with = |codec, bounces| Setup { method: MethodSettings::Multibounce(codec), bounces, ..settings(200) };
     let dense = render_with(&loaded, cpu(), with(Codec::Dense, None));
     check_furnace_within(0.02, &loaded, &dense).unwrap();
     let off = |pictures: &Pictures| (mean(&pictures.full) / mean(&dense.full) - 1.0).abs();
@@ -250,7 +255,7 @@ fn the_furnace_is_closed_with_every_format_of_blocks() {
         let few = render_with(&loaded, cpu(), with(Codec::Blocks(codec), Some(3)));
         assert!(check_furnace_within(0.02, &loaded, &few).is_err() && off(&few) > 0.015, "{codec:?}");
         if let Some(vulkan) = vulkan().filter(|vulkan| vulkan.device().has_block_images) {
-            let by_texture = ClassicSettings { decode: Decode::Texture, ..with(Codec::Blocks(codec), None) };
+            let by_texture = Setup { decode: Decode::Texture, ..with(Codec::Blocks(codec), None) };
             let found = off(&render_with(&loaded, Box::new(vulkan), by_texture));
             println!("{codec:?}, texture unit: {found}");
             // Entries are alike here, so what lavapipe rounds off has one sign: 1.7/255 of a texel, twice that of its square.
@@ -267,17 +272,19 @@ fn feedback_follows_a_light_that_changes() {
     let mut brighter = loaded.scene.lighting.lights.clone();
     brighter.iter_mut().for_each(|light| light.color *= 3.0);
     // The light of this and of the frames after it, once the lights are brighter in the second.
-    let frames = |transport: Transport, count: u32| -> Vec<Pictures> {
-        let settings = ClassicSettings { transport, ..settings(150) };
-        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
-        let frame =
-            |k| classic.frame(if k == 0 { &loaded.scene.lights } else { &brighter }, &camera, 0).unwrap().pictures;
+    let frames = |method: MethodSettings, count: u32| -> Vec<Pictures> {
+        let settings = Setup { method, ..settings(150) };
+        let mut classic = settings.renderer(&loaded, cpu()).unwrap();
+        let frame = |k| {
+            let lights = if k == 0 { &loaded.scene.lighting.lights } else { &brighter };
+            classic.picture(&with_lights(&loaded.scene, lights), &camera, 0).unwrap().pictures
+        };
         (0..count).map(frame).collect()
     };
-    let exact = frames(Transport::Operator(Codec::Dense), 2);
+    let exact = frames(MethodSettings::Multibounce(Codec::Dense), 2);
     let run = |products: u32, accelerated: bool| -> Vec<f32> {
-        let feedback = Feedback { epsilon: 1e-4, products, accelerated };
-        let found = frames(Transport::Feedback(feedback), 5);
+        let feedback = FeedbackSettings { epsilon: 1e-4, products, accelerated };
+        let found = frames(MethodSettings::Feedback(feedback), 5);
         assert!(indirect_error(&found[0], &exact[0]) < 1e-3, "settled before the first frame");
         let errors: Vec<f32> = found[1..].iter().map(|found| indirect_error(found, &exact[1])).collect();
         println!("{products} products, accelerated {accelerated}: {errors:.5?}");
@@ -295,10 +302,10 @@ fn feedback_follows_a_light_that_changes() {
 fn clusters_carry_the_light_that_polygons_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, patches: PatchKind| {
-        let settings = ClassicSettings { patches, ..settings(600) };
-        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+        let settings = Setup { patches, ..settings(600) };
+        let mut classic = settings.renderer(&loaded, cpu()).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
-        mean(&classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect)
+        mean(&classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect)
     };
     let polygons = light(&loaded, PatchKind::Polygon);
     let off = |x: f32| (x / polygons - 1.0).abs();

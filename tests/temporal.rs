@@ -1,14 +1,17 @@
 //! Temporal radiosity through the whole pipeline, on the CPU and, where there is a device, on Vulkan.
 
+use std::sync::Arc;
+
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
-use experiments::progress::Progress;
 use glam::Vec3;
+use integration_tests::setup::Setup;
 use integration_tests::vulkan;
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use patchlight::render::operator::Transport;
-use patchlight::render::temporal::{RowKind, Sampled, Temporal};
+use patches::PatchKind;
+use patchlight::method::TemporalSettings;
+use patchlight::method::temporal::{RowKind, Sampled};
+use patchlight::renderer::with_lights;
+use patchlight::{Bake, Estimator, MethodSettings, Pictures, ReceiverKind};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::Light;
 use scene::math::luminance;
@@ -16,8 +19,8 @@ use temporal::{Blend, Settings};
 
 const SIZE: (u32, u32) = (48, 36);
 
-fn settings(patches: PatchKind, receivers: ReceiverKind) -> ClassicSettings {
-    ClassicSettings {
+fn settings(patches: PatchKind, receivers: ReceiverKind) -> Setup {
+    Setup {
         patches,
         patch_count: 250,
         estimator: Estimator::Hemisphere { rays: 512 },
@@ -27,12 +30,17 @@ fn settings(patches: PatchKind, receivers: ReceiverKind) -> ClassicSettings {
         sub_frames: 4,
         seed: 3,
         size: SIZE,
-        ..ClassicSettings::default()
+        ..Setup::default()
     }
 }
 
-fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Bake {
-    Bake::new(&loaded.scene, loaded.view.eye, settings(patches, receivers), &Progress::new(true)).unwrap()
+fn bake(loaded: &LoadedScene, patches: PatchKind, receivers: ReceiverKind) -> Arc<Bake> {
+    settings(patches, receivers).bake(loaded).unwrap()
+}
+
+/// What a bake is rendered with.
+fn loader(method: MethodSettings) -> Setup {
+    Setup { method, sub_frames: 4, size: SIZE, ..Setup::default() }
 }
 
 fn cpu() -> Box<dyn Executor> {
@@ -54,50 +62,49 @@ fn away(loaded: &LoadedScene) -> Vec<Light> {
 /// last picture.
 fn frames(
     loaded: &LoadedScene,
-    bake: &Bake,
-    transport: Transport,
+    bake: &Arc<Bake>,
+    method: MethodSettings,
     executor: Box<dyn Executor>,
     count: u32,
 ) -> (Vec<Vec<Vec3>>, Pictures) {
-    let mut light = bake.clone().load(transport, executor, &Progress::new(true)).unwrap();
-    let away = away(loaded);
-    (0..4).for_each(|_| drop(light.advance(&away).unwrap()));
-    let lights = &loaded.scene.lighting.lights;
+    let mut light = loader(method).load(loaded, bake, executor).unwrap();
+    let away = with_lights(&loaded.scene, &away(loaded));
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    (0..4).for_each(|_| drop(light.advance(&away, &camera).unwrap()));
+    let lights = &loaded.scene.lighting;
     let mut shown = vec![light.surface_irradiance().unwrap()];
     for _ in 0..count {
-        light.advance(lights).unwrap();
+        light.advance(lights, &camera).unwrap();
         shown.push(light.surface_irradiance().unwrap());
     }
-    let pictures = light.frame(lights, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
+    let pictures = light.picture(lights, &camera, 0).unwrap().pictures;
     (shown, pictures)
 }
 
 /// What may be chosen, with the control variate and without.
-fn variants() -> Vec<Temporal> {
+fn variants() -> Vec<TemporalSettings> {
     let settings = Settings::default();
     let without = Settings { samples: 32, control_variate: false, ..settings };
     let fixed = Settings { blend: Blend::Fixed(0.6), rotated: false, ..without };
     vec![
-        Temporal { settings, rows: RowKind::Lists, sampled: Sampled::Patches },
-        Temporal { settings, rows: RowKind::Tables, sampled: Sampled::All },
-        Temporal { settings: without, rows: RowKind::Tables, sampled: Sampled::Patches },
-        Temporal { settings: fixed, rows: RowKind::Lists, sampled: Sampled::All },
+        TemporalSettings { settings, rows: RowKind::Lists, sampled: Sampled::Patches },
+        TemporalSettings { settings, rows: RowKind::Tables, sampled: Sampled::All },
+        TemporalSettings { settings: without, rows: RowKind::Tables, sampled: Sampled::Patches },
+        TemporalSettings { settings: fixed, rows: RowKind::Lists, sampled: Sampled::All },
     ]
 }
 
 #[test]
 fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
     let loaded = procedural::build("cornell").unwrap();
-    for (patches, receivers) in
-        [(PatchKind::Cluster, ReceiverKind::Mesh), (PatchKind::Axis, ReceiverKind::SelfReceivers)]
-    {
+    for (patches, receivers) in [(PatchKind::Cluster, ReceiverKind::Mesh), (PatchKind::Axis, ReceiverKind::Patches)] {
         let bake = bake(&loaded, patches, receivers);
-        let (exact, _) = frames(&loaded, &bake, Transport::Classic, cpu(), 1);
+        let (exact, _) = frames(&loaded, &bake, MethodSettings::Classic, cpu(), 1);
         let (before, rest) = (&exact[0], &exact[1]);
         let jump = distance(before, rest);
         assert!(jump > 0.1, "the lights do not jump: {jump}");
         for temporal in variants() {
-            let (shown, _) = frames(&loaded, &bake, Transport::Temporal(temporal), cpu(), 100);
+            let (shown, _) = frames(&loaded, &bake, MethodSettings::Temporal(temporal), cpu(), 100);
             let left = |k: usize| distance(&shown[k], rest) / jump;
             let change = distance(&shown[100], &shown[99]);
             println!(
@@ -140,11 +147,11 @@ fn both_executors_and_two_runs_give_the_same_bits() {
     let loaded = procedural::build("atrium:3000").unwrap();
     let bake = bake(&loaded, PatchKind::Cluster, ReceiverKind::Mesh);
     for temporal in variants() {
-        let transport = Transport::Temporal(temporal);
+        let transport = MethodSettings::Temporal(temporal);
         let (ours, pictures) = frames(&loaded, &bake, transport, cpu(), 20);
         assert_eq!(frames(&loaded, &bake, transport, cpu(), 20), (ours.clone(), pictures), "{temporal:?}");
-        let other = Temporal { settings: Settings { seed: 1, ..temporal.settings }, ..temporal };
-        assert_ne!(frames(&loaded, &bake, Transport::Temporal(other), cpu(), 20).0[20], ours[20]);
+        let other = TemporalSettings { settings: Settings { seed: 1, ..temporal.settings }, ..temporal };
+        assert_ne!(frames(&loaded, &bake, MethodSettings::Temporal(other), cpu(), 20).0[20], ours[20]);
         let Some(vulkan) = vulkan() else { continue };
         let is_emulated = vulkan.device().kind == runtime::executor::DeviceKind::EmulatedOnCpu;
         let (theirs, _) = frames(&loaded, &bake, transport, Box::new(vulkan), 20);
@@ -167,10 +174,11 @@ fn white_furnace() {
     let loaded = procedural::build("furnace").unwrap();
     let bake = bake(&loaded, PatchKind::Polygon, ReceiverKind::Mesh);
     for temporal in variants() {
-        let mut light = bake.clone().load(Transport::Temporal(temporal), cpu(), &Progress::new(true)).unwrap();
-        let lights = &loaded.scene.lighting.lights;
-        (0..10).for_each(|_| drop(light.advance(lights).unwrap()));
-        let pictures = light.frame(lights, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures;
+        let mut light = loader(MethodSettings::Temporal(temporal)).load(&loaded, &bake, cpu()).unwrap();
+        let lights = &loaded.scene.lighting;
+        let camera = loaded.view.camera(SIZE.0, SIZE.1);
+        (0..10).for_each(|_| drop(light.advance(lights, &camera).unwrap()));
+        let pictures = light.picture(lights, &camera, 0).unwrap().pictures;
         let error = furnace_error(&loaded, &pictures);
         println!("{temporal:?}: {error}");
         assert!(error < 0.01, "{temporal:?}: {error}");
@@ -187,7 +195,7 @@ fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     let outside =
         loaded.scene.lighting.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max) / std::f32::consts::PI;
     for temporal in variants() {
-        let (_, pictures) = frames(&loaded, &bake, Transport::Temporal(temporal), cpu(), 10);
+        let (_, pictures) = frames(&loaded, &bake, MethodSettings::Temporal(temporal), cpu(), 10);
         let pixels = &pictures.full.pixels;
         let inside = pixels.iter().map(|p| luminance(*p)).sum::<f32>() / pixels.len() as f32;
         assert!(outside > 0.0 && inside < 1e-4 * outside, "{temporal:?}: inside {inside}, outside {outside}");
@@ -201,9 +209,9 @@ fn settings_out_of_their_range_are_refused() {
     for settings in
         [Settings { samples: 0, ..Settings::default() }, Settings { blend: Blend::Fixed(1.0), ..Settings::default() }]
     {
-        let transport = Transport::Temporal(Temporal { settings, ..Temporal::default() });
-        let refused = bake.clone().load(transport, cpu(), &Progress::new(true));
+        let transport = MethodSettings::Temporal(TemporalSettings { settings, ..TemporalSettings::default() });
+        let refused = loader(transport).load(&loaded, &bake, cpu());
         let message = refused.err().expect("a refusal").to_string();
-        assert!(message.contains("temporal radiosity") && message.contains("must be"), "{message}");
+        assert!(message.contains("must be"), "{message}");
     }
 }

@@ -2,11 +2,11 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use experiments::progress::Progress;
 use glam::Vec3;
+use integration_tests::setup::Setup;
 use integration_tests::vulkan;
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, ReceiverKind};
+use patches::PatchKind;
+use patchlight::{Estimator, Pictures, ReceiverKind};
 use reference::metrics::quantile;
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
@@ -21,16 +21,16 @@ const TOLERANCE: f32 = 0.03;
 /// The same for 95 % of the points: the light of a near wall is noisy at the sample points of patches in corners.
 const MOST: f64 = 0.08;
 
-fn settings(patches: PatchKind) -> ClassicSettings {
-    ClassicSettings {
+fn settings(patches: PatchKind) -> Setup {
+    Setup {
         patches,
         patch_count: 300,
         estimator: Estimator::Hemisphere { rays: 512 },
-        receivers: ReceiverKind::SelfReceivers,
+        receivers: ReceiverKind::Patches,
         sub_frames: 4,
         seed: 3,
         size: SIZE,
-        ..ClassicSettings::default()
+        ..Setup::default()
     }
 }
 
@@ -41,14 +41,14 @@ fn cpu() -> Box<dyn Executor> {
 /// A frame's pictures and, after it, the indirect irradiance at points.
 fn render(
     loaded: &LoadedScene,
-    settings: ClassicSettings,
+    settings: Setup,
     executor: Box<dyn Executor>,
     points: &[SurfacePoint],
 ) -> (Pictures, Vec<Vec3>) {
-    let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
-    assert_eq!(classic.receiver_count(), 0);
+    let mut classic = settings.renderer(loaded, executor).unwrap();
+    assert_eq!(classic.bake().receivers.points.len(), 0);
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
-    let pictures = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures;
+    let pictures = classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures;
     (pictures, classic.irradiance_at(points).unwrap())
 }
 
@@ -109,7 +109,7 @@ fn patches_that_receive_take_every_bounce() {
     let (exitance, albedo) = (material.radiance.x * std::f32::consts::PI, material.albedo.x);
     for kind in KINDS {
         for bounces in 1..=3 {
-            let one = ClassicSettings { bounces: Some(bounces), ..settings(kind) };
+            let one = Setup { bounces: Some(bounces), ..settings(kind) };
             let (_, indirect) = render(&loaded, one, cpu(), &points);
             let mean = indirect.iter().map(|h| h.x).sum::<f32>() / points.len() as f32;
             // H of K bounces: Me Σ_{k=1..K} ρᵏ.
@@ -124,22 +124,22 @@ fn patches_that_receive_take_every_bounce() {
 #[test]
 fn patches_of_voxels_carry_the_light_that_clusters_do() {
     let loaded = procedural::build("cornell").unwrap();
-    let light = |loaded: &LoadedScene, settings: ClassicSettings| {
-        let mut classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, cpu(), &Progress::new(true)).unwrap();
+    let light = |loaded: &LoadedScene, settings: Setup| {
+        let mut classic = settings.renderer(&loaded, cpu()).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
-        let picture = classic.frame(&loaded.scene.lighting.lights, &camera, 0).unwrap().pictures.indirect;
+        let picture = classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>()
     };
-    let clusters = ClassicSettings { patches: PatchKind::Cluster, receivers: ReceiverKind::Mesh, ..settings(KINDS[0]) };
-    let expected = light(&loaded, ClassicSettings { patch_count: 600, ..clusters });
+    let clusters = Setup { patches: PatchKind::Cluster, receivers: ReceiverKind::Mesh, ..settings(KINDS[0]) };
+    let expected = light(&loaded, Setup { patch_count: 600, ..clusters });
     let mut darker = procedural::build("cornell").unwrap();
     Arc::make_mut(&mut darker.scene.materials).iter_mut().for_each(|m| m.albedo *= 0.93);
     for kind in KINDS {
-        let fine = ClassicSettings { patch_count: 1000, ..settings(kind) };
+        let fine = Setup { patch_count: 1000, ..settings(kind) };
         let off = |found: f32| (found / expected - 1.0).abs();
         let found = light(&loaded, fine);
         assert!(off(found) < 0.05, "{kind:?}: {found} {expected}");
-        let sized = ClassicSettings { patch_count: 1, voxel_size: Some(0.06), ..fine };
+        let sized = Setup { patch_count: 1, voxel_size: Some(0.06), ..fine };
         let found = light(&loaded, sized);
         assert!(off(found) < 0.05, "{kind:?}, voxels of 6 cm: {found} {expected}");
         assert!(off(light(&darker, fine)) > 0.05, "{kind:?}");
@@ -150,10 +150,7 @@ fn patches_of_voxels_carry_the_light_that_clusters_do() {
 fn patches_without_voxels_are_refused_as_receivers() {
     let loaded = procedural::build("furnace").unwrap();
     for kind in [PatchKind::Polygon, PatchKind::Cluster] {
-        let error = Classic::bake(&loaded.scene, loaded.view.eye, settings(kind), cpu(), &Progress::new(true))
-            .err()
-            .unwrap()
-            .to_string();
+        let error = settings(kind).renderer(&loaded, cpu()).err().unwrap().to_string();
         assert!(error.contains("--patches voxel or axis"), "{error}");
     }
 }
@@ -171,8 +168,7 @@ fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     let sun = loaded.scene.lighting.lights.iter().map(|l| luminance(l.color)).fold(0.0, f32::max);
     for kind in KINDS {
         // The box stands more than half a voxel above the ground.
-        let fine =
-            ClassicSettings { voxel_size: Some(0.45), estimator: Estimator::Hemisphere { rays: 64 }, ..settings(kind) };
+        let fine = Setup { voxel_size: Some(0.45), estimator: Estimator::Hemisphere { rays: 64 }, ..settings(kind) };
         let (pictures, light) = render(&loaded, fine, cpu(), &both);
         let greatest = |light: &[Vec3]| light.iter().map(|l| luminance(*l)).fold(0.0, f32::max) / sun;
         let (within, without) = light.split_at(inside.len());
@@ -229,7 +225,7 @@ fn both_executors_look_up_the_same_light() {
     check_same(&ours, &its).unwrap();
     assert!(ours.1.iter().any(|h| h.min_element() > 0.0));
     // Another seed gives another light, and so does a point less bright.
-    let other = render(&loaded, ClassicSettings { seed: 4, ..settings(PatchKind::Axis) }, cpu(), &points);
+    let other = render(&loaded, Setup { seed: 4, ..settings(PatchKind::Axis) }, cpu(), &points);
     assert!(check_same(&ours, &other).is_err());
     let mut wrong = (ours.0.clone(), ours.1.clone());
     let brightest = (0..points.len()).max_by(|&a, &b| wrong.1[a].x.total_cmp(&wrong.1[b].x)).unwrap();

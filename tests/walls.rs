@@ -6,9 +6,11 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
-use experiments::progress::Progress;
 use glam::{Vec3, vec3};
-use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind};
+use integration_tests::setup::Setup;
+use patches::PatchKind;
+use patchlight::renderer::with_lights;
+use patchlight::{Estimator, Renderer};
 use reference::metrics::quantile;
 use reference::{PathSettings, PathTracer};
 use runtime::executor::{DeviceChoice, open};
@@ -119,7 +121,7 @@ fn wall_points(low: Vec3, high: Vec3, inside: bool, margin: f32) -> Vec<SurfaceP
 }
 
 struct Baked {
-    classic: Classic,
+    classic: Renderer,
     lights: Vec<Light>,
 }
 
@@ -130,21 +132,20 @@ impl Baked {
 
     fn of_count(build: &Build, patches: PatchKind, patch_count: usize) -> Self {
         let loaded = LoadedScene { scene: build.scene(), ..procedural::build("furnace").unwrap() };
-        let settings = ClassicSettings {
+        let settings = Setup {
             patches,
             patch_count,
             estimator: Estimator::Hemisphere { rays: 512 },
             bounces: None,
-            receiver_edge: None,
             most_receivers: None,
             receiver_rays: 256,
             sub_frames: 2,
             seed: 5,
             size: (SIZE, SIZE),
-            ..ClassicSettings::default()
+            ..Setup::default()
         };
         let executor = open(&DeviceChoice::Cpu).unwrap().0;
-        let classic = Classic::bake(&loaded.scene, loaded.view.eye, settings, executor, &Progress::new(true)).unwrap();
+        let classic = settings.renderer(&loaded, executor).unwrap();
         Self { classic, lights: build.parts.lights.clone() }
     }
 
@@ -152,7 +153,8 @@ impl Baked {
     fn seen(&mut self, eye: Vec3, target: Vec3) -> Vec<f32> {
         let up = if (target - eye).normalize().y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
         let camera = Camera::look_at(eye, target, up, 90.0, SIZE, SIZE);
-        let picture = self.classic.frame(&self.lights, &camera, 0).unwrap().pictures.indirect;
+        let lighting = with_lights(&self.classic.bake().scene, &self.lights);
+        let picture = self.classic.picture(&lighting, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p) * PI / ALBEDO).collect()
     }
 

@@ -1,24 +1,24 @@
 //! Every call of the renderer that the golden pictures need, so that a change of its interface is
 //! followed here alone.
 
+use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::Arc;
 
-use assets::import::{Animation, LoadedScene, View};
-use assets::procedural;
-use experiments::path;
-use experiments::progress::Progress;
+use assets::{Animation, LoadedScene, View, procedural};
 use integration_tests::vulkan;
 use localmatrix::{BakeFile, LocalSettings};
 use multibounce::BlockCodec;
-use patchlight::bake::{BakeSettings, bake};
-use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind, ReceiverKind};
-use patchlight::render::firstshot::FirstShotSettings;
-use patchlight::render::local::LocalOptions;
-use patchlight::render::operator::{Codec, Feedback, Transport};
-use patchlight::render::streamed::{StreamSettings, Streamed};
-use patchlight::render::temporal::Temporal;
-use reference::Picture;
-use reference::path::PathSettings;
+use patches::PatchKind;
+use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings as CameraSettings, TemporalSettings};
+use patchlight::operator::Codec;
+use patchlight::renderer::with_lights;
+use patchlight::world::{StreamSettings, Streamed, WorldSettings, bake};
+use patchlight::{
+    Bake, BakeSettings, Estimator, MethodSettings, Picture, ReceiverKind, RenderSettings, Renderer, Silent,
+};
+use reference::Accumulation;
+use reference::path::{PathSettings, PathTracer};
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::Light;
 
@@ -103,7 +103,7 @@ impl Subject {
         Self {
             name: "cornell, axis patches as receivers",
             patches: PatchKind::Axis,
-            receivers: ReceiverKind::SelfReceivers,
+            receivers: ReceiverKind::Patches,
             ..Self::of("cornell", &[Method::Classic, Method::Temporal])
         },
         Self {
@@ -156,18 +156,18 @@ impl Method {
     }
 
     /// None for path tracing.
-    fn transport(self) -> Option<Transport> {
-        let local = LocalOptions { slots: 96, budget: 16, ..LocalOptions::DEFAULT };
+    fn settings(self) -> Option<MethodSettings> {
+        let local = CameraSettings { slots: 96, budget: 16, ..CameraSettings::DEFAULT };
         let photons = FirstShotSettings { error: 0.2, most_photons: 1 << 16 };
         Some(match self {
-            Self::Classic => Transport::Classic,
-            Self::MultibounceDense => Transport::Operator(Codec::Dense),
-            Self::MultibounceBc7 => Transport::Operator(Codec::Blocks(BlockCodec::Bc7)),
-            Self::Tiles => Transport::Operator(Codec::Tiles { epsilon: 0.01 }),
-            Self::Feedback => Transport::Feedback(Feedback::default()),
-            Self::Temporal => Transport::Temporal(Temporal::default()),
-            Self::Local => Transport::Local(local),
-            Self::FirstShot => Transport::FirstShot(photons),
+            Self::Classic => MethodSettings::Classic,
+            Self::MultibounceDense => MethodSettings::Multibounce(Codec::Dense),
+            Self::MultibounceBc7 => MethodSettings::Multibounce(Codec::Blocks(BlockCodec::Bc7)),
+            Self::Tiles => MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.01 }),
+            Self::Feedback => MethodSettings::Feedback(FeedbackSettings::default()),
+            Self::Temporal => MethodSettings::Temporal(TemporalSettings::default()),
+            Self::Local => MethodSettings::Local(local),
+            Self::FirstShot => MethodSettings::FirstShot(photons),
             Self::PathTracing => return None,
         })
     }
@@ -176,14 +176,14 @@ impl Method {
 /// A scene and its bake, for every method.
 pub struct BakedScene {
     loaded: LoadedScene,
-    bake: Bake,
+    bake: Arc<Bake>,
 }
 
 impl BakedScene {
     /// Builds and bakes a scene.
     pub fn new(subject: &Subject) -> Self {
         let loaded = procedural::build(subject.scene).unwrap();
-        let settings = ClassicSettings {
+        let settings = BakeSettings {
             patches: subject.patches,
             patch_count: 250,
             samples: 8,
@@ -192,12 +192,10 @@ impl BakedScene {
             receivers: subject.receivers,
             most_receivers: Some(1000),
             receiver_rays: 64,
-            sub_frames: SUB_FRAMES,
             seed: SEED,
-            size: SIZE,
-            ..ClassicSettings::default()
+            ..BakeSettings::default()
         };
-        let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, &Progress::new(true)).unwrap();
+        let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
         Self { loaded, bake }
     }
 }
@@ -206,15 +204,21 @@ impl BakedScene {
 /// local method the camera flies, too. Path tracing gives one frame with the lights at rest.
 pub fn render(scene: &BakedScene, method: Method, device: Device) -> Vec<FramePixels> {
     let loaded = &scene.loaded;
-    let Some(transport) = method.transport() else { return vec![trace(loaded)] };
-    let progress = Progress::new(true);
-    let mut classic = scene.bake.clone().load(transport, executor(device), &progress).unwrap();
+    let Some(method_settings) = method.settings() else { return vec![trace(loaded)] };
+    let settings = RenderSettings {
+        method: method_settings,
+        eye: loaded.view.eye,
+        size: SIZE,
+        sub_frames: SUB_FRAMES,
+        ..RenderSettings::default()
+    };
+    let mut renderer = Renderer::new(Arc::clone(&scene.bake), executor(device), &settings, &Silent).unwrap();
     let mut frames = Vec::new();
     for number in 0..FRAMES {
-        let lights = lights_at(loaded, number);
+        let lighting = with_lights(&loaded.scene, &lights_at(loaded, number));
         let view = if method == Method::Local { flown(loaded, number) } else { loaded.view };
         let camera = view.camera(SIZE.0, SIZE.1);
-        let pictures = classic.frame(&lights, &camera, number).unwrap().pictures;
+        let pictures = renderer.picture(&lighting, &camera, number).unwrap().pictures;
         let indirect = Some(pixels(&pictures.indirect));
         frames.push(FramePixels { full: pixels(&pictures.full), indirect });
     }
@@ -224,18 +228,17 @@ pub fn render(scene: &BakedScene, method: Method, device: Device) -> Vec<FramePi
 fn trace(loaded: &LoadedScene) -> FramePixels {
     let camera = loaded.view.camera(SIZE.0, SIZE.1);
     let settings = PathSettings { seed: SEED, ..PathSettings::default() };
-    let progress = Progress::new(true);
-    let scene = &loaded.scene;
-    let traced = path::render(scene, &camera, settings, PATHS, None, false, &progress);
-    let pictures = traced.unwrap().pictures;
-    FramePixels { full: pixels(&pictures.full), indirect: Some(pixels(&pictures.indirect)) }
+    let mut sums = Accumulation::new(&camera, settings);
+    let go_on = |_: u32, _: u32| ControlFlow::Continue(());
+    PathTracer::new(&loaded.scene).accumulate(&camera, &mut sums, PATHS, go_on).unwrap();
+    FramePixels { full: pixels(&sums.full()), indirect: Some(pixels(&sums.indirect())) }
 }
 
 /// Bakes the streaming world into a file.
 pub fn bake_city(loaded: &LoadedScene, file: &Path) {
     let scene = CITY.to_owned();
-    let settings = BakeSettings { scene, voxel_size: None, patch_count: 400, rays: 64, seed: SEED };
-    bake(&loaded.scene, loaded.content_hash, &settings, None, file, CITY_MEMORY, &Progress::new(true)).unwrap();
+    let settings = WorldSettings { scene, voxel_size: None, patch_count: 400, rays: 64, seed: SEED };
+    bake(&loaded.scene, loaded.content_hash, &settings, None, file, CITY_MEMORY, &Silent).unwrap();
 }
 
 /// The streaming world itself.

@@ -11,9 +11,10 @@ use temporal::{Blend, MOST_SAMPLES, Settings};
 use experiments::args::{Animate, Bench, CameraPath, Common, Patches, parse_epsilon, parse_error, parse_size};
 
 use super::bake::{Bake, Merge, parse_bytes};
-use patchlight::render::classic::{ClassicSettings, PatchKind};
-use patchlight::render::firstshot::FirstShotSettings;
-use patchlight::render::temporal::{RowKind, Sampled, Temporal};
+use patches::PatchKind;
+use patchlight::BakeSettings;
+use patchlight::method::temporal::{RowKind, Sampled};
+use patchlight::method::{FirstShotSettings, TemporalSettings};
 
 pub use local::LocalArgs;
 pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
@@ -185,13 +186,13 @@ pub enum RowStorage {
 pub enum SampledRows {
     /// From patch to patch.
     Patches,
-    /// Those to facets and to the points where indirect light is gathered, too.
+    /// Those to elements and to receivers, too.
     All,
 }
 
 impl TemporalOptions {
     /// The settings of the method.
-    pub fn settings(&self, seed: u32) -> Temporal {
+    pub fn settings(&self, seed: u32) -> TemporalSettings {
         let settings = Settings {
             samples: self.samples,
             blend: self.blend,
@@ -208,7 +209,7 @@ impl TemporalOptions {
             SampledRows::Patches => Sampled::Patches,
             SampledRows::All => Sampled::All,
         };
-        Temporal { settings, rows, sampled }
+        TemporalSettings { settings, rows, sampled }
     }
 }
 
@@ -218,7 +219,7 @@ pub struct PatchOptions {
     /// What patches are [default: polygon where triangles are few beside the patches, else cluster].
     #[arg(long, value_enum)]
     pub patches: Option<Patches>,
-    /// Patches that send light [default: 4000].
+    /// Patches, about [default: 4000].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub patch_count: Option<u32>,
     /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
@@ -252,7 +253,7 @@ pub enum ReceiverPlaces {
     Pixels,
     /// The voxel or axis patches themselves; pixels take the mean of those about.
     #[value(name = "self")]
-    SelfReceivers,
+    Patches,
 }
 
 /// Estimator of the form factors.
@@ -323,7 +324,7 @@ pub struct Render {
     /// Bounces in a frame (feedback).
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub products: u32,
-    /// Bounces do not use where the light was going (feedback): it settles in about twice as many.
+    /// Bounces are not accelerated by where the light was going (feedback): it settles in about twice as many.
     #[arg(long)]
     pub plain: bool,
     /// Relative error of the patches' irradiance at which photons are enough (firstshot).
@@ -335,12 +336,11 @@ pub struct Render {
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
     pub receivers: ReceiverPlaces,
-    /// Distance between the points at which indirect light is gathered where it is even, m [default: a third of the patches'
-    /// mean edge].
+    /// Distance between receivers where light is even, m [default: a third of the patches' mean edge]. Receivers are the
+    /// points at which indirect light is gathered.
     #[arg(long)]
     pub receiver_edge: Option<f32>,
-    /// Most of those points; where light bends they stand closer [default: ten thirds of as many as that
-    /// distance gives].
+    /// Most receivers; where light bends they stand closer [default: ten thirds of as many as that distance gives].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
     pub most_receivers: Option<u32>,
     /// Estimator of the form factors.
@@ -349,14 +349,14 @@ pub struct Render {
     /// Rays a row of the form factors (hemisphere).
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub rays: u32,
-    /// Rays from each of those points.
-    #[arg(long, default_value_t = ClassicSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    /// Rays from each receiver.
+    #[arg(long, default_value_t = BakeSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
     pub receiver_rays: u32,
     /// Folder with full.exr, indirect.exr, points.csv to compare with; OUT/points.csv then has the error of each point, worst
     /// first.
     #[arg(long)]
     pub reference: Option<PathBuf>,
-    /// Also write pictures into OUT/debug: colours by patch, facet, axis and receiver, E and H of the patches, where receivers
+    /// Also write pictures into OUT/debug: colours by patch, element, axis and receiver, E and H of the patches, where receivers
     /// were refined; with --reference the blocks that are worst (classic).
     #[arg(long)]
     pub debug: bool,

@@ -10,8 +10,8 @@ use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
 use experiments::progress::Progress;
-use patchlight::bake::{BakeSettings, Baked, Extra, LEAST_PATCHES, MOST_PATCHES, bake, merge};
 use patchlight::memory::peak_memory_bytes;
+use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake, merge};
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;
@@ -100,17 +100,18 @@ pub fn is_bake(path: &str) -> bool {
 struct Report {
     file: PathBuf,
     #[serde(flatten)]
-    baked: Baked,
+    baked: BakedWorld,
     seconds: Vec<(String, f64)>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
 }
 
 pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
+    common.native_only("bake")?;
     let progress = Progress::new(common.quiet);
     let loaded = output::import(&args.scene, &progress)?;
     let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(LEAST_BY_DEFAULT, MOST_BY_DEFAULT);
-    let settings = BakeSettings {
+    let settings = WorldSettings {
         scene: args.scene.clone(),
         voxel_size: args.voxel_size,
         patch_count: args.patch_count.unwrap_or(by_default),
@@ -121,20 +122,21 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     let path =
         common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
     let baked = bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)?;
-    tell(common, path, baked, progress);
+    tell(common, path, baked, &progress);
     Ok(())
 }
 
 pub fn run_merge(common: &Common, args: &Merge) -> Result<(), Error> {
+    common.native_only("merge")?;
     let progress = Progress::new(common.quiet);
     let path = common.out.clone().unwrap_or_else(|| PathBuf::from("merged.bake"));
     let baked = merge(&args.parts, &path, &progress)?;
-    tell(common, path, baked, progress);
+    tell(common, path, baked, &progress);
     Ok(())
 }
 
-fn tell(common: &Common, file: PathBuf, baked: Baked, progress: Progress) {
-    let report = Report { file, baked, seconds: progress.phases, peak_memory_bytes: peak_memory_bytes() };
+fn tell(common: &Common, file: PathBuf, baked: BakedWorld, progress: &Progress) {
+    let report = Report { file, baked, seconds: progress.phases(), peak_memory_bytes: peak_memory_bytes() };
     if common.json {
         println!("{}", output::json(&report));
         return;
@@ -164,7 +166,7 @@ struct BakeInfo {
     part: Option<[u32; 2]>,
     scene: String,
     scene_hash: String,
-    settings: Option<BakeSettings>,
+    settings: Option<WorldSettings>,
     patches: u32,
     nodes: u32,
     roots: usize,
@@ -181,49 +183,42 @@ struct BakeInfo {
     lost_blocks: Vec<String>,
 }
 
+/// What the rows of a bake come to.
+#[derive(Default)]
+struct RowSums {
+    rows: u64,
+    entries: u64,
+    sky: f64,
+    lost: f64,
+    /// Blocks that cannot be read, and why.
+    broken: Vec<String>,
+}
+
+impl RowSums {
+    fn of(file: &BakeFile) -> Self {
+        let mut sums = Self::default();
+        for block in file.head.own_blocks() {
+            match file.records(block) {
+                Ok(records) => {
+                    sums.rows += records.len() as u64;
+                    for record in &records {
+                        sums.entries += record.factors.len() as u64;
+                        sums.sky += f64::from(record.sky);
+                        sums.lost += f64::from(record.lost);
+                    }
+                }
+                Err(error) => sums.broken.push(error.to_string()),
+            }
+        }
+        sums
+    }
+}
+
 /// Says what a bake holds, and checks all of it.
 pub fn info(common: &Common, path: &str) -> Result<(), Error> {
+    common.native_only("info")?;
     let file = BakeFile::open(Path::new(path))?;
-    let settings: Option<BakeSettings> = serde_json::from_str(&file.text).ok();
-    let extra = Extra::decode(&file.extra);
-    let (mut rows, mut entries, mut sky, mut lost, mut broken) = (0u64, 0u64, 0.0, 0.0, Vec::new());
-    for block in file.head.own_blocks() {
-        match file.records(block) {
-            Ok(records) => {
-                rows += records.len() as u64;
-                for record in &records {
-                    entries += record.factors.len() as u64;
-                    sky += f64::from(record.sky);
-                    lost += f64::from(record.lost);
-                }
-            }
-            Err(error) => broken.push(error.to_string()),
-        }
-    }
-    let leaves = &file.nodes[..file.head.leaves as usize];
-    let mean = |sum: f64| sum / rows.max(1) as f64;
-    let info = BakeInfo {
-        file: PathBuf::from(path),
-        bytes: file.bytes()?,
-        part: file.head.part.map(|p| [p.number, p.of]),
-        scene: settings.as_ref().map_or(String::new(), |s| s.scene.clone()),
-        scene_hash: file.head.scene.iter().map(|byte| format!("{byte:02x}")).collect(),
-        settings,
-        patches: file.head.leaves,
-        nodes: file.head.nodes,
-        roots: file.nodes.iter().filter(|n| n.parent == localmatrix::NO_NODE).count(),
-        area_m2: leaves.iter().map(|n| f64::from(n.area)).sum(),
-        voxel_edge_m: extra.as_ref().map(|e| e.shape.edges.x),
-        shining_patches: extra.as_ref().map(|e| e.emission.len()),
-        dark_places: extra.as_ref().map(|e| e.dark.len()),
-        blocks: file.head.own_blocks().len() as u32,
-        rows,
-        entries,
-        entries_a_row: entries as f64 / rows.max(1) as f64,
-        mean_sky_factor: mean(sky),
-        mean_lost: mean(lost),
-        lost_blocks: broken,
-    };
+    let info = BakeInfo::of(&file)?;
     if common.json {
         println!("{}", output::json(&info));
     } else {
@@ -236,6 +231,36 @@ pub fn info(common: &Common, path: &str) -> Result<(), Error> {
 }
 
 impl BakeInfo {
+    fn of(file: &BakeFile) -> Result<Self, Error> {
+        let settings: Option<WorldSettings> = serde_json::from_str(&file.text).ok();
+        let extra = Extra::decode(&file.extra);
+        let sums = RowSums::of(file);
+        let rows = sums.rows.max(1) as f64;
+        let leaves = &file.nodes[..file.head.leaves as usize];
+        Ok(Self {
+            file: file.path().to_path_buf(),
+            bytes: file.bytes()?,
+            part: file.head.part.map(|p| [p.number, p.of]),
+            scene: settings.as_ref().map_or(String::new(), |s| s.scene.clone()),
+            scene_hash: file.head.scene.iter().map(|byte| format!("{byte:02x}")).collect(),
+            settings,
+            patches: file.head.leaves,
+            nodes: file.head.nodes,
+            roots: file.nodes.iter().filter(|n| n.parent == localmatrix::NO_NODE).count(),
+            area_m2: leaves.iter().map(|n| f64::from(n.area)).sum(),
+            voxel_edge_m: extra.as_ref().map(|e| e.shape.edges.x),
+            shining_patches: extra.as_ref().map(|e| e.emission.len()),
+            dark_places: extra.as_ref().map(|e| e.dark.len()),
+            blocks: file.head.own_blocks().len() as u32,
+            rows: sums.rows,
+            entries: sums.entries,
+            entries_a_row: sums.entries as f64 / rows,
+            mean_sky_factor: sums.sky / rows,
+            mean_lost: sums.lost / rows,
+            lost_blocks: sums.broken,
+        })
+    }
+
     fn print(&self) {
         let part = self.part.map_or(String::new(), |[k, n]| format!(", part {k} of {n}"));
         println!("{:14} {}, {}{part}", "bake", self.file.display(), output::bytes(self.bytes));

@@ -18,6 +18,7 @@ struct Comparison {
 }
 
 pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
+    common.native_only("compare")?;
     let ours = Picture::read(&args.ours)?;
     let expected = Picture::read(&args.reference)?;
     let mask = match &args.mask {

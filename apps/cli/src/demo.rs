@@ -1,12 +1,12 @@
 //! The demo: the built-in Cornell box and atrium, every method against path tracing, a light that moves.
 
-use reference::PictureFile as _;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
-use reference::PictureErrors;
 use reference::metrics::difference_picture;
 use reference::path::PathSettings;
+use reference::{PictureErrors, PictureFile as _};
 use scene::Light;
 use temporal::Settings;
 
@@ -22,14 +22,15 @@ use experiments::progress::{Progress, is_cancelled};
 use experiments::report::{Figure, Plot, Section, Series, Table, page, significant};
 use experiments::sequence::frame_time;
 use experiments::summary::{PassTimes, PhotonCounts, Summary};
+use patches::PatchKind;
 use patchlight::memory::peak_memory_bytes;
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
-use patchlight::render::decode::Decoder;
-use patchlight::render::firstshot::FirstShotSettings;
-use patchlight::render::local::LocalOptions;
-use patchlight::render::operator::{Codec, Feedback, Transport};
-use patchlight::render::temporal::{RowKind, Sampled, Temporal};
+use patchlight::method::firstshot::FirstShotMethod;
+use patchlight::method::multibounce::Multibounce;
+use patchlight::method::temporal::{RowKind, Sampled};
+use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
+use patchlight::operator::{Codec, decoder_name};
+use patchlight::renderer::with_lights;
+use patchlight::{Bake, BakeSettings, Estimator, MethodSettings, Pictures, RenderSettings, Renderer};
 use runtime::executor::{DeviceChoice, open};
 
 /// How much the demo does.
@@ -49,7 +50,7 @@ const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8,
 /// Relative error of the compressed operators.
 const EPSILON: f64 = 0.02;
 
-const FEEDBACK: Feedback = Feedback { epsilon: EPSILON, products: 1, accelerated: true };
+const FEEDBACK: FeedbackSettings = FeedbackSettings { epsilon: EPSILON, products: 1, accelerated: true };
 /// Relative error of the patches' irradiance by photons.
 const PHOTON_ERROR: f64 = 0.05;
 
@@ -57,30 +58,31 @@ const PHOTON_ERROR: f64 = 0.05;
 struct Method {
     name: &'static str,
     title: &'static str,
-    transport: Transport,
+    settings: MethodSettings,
 }
 
 const METHODS: [Method; 6] = [
-    Method { name: "classic", title: "Classic radiosity", transport: Transport::Classic },
+    Method { name: "classic", title: "Classic radiosity", settings: MethodSettings::Classic },
     Method {
         name: "tiles",
         title: "Operator in tiles",
-        transport: Transport::Operator(Codec::Tiles { epsilon: EPSILON }),
+        settings: MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }),
     },
-    Method { name: "feedback", title: "Feedback", transport: Transport::Feedback(FEEDBACK) },
-    Method { name: "temporal", title: "Temporal", transport: Transport::Temporal(TEMPORAL) },
-    Method { name: "local", title: "Local matrix", transport: Transport::Local(LOCAL) },
+    Method { name: "feedback", title: "Feedback", settings: MethodSettings::Feedback(FEEDBACK) },
+    Method { name: "temporal", title: "Temporal", settings: MethodSettings::Temporal(TEMPORAL) },
+    Method { name: "local", title: "Local matrix", settings: MethodSettings::Local(LOCAL) },
     Method {
         name: "firstshot",
         title: "First shot",
-        transport: Transport::FirstShot(FirstShotSettings { error: PHOTON_ERROR, most_photons: 1 << 24 }),
+        settings: MethodSettings::FirstShot(FirstShotSettings { error: PHOTON_ERROR, most_photons: 1 << 24 }),
     },
 ];
 
 /// Fewer slots than patches, so that far ones are merged.
-const LOCAL: LocalOptions = LocalOptions { slots: 1024, ..LocalOptions::DEFAULT };
+const LOCAL: LocalSettings = LocalSettings { slots: 1024, ..LocalSettings::DEFAULT };
 
-const TEMPORAL: Temporal = Temporal { settings: Settings::DEFAULT, rows: RowKind::Lists, sampled: Sampled::Patches };
+const TEMPORAL: TemporalSettings =
+    TemporalSettings { settings: Settings::DEFAULT, rows: RowKind::Lists, sampled: Sampled::Patches };
 
 /// What one scene gave.
 struct Outcome {
@@ -138,7 +140,7 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
              stored alike, from the light of the frame before; temporal radiosity does it with {} samples a row of what has \
              changed. The local matrix multiplies once by the operator of {} patches, fine ones near the camera, merged ones far \
              off. First shot traces photons from where lights fall first until the irradiance of the patches has an error \
-             of {:.0} %. All share senders, form factors and receivers.",
+             of {:.0} %. All share patches, form factors and receivers.",
             100.0 * EPSILON,
             TEMPORAL.settings.samples,
             LOCAL.slots,
@@ -170,76 +172,31 @@ fn one_scene(
     progress: &Progress,
 ) -> Result<Outcome, Error> {
     output::make_folder(out)?;
-    let settings = ClassicSettings {
+    let settings = BakeSettings {
         patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), effort.patches),
         patch_count: effort.patches,
         estimator: Estimator::Hemisphere { rays: effort.rays },
         receiver_rays: effort.rays / 2,
-        sub_frames: 6,
         seed: common.seed,
-        size: effort.size,
-        ..ClassicSettings::default()
+        ..BakeSettings::default()
     };
-    let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, progress)?;
-    let animation = Animation::or_default_path(loaded);
-    let mut checked = Vec::new();
-    for frame in (0..effort.frames).filter(|&frame| effort.is_checked(frame)) {
-        let (lights, view) = animation.at(frame_time(&animation, frame, effort.frames));
-        checked.push(Checked { frame, traced: trace(common, effort, loaded, (&lights, &view), progress)? });
-    }
+    let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
+    let stage = Stage { common, effort, loaded, bake: &bake, out };
+    let checked = stage.trace_some(progress)?;
     let mut runs = Vec::new();
     for method in &METHODS {
         progress.note(&format!("{}:", method.name));
-        runs.push(one_method(common, effort, loaded, &bake, method, &checked, out)?);
+        runs.push(stage.run(method, &checked)?);
     }
-    let [classic, ..] = &runs[..] else { return Err(Error::Cancelled) };
-    let mut strip = Vec::new();
-    for frame in (0..effort.frames).step_by(effort.frames.div_ceil(12) as usize) {
-        strip.push(Figure::read(out, &frame_file(frame), format!("frame {frame}"))?);
+    let mut shared = progress.phases();
+    shared.retain(|(name, _)| name != "path tracing");
+    let section = stage.section(&runs, &checked, &shared)?;
+    let mut summaries = Vec::new();
+    for run in runs {
+        let bake = shared.iter().chain(&run.phases).cloned().collect();
+        summaries.push(Summary { bake, ..run.summary });
     }
-    let shared: Vec<(String, f64)> =
-        progress.phases.iter().filter(|(name, _)| name != "path tracing").cloned().collect();
-    let (all, indirect) = (|e: &Errors| e.1, |e: &Errors| e.2);
-    let line = |(name, values): &(String, Vec<f64>)| Series {
-        name: name.clone(),
-        points: values.iter().enumerate().map(|(frame, ms)| (frame as f64, *ms)).collect(),
-    };
-    let bounces = |(method, run): (&Method, &Run)| {
-        let (_, values) = run.times.iter().find(|(name, _)| name == "method")?;
-        Some(line(&(method.name.to_owned(), values.clone())))
-    };
-    let plot = |title: &str, series| Plot {
-        title: title.to_owned(),
-        unit: "ms".into(),
-        x: "frame".into(),
-        logarithmic: false,
-        series,
-    };
-    let section = Section {
-        title: format!("{} ({} triangles)", loaded.name, loaded.scene.geometry.triangles.len()),
-        text: vec![format!(
-            "{} patches, {} receivers; picture {} × {}.",
-            classic.summary.patches.unwrap_or(0),
-            classic.summary.receivers.unwrap_or(0),
-            effort.size.0,
-            effort.size.1
-        )],
-        figures: compared_figures(out, &runs, checked.last(), loaded.exposure_stops)?,
-        strip,
-        tables: vec![
-            times_table(&runs, &classic.summary.device),
-            bytes_table(&runs),
-            bake_table(&shared, &runs),
-            error_table("All light against the path tracer", &runs, all),
-            error_table("Indirect light against the path tracer", &runs, indirect),
-        ],
-        plots: vec![
-            plot("Time of each pass, classic radiosity", classic.times.iter().map(line).collect()),
-            plot("Time of the light between patches", METHODS.iter().zip(&runs).filter_map(bounces).collect()),
-        ],
-    };
-    let summary = |run: Run| Summary { bake: shared.iter().chain(&run.phases).cloned().collect(), ..run.summary };
-    Ok(Outcome { summaries: runs.into_iter().map(summary).collect(), section })
+    Ok(Outcome { summaries, section })
 }
 
 impl Effort {
@@ -253,96 +210,181 @@ fn frame_file(frame: u32) -> String {
     format!("frame-{frame:04}.png")
 }
 
-/// All frames of the first method; of the others only the light, but for the frames that are checked.
-fn one_method(
-    common: &Common,
-    effort: &Effort,
-    loaded: &LoadedScene,
-    bake: &Bake,
-    method: &Method,
-    checked: &[Checked],
-    out: &Path,
-) -> Result<Run, Error> {
-    let progress = Progress::new(common.quiet);
-    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-    let is_first = method.transport == Transport::Classic;
-    if let Some(note) = note.filter(|_| is_first) {
-        progress.note(&note);
-    }
-    let device = executor.device().name.clone();
-    let mut loaded_bake = bake.clone().load(method.transport, executor, &progress)?;
-    let phases = progress.phases.clone();
-    let animation = Animation::or_default_path(loaded);
-    let mut times = Times::new();
-    let mut errors = Vec::new();
-    let mut pictures = None;
-    for frame in 0..effort.frames {
-        let (lights, view) = animation.at(frame_time(&animation, frame, effort.frames));
-        let check = checked.iter().find(|check| check.frame == frame);
-        let passes = if is_first || check.is_some() {
-            let camera = view.camera(effort.size.0, effort.size.1);
-            let done = progress.timed("frame", || loaded_bake.frame(&lights, &camera, frame))?;
-            if is_first {
-                done.pictures.full.write_png(&out.join(frame_file(frame)), loaded.exposure_stops)?;
-            }
-            if let Some(Checked { traced, .. }) = check {
-                let (full, indirect) = picture_errors(&done.pictures, traced, loaded.exposure_stops)?;
-                errors.push((frame, full, indirect));
-                pictures = Some(done.pictures);
-            }
-            done.times
-        } else {
-            loaded_bake.look(view.eye);
-            loaded_bake.advance(&lights)?
-        };
-        if is_cancelled() {
-            return Err(Error::Cancelled);
-        }
-        if (frame + 1) % 8 == 0 {
-            progress.note(&format!("frame {} of {}", frame + 1, effort.frames));
-        }
-        for (name, ms) in passes {
-            match times.iter_mut().find(|(n, _)| *n == name) {
-                Some((_, list)) => list.push(ms),
-                None => times.push((name, vec![ms])),
-            }
-        }
-    }
-    let (full, indirect) = errors.last().map(|(_, full, indirect)| (*full, *indirect)).unzip();
-    let summary = Summary {
-        scene: loaded.name.clone(),
-        method: method.name.into(),
-        codec: None,
-        decode: loaded_bake.decoder().map(Decoder::name),
-        device,
-        patches: Some(loaded_bake.patch_count()),
-        receivers: Some(loaded_bake.receiver_count()),
-        photons: loaded_bake.first_shot().map(|shot| PhotonCounts::of(&shot.round())),
-        frames: effort.frames,
-        seed: common.seed,
-        passes: times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect(),
-        bake: BTreeMap::new(),
-        peak_memory_bytes: peak_memory_bytes(),
-        bytes: loaded_bake.bytes(),
-        full,
-        indirect,
-        points: None,
-    };
-    Ok(Run { times, errors, pictures, phases, summary })
+/// A scene with its bake, on which the methods are shown.
+struct Stage<'a> {
+    common: &'a Common,
+    effort: &'a Effort,
+    loaded: &'a LoadedScene,
+    bake: &'a Arc<Bake>,
+    out: &'a Path,
 }
 
-fn trace(
-    common: &Common,
-    effort: &Effort,
-    loaded: &LoadedScene,
-    at: (&[Light], &View),
-    progress: &Progress,
-) -> Result<Pictures, Error> {
-    let mut scene = loaded.scene.clone();
-    scene.set_lights(at.0);
-    let camera = at.1.camera(effort.size.0, effort.size.1);
-    let settings = PathSettings { seed: common.seed, ..PathSettings::default() };
-    Ok(path::render(&scene, &camera, settings, effort.paths, None, false, progress)?.pictures)
+impl Stage<'_> {
+    /// Lights and view of a frame.
+    fn at(&self, frame: u32) -> (Vec<Light>, View) {
+        let animation = Animation::or_default_path(self.loaded);
+        animation.at(frame_time(&animation, frame, self.effort.frames))
+    }
+
+    /// Path traces the frames that are checked.
+    fn trace_some(&self, progress: &Progress) -> Result<Vec<Checked>, Error> {
+        let effort = self.effort;
+        let mut checked = Vec::new();
+        for frame in (0..effort.frames).filter(|&frame| effort.is_checked(frame)) {
+            let (lights, view) = self.at(frame);
+            let mut scene = self.loaded.scene.clone();
+            scene.set_lights(&lights);
+            let camera = view.camera(effort.size.0, effort.size.1);
+            let settings = PathSettings { seed: self.common.seed, ..PathSettings::default() };
+            let traced = path::render(&scene, &camera, settings, effort.paths, None, false, progress)?.pictures;
+            checked.push(Checked { frame, traced });
+        }
+        Ok(checked)
+    }
+
+    /// A method on the device of the options.
+    fn load(&self, method: &Method, progress: &Progress) -> Result<Renderer, Error> {
+        let (executor, note) = open(&DeviceChoice::parse(&self.common.device))?;
+        if let Some(note) = note.filter(|_| method.settings == MethodSettings::Classic) {
+            progress.note(&note);
+        }
+        let settings = RenderSettings {
+            method: method.settings,
+            eye: self.loaded.view.eye,
+            size: self.effort.size,
+            sub_frames: 6,
+            ..RenderSettings::default()
+        };
+        Ok(Renderer::new(Arc::clone(self.bake), executor, &settings, progress)?)
+    }
+
+    /// All frames of the first method; of the others only the light, but for the frames that are checked.
+    fn run(&self, method: &Method, checked: &[Checked]) -> Result<Run, Error> {
+        let effort = self.effort;
+        let progress = Progress::new(self.common.quiet);
+        let mut renderer = self.load(method, &progress)?;
+        let phases = progress.phases();
+        let is_first = method.settings == MethodSettings::Classic;
+        let mut times = Times::new();
+        let mut errors = Vec::new();
+        let mut pictures = None;
+        for frame in 0..effort.frames {
+            let (lights, view) = self.at(frame);
+            let lighting = with_lights(&self.loaded.scene, &lights);
+            let camera = view.camera(effort.size.0, effort.size.1);
+            let check = checked.iter().find(|check| check.frame == frame);
+            let passes = if is_first || check.is_some() {
+                let done = progress.timed("frame", || renderer.picture(&lighting, &camera, frame))?;
+                if is_first {
+                    let path = self.out.join(frame_file(frame));
+                    done.pictures.full.write_png(&path, self.loaded.exposure_stops)?;
+                }
+                if let Some(Checked { traced, .. }) = check {
+                    let (full, indirect) = picture_errors(&done.pictures, traced, self.loaded.exposure_stops)?;
+                    errors.push((frame, full, indirect));
+                    pictures = Some(done.pictures);
+                }
+                done.times
+            } else {
+                renderer.advance(&lighting, &camera)?
+            };
+            if is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            if (frame + 1) % 8 == 0 {
+                progress.note(&format!("frame {} of {}", frame + 1, effort.frames));
+            }
+            add_times(&mut times, passes);
+        }
+        let summary = self.summary(method, &mut renderer, &times, errors.last());
+        Ok(Run { times, errors, pictures, phases, summary })
+    }
+
+    fn summary(&self, method: &Method, renderer: &mut Renderer, times: &Times, last: Option<&Errors>) -> Summary {
+        let device = renderer.executor_mut().device().name.clone();
+        let own = renderer.method().as_any();
+        let decoder = own.downcast_ref::<Multibounce>().and_then(Multibounce::decoder);
+        let photons = own.downcast_ref::<FirstShotMethod>();
+        Summary {
+            scene: self.loaded.name.clone(),
+            method: method.name.into(),
+            codec: None,
+            decode: decoder.map(decoder_name),
+            device,
+            patches: Some(self.bake.mesh.patches.len()),
+            receivers: Some(self.bake.receivers.points.len()),
+            photons: photons.map(|photons| PhotonCounts::of(&photons.shot().round())),
+            frames: self.effort.frames,
+            seed: self.common.seed,
+            passes: times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect(),
+            bake: BTreeMap::new(),
+            peak_memory_bytes: peak_memory_bytes(),
+            bytes: renderer.bytes(),
+            full: last.map(|errors| errors.1),
+            indirect: last.map(|errors| errors.2),
+            points: None,
+        }
+    }
+
+    /// What the report shows of the scene.
+    fn section(&self, runs: &[Run], checked: &[Checked], shared: &[(String, f64)]) -> Result<Section, Error> {
+        let Self { effort, loaded, out, .. } = *self;
+        let [classic, ..] = runs else { return Err(Error::Cancelled) };
+        let mut strip = Vec::new();
+        for frame in (0..effort.frames).step_by(effort.frames.div_ceil(12) as usize) {
+            strip.push(Figure::read(out, &frame_file(frame), format!("frame {frame}"))?);
+        }
+        let mut between_patches = Vec::new();
+        for (method, run) in METHODS.iter().zip(runs) {
+            if let Some((_, values)) = run.times.iter().find(|(name, _)| name == "method") {
+                between_patches.push(line(method.name, values));
+            }
+        }
+        let passes = classic.times.iter().map(|(name, values)| line(name, values)).collect();
+        Ok(Section {
+            title: format!("{} ({} triangles)", loaded.name, loaded.scene.geometry.triangles.len()),
+            text: vec![format!(
+                "{} patches, {} receivers; picture {} × {}.",
+                classic.summary.patches.unwrap_or(0),
+                classic.summary.receivers.unwrap_or(0),
+                effort.size.0,
+                effort.size.1
+            )],
+            figures: compared_figures(out, runs, checked.last(), loaded.exposure_stops)?,
+            strip,
+            tables: vec![
+                times_table(runs, &classic.summary.device),
+                bytes_table(runs),
+                bake_table(shared, runs),
+                error_table("All light against the path tracer", runs, |e| e.1),
+                error_table("Indirect light against the path tracer", runs, |e| e.2),
+            ],
+            plots: vec![
+                over_frames("Time of each pass, classic radiosity", passes),
+                over_frames("Time of the light between patches", between_patches),
+            ],
+        })
+    }
+}
+
+/// Adds the milliseconds of a frame's passes.
+fn add_times(times: &mut Times, passes: Vec<(String, f64)>) {
+    for (name, ms) in passes {
+        match times.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, list)) => list.push(ms),
+            None => times.push((name, vec![ms])),
+        }
+    }
+}
+
+/// A line of a plot over the frames.
+fn line(name: &str, values: &[f64]) -> Series {
+    let points = values.iter().enumerate().map(|(frame, ms)| (frame as f64, *ms)).collect();
+    Series { name: name.to_owned(), points }
+}
+
+fn over_frames(title: &str, series: Vec<Series>) -> Plot {
+    Plot { title: title.to_owned(), unit: "ms".into(), x: "frame".into(), logarithmic: false, series }
 }
 
 fn compared_figures(out: &Path, runs: &[Run], checked: Option<&Checked>, stops: f32) -> Result<Vec<Figure>, Error> {

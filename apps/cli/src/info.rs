@@ -12,8 +12,8 @@ use assets::import::{LoadedScene, load_or_build};
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
-use patchlight::render::classic::{ClassicSettings, PatchKind};
-use patchlight::render::senders::{SenderSettings, Senders, lit_sampler};
+use patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
+use patchlight::BakeSettings;
 
 #[derive(Serialize)]
 struct Info {
@@ -56,7 +56,7 @@ struct Patches {
     samples: usize,
     sample_points: usize,
     patches: usize,
-    facets: usize,
+    elements: usize,
     /// Of all patches, and of both sides of all triangles.
     area_m2: f64,
     surface_sides_m2: f64,
@@ -68,6 +68,9 @@ struct Patches {
 }
 
 pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &OperatorOptions) -> Result<(), Error> {
+    if !operator.needs_device() {
+        common.native_only("info without --operator --codec bc1, bc3, bc6h or bc7")?;
+    }
     let loaded = load_or_build(spec)?;
     for line in &loaded.warnings {
         eprintln!("warning: {line}");
@@ -76,17 +79,18 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
     if patches.is_given() || operator.operator {
         let start = Instant::now();
         let kind = patches.kind(loaded.scene.geometry.triangles.len());
-        let settings = ClassicSettings {
+        let settings = BakeSettings {
             patches: kind,
             patch_count: patches.count(),
             voxel_size: patches.voxel_size,
             seed: common.seed,
-            ..ClassicSettings::default()
+            ..BakeSettings::default()
         };
-        let senders = senders(&loaded, &settings)?;
-        info.patches = Some(Patches::of(&senders, kind, info.area_m2, start.elapsed().as_secs_f64()));
+        let mesh = make_mesh(&loaded, &settings)?;
+        info.patches = Some(Patches::of(&mesh, kind, info.area_m2, start.elapsed().as_secs_f64()));
         if operator.operator {
-            info.operator = Some(operator::Operator::of(common, &loaded, &senders, &settings, operator)?);
+            let source = operator::Source { loaded: &loaded, mesh: &mesh, settings: &settings };
+            info.operator = Some(operator::Operator::of(common, &source, operator)?);
         }
     }
     if common.json {
@@ -182,37 +186,43 @@ impl Info {
     }
 }
 
-fn senders(loaded: &LoadedScene, settings: &ClassicSettings) -> Result<Senders, Error> {
-    let ClassicSettings { patches: kind, patch_count: count, voxel_size, samples, seed, .. } = *settings;
-    let sampler = lit_sampler(&loaded.scene, count, seed)?;
-    Ok(Senders::new(&loaded.scene, sampler.as_ref(), &SenderSettings { kind, count, voxel_size, samples, seed })?)
+fn make_mesh(loaded: &LoadedScene, settings: &BakeSettings) -> Result<PatchMesh, Error> {
+    let made = MeshSettings {
+        kind: settings.patches,
+        count: settings.patch_count,
+        voxel_size: settings.voxel_size,
+        samples: settings.samples,
+        seed: settings.seed,
+    };
+    let sampler = lit_sampler(&loaded.scene, made.count, made.seed)?;
+    Ok(PatchMesh::new(&loaded.scene, sampler.as_ref(), &made)?)
 }
 
 impl Patches {
     /// `area`: of the triangles, one side, m².
-    fn of(senders: &Senders, kind: PatchKind, area: f64, seconds: f64) -> Self {
-        let mut areas = senders.areas();
+    fn of(mesh: &PatchMesh, kind: PatchKind, area: f64, seconds: f64) -> Self {
+        let mut areas = mesh.areas();
         areas.sort_by(f32::total_cmp);
         Self {
             kind: kind.name(),
-            voxels: senders.lookup.as_ref().map(|lookup| lookup.offsets.len() - 1),
-            voxel_edge_m: senders.lookup.as_ref().map(|lookup| lookup.params.shape.edges.x),
-            samples: senders.samples,
-            sample_points: senders.points.len(),
-            patches: senders.patches.len(),
-            facets: senders.facets.len(),
+            voxels: mesh.lookup.as_ref().map(|lookup| lookup.offsets.len() - 1),
+            voxel_edge_m: mesh.lookup.as_ref().map(|lookup| lookup.params.shape.edges.x),
+            samples: mesh.samples,
+            sample_points: mesh.points.len(),
+            patches: mesh.patches.len(),
+            elements: mesh.elements.len(),
             area_m2: areas.iter().map(|&a| f64::from(a)).sum(),
             surface_sides_m2: 2.0 * area,
             min_area_m2: areas.first().copied().unwrap_or(0.0),
             median_area_m2: areas.get(areas.len() / 2).copied().unwrap_or(0.0),
             max_area_m2: areas.last().copied().unwrap_or(0.0),
-            bytes: senders.bytes().to_vec(),
+            bytes: mesh.bytes().to_vec(),
             seconds,
         }
     }
 
     fn print(&self) {
-        println!("{:24} {} of kind {}, {} facets", "patches", self.patches, self.kind, self.facets);
+        println!("{:24} {} of kind {}, {} elements", "patches", self.patches, self.kind, self.elements);
         if let (Some(voxels), Some(edge)) = (self.voxels, self.voxel_edge_m) {
             println!("{:24} {voxels} with patches, edge {edge:.4} m", "voxels");
         }

@@ -27,7 +27,7 @@ fn main() -> ExitCode {
     match dispatch(cli) {
         Ok(()) => ExitCode::SUCCESS,
         // Work that is told to stop may say so in words of its own.
-        Err(_) if progress::is_cancelled() => {
+        Err(e) if e.is_cancelled() || progress::is_cancelled() => {
             eprintln!("stopped; nothing was left half-written");
             ExitCode::from(130)
         }

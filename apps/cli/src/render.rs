@@ -1,13 +1,13 @@
 //! `patchlight render`.
 
-use reference::PictureFile as _;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::Vec3;
 use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale, point_errors};
 use reference::path::{PathSettings, PathTracer};
-use reference::{BlockErrors, ReferenceData, stops_to_scale};
+use reference::{BlockErrors, PictureFile as _, ReferenceData, stops_to_scale};
 
 use super::args::{Bounces, BuildPlace, Decoding, FormFactors, Method, ReceiverPlaces, Render};
 use assets::import::LoadedScene;
@@ -15,23 +15,35 @@ use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
 use experiments::path;
-use experiments::progress::Progress;
+use experiments::photons;
+use experiments::progress::{Progress, is_cancelled};
 use experiments::report::significant;
-use experiments::sequence::{Movement, Sequence};
+use experiments::sequence::{Movement, Sequence, Shot};
 use experiments::summary::{PassTimes, PhotonCounts, Summary};
+use experiments::worst_blocks::worst_blocks;
+use patchlight::debug::DebugPicture;
 use patchlight::memory::peak_memory_bytes;
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Bake, ClassicSettings, Estimator, ReceiverKind};
-use patchlight::render::debug::{DebugPicture, worst_blocks};
-use patchlight::render::decode::{Decode, Decoder};
-use patchlight::render::firstshot::FirstShotSettings;
-use patchlight::render::operator::{Build, Codec, Feedback, Transport};
-use runtime::executor::{DeviceChoice, open};
+use patchlight::method::firstshot::FirstShotMethod;
+use patchlight::method::multibounce::Multibounce;
+use patchlight::method::{FeedbackSettings, FirstShotSettings};
+use patchlight::operator::{Build, Codec, Decode, decoder_name};
+use patchlight::renderer::with_lights;
+use patchlight::{
+    Bake, BakeSettings, Estimator, FrameResult, MethodSettings, Pictures, ReceiverKind, RenderSettings, Renderer,
+};
+use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::recipe::multibounce::Decoder;
 
 /// Paths a point when a reference asks for irradiance at points.
 const POINT_PATHS: u32 = 4096;
+/// Phases before the first frame that the summary tells.
+const BAKE_PHASES: [&str; 9] =
+    ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables", "maps", "photons"];
 
 pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
+    if args.method == Method::Path {
+        common.native_only("render --method path")?;
+    }
     let progress = Progress::new(common.quiet);
     let loaded = output::import(&args.scene, &progress)?;
     let data = args.reference.as_deref().map(ReferenceData::load).transpose()?;
@@ -40,21 +52,9 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         progress.warn("the reference is for lights at rest; no errors are computed for moving ones");
     }
     let data = data.filter(|_| args.frames == 1);
-    let codec = args.codec.map(|codec| codec.codec(args.epsilon).name());
-    if codec.is_some() && args.method != Method::Multibounce {
-        progress.warn(&format!("--codec is for --method multibounce; --method {} ignores it", args.method.name()));
-    }
-    if matches!(args.method, Method::Firstshot | Method::Local) && args.bounces != Bounces::All {
-        progress.warn(&format!("--method {} takes all bounces and ignores --bounces", args.method.name()));
-    }
-    let is_built = matches!(args.method, Method::Multibounce | Method::Tiles);
-    if args.memory_limit.is_some() && !is_built {
-        progress.warn(&format!("--memory-limit is for operators; --method {} ignores it", args.method.name()));
-    }
-    if args.build_on == BuildPlace::Device && !(is_built && args.bounces != Bounces::All) {
-        progress.warn("--build-on device is for operators of --bounces K; others are built on the host");
-    }
-    let codec = codec.filter(|_| args.method == Method::Multibounce);
+    warn_of_ignored(args, &progress);
+    let codec = args.codec.filter(|_| args.method == Method::Multibounce);
+    let codec = codec.map(|codec| codec.codec(args.epsilon).name());
     let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
     let out = output::folder_or(&common.out, &name.join("-"));
     output::make_folder(&out)?;
@@ -67,28 +67,12 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         seed: common.seed,
         ..Summary::default()
     };
-    let (pictures, points) = match args.method {
-        Method::Path => path_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &progress)?,
-        Method::Classic
-        | Method::Multibounce
-        | Method::Tiles
-        | Method::Feedback
-        | Method::Temporal
-        | Method::Local
-        | Method::Firstshot => {
-            classic_frames(common, args, &loaded, size, &out, data.as_ref(), &mut summary, &progress)?
-        }
+    let job = Job { common, args, loaded: &loaded, size, out: &out, data: data.as_ref(), progress: &progress };
+    let done = match args.method {
+        Method::Path => job.path_frames(&mut summary)?,
+        _ => job.radiosity_frames(&mut summary)?,
     };
-    if args.frames == 1 {
-        output::write_pictures(&out, &pictures, loaded.exposure_stops)?;
-    }
-    if let (true, Some(indirect)) = (args.debug, data.as_ref().and_then(|data| data.indirect.as_ref())) {
-        let worst = worst_blocks(&pictures.indirect, indirect, indirect_scale(indirect))?;
-        output::write_debug(&out.join("debug"), &[DebugPicture { name: "worst", picture: worst, stops: 0.0 }])?;
-    }
-    if let Some(data) = &data {
-        compare_with(data, &pictures, points.as_deref(), loaded.exposure_stops, &out, &mut summary)?;
-    }
+    job.write_pictures(&done, &mut summary)?;
     summary.peak_memory_bytes = peak_memory_bytes();
     let text = output::json(&summary);
     output::write_text(&out.join("summary.json"), &text)?;
@@ -101,194 +85,296 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     Ok(())
 }
 
-type Frames = (Pictures, Option<Vec<Vec3>>);
-
-#[allow(clippy::too_many_arguments)]
-fn path_frames(
-    common: &Common,
-    args: &Render,
-    loaded: &LoadedScene,
-    size: (u32, u32),
-    out: &Path,
-    data: Option<&ReferenceData>,
-    summary: &mut Summary,
-    progress: &Progress,
-) -> Result<Frames, Error> {
-    summary.device = format!("CPU, {} threads", rayon::current_num_threads());
-    let bounces = match args.bounces {
-        Bounces::All => u32::MAX,
-        Bounces::Count(k) => k,
-    };
-    let settings = PathSettings { seed: common.seed, bounces, ..PathSettings::default() };
-    let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
-    let mut scene = loaded.scene.clone();
-    let movement = Movement::new(loaded, (args.animate, args.path), args.frames, progress);
-    let mut last = None;
-    for frame in 0..args.frames {
-        let view;
-        (scene.lighting.lights, view) = movement.at(frame);
-        let camera = view.camera(size.0, size.1);
-        let spp = args.spp.unwrap_or(64);
-        let traced = path::render(&scene, &camera, settings, spp, saved.as_deref(), args.resume, progress)?;
-        if args.frames > 1 {
-            traced.pictures.full.write_png(&out.join(format!("frame-{frame:04}.png")), loaded.exposure_stops)?;
-        }
-        print_noise(progress, "full", traced.full_errors);
-        print_noise(progress, "indirect", traced.indirect_errors);
-        last = Some(traced.pictures);
+/// Warns of options that the method does not know.
+fn warn_of_ignored(args: &Render, progress: &Progress) {
+    let method = args.method.name();
+    if args.codec.is_some() && args.method != Method::Multibounce {
+        progress.warn(&format!("--codec is for --method multibounce; --method {method} ignores it"));
     }
-    summary.passes.extend(PassTimes::of(&phase_ms(progress, "path tracing")).map(|t| ("method".to_owned(), t)));
-    let points = data.filter(|d| !d.points.is_empty()).map(|d| {
-        let points = d.surface_points(loaded.metres_per_unit);
-        let found = progress.phase("points", |_| PathTracer::new(&scene).irradiance(&points, POINT_PATHS, &settings));
-        found.iter().map(|p| p.indirect).collect()
-    });
-    summary.bake.insert("import".into(), progress.seconds("import"));
-    last.map(|pictures| (pictures, points)).ok_or(Error::Cancelled)
+    if matches!(args.method, Method::Firstshot | Method::Local) && args.bounces != Bounces::All {
+        progress.warn(&format!("--method {method} takes all bounces and ignores --bounces"));
+    }
+    let is_built = matches!(args.method, Method::Multibounce | Method::Tiles);
+    if args.memory_limit.is_some() && !is_built {
+        progress.warn(&format!("--memory-limit is for operators; --method {method} ignores it"));
+    }
+    if args.build_on == BuildPlace::Device && !(is_built && args.bounces != Bounces::All) {
+        progress.warn("--build-on device is for operators of --bounces K; others are built on the host");
+    }
 }
 
-#[allow(clippy::too_many_arguments)]
-fn classic_frames(
-    common: &Common,
-    args: &Render,
-    loaded: &LoadedScene,
+/// What is rendered.
+struct Job<'a> {
+    common: &'a Common,
+    args: &'a Render,
+    loaded: &'a LoadedScene,
+    /// Of pictures, pixels.
     size: (u32, u32),
-    out: &Path,
-    data: Option<&ReferenceData>,
-    summary: &mut Summary,
-    progress: &Progress,
-) -> Result<Frames, Error> {
-    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-    if let Some(note) = note {
-        progress.note(&note);
+    /// Folder of the results.
+    out: &'a Path,
+    /// What pictures are compared with.
+    data: Option<&'a ReferenceData>,
+    progress: &'a Progress,
+}
+
+/// The last frame.
+struct Rendered {
+    pictures: Pictures,
+    /// Indirect irradiance at the points of the reference, W/m².
+    points: Option<Vec<Vec3>>,
+}
+
+impl Job<'_> {
+    fn path_frames(&self, summary: &mut Summary) -> Result<Rendered, Error> {
+        let Self { common, args, loaded, out, progress, .. } = *self;
+        summary.device = format!("CPU, {} threads", rayon::current_num_threads());
+        let bounces = match args.bounces {
+            Bounces::All => u32::MAX,
+            Bounces::Count(k) => k,
+        };
+        let settings = PathSettings { seed: common.seed, bounces, ..PathSettings::default() };
+        let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
+        let mut scene = loaded.scene.clone();
+        let movement = self.movement();
+        let mut last = None;
+        for frame in 0..args.frames {
+            let (lights, view) = movement.at(frame);
+            scene.set_lights(&lights);
+            let camera = view.camera(self.size.0, self.size.1);
+            let spp = args.spp.unwrap_or(64);
+            let traced = path::render(&scene, &camera, settings, spp, saved.as_deref(), args.resume, progress)?;
+            self.write_frame(frame, &traced.pictures)?;
+            print_noise(progress, "full", traced.full_errors);
+            print_noise(progress, "indirect", traced.indirect_errors);
+            last = Some(traced.pictures);
+        }
+        let times = PassTimes::of(&phase_ms(progress, "path tracing"));
+        summary.passes.extend(times.map(|t| ("method".to_owned(), t)));
+        let points = self.data.filter(|d| !d.points.is_empty()).map(|d| {
+            let points = d.surface_points(loaded.metres_per_unit);
+            let tracer = PathTracer::new(&scene);
+            let found = progress.phase("points", |_| tracer.irradiance(&points, POINT_PATHS, &settings));
+            found.iter().map(|p| p.indirect).collect()
+        });
+        summary.bake.insert("import".into(), progress.seconds("import"));
+        last.map(|pictures| Rendered { pictures, points }).ok_or(Error::Cancelled)
     }
-    summary.device = executor.device().name.clone();
-    let has_blocks = args.codec.is_some_and(|codec| matches!(codec.codec(args.epsilon), Codec::Blocks(_)));
-    let decode = if has_blocks && args.method == Method::Multibounce {
-        args.decode.decode()
-    } else {
+
+    fn radiosity_frames(&self, summary: &mut Summary) -> Result<Rendered, Error> {
+        let Self { args, loaded, progress, .. } = *self;
+        let (executor, note) = self.open_device()?;
+        if let Some(note) = note {
+            progress.note(&note);
+        }
+        summary.device = executor.device().name.clone();
+        let decode = self.decode();
+        // Before minutes of baking.
+        decode.check(executor.device())?;
+        let bake = Arc::new(Bake::build(&loaded.scene, &self.bake_settings(), progress)?);
+        let settings = self.render_settings(decode);
+        let exact = match args.errors {
+            true => {
+                let settings = RenderSettings { method: MethodSettings::Classic, ..settings.clone() };
+                Some(Renderer::new(Arc::clone(&bake), self.open_device()?.0, &settings, progress)?)
+            }
+            false => None,
+        };
+        let mut renderer = Renderer::new(bake, executor, &settings, progress)?;
+        self.describe(&renderer, summary);
+        let pictures = self.frames(&mut renderer, exact, summary)?;
+        if let Some(photons) = renderer.method().as_any().downcast_ref::<FirstShotMethod>() {
+            summary.photons = Some(PhotonCounts::of(&photons.shot().round()));
+            if args.frames == 1 {
+                photons::write_files(photons.shot(), &loaded.scene, &renderer.bake().mesh, self.out)?;
+            }
+        }
+        let points = match self.data.filter(|d| !d.points.is_empty()) {
+            None => None,
+            Some(data) => {
+                let points = data.surface_points(loaded.metres_per_unit);
+                Some(progress.phase("points", |_| renderer.irradiance_at(&points))?)
+            }
+        };
+        Ok(Rendered { pictures, points })
+    }
+
+    fn open_device(&self) -> Result<(Box<dyn Executor>, Option<String>), Error> {
+        Ok(open(&DeviceChoice::parse(&self.common.device))?)
+    }
+
+    fn movement(&self) -> Movement {
+        let args = self.args;
+        Movement::new(self.loaded, (args.animate, args.path), args.frames, self.progress)
+    }
+
+    /// What decodes texture blocks, where there are any.
+    fn decode(&self) -> Decode {
+        let args = self.args;
+        let has_blocks = args.codec.is_some_and(|codec| matches!(codec.codec(args.epsilon), Codec::Blocks(_)));
+        if has_blocks && args.method == Method::Multibounce {
+            return args.decode.decode();
+        }
         if args.decode != Decoding::Auto {
-            progress.warn("--decode is for --method multibounce with --codec bc1, bc3, bc6h or bc7, and is ignored");
+            self.progress
+                .warn("--decode is for --method multibounce with --codec bc1, bc3, bc6h or bc7, and is ignored");
         }
         Decode::Auto
-    };
-    // Before minutes of baking.
-    decode.check(executor.device())?;
-    let settings = ClassicSettings {
-        decode,
-        patches: args.patches.kind(loaded.scene.geometry.triangles.len()),
-        patch_count: args.patches.count(),
-        voxel_size: args.patches.voxel_size,
-        estimator: match args.form_factors {
-            FormFactors::Hemisphere => Estimator::Hemisphere { rays: args.rays },
-            FormFactors::Contour => Estimator::Contour,
-            FormFactors::Area => Estimator::Area,
-            FormFactors::Point => Estimator::Point,
-        },
-        transport: match args.method {
-            Method::Multibounce => Transport::Operator(args.codec.unwrap_or_default().codec(args.epsilon)),
-            Method::Tiles => Transport::Operator(Codec::Tiles { epsilon: args.epsilon }),
-            Method::Feedback => Transport::Feedback(Feedback {
+    }
+
+    fn bake_settings(&self) -> BakeSettings {
+        let args = self.args;
+        BakeSettings {
+            patches: args.patches.kind(self.loaded.scene.geometry.triangles.len()),
+            patch_count: args.patches.count(),
+            voxel_size: args.patches.voxel_size,
+            estimator: match args.form_factors {
+                FormFactors::Hemisphere => Estimator::Hemisphere { rays: args.rays },
+                FormFactors::Contour => Estimator::Contour,
+                FormFactors::Area => Estimator::Area,
+                FormFactors::Point => Estimator::Point,
+            },
+            bounces: match args.bounces {
+                Bounces::All => None,
+                Bounces::Count(k) => Some(k),
+            },
+            receivers: match args.receivers {
+                ReceiverPlaces::Mesh => ReceiverKind::Mesh,
+                ReceiverPlaces::Pixels => ReceiverKind::Pixels,
+                ReceiverPlaces::Patches => ReceiverKind::Patches,
+            },
+            receiver_edge: args.receiver_edge,
+            most_receivers: args.most_receivers.map(|most| most as usize),
+            receiver_rays: args.receiver_rays,
+            seed: self.common.seed,
+            ..BakeSettings::default()
+        }
+    }
+
+    fn render_settings(&self, decode: Decode) -> RenderSettings {
+        let args = self.args;
+        RenderSettings {
+            method: self.method(),
+            decode,
+            build: Build { on: args.build_on.place(), memory_limit: args.memory_limit, folder: self.out.to_path_buf() },
+            eye: self.loaded.view.eye,
+            size: self.size,
+            sub_frames: args.spp.unwrap_or(16),
+        }
+    }
+
+    fn method(&self) -> MethodSettings {
+        let args = self.args;
+        match args.method {
+            Method::Multibounce => MethodSettings::Multibounce(args.codec.unwrap_or_default().codec(args.epsilon)),
+            Method::Tiles => MethodSettings::Multibounce(Codec::LowRank { epsilon: args.epsilon }),
+            Method::Feedback => MethodSettings::Feedback(FeedbackSettings {
                 epsilon: args.epsilon,
                 products: args.products,
                 accelerated: !args.plain,
             }),
-            Method::Temporal => Transport::Temporal(args.temporal.settings(common.seed)),
-            Method::Local => Transport::Local(args.local.options(loaded.exposure_stops)),
+            Method::Temporal => MethodSettings::Temporal(args.temporal.settings(self.common.seed)),
+            Method::Local => MethodSettings::Local(args.local.options(self.loaded.exposure_stops)),
             Method::Firstshot => {
-                Transport::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
+                MethodSettings::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
             }
-            Method::Classic | Method::Path => Transport::Classic,
-        },
-        bounces: match args.bounces {
-            Bounces::All => None,
-            Bounces::Count(k) => Some(k),
-        },
-        receivers: match args.receivers {
-            ReceiverPlaces::Mesh => ReceiverKind::Mesh,
-            ReceiverPlaces::Pixels => ReceiverKind::Pixels,
-            ReceiverPlaces::SelfReceivers => ReceiverKind::SelfReceivers,
-        },
-        receiver_edge: args.receiver_edge,
-        most_receivers: args.most_receivers.map(|most| most as usize),
-        receiver_rays: args.receiver_rays,
-        sub_frames: args.spp.unwrap_or(16),
-        seed: common.seed,
-        size,
-        ..ClassicSettings::default()
-    };
-    let build = Build { on: args.build_on.place(), memory_limit: args.memory_limit, folder: out.to_path_buf() };
-    let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, progress)?.with_build(build);
-    let mut exact = match args.errors {
-        true => Some(bake.clone().load(Transport::Classic, open(&DeviceChoice::parse(&common.device))?.0, progress)?),
-        false => None,
-    };
-    let mut classic = bake.load(settings.transport, executor, progress)?;
-    summary.patches = Some(classic.patch_count());
-    summary.receivers = Some(classic.receiver_count());
-    summary.bytes = classic.bytes();
-    summary.decode = classic.decoder().map(Decoder::name);
-    if let Some(decoder) = classic.decoder() {
-        progress.note(&format!("texture blocks are decoded {decoder}"));
-    }
-    let phases = ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables", "maps", "photons"];
-    for phase in phases {
-        if !progress.phases.iter().any(|(name, _)| name == phase) {
-            continue;
+            Method::Classic | Method::Path => MethodSettings::Classic,
         }
-        summary.bake.insert(phase.into(), progress.seconds(phase));
     }
-    let movement = Movement::new(loaded, (args.animate, args.path), args.frames, progress);
-    let mut sequence = Sequence::new(loaded.exposure_stops);
-    let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    let mut last = None;
-    for frame in 0..args.frames {
-        let (lights, view) = movement.at(frame);
-        let camera = view.camera(size.0, size.1);
-        let done = progress.timed("frame", || classic.frame(&lights, &camera, frame))?;
-        if experiments::progress::is_cancelled() {
-            return Err(Error::Cancelled);
+
+    /// Takes over what is known before the first frame.
+    fn describe(&self, renderer: &Renderer, summary: &mut Summary) {
+        let progress = self.progress;
+        let bake = renderer.bake();
+        summary.patches = Some(bake.mesh.patches.len());
+        summary.receivers = Some(bake.receivers.points.len());
+        summary.bytes = renderer.bytes();
+        let multibounce = renderer.method().as_any().downcast_ref::<Multibounce>();
+        if let Some(decoder) = multibounce.and_then(Multibounce::decoder) {
+            summary.decode = Some(decoder_name(decoder));
+            progress.note(match decoder {
+                Decoder::Texture { .. } => "texture blocks are decoded by the texture unit",
+                Decoder::Kernel => "texture blocks are decoded by the kernel",
+            });
+        }
+        let phases = progress.phases();
+        for phase in BAKE_PHASES.into_iter().filter(|phase| phases.iter().any(|(name, _)| name == phase)) {
+            summary.bake.insert(phase.into(), progress.seconds(phase));
+        }
+    }
+
+    /// Renders the frames and what each measured; the pictures of the last.
+    fn frames(
+        &self,
+        renderer: &mut Renderer,
+        mut exact: Option<Renderer>,
+        summary: &mut Summary,
+    ) -> Result<Pictures, Error> {
+        let Self { args, loaded, out, progress, .. } = *self;
+        let movement = self.movement();
+        let mut sequence = Sequence::new(loaded.exposure_stops);
+        let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        let mut last = None;
+        for number in 0..args.frames {
+            let (lights, view) = movement.at(number);
+            let lighting = with_lights(&loaded.scene, &lights);
+            let camera = view.camera(self.size.0, self.size.1);
+            let done = progress.timed("frame", || renderer.picture(&lighting, &camera, number))?;
+            if is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            if args.frames > 1 || args.errors {
+                let shot = Shot { lighting: &lighting, camera: &camera, number };
+                sequence.add(renderer, exact.as_mut(), &shot, &done)?;
+            }
+            self.write_frame(number, &done.pictures)?;
+            if args.debug && number + 1 == args.frames {
+                let pictures = renderer.debug_pictures(&camera, loaded.exposure_stops)?;
+                output::write_debug(&out.join("debug"), &pictures)?;
+            }
+            let FrameResult { pictures, times: passes } = done;
+            for (name, ms) in passes {
+                times.entry(name).or_default().push(ms);
+            }
+            last = Some(pictures);
         }
         if args.frames > 1 || args.errors {
-            sequence.add(&mut classic, exact.as_mut(), (&lights, &camera, frame), &done)?;
+            sequence.write(out, &format!("Patchlight: {}, {}", loaded.name, args.method.name()))?;
         }
-        for (name, ms) in done.times {
-            times.entry(name).or_default().push(ms);
+        if let Some(line) = sequence.work() {
+            progress.note(&line);
         }
-        if args.frames > 1 {
-            done.pictures.full.write_png(&out.join(format!("frame-{frame:04}.png")), loaded.exposure_stops)?;
-        }
-        if args.debug && frame + 1 == args.frames {
-            output::write_debug(&out.join("debug"), &classic.debug_pictures(&camera, loaded.exposure_stops)?)?;
-        }
-        last = Some(done.pictures);
+        summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
+        last.ok_or(Error::Cancelled)
     }
-    if args.frames > 1 || args.errors {
-        sequence.write(out, &format!("Patchlight: {}, {}", loaded.name, args.method.name()))?;
-    }
-    if let Some(line) = sequence.work() {
-        progress.note(&line);
-    }
-    if let Some(shot) = classic.first_shot() {
-        summary.photons = Some(PhotonCounts::of(&shot.round()));
-        if args.frames == 1 {
-            classic.write_photons(out)?;
+
+    /// Writes a frame of several as a picture.
+    fn write_frame(&self, number: u32, pictures: &Pictures) -> Result<(), Error> {
+        if self.args.frames > 1 {
+            let path = self.out.join(format!("frame-{number:04}.png"));
+            pictures.full.write_png(&path, self.loaded.exposure_stops)?;
         }
+        Ok(())
     }
-    summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
-    let points = match data.filter(|d| !d.points.is_empty()) {
-        None => None,
-        Some(data) => {
-            let points = data.surface_points(loaded.metres_per_unit);
-            Some(progress.phase("points", |_| classic.irradiance_at(&points))?)
+
+    /// Writes the pictures of a single frame, and compares them with the reference.
+    fn write_pictures(&self, done: &Rendered, summary: &mut Summary) -> Result<(), Error> {
+        let stops = self.loaded.exposure_stops;
+        if self.args.frames == 1 {
+            output::write_pictures(self.out, &done.pictures, stops)?;
         }
-    };
-    last.map(|pictures| (pictures, points)).ok_or(Error::Cancelled)
+        let Some(data) = self.data else { return Ok(()) };
+        if let (true, Some(indirect)) = (self.args.debug, &data.indirect) {
+            let picture = worst_blocks(&done.pictures.indirect, indirect, indirect_scale(indirect))?;
+            let worst = DebugPicture { name: "worst", picture, stops: 0.0 };
+            output::write_debug(&self.out.join("debug"), &[worst])?;
+        }
+        compare_with(data, &done.pictures, done.points.as_deref(), stops, self.out, summary)
+    }
 }
 
 /// Times of a phase, one a frame, ms.
 fn phase_ms(progress: &Progress, name: &str) -> Vec<f64> {
-    progress.phases.iter().filter(|(n, _)| n == name).map(|(_, s)| s * 1e3).collect()
+    progress.phases().iter().filter(|(n, _)| n == name).map(|(_, s)| s * 1e3).collect()
 }
 
 fn print_noise(progress: &Progress, name: &str, errors: Option<BlockErrors>) {

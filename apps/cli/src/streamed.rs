@@ -1,10 +1,11 @@
 //! `patchlight render FILE.bake --method local`.
 
-use reference::PictureFile as _;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use localmatrix::{BakeFile, LocalSettings};
+use reference::PictureFile as _;
 use serde::Serialize;
 
 use super::args::{Method, Render};
@@ -15,7 +16,7 @@ use experiments::progress::{Progress, is_cancelled};
 use experiments::sequence::Movement;
 use experiments::summary::PassTimes;
 use patchlight::memory::{peak_memory_bytes, resident_bytes};
-use patchlight::render::streamed::{StreamFrame, StreamSettings, Streamed, scene_of};
+use patchlight::world::{StreamFrame, StreamSettings, Streamed, scene_of};
 
 /// Pixels when no size is given: every one of them is shaded on the host.
 const SIZE: (u32, u32) = (640, 360);
@@ -68,20 +69,50 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if args.method != Method::Local {
         return Err(Error::BakeMethod { path: path.to_path_buf() });
     }
+    common.native_only("render of a bake")?;
     let progress = Progress::new(common.quiet);
-    // The file first: a bake that cannot be read should not cost the time of its scene.
-    let file = BakeFile::open(path)?;
-    for error in file.lost() {
-        progress.warn(&error.to_string());
-    }
-    let named = scene_of(&file)?;
-    drop(file);
+    let named = named_scene(path, &progress)?;
     let before = resident_bytes().unwrap_or(0);
     let loaded = output::import(&scene_beside(path, &named), &progress)?;
     let geometry = resident_bytes().unwrap_or(0).saturating_sub(before);
     let movement = Movement::new(&loaded, (args.animate, args.path), args.frames, &progress);
-    let options = args.local.options(loaded.exposure_stops);
-    let settings = StreamSettings {
+    let stops = loaded.exposure_stops;
+    let settings = stream_settings(args, stops);
+    let name = loaded.name.clone();
+    let streamed = progress.phase("open", |_| {
+        Ok::<_, Error>(Streamed::new(loaded.scene, loaded.content_hash, BakeFile::open(path)?, settings)?)
+    })?;
+    let out = output::folder_or(&common.out, &format!("{name}-local"));
+    output::make_folder(&out)?;
+    let mut flight = Flight { streamed, movement, settings, stops, out: &out, progress: &progress };
+    flight.settle()?;
+    let lines = flight.frames(args.frames, before + geometry)?;
+    output::write_text(&out.join("frames.csv"), &csv(&lines))?;
+    let report = report(&name, &settings, &flight.streamed, &lines, geometry);
+    let text = output::json(&report);
+    output::write_text(&out.join("summary.json"), &text)?;
+    if common.json {
+        println!("{text}");
+    } else {
+        report.print();
+        progress.note(&format!("written to {}", out.display()));
+    }
+    Ok(())
+}
+
+/// The scene that a bake names. The file comes first: a bake that cannot be read should not cost the time of its scene.
+fn named_scene(path: &Path, progress: &Progress) -> Result<String, Error> {
+    let file = BakeFile::open(path)?;
+    for error in file.lost() {
+        progress.warn(&error.to_string());
+    }
+    Ok(scene_of(&file)?)
+}
+
+/// Settings of the options, for pictures that are exposed so.
+fn stream_settings(args: &Render, stops: f32) -> StreamSettings {
+    let options = args.local.options(stops);
+    StreamSettings {
         local: LocalSettings {
             slots: options.slots,
             changes: options.budget,
@@ -94,51 +125,65 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         cache: CACHE,
         sub_frames: args.spp.unwrap_or(SUB_FRAMES),
         size: args.size.unwrap_or(SIZE),
-    };
-    let stops = loaded.exposure_stops;
-    let (name, hash, scene) = (loaded.name.clone(), loaded.content_hash, loaded.scene);
-    let mut streamed =
-        progress.phase("open", |_| Ok::<_, Error>(Streamed::new(scene, hash, BakeFile::open(path)?, settings)?))?;
-    let out = output::folder_or(&common.out, &format!("{name}-local"));
-    output::make_folder(&out)?;
-    let first = movement.at(0).1;
-    let settled = progress.phase("settle", |report| streamed.settle(first.eye, report))?;
-    progress.note(&format!("{} nodes of {} patches stand for the world", settled.entered, streamed.patch_count()));
-    let mut lines: Vec<Line> = Vec::new();
-    let matrix = |streamed: &Streamed| streamed.bytes().iter().filter(|b| b.0 == "matrix").map(|b| b.1).sum::<u64>();
-    for number in 0..args.frames {
-        let (lights, view) = movement.at(number);
-        let start = std::time::Instant::now();
-        let (picture, frame) = streamed.frame(&lights, &view.camera(settings.size.0, settings.size.1), stops)?;
+    }
+}
+
+/// A bake, and the camera that moves through it.
+struct Flight<'a> {
+    streamed: Streamed,
+    movement: Movement,
+    settings: StreamSettings,
+    stops: f32,
+    out: &'a Path,
+    progress: &'a Progress,
+}
+
+impl Flight<'_> {
+    /// Waits for the nodes that suit the first view.
+    fn settle(&mut self) -> Result<(), Error> {
+        let eye = self.movement.at(0).1.eye;
+        let streamed = &mut self.streamed;
+        let settled = self.progress.phase("settle", |report| {
+            streamed.settle(eye, &|share| report((1000.0 * share) as usize, 1000).is_continue())
+        })?;
+        let patches = self.streamed.patch_count();
+        self.progress.note(&format!("{} nodes of {patches} patches stand for the world", settled.entered));
+        Ok(())
+    }
+
+    /// Renders frames and writes their pictures; `held` are the bytes that were resident before the matrix.
+    fn frames(&mut self, frames: u32, held: u64) -> Result<Vec<Line>, Error> {
+        let mut lines = Vec::new();
+        for number in 0..frames {
+            let line = self.frame(number, held, frames == 1)?;
+            if number % 25 == 0 {
+                let Line { ms, frame, .. } = &line;
+                let came = frame.step.entered;
+                self.progress.note(&format!("frame {number}: {ms:.0} ms, {} nodes, {came} came", frame.nodes));
+            }
+            lines.push(line);
+        }
+        Ok(lines)
+    }
+
+    fn frame(&mut self, number: u32, held: u64, is_only: bool) -> Result<Line, Error> {
+        let (lights, view) = self.movement.at(number);
+        let (width, height) = self.settings.size;
+        let start = Instant::now();
+        let (picture, frame) = self.streamed.frame(&lights, &view.camera(width, height), self.stops)?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
         if is_cancelled() {
             return Err(Error::Cancelled);
         }
         for error in &frame.step.lost {
-            progress.warn(&error.to_string());
+            self.progress.warn(&error.to_string());
         }
+        let matrix: u64 = self.streamed.bytes().iter().filter(|part| part.0 == "matrix").map(|part| part.1).sum();
         let resident = resident_bytes().unwrap_or(0);
-        let beside = resident.saturating_sub(geometry + before + matrix(&streamed));
-        picture.write_png(
-            &out.join(if args.frames == 1 { "full.png".into() } else { format!("frame-{number:04}.png") }),
-            stops,
-        )?;
-        if !common.quiet && (number % 25 == 0) {
-            progress.note(&format!("frame {number}: {ms:.0} ms, {} nodes, {} came", frame.nodes, frame.step.entered));
-        }
-        lines.push(Line { ms, frame, resident, beside });
+        let name = if is_only { "full.png".to_owned() } else { format!("frame-{number:04}.png") };
+        picture.write_png(&self.out.join(name), self.stops)?;
+        Ok(Line { ms, frame, resident, beside: resident.saturating_sub(held + matrix) })
     }
-    output::write_text(&out.join("frames.csv"), &csv(&lines))?;
-    let report = report(&name, &settings, &streamed, &lines, geometry);
-    let text = output::json(&report);
-    output::write_text(&out.join("summary.json"), &text)?;
-    if common.json {
-        println!("{text}");
-    } else {
-        report.print();
-        progress.note(&format!("written to {}", out.display()));
-    }
-    Ok(())
 }
 
 /// The scene that a bake names: as it is, or beside the bake.

@@ -6,6 +6,7 @@ use experiments::args::Common;
 use experiments::output;
 
 pub fn run(common: &Common, name: &str) -> Result<(), Error> {
+    common.native_only("scene")?;
     let loaded = procedural::build(name)?;
     let folder = output::folder_or(&common.out, &format!("scene-{}", loaded.name));
     output::make_folder(&folder)?;

@@ -323,7 +323,7 @@ fn info_describes_the_patches() {
         assert_eq!(found["kind"], kind);
         assert!((count / 200.0 - 1.0).abs() < 0.1, "{found}");
         assert!(number("samples") > count && number("sample_points") >= number("samples"), "{found}");
-        assert!(number("facets") >= count);
+        assert!(number("elements") >= count);
         // Of both sides, the inner ones of the walls, and the outer ones of the boxes.
         assert!((number("surface_sides_m2") / (2.0 * all["area_m2"].as_f64().unwrap()) - 1.0).abs() < 1e-6);
         let share = number("area_m2") / number("surface_sides_m2");
@@ -446,8 +446,8 @@ fn debug_pictures_show_the_bake() {
         succeeds(&arguments);
         let written = |name: &str| out.join("debug").join(format!("{name}.png")).is_file();
         assert!(always.iter().all(|name| written(name)), "{patches}, {receivers}");
-        // Facets where they are not the patches, receivers where there are some, the worst with a reference only.
-        assert_eq!(written("facets"), patches == "cluster");
+        // Elements where they are not the patches, receivers where there are some, the worst with a reference only.
+        assert_eq!(written("elements"), patches == "cluster");
         for name in ["receivers", "refined"] {
             assert_eq!(written(name), receivers == "mesh", "{patches}, {receivers}: {name}");
         }

@@ -5,10 +5,14 @@ use std::path::PathBuf;
 use assets::{Animation, LoadedScene};
 use clap::{Args, ValueEnum};
 use multibounce::BlockCodec;
-use patchlight::render::classic::{ClassicSettings, PatchKind};
-use patchlight::render::firstshot::FirstShotSettings;
+use patches::PatchKind;
+use patchlight::BakeSettings;
+use patchlight::method::FirstShotSettings;
+
+use runtime::executor::DeviceChoice;
 
 use crate::bench::Part;
+use crate::error::Error;
 
 /// Options of every command.
 #[derive(Args, Debug, Clone)]
@@ -31,6 +35,19 @@ pub struct Common {
     /// Print the summary as JSON on standard output.
     #[arg(long, global = true)]
     pub json: bool,
+}
+
+impl Common {
+    /// Refuses a device where only native code works, in place of ignoring it.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] unless the device is left to the program, or native code.
+    pub fn native_only(&self, command: &'static str) -> Result<(), Error> {
+        match DeviceChoice::parse(&self.device) {
+            DeviceChoice::Auto | DeviceChoice::Cpu => Ok(()),
+            _ => Err(Error::NoDevice { command, device: self.device.clone() }),
+        }
+    }
 }
 
 /// How lights move.
@@ -75,7 +92,7 @@ impl Patches {
 /// Experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Experiment {
-    /// Patches as senders, receivers on the mesh.
+    /// Kinds and numbers of patches, receivers on the mesh.
     Patches,
     /// The operator of all bounces: bytes and time over the error of its compression.
     Operator,
@@ -95,7 +112,7 @@ pub struct Bench {
     pub name: Experiment,
     /// Scene files or built-in scenes [default: cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches that send light [default: patches 1000,2000,5000,10000,20000, firstshot 4000, others 10000].
+    /// Patches [default: patches 1000,2000,5000,10000,20000, firstshot 4000, others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
@@ -156,7 +173,7 @@ impl Bench {
     pub fn receiver_rays(&self) -> u32 {
         self.receiver_rays.unwrap_or(match self.name {
             Experiment::Operator => self.rays,
-            _ => ClassicSettings::default().receiver_rays,
+            _ => BakeSettings::default().receiver_rays,
         })
     }
 }

@@ -10,6 +10,7 @@ mod temporal;
 mod truth;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -17,8 +18,12 @@ use crate::args::{Bench, Common, Experiment, Patches};
 use crate::bandwidth::stream_gb_s;
 use crate::error::Error;
 use crate::output;
+use crate::progress::Progress;
 use crate::report::page;
+use ::patches::PatchKind;
+use assets::LoadedScene;
 use patches::SceneResult;
+use patchlight::{Bake, BakeSettings, Estimator, RenderSettings, Renderer};
 pub use rows::Part;
 use rows::Row;
 use runtime::executor::{DeviceChoice, DeviceKind, open};
@@ -83,13 +88,20 @@ struct Before {
     rows: Vec<Row>,
 }
 
+/// Runs an experiment.
+///
+/// # Errors
+/// What the experiment meets.
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     match args.name {
         Experiment::Patches => run_patches(common, args),
         Experiment::Operator => operator::run(common, args),
         Experiment::Temporal => temporal::run(common, args),
         Experiment::Local => local::run(common, args),
-        Experiment::Firstshot => firstshot::run(common, args),
+        Experiment::Firstshot => {
+            common.native_only("bench firstshot")?;
+            firstshot::run(common, args)
+        }
     }
 }
 
@@ -189,6 +201,24 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
     ];
     let sections = results.iter().map(|result| &result.section);
     output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))
+}
+
+/// A bake of so many patches of the kind that suits the scene.
+fn suited_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
+    BakeSettings {
+        patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), count),
+        patch_count: count,
+        estimator: Estimator::Hemisphere { rays: args.rays },
+        receiver_rays: args.receiver_rays(),
+        seed: common.seed,
+        ..BakeSettings::default()
+    }
+}
+
+/// Puts a bake on the device of the options. What there is to say of the device was said when the machine was described.
+fn load(common: &Common, bake: &Arc<Bake>, settings: &RenderSettings, progress: &Progress) -> Result<Renderer, Error> {
+    let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
+    Ok(Renderer::new(Arc::clone(bake), executor, settings, progress)?)
 }
 
 impl Machine {

@@ -13,8 +13,15 @@ pub enum Error {
     /// The library.
     #[error("{}", with_hint(.0))]
     Library(#[from] patchlight::Error),
+    /// A picture, a comparison, a saved accumulation.
+    #[error(transparent)]
+    Reference(#[from] reference::Error),
     /// An experiment cannot go on.
-    #[error("{}: not what --resume can continue ({why}); give the options of that run, another --out, or leave out --resume", path.display())]
+    #[error(
+        "{}: not what --resume can continue ({why}); give the options of that run, another --out, or leave \
+         out --resume",
+        path.display()
+    )]
     OtherExperiment {
         /// The file.
         path: PathBuf,
@@ -36,7 +43,10 @@ pub enum Error {
         path: PathBuf,
     },
     /// A bake with blocks that cannot be read.
-    #[error("{}: {lost} of {blocks} blocks cannot be read; copy the file again, or bake the scene again", path.display())]
+    #[error(
+        "{}: {lost} of {blocks} blocks cannot be read; copy the file again, or bake the scene again",
+        path.display()
+    )]
     LostBlocks {
         /// The bake.
         path: PathBuf,
@@ -44,6 +54,14 @@ pub enum Error {
         lost: usize,
         /// All blocks.
         blocks: u32,
+    },
+    /// A device where only native code works.
+    #[error("{command} runs as native code on the CPU only; leave out --device {device}, or choose --device cpu")]
+    NoDevice {
+        /// The command.
+        command: &'static str,
+        /// The device asked for.
+        device: String,
     },
     /// The thread pool could not be made.
     #[error("cannot start {threads} threads: {reason}; choose fewer with --threads")]
@@ -58,22 +76,57 @@ pub enum Error {
     Cancelled,
 }
 
+impl Error {
+    /// Whether the user, or whoever watches, asked to stop.
+    pub fn is_cancelled(&self) -> bool {
+        match self {
+            Self::Cancelled => true,
+            Self::Library(error) => error.is_cancelled(),
+            _ => false,
+        }
+    }
+}
+
 /// The library's error, and which options of the program do what it advises.
 fn with_hint(error: &patchlight::Error) -> String {
+    match hint(error) {
+        Some(options) => format!("{error} ({options})"),
+        None => error.to_string(),
+    }
+}
+
+/// The options that do what an error of the library advises.
+fn hint(error: &patchlight::Error) -> Option<String> {
     use patchlight::Error as Library;
     let options = match error {
-        Library::FirstShotReceivers | Library::PatchesAsReceivers { .. } => "--patches, --receivers",
-        Library::OperatorMemory { instead, .. } => return format!("{error} (--patch-count, --method {instead})"),
-        Library::NoTextureUnit { .. } => "--decode kernel, --device",
-        Library::WideBlocks { .. } => "--decode kernel, --patch-count",
+        Library::FirstShotReceivers => "--receivers mesh or pixels",
+        Library::PatchesAsReceivers { .. } => {
+            "--receivers self needs --patches voxel or axis; or choose --receivers mesh"
+        }
+        Library::OperatorMemory { instead, .. } => return Some(format!("--patch-count, --method {instead}")),
+        Library::NoTextureUnit { .. } => "--decode kernel, or another --device",
+        Library::WideBlocks { .. } => "--decode kernel, or a smaller --patch-count",
         Library::OperatorPanels { .. } => "--memory-limit, --patch-count, --method feedback",
-        Library::DeviceMemory { .. } => "--build-on host, --patch-count",
+        Library::DeviceMemory { .. } => "--build-on host, or a smaller --patch-count",
         Library::TooManyPatches { .. } => "--patches cluster, --method path",
-        Library::TooManyVoxels { .. } => "--voxel-size, --patch-count",
-        Library::MemoryLimit { .. } => "--memory-limit, --voxel-size",
-        _ => return error.to_string(),
+        Library::TooManyVoxels { .. } => "a larger --voxel-size, or a smaller --patch-count",
+        Library::MemoryLimit { .. } => "--memory-limit, or a larger --voxel-size",
+        Library::Patches(error) => return patches_hint(error).map(str::to_owned),
+        _ => return None,
     };
-    format!("{error} ({options})")
+    Some(options.to_owned())
+}
+
+fn patches_hint(error: &patches::Error) -> Option<&'static str> {
+    match error {
+        patches::Error::VoxelSizeWithoutVoxels { .. } => {
+            Some("--voxel-size needs --patches voxel or axis; or give --patch-count instead")
+        }
+        patches::Error::TooMany { .. } | patches::Error::Shared(transport::Error::TooMany { .. }) => {
+            Some("a larger --voxel-size, or a smaller --patch-count")
+        }
+        _ => None,
+    }
 }
 
 /// What the crates of the library say goes the same way as what the library says.
@@ -89,7 +142,7 @@ macro_rules! through_library {
 
 through_library!(
     ExecutorError,
-    reference::Error,
+    scene::Error,
     transport::Error,
     formfactor::Error,
     patches::Error,
@@ -97,3 +150,25 @@ through_library!(
     localmatrix::Error,
     localmatrix::BakeError
 );
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_the_library_name_the_options_that_help() {
+        let error = Error::from(patchlight::Error::NoTextureUnit { device: "card".into() });
+        assert!(error.to_string().contains("card") && error.to_string().contains("--decode kernel"), "{error}");
+        let memory = patchlight::Error::OperatorMemory { patches: 1, needed: 2.0, available: 1.0, instead: "feedback" };
+        assert!(with_hint(&memory).contains("--method feedback") && with_hint(&memory).contains("--patch-count"));
+    }
+
+    #[test]
+    fn an_end_that_was_asked_for_is_told_from_a_failure() {
+        let cancelled = transport::Error::Cancelled { done: 1, total: 2 };
+        assert!(Error::Cancelled.is_cancelled() && Error::from(cancelled.clone()).is_cancelled());
+        assert!(Error::from(formfactor::Error::from(cancelled)).is_cancelled());
+        assert!(Error::from(localmatrix::Error::Cancelled).is_cancelled());
+        assert!(!Error::from(localmatrix::Error::NotThere { patch: 1 }).is_cancelled());
+    }
+}

@@ -1,6 +1,6 @@
 //! Errors of pictures, as tables print them.
 
-use patchlight::render::Pictures;
+use patchlight::Pictures;
 use reference::metrics::{compare_pictures, indirect_scale};
 use reference::{PictureErrors, stops_to_scale};
 

@@ -5,6 +5,7 @@ pub mod bandwidth;
 pub mod bench;
 mod error;
 pub mod errors;
+pub mod measure;
 pub mod output;
 pub mod path;
 pub mod photons;

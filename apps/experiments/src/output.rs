@@ -4,8 +4,8 @@ use reference::PictureFile as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use patchlight::render::Pictures;
-use patchlight::render::debug::DebugPicture;
+use patchlight::Pictures;
+use patchlight::debug::DebugPicture;
 use reference::metrics::indirect_scale;
 use reference::{Precision, scale_to_stops};
 use serde::Serialize;

@@ -1,6 +1,5 @@
 //! Path tracing: the CPU reference.
 
-use std::ops::ControlFlow;
 use std::path::Path;
 
 use reference::path::{PathSettings, PathTracer};
@@ -9,7 +8,7 @@ use scene::{Camera, Scene};
 
 use crate::error::Error;
 use crate::progress::Progress;
-use patchlight::render::Pictures;
+use patchlight::Pictures;
 
 /// A path-traced picture and its own standard errors.
 pub struct PathPicture {
@@ -47,9 +46,7 @@ pub fn render(
     }
     let tracer = PathTracer::new(scene);
     let finished = progress.phase("path tracing", |report| {
-        tracer.accumulate(camera, &mut sums, samples, |done, target| {
-            if report(done as f32 / target as f32) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-        })
+        tracer.accumulate(camera, &mut sums, samples, |done, target| report(done as usize, target as usize))
     })?;
     if let Some(path) = saved {
         sums.save(path, &mark)?;

@@ -6,13 +6,13 @@ use std::path::Path;
 
 use firstshot::Registry;
 use glam::{Vec2, Vec3};
+use patches::PatchMesh;
+use patchlight::method::firstshot::FirstShot;
 use reference::file::write_whole;
-use reference::{Picture, Precision};
+use reference::{Picture, PictureFile as _, Precision};
 use scene::Scene;
 
-use super::FirstShot;
 use crate::error::Error;
-use crate::render::senders::Senders;
 
 /// Texels of a row of the maps' picture.
 const MAP_WIDTH: usize = 1024;
@@ -25,7 +25,7 @@ const MAP_WIDTH: usize = 1024;
 ///
 /// # Errors
 /// Names the file that cannot be written.
-pub fn write_files(shot: &FirstShot, scene: &Scene, senders: &Senders, folder: &Path) -> Result<(), Error> {
+pub fn write_files(shot: &FirstShot, scene: &Scene, mesh: &PatchMesh, folder: &Path) -> Result<(), Error> {
     let write = |name: &str, bytes: &[u8]| {
         let path = folder.join(name);
         write_whole(&path, |file| {
@@ -33,7 +33,7 @@ pub fn write_files(shot: &FirstShot, scene: &Scene, senders: &Senders, folder: &
         })
     };
     let mut text = String::from("x,y,z,nx,ny,nz,area,indirect_r,indirect_g,indirect_b,standard_error\n");
-    for light in shot.patch_light(senders) {
+    for light in shot.patch_light(mesh) {
         let (c, n, h) = (light.patch.centroid, light.patch.normal, light.irradiance);
         // Writing into a string cannot fail.
         let _ = writeln!(

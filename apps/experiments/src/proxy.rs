@@ -15,11 +15,10 @@ use scene::{
     TriangleUv, find_sides,
 };
 
-use crate::progress::Progress;
-use patchlight::Error;
-use patchlight::render::classic::direct_params;
-use patchlight::render::pixels::PixelGather;
-use patchlight::render::proceed;
+use crate::error::Error;
+use crate::progress::{Progress, Steps};
+use patchlight::PixelGather;
+use patchlight::bake::direct_params;
 
 /// Points along the edge of a face.
 const FACE_POINTS: u32 = 4;
@@ -87,8 +86,11 @@ impl<'a> ProxyRadiosity<'a> {
     /// # Errors
     /// A normal that is no direction.
     pub fn irradiance_at(&self, points: &[SurfacePoint], lookup: ProxyLookup) -> Result<Vec<Vec3>, Error> {
-        let value = |p: &SurfacePoint| self.proxy.value_at(&self.light, p.position, p.normal, lookup);
-        Ok(points.par_iter().map(value).collect::<Result<_, _>>()?)
+        Ok(self.values_at(points, lookup)?)
+    }
+
+    fn values_at(&self, points: &[SurfacePoint], lookup: ProxyLookup) -> Result<Vec<Vec3>, reference::Error> {
+        points.par_iter().map(|p| self.proxy.value_at(&self.light, p.position, p.normal, lookup)).collect()
     }
 
     /// Indirect radiance that a camera sees of the true surface, W/m²/sr, in so many sub-frames.
@@ -96,12 +98,20 @@ impl<'a> ProxyRadiosity<'a> {
     /// # Errors
     /// None for a sound scene.
     pub fn indirect(&self, camera: &Camera, sub_frames: u32, lookup: ProxyLookup) -> Result<Picture, Error> {
-        let gather = |points: &[SurfacePoint], _: u32| -> Result<Vec<Vec4>, Error> {
-            Ok(self.irradiance_at(points, lookup)?.iter().map(|h| h.extend(0.0)).collect())
+        let gather = |points: &[SurfacePoint], _: u32| match self.values_at(points, lookup) {
+            Ok(values) => Ok(values.iter().map(|h| h.extend(0.0)).collect()),
+            Err(error) => Err(patches::Error::Rows(Box::new(error)).into()),
         };
-        let Self { scene, seed, .. } = *self;
-        PixelGather { scene, gather: &gather, lights: &scene.lighting.lights, camera, frame: 0, sub_frames, seed }
-            .indirect()
+        let pixels = PixelGather {
+            scene: self.scene,
+            gather: &gather,
+            lights: &self.scene.lighting.lights,
+            camera,
+            frame: 0,
+            sub_frames,
+            seed: self.seed,
+        };
+        Ok(pixels.indirect()?)
     }
 }
 
@@ -150,12 +160,7 @@ fn patches_of(proxy: &VoxelProxy) -> (Vec<u32>, usize) {
 }
 
 /// Indirect irradiance of all faces, W/m², by the patch of each; faces that take no part have none.
-fn solve(
-    proxy: &VoxelProxy,
-    numbers: &[u32],
-    settings: &ProxySettings,
-    report: &(dyn Fn(f32) -> bool + Sync),
-) -> Result<Vec<Vec3>, Error> {
+fn solve(proxy: &VoxelProxy, numbers: &[u32], settings: &ProxySettings, report: &Steps) -> Result<Vec<Vec3>, Error> {
     let is_patch = |face: u32| numbers[face as usize] != NONE;
     let faces = || proxy.faces.iter().zip(0..).filter(|(_, face)| is_patch(*face));
     let patches: Vec<Patch> = faces()
@@ -178,8 +183,7 @@ fn solve(
         ray_offset: proxy.scene.geometry.ray_offset,
         seed: settings.seed,
     };
-    let progress = |done: usize, total: usize| proceed(report, done, total);
-    let mut rows = form_factors(&Hemisphere { rays: settings.rays }, &surfaces, &progress)?;
+    let mut rows = form_factors(&Hemisphere { rays: settings.rays }, &surfaces, &report)?;
     let areas = vec![proxy.face_area(); patches.len()];
     balance(&mut rows.factors, &mut rows.sky_factor, &areas, None)?;
 

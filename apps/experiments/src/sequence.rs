@@ -7,7 +7,7 @@ use glam::Vec3;
 use reference::metrics::compare_pictures;
 use scene::kernel::shade::encode_srgb;
 use scene::math::luminance;
-use scene::{Camera, LIGHT_DIRECTIONAL, Light};
+use scene::{Camera, LIGHT_DIRECTIONAL, Light, Lighting};
 
 use crate::args::{Animate, CameraPath};
 use crate::error::Error;
@@ -15,9 +15,10 @@ use crate::output;
 use crate::progress::Progress;
 use crate::report::{Plot, Section, Series, page};
 use assets::import::{Animation, LoadedScene, Target, View};
+use localmatrix::CameraFrame;
 use patchlight::memory::peak_memory_bytes;
-use patchlight::render::classic::{Classic, FrameResult};
-use patchlight::render::local::{LocalFrame, SHOWN_ALBEDO};
+use patchlight::method::local::SHOWN_ALBEDO;
+use patchlight::{FrameResult, Renderer};
 
 /// Time of a frame: the animation's length spread over the frames.
 pub fn frame_time(animation: &Animation, frame: u32, frames: u32) -> f32 {
@@ -35,6 +36,7 @@ pub struct Movement {
 }
 
 impl Movement {
+    /// Of a scene over so many frames.
     pub fn new(
         loaded: &LoadedScene,
         (animate, camera): (Animate, Option<CameraPath>),
@@ -88,7 +90,7 @@ struct Measured {
     /// Of changes of the matrix round the camera.
     update_ms: f64,
     /// What they were.
-    local: Option<LocalFrame>,
+    local: Option<CameraFrame>,
     /// Greatest resident memory so far, bytes.
     memory: Option<u64>,
     /// SSIM of the picture against that of exact products.
@@ -99,6 +101,22 @@ struct Measured {
     change: Option<f64>,
     /// Least change of displayed values that at most one of a thousand exceeds, in 255ths.
     flicker: Option<f64>,
+}
+
+/// What a frame is to show.
+#[derive(Clone, Copy)]
+pub struct Shot<'a> {
+    /// What shines.
+    pub lighting: &'a Lighting,
+    /// Who looks.
+    pub camera: &'a Camera,
+    /// Number of the frame.
+    pub number: u32,
+}
+
+/// Milliseconds of all passes of one name.
+pub fn pass_ms(times: &[(String, f64)], name: &str) -> f64 {
+    times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum()
 }
 
 /// What the frames measured, and the light of the last.
@@ -114,37 +132,37 @@ impl Sequence {
         Self { frames: Vec::new(), before: Vec::new(), scale: reference::stops_to_scale(stops) }
     }
 
-    /// Takes in a frame, its light and, where the matrix goes with the camera, its picture, beside those of exact products with
-    /// the same lights.
+    /// Takes in a frame, its light and, where the matrix goes with the camera, its picture, beside those of exact
+    /// products with the same lights.
     ///
     /// # Errors
     /// What the device says.
     pub fn add(
         &mut self,
-        classic: &mut Classic,
-        exact: Option<&mut Classic>,
-        (lights, camera, number): (&[Light], &Camera, u32),
+        renderer: &mut Renderer,
+        exact: Option<&mut Renderer>,
+        shot: &Shot,
         done: &FrameResult,
     ) -> Result<(), Error> {
-        let light = classic.surface_irradiance()?;
-        let local = classic.local_frame();
-        let of = |name: &str| done.times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum();
-        let (mut error, mut ssim) = (None, None);
+        let light = renderer.surface_irradiance()?;
+        let local = renderer.counted_report()?.local;
+        let mut error = None;
+        let mut ssim = None;
         if let Some(exact) = exact {
             if local.is_some() {
-                let picture = exact.frame(lights, camera, number)?.pictures.full;
+                let picture = exact.picture(shot.lighting, shot.camera, shot.number)?.pictures.full;
                 // Nothing to compare where the camera sees only black.
                 ssim = compare_pictures(&done.pictures.full, &picture, self.scale, None).ok().map(|errors| errors.ssim);
             } else {
-                exact.advance(lights)?;
+                exact.advance(shot.lighting, shot.camera)?;
             }
             error = Some(distance(&light, &exact.surface_irradiance()?));
         }
         let has_before = self.before.len() == light.len() && !light.is_empty();
         self.frames.push(Measured {
-            method_ms: of("method"),
-            lookup_ms: of("lookup"),
-            update_ms: of("update"),
+            method_ms: pass_ms(&done.times, "method"),
+            lookup_ms: pass_ms(&done.times, "lookup"),
+            update_ms: pass_ms(&done.times, "update"),
             local,
             memory: peak_memory_bytes(),
             ssim,
@@ -181,61 +199,8 @@ impl Sequence {
     /// # Errors
     /// [`Error::Write`].
     pub fn write(&self, out: &Path, title: &str) -> Result<(), Error> {
-        let has_local = self.frames.iter().any(|f| f.local.is_some());
-        let mut csv = String::from("frame,method_ms,lookup_ms,error,change,flicker_255");
-        if has_local {
-            csv.push_str(
-                ",ssim,update_ms,patches,entered,left,waiting,later,update_multiplications,product_multiplications,\
-                 anew_multiplications,residual,local_bytes,peak_bytes",
-            );
-        }
-        csv.push('\n');
-        let cell = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.6e}"));
-        for (k, f) in self.frames.iter().enumerate() {
-            // Writing into a string cannot fail.
-            let (error, change, flicker) = (cell(f.error), cell(f.change), cell(f.flicker));
-            let _ = write!(csv, "{k},{:.4},{:.4},{error},{change},{flicker}", f.method_ms, f.lookup_ms);
-            if let Some(LocalFrame { step, patches, product, anew, bytes }) = &f.local {
-                let (ssim, residual) = (cell(f.ssim), cell(step.residual.map(f64::from)));
-                let memory = f.memory.map_or(String::new(), |bytes| bytes.to_string());
-                let _ = write!(
-                    csv,
-                    ",{ssim},{:.4},{patches},{},{},{},{},{},{product},{anew},{residual},{bytes},{memory}",
-                    f.update_ms, step.entered, step.left, step.waiting, step.later, step.work
-                );
-            }
-            csv.push('\n');
-        }
-        output::write_text(&out.join("frames.csv"), &csv)?;
-        let series = |name: &str, value: &dyn Fn(&Measured) -> Option<f64>| {
-            let points = self.frames.iter().enumerate().filter_map(|(k, f)| Some((k as f64, value(f)?)));
-            Series { name: name.into(), points: points.collect() }
-        };
-        let plot = |title: &str, unit: &str, series: Vec<Series>| Plot {
-            title: title.into(),
-            unit: unit.into(),
-            x: "frame".into(),
-            logarithmic: false,
-            series: series.into_iter().filter(|s| !s.points.is_empty()).collect(),
-        };
-        let against = if self.frames.iter().any(|f| f.error.is_some()) {
-            "Irradiance against exact products, and against the frame before"
-        } else {
-            "Irradiance against the frame before; --errors adds exact products"
-        };
-        let plots = vec![
-            plot(against, "relative L2", vec![series("error", &|f| f.error), series("change", &|f| f.change)]),
-            plot("Change of displayed values, 99.9th percentile", "1/255", vec![series("change", &|f| f.flicker)]),
-            plot(
-                "Time",
-                "ms",
-                vec![
-                    series("method", &|f| Some(f.method_ms)),
-                    series("lookup", &|f| Some(f.lookup_ms)),
-                    series("update", &|f| f.local.as_ref().map(|_| f.update_ms)),
-                ],
-            ),
-        ];
+        output::write_text(&out.join("frames.csv"), &self.csv())?;
+        let plots = self.plots();
         for (name, plot) in ["light", "flicker", "time"].iter().zip(&plots) {
             output::write_text(&out.join(format!("frames-{name}.svg")), &plot.svg())?;
         }
@@ -248,6 +213,90 @@ impl Sequence {
             plots,
         };
         output::write_text(&out.join("report.html"), &page(title, &[], [&section]))
+    }
+
+    /// A line for each frame.
+    fn csv(&self) -> String {
+        let mut csv = String::from("frame,method_ms,lookup_ms,error,change,flicker_255");
+        if self.frames.iter().any(|f| f.local.is_some()) {
+            csv.push_str(
+                ",ssim,update_ms,patches,entered,left,waiting,later,update_multiplications,product_multiplications,\
+                 anew_multiplications,residual,local_bytes,peak_bytes",
+            );
+        }
+        csv.push('\n');
+        for (k, f) in self.frames.iter().enumerate() {
+            f.write_line(k, &mut csv);
+        }
+        csv
+    }
+
+    /// Irradiance, displayed values and times over the frames.
+    fn plots(&self) -> Vec<Plot> {
+        let against = if self.frames.iter().any(|f| f.error.is_some()) {
+            "Irradiance against exact products, and against the frame before"
+        } else {
+            "Irradiance against the frame before; --errors adds exact products"
+        };
+        let light = vec![self.series("error", &|f| f.error), self.series("change", &|f| f.change)];
+        let shown = vec![self.series("change", &|f| f.flicker)];
+        let times = vec![
+            self.series("method", &|f| Some(f.method_ms)),
+            self.series("lookup", &|f| Some(f.lookup_ms)),
+            self.series("update", &|f| f.local.as_ref().map(|_| f.update_ms)),
+        ];
+        vec![
+            over_frames(against, "relative L2", light),
+            over_frames("Change of displayed values, 99.9th percentile", "1/255", shown),
+            over_frames("Time", "ms", times),
+        ]
+    }
+
+    fn series(&self, name: &str, value: &dyn Fn(&Measured) -> Option<f64>) -> Series {
+        let points = self.frames.iter().enumerate().filter_map(|(k, f)| Some((k as f64, value(f)?)));
+        Series { name: name.into(), points: points.collect() }
+    }
+}
+
+impl Measured {
+    /// Adds the line of frame `number` to a table. Writing into a string cannot fail.
+    fn write_line(&self, number: usize, csv: &mut String) {
+        let _ = write!(
+            csv,
+            "{number},{:.4},{:.4},{},{},{}",
+            self.method_ms,
+            self.lookup_ms,
+            cell(self.error),
+            cell(self.change),
+            cell(self.flicker)
+        );
+        if let Some(CameraFrame { step, patches, product, anew, bytes }) = &self.local {
+            let ssim = cell(self.ssim);
+            let residual = cell(step.residual.map(f64::from));
+            let memory = self.memory.map_or(String::new(), |bytes| bytes.to_string());
+            let _ = write!(
+                csv,
+                ",{ssim},{:.4},{patches},{},{},{},{},{},{product},{anew},{residual},{bytes},{memory}",
+                self.update_ms, step.entered, step.left, step.waiting, step.later, step.work
+            );
+        }
+        csv.push('\n');
+    }
+}
+
+/// A number of a table, or nothing.
+fn cell(value: Option<f64>) -> String {
+    value.map_or(String::new(), |v| format!("{v:.6e}"))
+}
+
+/// A plot over the frames, without lines that have no points.
+fn over_frames(title: &str, unit: &str, series: Vec<Series>) -> Plot {
+    Plot {
+        title: title.into(),
+        unit: unit.into(),
+        x: "frame".into(),
+        logarithmic: false,
+        series: series.into_iter().filter(|s| !s.points.is_empty()).collect(),
     }
 }
 

@@ -28,7 +28,7 @@ impl PassTimes {
 pub struct PhotonCounts {
     /// Photons that were started.
     pub photons: u64,
-    /// Landings of indirect light.
+    /// Photon hits of indirect light.
     pub registered: u64,
     /// Segments traced.
     pub segments: u64,
@@ -60,7 +60,7 @@ pub struct Summary {
     pub decode: Option<&'static str>,
     /// Device that ran the kernels.
     pub device: String,
-    /// Patches that send light.
+    /// Patches.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub patches: Option<usize>,
     /// Points that receive it.

@@ -2,10 +2,10 @@
 
 use assets::import::LoadedScene;
 use assets::procedural;
+use experiments::Error;
 use experiments::progress::Progress;
 use experiments::proxy::{ProxyRadiosity, ProxySettings};
 use glam::{Vec3, vec3};
-use patchlight::Error;
 use reference::ProxyLookup;
 use scene::{NONE, SurfacePoint};
 

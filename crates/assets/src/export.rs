@@ -42,14 +42,20 @@ pub fn write_scene(scene: &LoadedScene, folder: &Path) -> Result<PathBuf, Import
     Ok(path)
 }
 
+/// Writes a file beside its place and renames it, so that nobody sees half of it.
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImportError> {
-    reference::file::write_whole(path, |file| {
-        file.write_all(bytes).map_err(|source| reference::Error::Write { path: path.to_path_buf(), source })
-    })
-    .map_err(|fault| match fault {
-        reference::Error::Write { path, source } => ImportError::Write { path, source },
-        other => ImportError::Write { path: path.to_path_buf(), source: std::io::Error::other(other) },
-    })
+    let failed = |source| ImportError::Write { path: path.to_path_buf(), source };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.suffix(".part");
+    // Temporary files are their owner's alone; this one is to become a result.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut part = builder.tempfile_in(folder).map_err(failed)?;
+    part.write_all(bytes).map_err(failed)?;
+    part.as_file().sync_all().map_err(failed)?;
+    part.persist(path).map_err(|error| failed(error.error))?;
+    Ok(())
 }
 
 /// A name as it may stand in an OBJ or MTL line.

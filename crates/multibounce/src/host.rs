@@ -18,9 +18,9 @@ pub use outliers::Outliers;
 pub use solve::{Factors, all_bounces, all_bounces_lu, some_bounces};
 pub use stored::{Room, StoredOperator, all_bounces_stored, some_bounces_stored};
 pub use tiles::{
-    Channels, ExpandTables, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS, NearTables, ProjectTables, RectangularRoom,
-    RectangularTiles, SparseRows, TileReport, TileRoom, TileSide, Tiles, enter_all, expand_all, leave_all, near_all,
-    project_all, round_all, weigh_all,
+    Channels, ColumnVectors, ExpandTables, LowRank, LowRankWorkspace, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS,
+    NearTables, ProjectTables, SparseRows, TileReport, TileSide, TileSource, enter_all, expand_all, leave_all,
+    near_all, project_all, round_all, weigh_all,
 };
 pub use tree::halving_order;
 // The names that these had here, until all callers take them from `transport`.

@@ -8,24 +8,23 @@
 //! [`some_bounces`] makes T_K by Horner's rule, in 3 n² numbers of memory each beside F; [`all_bounces_stored`] and
 //! [`some_bounces_stored`] make them panel by panel, in as much memory as they may take, and keep them in a file. With areas a
 //! by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric:
-//! half of it says all. [`Tiles`] store it as pairs of vectors of 4 or 8 bits, dense squares and single entries, in tiles of an
-//! order in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that are
-//! even over neighbours count more, because light adds them up. The three colour channels share what they have in common. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike;
-//! the forms for all cores give the same bits.
-//!
-//! [`RectangularTiles`] are the same for few senders and many receivers, `H_r = F_r B`: one channel for all colours, with the same
-//! kernels.
+//! half of it says all. [`LowRank`] stores it as pairs of vectors of 4 or 8 bits, dense squares and single entries, in tiles of
+//! an order in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that
+//! are even over neighbours count more, because light adds them up. The three colour channels share what they have in common.
+//! It also stores rectangular operators of few senders and many receivers, `H_r = F_r B`: one channel for all colours, with the
+//! same product and kernels. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike; the forms for all
+//! cores give the same bits.
 //!
 //! [`BlockMatrix`] keeps a matrix in texture blocks (BC1, BC3, BC6H, BC7), 0.5 to 1 byte an RGB entry, with the greatest
 //! entries beside them, in an order of rows and columns that makes blocks smooth ([`projected_order`]). The product decodes
 //! them on the way, on the host or in kernels, also by the texture unit.
 //!
-//! Tiles of F alone serve *feedback*, `B ← E + ρ∘(F B)`, a bounce in each frame, in which ρ may change at any time. With
+//! [`LowRank`] tiles of F alone serve *feedback*, `B ← E + ρ∘(F B)`, a bounce in each frame, in which ρ may change at any time. With
 //! [`Acceleration`] a bounce uses where the light was going: it settles in about half as many.
 //!
 //! ```
 //! use glam::{Vec3, Vec4};
-//! use multibounce::{Channels, Factors, Tiles, all_bounces, halving_order};
+//! use multibounce::{Channels, Factors, LowRank, TileSide, TileSource, all_bounces, halving_order};
 //! use transport::{LinearOperator, Proceed};
 //!
 //! // Two plates that see each other by half, one twice as large.
@@ -34,7 +33,9 @@
 //! let operator = all_bounces(&factors.symmetric()?, &[0.8, 0.5])?;
 //! let order = halving_order(&[Vec3::ZERO, Vec3::Z], &[Vec3::Z, Vec3::NEG_Z], &[]);
 //! let go_on = |_, _| Proceed::Continue(());
-//! let tiles = Tiles::encode(Channels::One(&operator), &area, &order, 1e-3, &go_on)?;
+//! let patches = TileSide { area: &area, order: &order };
+//! let source = TileSource::Symmetric { channels: Channels::One(&operator), patches };
+//! let tiles = LowRank::encode(source, 1e-3, &go_on)?;
 //!
 //! let mut irradiance = [Vec4::ZERO; 2];
 //! tiles.apply(&[Vec4::ONE, Vec4::ZERO], &mut irradiance)?;

@@ -57,7 +57,7 @@ pub struct MultiplyParams {
 }
 const _: () = assert!(size_of::<MultiplyParams>() == 20);
 
-/// Four slots of [`crate::Tiles`], one after another: vectors of one block that are for one colour.
+/// Four slots of [`crate::LowRank`], one after another: vectors of one block that are for one colour.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct TileQuad {
@@ -69,7 +69,7 @@ pub struct TileQuad {
 }
 const _: () = assert!(size_of::<TileQuad>() == 8);
 
-/// A dense square of [`crate::Tiles`]: [`crate::kernel::tiles::LANES`] rows and columns.
+/// A dense square of [`crate::LowRank`]: [`crate::kernel::tiles::LANES`] rows and columns.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct TileSquare {

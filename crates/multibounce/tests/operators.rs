@@ -6,9 +6,9 @@ use bytemuck::{cast_slice, cast_slice_mut};
 use faer::Mat;
 use glam::{UVec4, Vec3, Vec4};
 use multibounce::{
-    Channels, Error, Factors, Proceed, Room, StoredOperator, Tiles, all_bounces, all_bounces_lu, all_bounces_stored,
-    enter_all, expand_all, halving_order, kernel, near_all, project_all, round_all, some_bounces, some_bounces_stored,
-    weigh_all,
+    Channels, Error, Factors, LowRank, Proceed, Room, StoredOperator, TileSide, TileSource, all_bounces,
+    all_bounces_lu, all_bounces_stored, enter_all, expand_all, halving_order, kernel, near_all, project_all, round_all,
+    some_bounces, some_bounces_stored, weigh_all,
 };
 use proptest::prelude::*;
 use support::{go, random};
@@ -181,7 +181,7 @@ fn tiles_of_operators_in_files_are_those_of_operators_in_memory() {
     let upper =
         |m: &Mat<f32>| Mat::from_fn(n, n, |i, j| if place[i] / 128 <= place[j] / 128 { m[(i, j)] } else { m[(j, i)] });
     let [r, g, b] = stored.each_ref().map(|stored| upper(&whole(stored)));
-    let encode = |channels, order: &[u32]| Tiles::encode(channels, &case.area, order, 1e-2, &go);
+    let encode = |channels, order: &[u32]| tiles_of(channels, &case.area, order, 1e-2, &go);
     let ours = encode(Channels::Stored(stored.each_ref()), &order).unwrap();
     assert!(ours == encode(Channels::Three([&r, &g, &b]), &order).unwrap());
     assert!(ours != encode(Channels::Three([&b, &g, &r]), &order).unwrap());
@@ -235,8 +235,19 @@ fn what_is_wrong_with_a_file_or_its_room_is_said() {
     assert!(matches!(stopped, Err(Error::Shared(transport::Error::Cancelled { done: 4, .. }))), "{stopped:?}");
 }
 
+/// Symmetric operators in tiles.
+fn tiles_of(
+    channels: Channels,
+    area: &[f32],
+    order: &[u32],
+    epsilon: f64,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<LowRank, Error> {
+    LowRank::encode(TileSource::Symmetric { channels, patches: TileSide { area, order } }, epsilon, progress)
+}
+
 /// The operator that tiles multiply by, column by column.
-fn decoded(tiles: &Tiles, n: usize, channel: usize) -> Mat<f32> {
+fn decoded(tiles: &LowRank, n: usize, channel: usize) -> Mat<f32> {
     let mut out = Mat::zeros(n, n);
     for j in 0..n {
         let (mut unit, mut column) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
@@ -248,7 +259,7 @@ fn decoded(tiles: &Tiles, n: usize, channel: usize) -> Mat<f32> {
 }
 
 /// The symmetric operator that is stored, row by row.
-fn by_rows(tiles: &Tiles, area: &[f32], channel: usize) -> Mat<f32> {
+fn by_rows(tiles: &LowRank, area: &[f32], channel: usize) -> Mat<f32> {
     let n = area.len();
     let mut out = Mat::zeros(n, n);
     for i in 0..n {
@@ -260,7 +271,7 @@ fn by_rows(tiles: &Tiles, area: &[f32], channel: usize) -> Mat<f32> {
 }
 
 /// Relative Frobenius error of one channel, in symmetric form.
-fn error_of(tiles: &Tiles, exact: &Mat<f32>, area: &[f32], channel: usize) -> f32 {
+fn error_of(tiles: &LowRank, exact: &Mat<f32>, area: &[f32], channel: usize) -> f32 {
     let n = area.len();
     let found = decoded(tiles, n, channel);
     let symmetric = Mat::from_fn(n, n, |i, j| found[(i, j)] * (area[i] / area[j]).sqrt());
@@ -273,11 +284,11 @@ fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_ope
     let case = Case::new(n, 0.3);
     let symmetric = case.factors().symmetric().unwrap();
     let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
-    let bytes = |tiles: &Tiles| tiles.bytes_by_part().iter().map(|part| part.1).sum::<u64>();
+    let bytes = |tiles: &LowRank| tiles.bytes_by_part().iter().map(|part| part.1).sum::<u64>();
     let mut last = 0;
     for epsilon in [1e-1, 1e-2, 1e-3, 1e-4] {
         let channels = Channels::Three([&made[0], &made[1], &made[2]]);
-        let tiles = Tiles::encode(channels, &case.area, &case.order(), epsilon, &go).unwrap();
+        let tiles = tiles_of(channels, &case.area, &case.order(), epsilon, &go).unwrap();
         tiles.check().unwrap();
         for (c, exact) in made.iter().enumerate() {
             let stored = f64::from(difference(&by_rows(&tiles, &case.area, c), exact));
@@ -291,7 +302,7 @@ fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_ope
         assert!(bytes(&tiles) > last, "{epsilon}: a smaller error costs more");
         last = bytes(&tiles);
         if epsilon == 1e-2 {
-            let alone = Tiles::encode(Channels::One(&made[0]), &case.area, &case.order(), epsilon, &go).unwrap();
+            let alone = tiles_of(Channels::One(&made[0]), &case.area, &case.order(), epsilon, &go).unwrap();
             assert!(last < 3 * bytes(&alone) * 3 / 4, "{last} {}", bytes(&alone));
             assert!(error_of(&alone, &made[1], &case.area, 0) > 0.011, "another operator is noticed");
             // Broken words change the operator.
@@ -312,7 +323,7 @@ fn differences_of_one_hue_are_stored_once() {
     let hue = &red - &green;
     let blue = Mat::from_fn(n, n, |i, j| green[(i, j)] - 2.0 * hue[(i, j)]);
     let encode = |blue: &Mat<f32>| {
-        Tiles::encode(Channels::Three([&red, &green, blue]), &case.area, &case.order(), 1e-3, &go).unwrap()
+        tiles_of(Channels::Three([&red, &green, blue]), &case.area, &case.order(), 1e-3, &go).unwrap()
     };
     let (alike, alone) = (encode(&blue), encode(&green));
     let (root, axes) = (0.2f32.sqrt(), alike.axes * alike.axes.x.signum());
@@ -343,7 +354,7 @@ proptest! {
         let matrix = Mat::from_fn(n, n, value);
         let area: Vec<f32> = (0..n).map(|i| 0.1 + random(i, 1, seed)).collect();
         let order: Vec<u32> = (0..n as u32).rev().collect();
-        let tiles = Tiles::encode(Channels::One(&matrix), &area, &order, epsilon, &go).unwrap();
+        let tiles = tiles_of(Channels::One(&matrix), &area, &order, epsilon, &go).unwrap();
         tiles.check().unwrap();
         let stored = difference(&by_rows(&tiles, &area, 0), &matrix);
         prop_assert!(f64::from(stored) <= 1.01 * epsilon + 2e-6, "{epsilon}: {stored}");
@@ -369,8 +380,8 @@ fn a_furnace_stays_one() {
     let all = all_bounces(&symmetric, &rho).unwrap();
     let expected = 1.0 / (1.0 - 0.6);
     for (name, tiles) in [
-        ("one", Tiles::encode(Channels::One(&all), &case.area, &case.order(), 1e-3, &go).unwrap()),
-        ("three", Tiles::encode(Channels::Three([&all, &all, &all]), &case.area, &case.order(), 1e-3, &go).unwrap()),
+        ("one", tiles_of(Channels::One(&all), &case.area, &case.order(), 1e-3, &go).unwrap()),
+        ("three", tiles_of(Channels::Three([&all, &all, &all]), &case.area, &case.order(), 1e-3, &go).unwrap()),
     ] {
         let mut h = vec![Vec4::ZERO; n];
         tiles.apply(&vec![Vec4::ONE; n], &mut h).unwrap();
@@ -379,7 +390,7 @@ fn a_furnace_stays_one() {
         }
     }
     // Feedback with the form factors alone comes to the same.
-    let tiles = Tiles::encode(Channels::One(&symmetric), &case.area, &case.order(), 1e-3, &go).unwrap();
+    let tiles = tiles_of(Channels::One(&symmetric), &case.area, &case.order(), 1e-3, &go).unwrap();
     let (mut b, mut h) = (vec![Vec4::ZERO; n], vec![Vec4::ZERO; n]);
     for _ in 0..40 {
         tiles.apply(&b, &mut h).unwrap();
@@ -392,7 +403,7 @@ fn a_furnace_stays_one() {
 fn tiles_of_sparse_form_factors_are_those_of_the_dense_matrix() {
     let case = Case::new(300, 0.5);
     let symmetric = case.factors().symmetric().unwrap();
-    let encode = |channels| Tiles::encode(channels, &case.area, &case.order(), 1e-2, &go).unwrap();
+    let encode = |channels| tiles_of(channels, &case.area, &case.order(), 1e-2, &go).unwrap();
     let (sparse, dense) = (encode(Channels::Factors(case.factors())), encode(Channels::One(&symmetric)));
     assert!(sparse == dense, "{:?} {:?}", sparse.report, dense.report);
     // Other factors give other tiles.
@@ -401,7 +412,7 @@ fn tiles_of_sparse_form_factors_are_those_of_the_dense_matrix() {
     let mut unlike = case.values.clone();
     unlike[2] *= 2.0;
     let unlike = Factors { values: &unlike, ..case.factors() };
-    let found = Tiles::encode(Channels::Factors(unlike), &case.area, &case.order(), 1e-2, &go);
+    let found = tiles_of(Channels::Factors(unlike), &case.area, &case.order(), 1e-2, &go);
     assert!(matches!(found, Err(Error::Shared(transport::Error::Value { name: "factors", .. }))), "{found:?}");
 }
 
@@ -412,7 +423,7 @@ fn light_that_is_even_costs_less_error_than_light_that_is_not() {
     let case = Case::new(n, 0.9);
     let symmetric = case.factors().symmetric().unwrap();
     let order = case.order();
-    let tiles = Tiles::encode(Channels::One(&symmetric), &case.area, &order, 0.05, &go).unwrap();
+    let tiles = tiles_of(Channels::One(&symmetric), &case.area, &order, 0.05, &go).unwrap();
     let error = |light: &dyn Fn(usize) -> f32| {
         let light: Vec<Vec4> = (0..n).map(|i| Vec4::splat(light(i))).collect();
         let (mut ours, mut exact) = (vec![Vec4::ZERO; n], vec![0.0; n]);
@@ -437,7 +448,7 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
     let symmetric = case.factors().symmetric().unwrap();
     let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
     let channels = Channels::Three([&made[0], &made[1], &made[2]]);
-    let tiles = Tiles::encode(channels, &case.area, &case.order(), 3e-3, &go).unwrap();
+    let tiles = tiles_of(channels, &case.area, &case.order(), 3e-3, &go).unwrap();
     assert!(tiles.report.components.iter().all(|&c| c > 0) && tiles.report.entries > 0, "{:?}", tiles.report);
     let light: Vec<Vec4> = (0..n).map(|i| Vec4::new(random(i, 0, 9), random(i, 1, 9), random(i, 2, 9), 0.0)).collect();
     like_the_bodies(&tiles, &light);
@@ -447,7 +458,7 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
 }
 
 /// Asks that sums and rows are the kernels' in all bits.
-fn like_the_bodies(tiles: &Tiles, exitance: &[Vec4]) {
+fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
     let mut ordered = vec![Vec4::ZERO; kernel::tiles::PLACES];
     enter_all(&tiles.order, &tiles.root, exitance, &mut ordered[..tiles.steps.len()]);
     let mut light = vec![0; tiles.blocks() * kernel::tiles::LIGHT_WORDS as usize];
@@ -496,7 +507,7 @@ fn like_the_bodies(tiles: &Tiles, exitance: &[Vec4]) {
         assert_eq!(eight, body, "places {k}");
     }
     // A product makes the same of them, step by step.
-    let mut irradiance = vec![Vec4::ZERO; tiles.patches()];
+    let mut irradiance = vec![Vec4::ZERO; tiles.rows()];
     tiles.apply(exitance, &mut irradiance).unwrap();
     for (i, h) in (0u32..).zip(&irradiance) {
         assert_eq!(*h, kernel::tiles::leave(i, &tiles.place, &tiles.root, &rows, &near), "patch {i}");
@@ -507,8 +518,7 @@ fn like_the_bodies(tiles: &Tiles, exitance: &[Vec4]) {
 fn what_is_wrong_is_said() {
     let case = Case::new(20, 0.1);
     let symmetric = case.factors().symmetric().unwrap();
-    let encode =
-        |area: &[f32], order: &[u32], epsilon| Tiles::encode(Channels::One(&symmetric), area, order, epsilon, &go);
+    let encode = |area: &[f32], order: &[u32], epsilon| tiles_of(Channels::One(&symmetric), area, order, epsilon, &go);
     let order = case.order();
     assert!(matches!(
         encode(&case.area, &order, 0.0),
@@ -531,10 +541,10 @@ fn what_is_wrong_is_said() {
     ));
     let mut broken = symmetric.clone();
     broken[(3, 4)] = f32::INFINITY;
-    let found = Tiles::encode(Channels::One(&broken), &case.area, &order, 0.1, &go);
+    let found = tiles_of(Channels::One(&broken), &case.area, &order, 0.1, &go);
     assert!(matches!(found, Err(Error::Shared(transport::Error::Value { name: "operator", index: 4, .. }))));
     let stop = |_: usize, _: usize| Proceed::Break(());
-    let found = Tiles::encode(Channels::One(&symmetric), &case.area, &order, 0.1, &stop);
+    let found = tiles_of(Channels::One(&symmetric), &case.area, &order, 0.1, &stop);
     assert!(matches!(found, Err(Error::Shared(transport::Error::Cancelled { .. }))));
 
     // Light that grows: rows above 1.
@@ -559,7 +569,7 @@ fn what_is_wrong_is_said() {
     // Tables that lead beyond their end.
     let large = Case::new(300, 0.0);
     let all = all_bounces(&large.factors().symmetric().unwrap(), &[0.5; 300]).unwrap();
-    let good = Tiles::encode(Channels::One(&all), &large.area, &large.order(), 0.01, &go).unwrap();
+    let good = tiles_of(Channels::One(&all), &large.area, &large.order(), 0.01, &go).unwrap();
     good.check().unwrap();
     let mut tiles = good.clone();
     tiles.squares[0].column = 24;
@@ -579,6 +589,6 @@ fn what_is_wrong_is_said() {
     let mut h = vec![Vec4::ZERO; 300];
     assert!(good.apply(&[Vec4::ONE; 299], &mut h).is_err());
     // No patches at all.
-    let empty = Tiles::encode(Channels::One(&Mat::zeros(0, 0)), &[], &[], 0.1, &go).unwrap();
+    let empty = tiles_of(Channels::One(&Mat::zeros(0, 0)), &[], &[], 0.1, &go).unwrap();
     empty.apply(&[], &mut []).unwrap();
 }

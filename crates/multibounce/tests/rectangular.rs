@@ -6,7 +6,7 @@ use bytemuck::cast_slice;
 use glam::{Vec3, Vec4};
 use multibounce::kernel::tiles as body;
 use multibounce::{
-    Error, Proceed, RectangularRoom, RectangularTiles, TileSide, enter_all, halving_order, project_all, round_all,
+    Error, LowRank, LowRankWorkspace, Proceed, TileSide, TileSource, enter_all, halving_order, project_all, round_all,
     weigh_all,
 };
 use support::{go, random};
@@ -41,9 +41,13 @@ impl Case {
         }
     }
 
-    fn encode(&self, epsilon: f64) -> Result<RectangularTiles, Error> {
+    fn encode(&self, epsilon: f64) -> Result<LowRank, Error> {
         let rows = |i: usize, each: &mut dyn FnMut(u32, f32)| self.rows[i].iter().for_each(|&(j, f)| each(j, f));
-        RectangularTiles::encode(&rows, self.receivers(), self.senders(), epsilon, &go)
+        LowRank::encode(
+            TileSource::Rows { rows: &rows, receivers: self.receivers(), senders: self.senders() },
+            epsilon,
+            &go,
+        )
     }
 
     fn receivers(&self) -> TileSide<'_> {
@@ -55,9 +59,9 @@ impl Case {
     }
 
     /// Relative Frobenius error of `a_r^½ F_r a_s^-½`, column by column of what products multiply by.
-    fn error_of(&self, tiles: &RectangularTiles) -> f64 {
+    fn error_of(&self, tiles: &LowRank) -> f64 {
         let (mut wrong, mut whole) = (0.0, 0.0);
-        let mut room = RectangularRoom::default();
+        let mut room = LowRankWorkspace::default();
         for (j, a) in self.sender_area.iter().enumerate() {
             let mut unit = vec![Vec4::ZERO; self.sender_area.len()];
             let mut column = vec![Vec4::ZERO; self.area.len()];
@@ -79,8 +83,8 @@ fn light(n: usize) -> Vec<Vec4> {
     (0..n).map(|j| Vec4::new(random(j, 0, 9), random(j, 1, 9), random(j, 2, 9), 0.0)).collect()
 }
 
-fn product(tiles: &RectangularTiles, light: &[Vec4]) -> Vec<Vec4> {
-    let mut irradiance = vec![Vec4::ZERO; tiles.receivers()];
+fn product(tiles: &LowRank, light: &[Vec4]) -> Vec<Vec4> {
+    let mut irradiance = vec![Vec4::ZERO; tiles.rows()];
     tiles.apply(light, &mut irradiance).unwrap();
     irradiance
 }
@@ -154,11 +158,11 @@ fn products_are_those_of_the_bodies_for_any_number_of_threads() {
     }
 }
 
-fn like_the_bodies(tiles: &RectangularTiles, exitance: &[Vec4]) {
-    let columns = tiles.sender_blocks() * body::TILE as usize;
+fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
+    let columns = tiles.column_blocks() * body::TILE as usize;
     let mut ordered = vec![Vec4::ZERO; body::PLACES];
-    enter_all(&tiles.sender_order, &tiles.sender_root, exitance, &mut ordered[..columns]);
-    let mut light = vec![0; tiles.sender_blocks() * body::LIGHT_WORDS as usize];
+    enter_all(&tiles.order, tiles.column_root(), exitance, &mut ordered[..columns]);
+    let mut light = vec![0; tiles.column_blocks() * body::LIGHT_WORDS as usize];
     round_all(&ordered[..columns], &mut light);
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
     project_all(&tiles.project_tables(), &light, &mut sums);
@@ -239,12 +243,16 @@ fn what_is_wrong_is_said() {
     let case = good();
     let stop = |_: usize, _: usize| Proceed::Break(());
     let rows = |_: usize, each: &mut dyn FnMut(u32, f32)| each(0, 1.0);
-    let found = RectangularTiles::encode(&rows, case.receivers(), case.senders(), 0.1, &stop);
+    let found = LowRank::encode(
+        TileSource::Rows { rows: &rows, receivers: case.receivers(), senders: case.senders() },
+        0.1,
+        &stop,
+    );
     assert!(matches!(found, Err(Error::Shared(transport::Error::Cancelled { total: 2, .. }))));
     let many = vec![1.0; 65_536];
     let order: Vec<u32> = (0..65_536).collect();
     let senders = TileSide { area: &many, order: &order };
-    let found = RectangularTiles::encode(&rows, case.receivers(), senders, 0.1, &go);
+    let found = LowRank::encode(TileSource::Rows { rows: &rows, receivers: case.receivers(), senders }, 0.1, &go);
     assert!(matches!(found, Err(Error::Shared(transport::Error::TooMany { name: "senders", .. }))));
 
     let case = Case::new(300, 200);
@@ -252,7 +260,7 @@ fn what_is_wrong_is_said() {
     assert!(tiles.apply(&light(199), &mut vec![Vec4::ZERO; 300]).is_err());
     assert!(tiles.apply(&light(200), &mut vec![Vec4::ZERO; 299]).is_err());
     // Tables that lead beyond their end.
-    let broken = |change: &dyn Fn(&mut RectangularTiles), named: &str| {
+    let broken = |change: &dyn Fn(&mut LowRank), named: &str| {
         let mut tiles = tiles.clone();
         change(&mut tiles);
         match tiles.check() {
@@ -268,16 +276,16 @@ fn what_is_wrong_is_said() {
     broken(&|t| _ = t.scale.pop(), "scale");
     broken(&|t| t.scale[0] = f32::INFINITY, "scale");
     broken(&|t| _ = t.words.pop(), "words");
-    broken(&|t| _ = t.sender_words.pop(), "words");
-    broken(&|t| t.sender_quads[0].group = u32::MAX, "quads");
+    broken(&|t| _ = t.columns.as_mut().unwrap().words.pop(), "words");
+    broken(&|t| t.columns.as_mut().unwrap().quads[0].group = u32::MAX, "quads");
     broken(&|t| t.quads[0].tag |= 3, "quads");
     broken(&|t| t.runs.swap(0, 1), "runs");
     broken(&|t| t.run_start[1] = u32::MAX, "run_start");
     broken(&|t| t.entries.push(0), "row_start");
     broken(&|t| t.steps[3] = f32::NAN, "steps");
     broken(&|t| t.place[7] = 300, "place");
-    broken(&|t| t.sender_order[7] = 200, "sender_order");
+    broken(&|t| t.order[7] = 200, "order");
     broken(&|t| t.root[7] = -1.0, "root");
-    broken(&|t| _ = t.sender_root.pop(), "sender_root");
+    broken(&|t| _ = t.columns.as_mut().unwrap().root.pop(), "root of columns");
     broken(&|t| _ = t.square_start.pop(), "square_start");
 }

@@ -1,8 +1,6 @@
 //! A method of one's own: each patch receives the mean exitance of the scene, as an "ambient" term does. Beside classic
 //! radiosity, which knows who sees whom.
 
-use std::any::Any;
-use std::error::Error;
 use std::sync::Arc;
 
 use patchlight::{Bake, BakeSettings, FramePlan, Method, MethodReport, RenderSettings, Renderer, Result, Silent};
@@ -10,43 +8,39 @@ use runtime::cpu::Cpu;
 use runtime::recipe::formfactor::SparseTables;
 use transport::Csr;
 
-/// `H_i = Σ_j (a_j / a) E_j` for every patch i: one row that all patches share, repeated.
-struct Ambient {
-    rows: Arc<Csr>,
-}
+/// `H_i = Σ_j (a_j / a) E_j` for every patch i.
+struct Ambient(Arc<Csr>);
 
 impl Ambient {
     fn new(bake: &Bake) -> Self {
         let areas = bake.mesh.areas();
         let all: f32 = areas.iter().sum();
-        let count = areas.len() as u32;
-        let rows = Csr {
-            columns: areas.len(),
-            row_start: (0..=count).map(|i| i * count).collect(),
-            column_index: (0..count * count).map(|k| k % count).collect(),
-            values: (0..areas.len().pow(2)).map(|k| areas[k % areas.len()] / all).collect(),
-        };
-        Self { rows: Arc::new(rows) }
+        let n = areas.len();
+        let row_start = (0..=n).map(|i| (i * n) as u32).collect();
+        let column_index = (0..n * n).map(|k| (k % n) as u32).collect();
+        let values = (0..n * n).map(|k| areas[k % n] / all).collect();
+        Self(Arc::new(Csr { rows: n, columns: n, row_start, column_index, values }))
     }
 }
 
 impl Method for Ambient {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<()> {
-        let rows = SparseTables::new(&mut frame.plan, &mut frame.tables, "ambient", &self.rows);
+        let rows = SparseTables::new(&mut frame.plan, &mut frame.tables, "ambient", &self.0);
         rows.gather(&mut frame.plan, "method", frame.patches.source, frame.patches.irradiance)?;
-        Ok(frame.bounce()?)
+        frame.bounce()?;
+        Ok(())
     }
 
     fn report(&self) -> MethodReport {
         MethodReport::default()
     }
 
-    fn as_any(&self) -> &dyn Any {
+    fn as_any(&self) -> &dyn std::any::Any {
         self
     }
 }
 
-fn main() -> std::result::Result<(), Box<dyn Error>> {
+fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
     let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);

@@ -17,6 +17,12 @@ pub enum Error {
     /// Tables, settings and sizes of any method.
     #[error(transparent)]
     Transport(#[from] transport::Error),
+    /// Photons.
+    #[error("photons: {0}")]
+    Photons(transport::Error),
+    /// Rows that frames sample.
+    #[error("temporal radiosity: {0}")]
+    Temporal(transport::Error),
     /// Receivers that photons do not serve.
     #[error("photons light receivers on the mesh or at the pixels, not the patches themselves; choose other receivers")]
     FirstShotReceivers,
@@ -181,7 +187,13 @@ impl Error {
             Self::Transport(error) => is_cancelled(error),
             Self::FormFactor(formfactor::Error::Shared(error)) => is_cancelled(error),
             Self::Operator(multibounce::Error::Shared(error)) => is_cancelled(error),
+            Self::Local(localmatrix::Error::Cancelled) => true,
             Self::Local(localmatrix::Error::Shared(error)) => is_cancelled(error),
+            Self::Patches(patches::Error::Shared(error)) => is_cancelled(error),
+            Self::Patches(patches::Error::Rows(error)) => match error.downcast_ref() {
+                Some(formfactor::Error::Shared(error)) => is_cancelled(error),
+                _ => false,
+            },
             _ => false,
         }
     }

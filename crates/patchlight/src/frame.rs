@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 use runtime::executor::{DeviceInfo, ExecutorError};
-use runtime::plan::{BufferId, Plan, Range};
+use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::formfactor::Surfaces;
 use runtime::recipe::{Tables, rgb_bytes};
 use scene::{Camera, Lighting};
@@ -117,9 +117,8 @@ impl<'a> FramePlan<'a> {
     ///
     /// # Errors
     /// Buffers that are too short.
-    pub fn bounce(&mut self) -> Result<(), ExecutorError> {
-        self.patches.bounce(&mut self.plan, "method")?;
-        Ok(())
+    pub fn bounce(&mut self) -> Result<PassId, ExecutorError> {
+        self.patches.bounce(&mut self.plan, "method")
     }
 
     /// Buffers that are all zeros when the first frame begins, with the number of their values.

@@ -88,6 +88,15 @@ pub trait Method: Send {
         None
     }
 
+    /// Counts what only the device knows of the last frame, for [`Self::report`]; waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    fn count(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        let _ = executor;
+        Ok(())
+    }
+
     /// What the method holds and what its last frame did.
     fn report(&self) -> MethodReport;
 

@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 use multibounce::{
-    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, MatrixRows, Permutation, Tiles, projected_order,
-    spectral_radius, spectral_range,
+    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, LowRank, MatrixRows, Permutation, TileSide,
+    TileSource, projected_order, spectral_radius, spectral_range,
 };
 use rayon::prelude::*;
 use runtime::plan::Plan;
@@ -72,7 +72,7 @@ pub enum PatchOperator {
     /// Texture blocks and outliers.
     Blocks(Arc<BlockMatrix>),
     /// Low rank; of one channel they hold form factors.
-    LowRank(Arc<Tiles>),
+    LowRank(Arc<LowRank>),
 }
 
 /// `H = T E` on the host, W/m².
@@ -123,8 +123,9 @@ impl PatchOperator {
                     Self::Blocks(Arc::new(BlockMatrix::encode(n, &rows, order, settings, &report)?))
                 }
                 Codec::LowRank { epsilon } => {
-                    let tiles = Tiles::encode(channels, &factors.area, &factors.order, epsilon, &report)?;
-                    Self::LowRank(Arc::new(tiles))
+                    let patches = TileSide { area: &factors.area, order: &factors.order };
+                    let source = TileSource::Symmetric { channels, patches };
+                    Self::LowRank(Arc::new(LowRank::encode(source, epsilon, &report)?))
                 }
             })
         })
@@ -146,7 +147,7 @@ impl PatchOperator {
             Self::Dense(dense) => dense.rows,
             Self::Half(half) => half.rows,
             Self::Blocks(matrix) => matrix.len(),
-            Self::LowRank(tiles) => tiles.patches(),
+            Self::LowRank(low_rank) => low_rank.shape().0,
         }
     }
 
@@ -228,7 +229,7 @@ impl PatchOperator {
     }
 }
 
-fn describe_low_rank(tiles: &Tiles, size: f64) -> String {
+fn describe_low_rank(tiles: &LowRank, size: f64) -> String {
     let report = &tiles.report;
     format!(
         "operator: {size:.2} MB (stored {:.2} MB), relative error {:.2} / {:.2} / {:.2} %, {} rank-1 terms, {} dense \

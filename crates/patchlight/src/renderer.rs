@@ -9,6 +9,7 @@ use patches::Columns;
 use runtime::executor::{Executor, PassTime};
 use runtime::plan::{BufferId, PassId};
 use runtime::recipe::scene::SceneTables;
+#[cfg(feature = "vulkan")]
 use runtime::vulkan::Vulkan;
 use scene::{Camera, DirectParams, Light, Lighting, Scene, SurfacePoint};
 use transport::{LinearOperator as _, Observer};
@@ -77,7 +78,7 @@ pub struct FrameResult {
 }
 
 /// Device buffers with the irradiance of the last light update, for the caller's own shaders: each value is a `Vec4`, RGB in
-/// W/m² and one unused component. [`runtime::vulkan::Vulkan::buffer`] gives the Vulkan buffer of each.
+/// W/m² and one unused component. `runtime::vulkan::Vulkan::buffer` gives the Vulkan buffer of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReceiverBuffers {
     /// Irradiance of the patches, all bounces but the last two where receivers are on the mesh.
@@ -192,6 +193,7 @@ impl Renderer {
     }
 
     /// The Vulkan executor, if it is one: to record into a caller's command buffer and to ask for device buffers.
+    #[cfg(feature = "vulkan")]
     pub fn vulkan_mut(&mut self) -> Option<&mut Vulkan> {
         self.executor.as_vulkan()
     }
@@ -209,6 +211,15 @@ impl Renderer {
     /// What the method holds, and what its last frame did.
     pub fn report(&self) -> MethodReport {
         self.method.report()
+    }
+
+    /// The same with what only the device knows of the last frame; waits for it.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn counted_report(&mut self) -> Result<MethodReport, Error> {
+        self.method.count(self.executor.as_mut())?;
+        Ok(self.method.report())
     }
 
     /// A light update and a picture of it; waits. Random numbers are those of frame `number`.
@@ -231,11 +242,7 @@ impl Renderer {
         executor.submit_passes(self.frame.shade.passes())?;
         let mut times = update.times;
         times.extend(executor.wait()?);
-        let mut times = by_name(times);
-        let report = self.method.report();
-        if report.photons.is_some() {
-            times.push(("method".to_owned(), report.host_ms));
-        }
+        let times = self.with_photons(by_name(times));
         let full = self.sum(self.frame.shade.full)?;
         let direct = self.sum(self.frame.shade.direct)?;
         let indirect = match self.bake.settings.receivers {
@@ -254,7 +261,16 @@ impl Renderer {
         self.executor.wait()?;
         let mut times = self.update_light(lighting, camera)?.times;
         times.extend(self.executor.wait()?);
-        Ok(by_name(times))
+        Ok(self.with_photons(by_name(times)))
+    }
+
+    /// Times with that of the photons, which are traced before the frame.
+    fn with_photons(&self, mut times: Vec<(String, f64)>) -> Vec<(String, f64)> {
+        let report = self.method.report();
+        if report.photons.is_some() {
+            times.push(("method".to_owned(), report.host_ms));
+        }
+        times
     }
 
     /// Indirect irradiance of the last update where pixels take it from, W/m²: at the interpolation points, or of the patches

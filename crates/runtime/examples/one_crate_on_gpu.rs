@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use glam::Vec4;
-use multibounce::{Channels, Tiles};
+use multibounce::{Channels, LowRank, TileSide, TileSource};
 use runtime::executor::{DeviceChoice, open};
 use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 
@@ -19,7 +19,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let area = vec![1.0; PATCHES];
     let order: Vec<u32> = (0..PATCHES as u32).collect();
     let go_on = |_: usize, _: usize| ControlFlow::Continue(());
-    let low_rank = Arc::new(Tiles::encode(Channels::One(&operator), &area, &order, 0.01, &go_on)?);
+    let patches = TileSide { area: &area, order: &order };
+    let source = TileSource::Symmetric { channels: Channels::One(&operator), patches };
+    let low_rank = Arc::new(LowRank::encode(source, 0.01, &go_on)?);
     println!("{PATCHES} patches in {} bytes", low_rank.bytes_by_part().iter().map(|part| part.1).sum::<u64>());
 
     let mut exitance = vec![Vec4::ZERO; PATCHES];

@@ -11,6 +11,7 @@ use gpu_kernels::host::HostError;
 use crate::cpu::Cpu;
 use crate::plan::{BufferId, PassId, Plan, PlanError};
 use crate::recipe::Table;
+#[cfg(feature = "vulkan")]
 use crate::vulkan::{self, Validation, Vulkan};
 
 /// Why a device could not be opened or a plan could not be run.
@@ -21,8 +22,15 @@ pub enum ExecutorError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// Vulkan, its driver or the device.
+    #[cfg(feature = "vulkan")]
     #[error(transparent)]
     Vulkan(#[from] vulkan::Error),
+    /// A Vulkan device, in a program that was built without.
+    #[error("{wanted} is a Vulkan device, and this program was built without the feature `vulkan`; choose the CPU")]
+    WithoutVulkan {
+        /// What was asked for.
+        wanted: String,
+    },
     /// Main memory does not suffice.
     #[error("`{buffer}`, {bytes} bytes, does not fit into main memory; choose fewer patches or a smaller picture")]
     OutOfMemory {
@@ -49,6 +57,18 @@ pub enum ExecutorError {
         /// Bytes of an element.
         stride: usize,
     },
+}
+
+impl ExecutorError {
+    /// Whether memory of the device, or main memory, does not suffice.
+    pub fn is_out_of_memory(&self) -> bool {
+        match self {
+            Self::OutOfMemory { .. } => true,
+            #[cfg(feature = "vulkan")]
+            Self::Vulkan(vulkan::Error::OutOfMemory { .. }) => true,
+            _ => false,
+        }
+    }
 }
 
 /// What kind of machine runs the kernels, best first.
@@ -280,6 +300,7 @@ pub trait Executor: Send {
     fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError>;
 
     /// The Vulkan executor, if it is one: to record into a caller's command buffer and to hand out device buffers.
+    #[cfg(feature = "vulkan")]
     fn as_vulkan(&mut self) -> Option<&mut Vulkan> {
         None
     }
@@ -332,30 +353,44 @@ impl dyn Executor + '_ {
 pub fn open(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
     match choice {
         DeviceChoice::Cpu => Ok((Box::new(Cpu::new()), None)),
-        DeviceChoice::Auto => match Vulkan::open(choice, Validation::from_environment()) {
-            Ok(vulkan) => Ok((Box::new(vulkan), None)),
-            Err(vulkan::Error::UnknownDevice { available, .. }) => {
-                let note = format!(
-                    "no graphics processor (Vulkan offers only {}): running as native code on the CPU",
-                    available.join(", ")
-                );
-                Ok((Box::new(Cpu::new()), Some(note)))
-            }
-            Err(error @ vulkan::Error::NoValidationLayer) => Err(error.into()),
-            Err(error) => Ok((Box::new(Cpu::new()), Some(format!("{error}; running as native code on the CPU")))),
-        },
-        _ => Ok((Box::new(Vulkan::open(choice, Validation::from_environment())?), None)),
+        _ => open_vulkan(choice),
+    }
+}
+
+#[cfg(feature = "vulkan")]
+fn open_vulkan(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
+    let opened = Vulkan::open(choice, Validation::from_environment());
+    if *choice != DeviceChoice::Auto {
+        return Ok((Box::new(opened?), None));
+    }
+    let note = match opened {
+        Ok(vulkan) => return Ok((Box::new(vulkan), None)),
+        Err(vulkan::Error::UnknownDevice { available, .. }) => format!(
+            "no graphics processor (Vulkan offers only {}): running as native code on the CPU",
+            available.join(", ")
+        ),
+        Err(error @ vulkan::Error::NoValidationLayer) => return Err(error.into()),
+        Err(error) => format!("{error}; running as native code on the CPU"),
+    };
+    Ok((Box::new(Cpu::new()), Some(note)))
+}
+
+#[cfg(not(feature = "vulkan"))]
+fn open_vulkan(choice: &DeviceChoice) -> Result<(Box<dyn Executor>, Option<String>), ExecutorError> {
+    match choice {
+        DeviceChoice::Auto => Ok((Box::new(Cpu::new()), None)),
+        other => Err(ExecutorError::WithoutVulkan { wanted: other.to_string() }),
     }
 }
 
 /// Native code and all Vulkan devices, with a note where Vulkan cannot be asked.
 pub fn devices() -> (Vec<DeviceInfo>, Option<String>) {
-    let mut devices = vec![Cpu::new().device().clone()];
+    let native = vec![Cpu::new().device().clone()];
+    #[cfg(feature = "vulkan")]
     match vulkan::devices() {
-        Ok(found) => {
-            devices.extend(found);
-            (devices, None)
-        }
-        Err(error) => (devices, Some(error.to_string())),
+        Ok(found) => (native.into_iter().chain(found).collect(), None),
+        Err(error) => (native, Some(error.to_string())),
     }
+    #[cfg(not(feature = "vulkan"))]
+    (native, None)
 }

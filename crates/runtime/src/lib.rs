@@ -9,4 +9,5 @@ pub mod executor;
 pub mod graph;
 pub mod plan;
 pub mod recipe;
+#[cfg(feature = "vulkan")]
 pub mod vulkan;

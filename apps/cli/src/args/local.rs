@@ -1,37 +1,38 @@
-//! Options of the matrix round the camera, and the camera's ways.
+//! Options of the matrix round the camera.
 
 use clap::Args;
-use patchlight::render::local::{LocalOptions, white};
+use patchlight::method::LocalSettings;
+use patchlight::method::local::white;
 
 /// Options of the local matrix.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct LocalArgs {
     /// Patches and merged patches in the matrix; 16 bytes for each pair (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64))]
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64))]
     pub slots: u32,
     /// How many of them enter or leave in a frame at most (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub budget: u32,
-    /// Frames that the camera's way is looked ahead (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.look_ahead, value_parser = parse_frames)]
+    /// Frames that the camera's path is predicted ahead (local).
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.look_ahead, value_parser = parse_frames)]
     pub look_ahead: f32,
-    /// Frames over which changes of the matrix come into the light, more where displayed values would change by more than two 255ths a
-    /// frame; 1 for at once (local).
-    #[arg(long, default_value_t = LocalOptions::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// Frames over which changes of the matrix come into the light, more where displayed values would change by more than
+    /// two 255ths a frame; 1 for at once (local).
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub fade: u32,
-    /// Make all changes that suit the camera in each frame, wait for the disk, and let nothing fade: pictures as of a camera at rest, to
-    /// compare those of a moving one with. --budget, --look-ahead and --fade make no difference then (local).
+    /// Make all changes that suit the camera in each frame, wait for the disk, and let nothing fade: pictures as of a camera
+    /// at rest, to compare those of a moving one with. --budget, --look-ahead and --fade make no difference then (local).
     #[arg(long)]
     pub at_rest: bool,
 }
 
 impl LocalArgs {
     /// The settings, for pictures that are exposed so.
-    pub fn options(&self, exposure_stops: f32) -> LocalOptions {
+    pub fn options(&self, exposure_stops: f32) -> LocalSettings {
         let Self { slots, budget, at_rest, .. } = *self;
         let (look_ahead, fade) = if at_rest { (0.0, 1) } else { (self.look_ahead, self.fade) };
         let white = if fade == 1 { f32::INFINITY } else { white(exposure_stops) };
-        LocalOptions { slots: slots as usize, budget: budget as usize, look_ahead, fade, white, at_rest }
+        LocalSettings { slots: slots as usize, budget: budget as usize, look_ahead, fade, white, at_rest }
     }
 }
 

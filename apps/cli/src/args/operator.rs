@@ -4,8 +4,7 @@ use clap::{Args, ValueEnum};
 use multibounce::BlockCodec;
 
 use experiments::args::parse_epsilon;
-use patchlight::render::decode::Decode;
-use patchlight::render::operator::{BuildOn, Codec};
+use patchlight::operator::{BuildOn, Codec, Decode};
 
 /// How the operator of all bounces is stored.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,7 +21,7 @@ pub enum Storage {
     Bc6h,
     /// The same of a byte an entry: 8-bit colours on up to three lines.
     Bc7,
-    /// Tiles of low rank and single entries, with the error that --epsilon says.
+    /// Rank-1 terms, dense sub-blocks and sparse residuals in tiles, with the error that --epsilon says.
     #[default]
     Tiles,
 }
@@ -37,7 +36,7 @@ impl Storage {
             Self::Bc3 => Codec::Blocks(BlockCodec::Bc3),
             Self::Bc6h => Codec::Blocks(BlockCodec::Bc6h),
             Self::Bc7 => Codec::Blocks(BlockCodec::Bc7),
-            Self::Tiles => Codec::Tiles { epsilon },
+            Self::Tiles => Codec::LowRank { epsilon },
         }
     }
 }
@@ -84,6 +83,13 @@ impl BuildPlace {
             Self::Host => BuildOn::Host,
             Self::Device => BuildOn::Device,
         }
+    }
+}
+
+impl OperatorOptions {
+    /// Whether a device has a part in what is said: it decodes texture blocks.
+    pub fn needs_device(&self) -> bool {
+        self.operator && matches!(self.codec.codec(self.epsilon), Codec::Blocks(_))
     }
 }
 

@@ -1,9 +1,11 @@
 //! `patchlight info --operator`: what operators of the light between patches take and lose.
 
+use std::path::Path;
 use std::time::Instant;
 
+use faer::Mat;
 use glam::Vec4;
-use multibounce::{Channels, spectral_radius};
+use multibounce::{Channels, Tiles, spectral_radius};
 use serde::Serialize;
 use transport::LinearOperator as _;
 
@@ -11,18 +13,15 @@ use crate::args::{OperatorOptions, Storage};
 use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::Common;
+use experiments::measure::{block_orders, compact_lights, matrix_pictures, order_errors, own_light};
 use experiments::output;
 use experiments::progress::Progress;
-use patchlight::render::classic::ClassicSettings;
-use patchlight::render::decode::Decoder;
-use patchlight::render::exchange::exchange;
-use patchlight::render::frame::decoder;
-use patchlight::render::operator::measure::{
-    block_orders, compact_lights, exact_product, matrix_pictures, order_errors, own_light, relative_error,
-};
-use patchlight::render::operator::{Between, Codec, MATRICES, PatchOperator, check_memory, growth};
-use patchlight::render::senders::Senders;
-use runtime::executor::{DeviceChoice, open};
+use patches::PatchMesh;
+use patchlight::operator::build::{MATRICES, check_memory};
+use patchlight::operator::measure::{exact_product, relative_error};
+use patchlight::operator::{Codec, PatchOperator, SymmetricFactors, decoder_name, growth};
+use patchlight::{BakeSettings, FormFactors};
+use runtime::executor::{DeviceChoice, Executor, open};
 
 /// Steps and tolerance of spectral radii.
 const STEPS: usize = 200;
@@ -71,71 +70,110 @@ struct Stored {
 /// What tiles are made of.
 #[derive(Serialize)]
 struct Ranks {
-    /// Tiles without components or entries, with entries only, with components.
+    /// Tiles without rank-1 terms or entries, with entries only, with rank-1 terms.
     empty: usize,
     sparse: usize,
     low_rank: usize,
-    /// Components for all channels, and of the differences to green.
-    components: usize,
-    differences: usize,
+    /// Rank-1 terms of all channels, and of the differences to green.
+    terms: usize,
+    difference_terms: usize,
     most_rank: usize,
-    squares: usize,
+    /// Dense sub-blocks, and entries of the sparse residual.
+    dense_blocks: usize,
     entries: usize,
     /// Bytes of a file of it.
     stored_bytes: u64,
 }
 
-impl Operator {
-    pub fn of(
-        common: &Common,
-        loaded: &LoadedScene,
-        senders: &Senders,
-        settings: &ClassicSettings,
-        options: &OperatorOptions,
-    ) -> Result<Self, Error> {
-        let progress = Progress::new(common.quiet || common.json);
-        let n = senders.patches.len();
-        check_memory(n, MATRICES, "feedback")?;
-        let found = progress.phase("form_factors", |report| exchange(&loaded.scene, senders, settings, report))?;
-        let between = Between::new(senders, &found.factors)?;
-        let operators = between.bounces(&senders.albedo, None, &progress)?;
-        let mut lights = vec![own_light(&loaded.scene, senders, settings)];
-        lights.extend(compact_lights(senders, settings.seed));
-        let factors = &between.factors;
-        let radius = spectral_radius(factors, &senders.albedo, TOLERANCE, STEPS)?.max_element();
+impl Ranks {
+    fn of(tiles: &Tiles) -> Self {
+        let report = &tiles.report;
+        let [empty, sparse, low_rank] = report.tiles;
+        let [terms, difference_terms] = report.components;
+        Self {
+            empty,
+            sparse,
+            low_rank,
+            terms,
+            difference_terms,
+            most_rank: report.most_rank,
+            dense_blocks: report.squares,
+            entries: report.entries,
+            stored_bytes: tiles.stored_bytes(),
+        }
+    }
+}
 
-        let codec = options.codec.codec(options.epsilon);
-        let device = match codec {
-            Codec::Blocks(_) => Some(open(&DeviceChoice::parse(&common.device))?.0),
-            _ => None,
+/// What operators are made of.
+pub(super) struct Source<'a> {
+    pub loaded: &'a LoadedScene,
+    pub mesh: &'a PatchMesh,
+    pub settings: &'a BakeSettings,
+}
+
+/// What there is to store, and lights to measure it with.
+struct Subject<'a> {
+    mesh: &'a PatchMesh,
+    factors: SymmetricFactors,
+    /// Of all bounces, for red, green and blue.
+    operators: [Mat<f32>; 3],
+    /// The scene's own light first.
+    lights: Vec<Vec<Vec4>>,
+    seed: u32,
+    progress: &'a Progress,
+}
+
+impl<'a> Subject<'a> {
+    fn new(source: &Source<'a>, progress: &'a Progress) -> Result<Self, Error> {
+        let Source { loaded, mesh, settings } = *source;
+        check_memory(mesh.patches.len(), MATRICES, "feedback")?;
+        let found = progress.phase("form_factors", |report| {
+            FormFactors::estimate(&loaded.scene, mesh, settings.estimator, settings.seed, report)
+        })?;
+        let factors = SymmetricFactors::new(mesh, &found.factors)?;
+        let operators = factors.bounces(&mesh.albedo, None, progress)?;
+        let mut lights = vec![own_light(&loaded.scene, mesh, settings.sample_rays, settings.seed)];
+        lights.extend(compact_lights(mesh, settings.seed));
+        Ok(Self { mesh, factors, operators, lights, seed: settings.seed, progress })
+    }
+
+    /// An operator by its name: `T` of all bounces, or `F`.
+    fn channels(&self, operator: &str) -> Channels<'_> {
+        match operator {
+            "T" => Channels::Three(self.operators.each_ref()),
+            _ => self.factors.channels(),
+        }
+    }
+
+    /// Relative errors of irradiance of all lights.
+    fn errors(&self, kept: &PatchOperator, channels: Channels) -> Result<Vec<f64>, Error> {
+        let area = &self.factors.area;
+        let mut irradiance = vec![Vec4::ZERO; area.len()];
+        let mut errors = Vec::with_capacity(self.lights.len());
+        for light in &self.lights {
+            kept.apply(light, &mut irradiance)?;
+            errors.push(relative_error(&irradiance, &exact_product(channels, area, light), area));
+        }
+        Ok(errors)
+    }
+}
+
+impl Operator {
+    /// Makes the operators that the options ask for, and measures them.
+    pub fn of(common: &Common, source: &Source, options: &OperatorOptions) -> Result<Self, Error> {
+        let progress = Progress::new(common.quiet || common.json);
+        let subject = Subject::new(source, &progress)?;
+        let factors = &subject.factors.factors;
+        let radius = spectral_radius(factors, &subject.mesh.albedo, TOLERANCE, STEPS)?.max_element();
+        let device = match options.needs_device() {
+            true => Some(open(&DeviceChoice::parse(&common.device))?.0),
+            false => None,
         };
-        let mut made = vec![("T", Channels::Three(operators.each_ref()))];
+        let mut stored = vec![Stored::of("T", &subject, options, device.as_deref(), common.out.as_deref())?];
         if options.codec == Storage::Tiles {
-            made.push(("F", between.channels()));
+            stored.push(Stored::of("F", &subject, options, None, None)?);
         }
-        let mut stored = Vec::new();
-        for (operator, channels) in made {
-            let start = Instant::now();
-            let kept = PatchOperator::encode(codec, channels, &between, settings.seed, &progress)?;
-            let seconds = start.elapsed().as_secs_f64();
-            let mut one = Stored::of(operator, codec, &kept, channels, &between, &lights, &senders.albedo, seconds)?;
-            if let Some(device) = &device {
-                let decoder = decoder(options.decode.decode(), device.as_ref(), Some(&kept))?;
-                one.decode = decoder.map(Decoder::name);
-            }
-            if let Codec::Blocks(codec) = codec {
-                let exact = between.rows(channels);
-                let orders = block_orders(&exact, &between, settings.seed, &progress)?;
-                one.order_mse = order_errors(codec, &exact, &orders, &progress)?;
-            }
-            stored.push(one);
-            if let (Some(out), "T") = (&common.out, operator) {
-                output::make_folder(out)?;
-                let pictures = progress.phase("pictures", |_| matrix_pictures(&kept, channels, &between))?;
-                output::write_debug(out, &pictures)?;
-                progress.note(&format!("pictures of the matrix are in {}", out.display()));
-            }
-        }
+        let n = subject.mesh.patches.len();
         Ok(Self {
             patches: n,
             entries: factors.values.len(),
@@ -163,59 +201,58 @@ impl Operator {
 }
 
 impl Stored {
-    #[allow(clippy::too_many_arguments)]
+    /// An operator as the options say; `device` is what frames would run on, and `pictures` a folder for pictures of the
+    /// matrix.
     fn of(
         operator: &'static str,
-        codec: Codec,
-        kept: &PatchOperator,
-        channels: Channels,
-        between: &Between,
-        lights: &[Vec<Vec4>],
-        albedo: &[Vec4],
-        seconds: f64,
+        subject: &Subject,
+        options: &OperatorOptions,
+        device: Option<&dyn Executor>,
+        pictures: Option<&Path>,
     ) -> Result<Self, Error> {
-        let mut irradiance = vec![Vec4::ZERO; albedo.len()];
-        let mut errors = Vec::new();
-        for light in lights {
-            kept.apply(light, &mut irradiance)?;
-            errors.push(relative_error(&irradiance, &exact_product(channels, &between.area, light), &between.area));
-        }
-        let radius = growth(albedo, kept)?;
-        let bytes = kept.bytes_by_part();
-        let tiles = match kept {
-            PatchOperator::Tiles(tiles) => {
-                let report = &tiles.report;
-                let [empty, sparse, low_rank] = report.tiles;
-                let [components, differences] = report.components;
-                let (most_rank, stored_bytes) = (report.most_rank, tiles.stored_bytes());
-                let (squares, entries) = (report.squares, report.entries);
-                Some(Ranks {
-                    empty,
-                    sparse,
-                    low_rank,
-                    components,
-                    differences,
-                    most_rank,
-                    squares,
-                    entries,
-                    stored_bytes,
-                })
-            }
-            _ => None,
+        let Subject { mesh, factors, seed, progress, .. } = subject;
+        let codec = options.codec.codec(options.epsilon);
+        let channels = subject.channels(operator);
+        let start = Instant::now();
+        let kept = PatchOperator::encode(codec, channels, factors, *seed, *progress)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let errors = subject.errors(&kept, channels)?;
+        let radius = growth(&mesh.albedo, &kept)?;
+        let decoder = match device {
+            Some(device) => kept.decoder(options.decode.decode(), device.device())?,
+            None => None,
         };
+        let order_mse = match codec {
+            Codec::Blocks(codec) => {
+                let exact = factors.rows(channels);
+                let orders = block_orders(&exact, factors, *seed, progress)?;
+                order_errors(codec, &exact, &orders, progress)?
+            }
+            _ => Vec::new(),
+        };
+        if let Some(folder) = pictures {
+            output::make_folder(folder)?;
+            let made = progress.phase("pictures", |_| matrix_pictures(&kept, channels, factors))?;
+            output::write_debug(folder, &made)?;
+            progress.note(&format!("pictures of the matrix are in {}", folder.display()));
+        }
+        let bytes = kept.bytes_by_part();
         Ok(Self {
             operator,
             codec: codec.name(),
             total_bytes: bytes.iter().map(|part| part.1).sum(),
             bytes,
-            frobenius: kept.frobenius(channels, between),
+            frobenius: kept.frobenius(channels, factors),
             own_light: errors.first().copied().unwrap_or(0.0),
             compact_lights: errors.iter().skip(1).copied().fold(0.0, f64::max),
             // ρT = ρF (I − ρF)⁻¹ has λ / (1 − λ) where ρF has λ.
             spectral_radius: if operator == "T" { radius / (1.0 + radius) } else { radius },
-            tiles,
-            decode: None,
-            order_mse: Vec::new(),
+            tiles: match &kept {
+                PatchOperator::LowRank(tiles) => Some(Ranks::of(tiles)),
+                _ => None,
+            },
+            decode: decoder.map(decoder_name),
+            order_mse,
             seconds,
         })
     }
@@ -249,11 +286,11 @@ impl Stored {
                 "  tiles", tiles.empty, tiles.sparse, tiles.low_rank, tiles.most_rank
             );
             println!(
-                "{:24} {}, {} of them differences of channels; {} squares; {} entries; in a file {}",
-                "  components",
-                tiles.components + tiles.differences,
-                tiles.differences,
-                tiles.squares,
+                "{:24} {}, {} of them of differences of channels; {} dense sub-blocks; {} sparse entries; in a file {}",
+                "  rank-1 terms",
+                tiles.terms + tiles.difference_terms,
+                tiles.difference_terms,
+                tiles.dense_blocks,
                 tiles.entries,
                 output::bytes(tiles.stored_bytes)
             );

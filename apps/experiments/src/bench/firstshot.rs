@@ -1,4 +1,4 @@
-//! `bench firstshot`: photons, landings and time to an error, first shot against photons from the lights; quasi-random against
+//! `bench firstshot`: photons, photon hits and time to an error, first shot against photons from the lights; quasi-random against
 //! random numbers; photon segments against the hierarchy's own rays.
 
 use std::cell::RefCell;
@@ -30,7 +30,7 @@ use super::{Machine, Setup};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
-use crate::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, Steps, is_cancelled};
 use crate::report::{Plot, Section, Series, Table, page, significant};
 use assets::import::LoadedScene;
 
@@ -121,7 +121,8 @@ struct Run {
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, .. } = Setup::new(common, args, "firstshot", &SCENES, &[])?;
-    let (mut rows, mut rates) = (Vec::new(), Vec::new());
+    let mut rows = Vec::new();
+    let mut rates = Vec::new();
     let results = |rows: &[Row], rates: &[Rate]| {
         output::json(&Results { name: "firstshot", machine: &machine, seed: common.seed, rows, rates })
     };
@@ -304,23 +305,16 @@ fn one_run(
         ..PhotonSettings::default()
     };
     let mut tracer = Tracer::new(scene, &emission, maps, PhotonSettings { error: args.error, ..settings })?;
-    let mut curve = Vec::new();
+    let curve = Curve::default();
     // To the error that is asked for, which is timed, then on.
     let start = Instant::now();
-    let traced = |round: &Round, curve: &mut Vec<(f64, f64)>, report: &dyn Fn(f32) -> bool, goal: f64| {
-        curve.push((round.photons as f64, round.error));
-        report((goal / round.error).powi(2) as f32);
-        if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    };
-    let cell = RefCell::new(&mut curve);
-    let finished = progress
-        .phase(way.name(), |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, args.error)))?;
-    let (trace_s, reached) = (start.elapsed().as_secs_f64(), tracer.round());
+    let finished = progress.phase(way.name(), |report| tracer.run(&|round| curve.add(round, args.error, report)))?;
+    let trace_s = start.elapsed().as_secs_f64();
+    let reached = tracer.round();
     tracer.set_error(settings.error)?;
-    let finished = finished
-        && progress
-            .phase("on", |report| tracer.run(&|round| traced(round, &mut cell.borrow_mut(), report, settings.error)))?;
-    if !finished {
+    let is_done =
+        finished && progress.phase("on", |report| tracer.run(&|round| curve.add(round, settings.error, report)))?;
+    if !is_done {
         return Err(Error::Cancelled);
     }
     let row = Row {
@@ -337,9 +331,24 @@ fn one_run(
         trace_s,
         difference: None,
         expected_difference: None,
-        curve,
+        curve: curve.points.into_inner(),
     };
     Ok(Run { row, estimate: tracer.estimate() })
+}
+
+/// Photons and relative error after each round.
+#[derive(Default)]
+struct Curve {
+    points: RefCell<Vec<(f64, f64)>>,
+}
+
+impl Curve {
+    /// Adds a round, and tells how near the error is to the goal.
+    fn add(&self, round: &Round, goal: f64, report: &Steps) -> ControlFlow<()> {
+        self.points.borrow_mut().push((round.photons as f64, round.error));
+        let share = (goal / round.error).powi(2).min(1.0);
+        report((1000.0 * share) as usize, 1000)
+    }
 }
 
 fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
@@ -507,7 +516,7 @@ fn table(rows: &[Row]) -> Table {
             both.map(|(found, expected)| format!("{:.2} / {:.2}", 100.0 * found, 100.0 * expected)).unwrap_or_default(),
         ]
     };
-    let caption = "Photons, landings and time to the error; how many times less than from the lights; the difference to \
+    let caption = "Photons, photon hits and time to the error; how many times less than from the lights; the difference to \
                    photons from the lights with Sobol's points at the end of the curves, and what both errors let expect."
         .to_owned();
     Table { caption, head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(line).collect() }

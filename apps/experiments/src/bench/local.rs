@@ -1,30 +1,37 @@
 //! `bench local`: the matrix round a camera that moves, beside full radiosity: work, time, memory, pictures.
 
+use std::sync::Arc;
+
 use glam::Vec3;
+use localmatrix::CameraFrame;
 use reference::metrics::compare_pictures;
 use reference::{Picture, PictureErrors, stops_to_scale};
 use serde::Serialize;
 
 use super::truth::Truth;
-use super::{Machine, SCENES, Setup};
+use super::{Machine, SCENES, Setup, load, suited_settings};
 use crate::args::{Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::errors::picture_errors;
 use crate::output;
 use crate::progress::{Progress, is_cancelled};
 use crate::report::{Section, Table, page, significant};
-use crate::sequence::{distance, flicker};
+use crate::sequence::{distance, flicker, pass_ms};
 use crate::summary::PassTimes;
 use assets::import::LoadedScene;
-use patchlight::render::classic::{Bake, Classic, ClassicSettings, Estimator, PatchKind};
-use patchlight::render::local::{LocalOptions, white};
-use patchlight::render::operator::{Codec, Transport};
-use runtime::executor::{DeviceChoice, open};
+use patchlight::method::LocalSettings;
+use patchlight::method::local::white;
+use patchlight::operator::Codec;
+use patchlight::{Bake, MethodSettings, RenderSettings, Renderer};
+use scene::Camera;
 
 /// Patches of a scene, unless it is said.
 const COUNT: u32 = 10_000;
 /// Slots that are tried.
 const SLOTS: [usize; 2] = [512, 1024];
+/// Paths that are flown.
+const PATHS: [(CameraPath, &str); 3] =
+    [(CameraPath::Fly, "fly"), (CameraPath::Shuttle, "shuttle"), (CameraPath::Circle, "circle")];
 /// Frames of a path, and how many apart those are whose pictures are compared.
 const FRAMES: u32 = 120;
 const COMPARED: u32 = 15;
@@ -97,7 +104,8 @@ struct Results<'a> {
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, counts } = Setup::new(common, args, "local", &SCENES, &[COUNT])?;
-    let (mut rows, mut views): (Vec<Row>, Vec<Shown>) = (Vec::new(), Vec::new());
+    let mut rows: Vec<Row> = Vec::new();
+    let mut views: Vec<Shown> = Vec::new();
     let results = |rows: &[Row], views: &[Shown]| {
         output::json(&Results { name: "local", machine: &machine, seed: common.seed, rows, views })
     };
@@ -151,191 +159,257 @@ impl Measuring<'_> {
         progress: &Progress,
         keep: &mut dyn FnMut(Option<Row>, Option<Shown>) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        let Self { common, args, loaded, truth } = self;
-        let settings = ClassicSettings {
-            patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), count),
-            patch_count: count,
-            estimator: Estimator::Hemisphere { rays: args.rays },
-            receiver_rays: args.receiver_rays(),
-            sub_frames: args.sub_frames,
-            seed: common.seed,
-            size: truth.map_or(args.size, Truth::size),
-            ..ClassicSettings::default()
+        let loaded = self.loaded;
+        let settings = suited_settings(self.common, self.args, loaded, count);
+        let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
+        let mut full = Full {
+            classic: self.load(&bake, MethodSettings::Classic, progress)?,
+            unmerged: self.load(&bake, MethodSettings::Multibounce(Codec::Dense), progress)?,
         };
-        let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, progress)?;
-        let load = |transport: Transport, progress: &Progress| {
-            let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
-            let device = executor.device().name.clone();
-            Ok::<_, Error>((bake.clone().load(transport, executor, progress)?, device))
-        };
-        let mut classic = load(Transport::Classic, progress)?.0;
-        if let Some(shown) = self.view("classic".into(), &mut classic)? {
+        if let Some(shown) = self.view("classic".into(), &mut full.classic)? {
             keep(None, Some(shown))?;
         }
-        let mut all = load(Transport::Operator(Codec::Dense), progress)?.0;
-        let patches = classic.patch_count();
+        let patches = bake.mesh.patches.len();
         for slots in SLOTS.into_iter().filter(|slots| *slots < patches) {
-            let transport =
-                Transport::Local(LocalOptions { slots, white: white(loaded.exposure_stops), ..LocalOptions::DEFAULT });
-            for (path, name) in
-                [(CameraPath::Fly, "fly"), (CameraPath::Shuttle, "shuttle"), (CameraPath::Circle, "circle")]
-            {
-                let (mut light, device) = load(transport, progress)?;
+            let white = white(loaded.exposure_stops);
+            let method = MethodSettings::Local(LocalSettings { slots, white, ..LocalSettings::DEFAULT });
+            for (path, name) in PATHS {
+                let mut light = self.load(&bake, method, progress)?;
                 if path == CameraPath::Fly
                     && let Some(shown) = self.view(format!("local, {slots} slots"), &mut light)?
                 {
                     keep(None, Some(shown))?;
-                    (light, _) = load(transport, progress)?;
+                    light = self.load(&bake, method, progress)?;
                 }
                 progress.note(&format!("{slots} slots, {name}:"));
-                let row = self.path(&mut light, [&mut classic, &mut all], settings.size, path)?;
-                keep(Some(Row { scene: loaded.name.clone(), device, path: name, slots, ..row }), None)?;
+                let flown = self.fly(&mut light, &mut full, path)?;
+                let device = light.executor_mut().device().name.clone();
+                keep(Some(Row { device, path: name, slots, ..flown.row(&loaded.name, patches) }), None)?;
             }
         }
         Ok(())
     }
 
+    /// Width and height of the pictures.
+    fn size(&self) -> (u32, u32) {
+        self.truth.map_or(self.args.size, Truth::size)
+    }
+
+    fn load(&self, bake: &Arc<Bake>, method: MethodSettings, progress: &Progress) -> Result<Renderer, Error> {
+        let settings = RenderSettings {
+            method,
+            eye: self.loaded.view.eye,
+            size: self.size(),
+            sub_frames: self.args.sub_frames,
+            ..RenderSettings::default()
+        };
+        load(self.common, bake, &settings, progress)
+    }
+
     /// The picture of the scene's own view against the reference, where there is one.
-    fn view(&self, method: String, light: &mut Classic) -> Result<Option<Shown>, Error> {
+    fn view(&self, method: String, light: &mut Renderer) -> Result<Option<Shown>, Error> {
         let Some(truth) = self.truth else { return Ok(None) };
         let loaded = self.loaded;
         let (width, height) = truth.size();
-        let pictures = light.frame(&loaded.scene.lighting.lights, &loaded.view.camera(width, height), 0)?.pictures;
+        let camera = loaded.view.camera(width, height);
+        let pictures = light.picture(&loaded.scene.lighting, &camera, 0)?.pictures;
         let (full, _) = picture_errors(&pictures, &truth.pictures, loaded.exposure_stops)?;
         Ok(Some(Shown { scene: loaded.name.clone(), method, full }))
     }
 
     /// The frames of a path.
-    fn path(
-        &self,
-        light: &mut Classic,
-        mut full: [&mut Classic; 2],
-        size: (u32, u32),
-        path: CameraPath,
-    ) -> Result<Row, Error> {
-        let loaded = self.loaded;
-        let (camera, lights) = (path.animation(loaded), &loaded.scene.lighting.lights);
-        let scale = stops_to_scale(loaded.exposure_stops);
-        let (mut before, mut apart, mut flickers) = (Vec::new(), [Distance::NONE; 2], 0.0f64);
-        let (mut work, mut anew, mut product, mut moved, mut bytes) = (0u64, 0u64, 0u64, 0, 0);
-        let (mut updates, mut products, mut both) = (Vec::new(), Vec::new(), Vec::new());
+    fn fly(&self, light: &mut Renderer, full: &mut Full, path: CameraPath) -> Result<Flown, Error> {
+        let path = path.animation(self.loaded);
+        let (width, height) = self.size();
+        let scale = stops_to_scale(self.loaded.exposure_stops);
+        let mut flown = Flown::default();
+        let mut before = Vec::new();
         for frame in 0..FRAMES {
-            let view = camera.at(camera.duration() * frame as f32 / (FRAMES - 1) as f32).1;
-            let of = |times: &[(String, f64)], name: &str| -> f64 {
-                times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum()
-            };
-            let times = if frame % COMPARED == 0 {
-                let camera = view.camera(size.0, size.1);
-                let ours = light.frame(lights, &camera, frame)?;
-                let light = light.surface_irradiance()?;
-                for (one, apart) in full.iter_mut().zip(&mut apart) {
-                    let theirs = one.frame(lights, &camera, frame)?.pictures.full;
-                    *apart = apart.with(scale, (&ours.pictures.full, &light), (&theirs, &one.surface_irradiance()?));
-                }
-                ours.times
-            } else {
-                light.look(view.eye);
-                light.advance(lights)?
+            let view = path.at(path.duration() * frame as f32 / (FRAMES - 1) as f32).1;
+            let camera = view.camera(width, height);
+            let times = match frame % COMPARED {
+                0 => self.compare(light, full, &camera, frame, &mut flown)?,
+                _ => light.advance(&self.loaded.scene.lighting, &camera)?,
             };
             if is_cancelled() {
                 return Err(Error::Cancelled);
             }
             let now = light.surface_irradiance()?;
             if before.len() == now.len() {
-                flickers = flickers.max(flicker(&now, &before, scale));
+                flown.flicker = flown.flicker.max(flicker(&now, &before, scale));
             }
             before = now;
             // The first frame makes all ready.
-            let Some(local) = light.local_frame().filter(|_| frame > 0) else { continue };
-            (work, anew, product) = (work + local.step.work, anew + local.anew, product + local.product);
-            (moved, bytes) = (moved + local.step.entered + local.step.left, bytes.max(local.bytes));
-            let (update, method) = (of(&times, "update"), of(&times, "method"));
-            updates.push(update);
-            products.push(method);
-            both.push(update + method);
+            if let Some(local) = light.counted_report()?.local.filter(|_| frame > 0) {
+                flown.add(&local, &times);
+            }
         }
-        let median = |times: &[f64]| PassTimes::of(times).unwrap_or(PassTimes { median_ms: 0.0, max_ms: 0.0 });
-        let all = 3 * u64::from(FRAMES - 1) * (light.patch_count() as u64).pow(2);
-        Ok(Row {
-            scene: String::new(),
+        Ok(flown)
+    }
+
+    /// A frame whose picture and light are compared with those of full radiosity; milliseconds of its passes.
+    fn compare(
+        &self,
+        light: &mut Renderer,
+        full: &mut Full,
+        camera: &Camera,
+        frame: u32,
+        flown: &mut Flown,
+    ) -> Result<Vec<(String, f64)>, Error> {
+        let lighting = &self.loaded.scene.lighting;
+        let scale = stops_to_scale(self.loaded.exposure_stops);
+        let ours = light.picture(lighting, camera, frame)?;
+        let irradiance = light.surface_irradiance()?;
+        for (one, apart) in [(&mut full.classic, &mut flown.classic), (&mut full.unmerged, &mut flown.unmerged)] {
+            let theirs = one.picture(lighting, camera, frame)?.pictures.full;
+            let their_irradiance = one.surface_irradiance()?;
+            *apart = apart.with(scale, (&ours.pictures.full, &irradiance), (&theirs, &their_irradiance));
+        }
+        Ok(ours.times)
+    }
+}
+
+/// What the matrix is compared with.
+struct Full {
+    classic: Renderer,
+    unmerged: Renderer,
+}
+
+/// What the frames of a path did, all but the first.
+struct Flown {
+    classic: Distance,
+    unmerged: Distance,
+    flicker: f64,
+    work: u64,
+    anew: u64,
+    product: u64,
+    moved: usize,
+    bytes: u64,
+    update_ms: Vec<f64>,
+    product_ms: Vec<f64>,
+}
+
+impl Default for Flown {
+    fn default() -> Self {
+        Self {
+            classic: Distance::NONE,
+            unmerged: Distance::NONE,
+            flicker: 0.0,
+            work: 0,
+            anew: 0,
+            product: 0,
+            moved: 0,
+            bytes: 0,
+            update_ms: Vec::new(),
+            product_ms: Vec::new(),
+        }
+    }
+}
+
+impl Flown {
+    fn add(&mut self, local: &CameraFrame, times: &[(String, f64)]) {
+        self.work += local.step.work;
+        self.anew += local.anew;
+        self.product += local.product;
+        self.moved += local.step.entered + local.step.left;
+        self.bytes = self.bytes.max(local.bytes);
+        self.update_ms.push(pass_ms(times, "update"));
+        self.product_ms.push(pass_ms(times, "method"));
+    }
+
+    /// The row of a scene of so many patches.
+    fn row(&self, scene: &str, patches: usize) -> Row {
+        let both: Vec<f64> =
+            self.update_ms.iter().zip(&self.product_ms).map(|(update, product)| update + product).collect();
+        let both = summarised(&both);
+        let all = 3 * u64::from(FRAMES - 1) * (patches as u64).pow(2);
+        Row {
+            scene: scene.to_owned(),
             method: "local",
             device: String::new(),
             path: "",
-            patches: light.patch_count(),
+            patches,
             slots: 0,
-            moved,
-            times_less_work: anew as f64 / work.max(1) as f64,
-            times_less_product: all as f64 / product.max(1) as f64,
-            update_ms: median(&updates).median_ms,
-            median_ms: median(&products).median_ms,
-            longest: median(&both).max_ms / median(&both).median_ms.max(f64::MIN_POSITIVE),
-            bytes,
-            classic: apart[0],
-            unmerged: apart[1],
-            flicker_255: flickers,
-        })
+            moved: self.moved,
+            times_less_work: self.anew as f64 / self.work.max(1) as f64,
+            times_less_product: all as f64 / self.product.max(1) as f64,
+            update_ms: summarised(&self.update_ms).median_ms,
+            median_ms: summarised(&self.product_ms).median_ms,
+            longest: both.max_ms / both.median_ms.max(f64::MIN_POSITIVE),
+            bytes: self.bytes,
+            classic: self.classic,
+            unmerged: self.unmerged,
+            flicker_255: self.flicker,
+        }
+    }
+}
+
+fn summarised(times: &[f64]) -> PassTimes {
+    PassTimes::of(times).unwrap_or(PassTimes { median_ms: 0.0, max_ms: 0.0 })
+}
+
+const HEAD: [&str; 16] = [
+    "scene",
+    "path",
+    "patches",
+    "slots",
+    "came or went",
+    "work: times less",
+    "product: times less",
+    "update ms",
+    "product ms",
+    "longest / median",
+    "memory",
+    "full radiosity: SSIM",
+    "error",
+    "unmerged: SSIM",
+    "error",
+    "flicker",
+];
+
+impl Row {
+    fn cells(&self) -> Vec<String> {
+        vec![
+            self.scene.clone(),
+            self.path.to_owned(),
+            self.patches.to_string(),
+            self.slots.to_string(),
+            self.moved.to_string(),
+            format!("{:.1}", self.times_less_work),
+            format!("{:.1}", self.times_less_product),
+            format!("{:.2}", self.update_ms),
+            format!("{:.2}", self.median_ms),
+            format!("{:.2}", self.longest),
+            output::bytes(self.bytes),
+            format!("{:.4}", self.classic.ssim),
+            format!("{:.2} %", 100.0 * self.classic.error),
+            format!("{:.4}", self.unmerged.ssim),
+            format!("{:.2} %", 100.0 * self.unmerged.error),
+            format!("{:.2}/255", self.flicker_255),
+        ]
+    }
+}
+
+impl Shown {
+    fn cells(&self) -> Vec<String> {
+        let PictureErrors { ssim, mse, psnr_db, .. } = self.full;
+        vec![self.scene.clone(), self.method.clone(), format!("{ssim:.4}"), significant(mse), format!("{psnr_db:.2}")]
     }
 }
 
 fn tables(rows: &[Row], views: &[Shown]) -> Vec<Table> {
-    let head = [
-        "scene",
-        "path",
-        "patches",
-        "slots",
-        "came or went",
-        "work: times less",
-        "product: times less",
-        "update ms",
-        "product ms",
-        "longest / median",
-        "memory",
-        "full radiosity: SSIM",
-        "error",
-        "unmerged: SSIM",
-        "error",
-        "flicker",
-    ];
-    let cells = |row: &Row| {
-        vec![
-            row.scene.clone(),
-            row.path.to_owned(),
-            row.patches.to_string(),
-            row.slots.to_string(),
-            row.moved.to_string(),
-            format!("{:.1}", row.times_less_work),
-            format!("{:.1}", row.times_less_product),
-            format!("{:.2}", row.update_ms),
-            format!("{:.2}", row.median_ms),
-            format!("{:.2}", row.longest),
-            output::bytes(row.bytes),
-            format!("{:.4}", row.classic.ssim),
-            format!("{:.2} %", 100.0 * row.classic.error),
-            format!("{:.4}", row.unmerged.ssim),
-            format!("{:.2} %", 100.0 * row.unmerged.error),
-            format!("{:.2}/255", row.flicker_255),
-        ]
-    };
+    let caption = "Beside a new matrix in every frame, products with all patches, full radiosity, and all patches \
+                   unmerged with the form factors of the matrix";
     let mut tables = vec![Table {
-        caption: "Beside a new matrix in every frame, products with all patches, full radiosity, and all patches unmerged with the form factors of the matrix".into(),
-        head: head.map(String::from).to_vec(),
-        rows: rows.iter().map(cells).collect(),
+        caption: caption.into(),
+        head: HEAD.map(String::from).to_vec(),
+        rows: rows.iter().map(Row::cells).collect(),
     }];
     if !views.is_empty() {
-        let cells = |shown: &Shown| {
-            let PictureErrors { ssim, mse, psnr_db, .. } = shown.full;
-            vec![
-                shown.scene.clone(),
-                shown.method.clone(),
-                format!("{ssim:.4}"),
-                significant(mse),
-                format!("{psnr_db:.2}"),
-            ]
-        };
         tables.push(Table {
             caption: "The scene's view against the reference".into(),
             head: ["scene", "method", "SSIM", "MSE", "PSNR dB"].map(String::from).to_vec(),
-            rows: views.iter().map(cells).collect(),
+            rows: views.iter().map(Shown::cells).collect(),
         });
     }
     tables

@@ -3,28 +3,33 @@
 mod blocks;
 mod receivers;
 
+use std::sync::Arc;
 use std::time::Instant;
 
-use formfactor::{Operator, Stop, jacobi};
+use ::patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
+use faer::Mat;
+use formfactor::{Stop, jacobi};
 use glam::Vec4;
-use multibounce::{Channels, TileRoom, Tiles};
+use multibounce::{Acceleration, Channels, TileRoom, Tiles};
+use patchlight::memory::peak_memory_bytes;
+use patchlight::operator::build::{MATRICES, check_memory};
+use patchlight::operator::measure::{exact_product, relative_error};
+use patchlight::operator::{PatchOperator, SymmetricFactors, accelerations};
+use patchlight::{BakeSettings, Estimator, FormFactors};
+use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
+use runtime::recipe::multibounce::{Decoder, Product};
+use scene::Scene;
 use serde::Serialize;
+use transport::{Dense, LinearOperator};
 
 use super::{Machine, SCENES, Setup, stream_gb_s};
 use crate::args::{Bench, Blocks, Common, Patches};
 use crate::error::Error;
+use crate::measure::{Settling, compact_lights, own_light};
 use crate::output;
 use crate::progress::Progress;
 use crate::report::{Plot, Section, Series, Table, page};
-use patchlight::memory::peak_memory_bytes;
-use patchlight::render::classic::{ClassicSettings, Estimator, PatchKind};
-use patchlight::render::exchange::exchange;
-use patchlight::render::frame::product_on_device;
-use patchlight::render::operator::measure::{bounces_until, compact_lights, exact_product, own_light, relative_error};
-use patchlight::render::operator::{Between, MATRICES, PatchOperator, accelerations, check_memory};
-use patchlight::render::senders::{SenderSettings, Senders, lit_sampler};
 use receivers::{ReceiverRows, Receivers};
-use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 
 /// Patches of a scene, unless it is said.
 const COUNT: u32 = 10_000;
@@ -110,18 +115,9 @@ struct Truth {
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, counts } = Setup::new(common, args, "operator", &SCENES, &[COUNT])?;
-    let (mut builds, mut rows) = (Vec::new(), Vec::new());
-    // Any device that speaks Vulkan, software too.
-    let choice = if common.device == "auto" { "vulkan" } else { &common.device };
-    let mut device = match open(&DeviceChoice::parse(choice)) {
-        Ok((executor, _)) if executor.device().kind != DeviceKind::Native => Some(executor),
-        Ok(_) => None,
-        Err(error) if common.device != "auto" => return Err(error.into()),
-        Err(error) => {
-            Progress::new(common.quiet).note(&format!("{error}; products are not measured on a Vulkan device"));
-            None
-        }
-    };
+    let mut builds = Vec::new();
+    let mut rows = Vec::new();
+    let mut device = vulkan_device(common)?;
     let results = |builds: &[Build], rows: &[Row]| {
         output::json(&Results { name: "operator", machine: &machine, seed: common.seed, builds, rows })
     };
@@ -143,6 +139,20 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         println!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
+}
+
+/// The Vulkan device of the options; without options any that speaks Vulkan, software too.
+fn vulkan_device(common: &Common) -> Result<Option<Box<dyn Executor>>, Error> {
+    let choice = if common.device == "auto" { "vulkan" } else { &common.device };
+    match open(&DeviceChoice::parse(choice)) {
+        Ok((executor, _)) if executor.device().kind != DeviceKind::Native => Ok(Some(executor)),
+        Ok(_) => Ok(None),
+        Err(error) if common.device != "auto" => Err(error.into()),
+        Err(error) => {
+            Progress::new(common.quiet).note(&format!("{error}; products are not measured on a Vulkan device"));
+            Ok(None)
+        }
+    }
 }
 
 fn machine_line(machine: &Machine) -> String {
@@ -183,7 +193,7 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
             .flat_map(|build| [(build, "F"), (build, "T"), (build, "F_r")])
             .map(|(build, operator)| {
                 let own = |row: &&Row| {
-                    row.senders() == (&build.scene, build.kind, build.patches)
+                    row.patch_set() == (&build.scene, build.kind, build.patches)
                         && row.operator == operator
                         && row.epsilon.is_some()
                 };
@@ -218,7 +228,7 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
 
 impl Row {
     /// Whose light it is: the scene, what the patches are, and how many.
-    fn senders(&self) -> (&str, &str, usize) {
+    fn patch_set(&self) -> (&str, &str, usize) {
         (&self.scene, self.kind, self.patches)
     }
 
@@ -282,149 +292,252 @@ fn measure(
     builds: &mut Vec<Build>,
     rows: &mut Vec<Row>,
 ) -> Result<(), Error> {
-    let progress = Progress::new(common.quiet);
-    let loaded = output::import(name, &progress)?;
+    let progress = &Progress::new(common.quiet);
+    let loaded = output::import(name, progress)?;
     let scene = &loaded.scene;
-    let settings = ClassicSettings {
+    let settings = BakeSettings {
         patches: kind,
         patch_count: count,
         estimator: Estimator::Hemisphere { rays: args.rays },
         seed: common.seed,
-        ..ClassicSettings::default()
+        ..BakeSettings::default()
     };
-    let senders = progress.phase("sample", |_| -> Result<_, Error> {
-        let sampler = lit_sampler(scene, count, common.seed)?;
-        let made = SenderSettings { kind, count, voxel_size: None, samples: settings.samples, seed: common.seed };
-        Ok(Senders::new(scene, sampler.as_ref(), &made)?)
+    let mesh = &progress.phase("sample", |_| make_mesh(scene, &settings))?;
+    let start = Instant::now();
+    let found = progress.phase("form_factors", |report| {
+        FormFactors::estimate(scene, mesh, settings.estimator, settings.seed, report)
     })?;
-    let start = Instant::now();
-    let found = progress.phase("form_factors", |report| exchange(scene, &senders, &settings, report))?;
     let form_factors_s = start.elapsed().as_secs_f64();
-    let between = Between::new(&senders, &found.factors)?;
-    let n = senders.patches.len();
+    let factors = SymmetricFactors::new(mesh, &found.factors)?;
+    drop(found);
     let start = Instant::now();
-    // One more for the dense product.
-    let operators = match check_memory(n, MATRICES + 1, "feedback") {
-        Ok(()) => Some(between.bounces(&senders.albedo, None, &progress)?),
-        Err(error) => {
-            progress.warn(&format!("{error}; without it"));
-            None
-        }
-    };
+    let operators = all_bounces(&factors, mesh, progress)?;
     let operator_s = operators.is_some().then(|| start.elapsed().as_secs_f64());
-    let product = |light: &[Vec4], out: &mut [Vec4]| Ok(between.factors.apply(light, out)?);
-    let both = accelerations(&senders.albedo, &between.factors)?;
+    let mut subject = Subject {
+        scene_name: &loaded.name,
+        kind,
+        mesh,
+        factors: &factors,
+        operators: operators.as_ref(),
+        truths: Vec::new(),
+        seed: common.seed,
+        progress,
+    };
 
     // The scene's own light, then compact ones.
-    let mut sources = vec![own_light(scene, &senders, &settings)];
-    let until = bounces_until(1e-3, &senders.albedo, &sources[0], both, &product)?;
-    sources.extend(compact_lights(&senders, common.seed));
-    let truth = |source: Vec<Vec4>| -> Result<Truth, Error> {
-        let mut direct = vec![Vec4::ZERO; n];
-        between.factors.apply(&source, &mut direct)?;
-        let all =
-            operators.as_ref().map(|three| exact_product(Channels::Three(three.each_ref()), &between.area, &source));
-        Ok(Truth { source, direct, all })
-    };
-    let truths = sources.into_iter().map(truth).collect::<Result<Vec<_>, _>>()?;
+    let own = own_light(scene, mesh, settings.sample_rays, settings.seed);
+    let both = accelerations(&mesh.albedo, &factors.factors)?;
+    let bounces = subject.settling_bounces(&own, &both)?;
+    subject.add_truths(std::iter::once(own).chain(compact_lights(mesh, common.seed)))?;
 
-    let row = |operator, method, bytes: u64, median_ms| Row {
-        scene: loaded.name.clone(),
-        kind: kind.name(),
-        operator,
-        method,
-        patches: n,
-        receivers: None,
-        epsilon: None,
-        bytes,
-        stored_bytes: bytes,
-        frobenius: 0.0,
-        own_light: 0.0,
-        compact_lights: 0.0,
-        median_ms,
-        floor_ms: bytes as f64 * 1e-6 / stream_gb_s((bytes as usize).max(1 << 20), TURNS),
-        device_ms: None,
-        compress_s: None,
-        blocks: None,
-    };
-    // Classic radiosity: a sparse product a bounce.
-    let csr = &between.factors;
-    let csr_bytes = (size_of_val(&csr.row_start[..]) + 8 * csr.values.len()) as u64;
-    let mut h = vec![Vec4::ZERO; n];
-    let once = median_ms(|| Ok(csr.apply(&truths[0].source, &mut h)?))?;
-    rows.push(row("F", "sparse rows", csr_bytes, once));
-    let bounces = median_ms(|| {
-        jacobi(csr, &truths[0].source, &senders.albedo, Stop::Bounces(BOUNCES))?;
-        Ok(())
-    })?;
-    rows.push(row("F", "three bounces", csr_bytes, bounces));
-    if let Some(operators) = &operators {
-        // Symmetric: its columns are its rows.
-        let values = (0..n).flat_map(|j| operators[1].col(j).iter().copied()).collect();
-        let dense = formfactor::Dense::new(n, n, values)?;
-        let time = median_ms(|| Ok(dense.apply(&truths[0].source, &mut h)?))?;
-        rows.push(row("T", "dense f32, three products", 12 * (n * n) as u64, 3.0 * time));
-    }
-    if let Some(operators) = &operators {
-        let codecs: Vec<_> = args.codecs.iter().filter_map(|codec| Blocks::codec(*codec)).collect();
-        let source = blocks::Source { between: &between, operators, truths: &truths, row: &row, seed: common.seed };
-        rows.extend(blocks::measure(&source, &codecs, device.as_deref_mut(), &progress)?);
-    }
+    subject.add_exact(rows)?;
+    let codecs: Vec<_> = args.codecs.iter().filter_map(|codec| Blocks::codec(*codec)).collect();
+    rows.extend(blocks::measure(&subject, &codecs, device.as_deref_mut())?);
     for &epsilon in &args.epsilons {
-        let all = operators.as_ref().map(|three| ("T", Channels::Three(three.each_ref())));
-        for (operator, channels) in [("F", between.channels())].into_iter().chain(all) {
-            let start = Instant::now();
-            let tiles = progress.phase("compress", |report| {
-                let proceed = |done, total| patchlight::render::proceed(report, done, total);
-                Tiles::encode(channels, &between.area, &between.order, epsilon, &proceed)
-            })?;
-            let seconds = start.elapsed().as_secs_f64();
-            let errors = truths.iter().map(|truth| {
-                tiles.apply(&truth.source, &mut h)?;
-                let exact = truth.all.as_ref().filter(|_| operator == "T").unwrap_or(&truth.direct);
-                Ok(relative_error(&h, exact, &between.area))
-            });
-            let errors = errors.collect::<Result<Vec<f64>, Error>>()?;
-            let mut room = TileRoom::default();
-            let time = median_ms(|| Ok(tiles.apply_in(&mut room, &truths[0].source, &mut h)?))?;
-            let compact = errors[1..].iter().copied().fold(0.0, f64::max);
-            let read = tiles.bytes();
-            let mut measured = Row {
-                epsilon: Some(epsilon),
-                stored_bytes: tiles.stored_bytes(),
-                frobenius: tiles.report.error.iter().copied().fold(0.0, f64::max),
-                own_light: errors[0],
-                compact_lights: compact,
-                compress_s: Some(seconds),
-                ..row(operator, "tiles", read, time)
-            };
-            if let Some(device) = device.as_deref_mut() {
-                let (tiles, source) = (PatchOperator::Tiles(Box::new(tiles)), &truths[0].source);
-                measured.device_ms = Some(product_on_device(device, &tiles, source, DEVICE_TURNS)?.1);
-            }
-            rows.push(measured);
+        for (operator, channels) in subject.channels() {
+            rows.push(subject.low_rank(operator, channels, epsilon, device.as_deref_mut())?);
         }
     }
     let receivers = match args.receivers {
         0 => None,
-        _ => {
-            let sources = truths.iter().map(|truth| &truth.source[..]).collect();
-            let what = Receivers { scene, senders: &senders, between: &between, sources };
-            what.measure((common, args), &row, device, rows, &progress)?
-        }
+        _ => Receivers { scene, subject: &subject, common, args }.measure(device, rows)?,
     };
     builds.push(Build {
         scene: loaded.name.clone(),
         kind: kind.name(),
-        patches: n,
+        patches: mesh.patches.len(),
         form_factors_s,
         operator_s,
         rates: both.map(|acceleration| acceleration.rate),
-        bounces: until,
+        bounces,
         receivers,
         peak_memory_bytes: peak_memory_bytes(),
     });
     Ok(())
+}
+
+fn make_mesh(scene: &Scene, settings: &BakeSettings) -> Result<PatchMesh, Error> {
+    let made = MeshSettings {
+        kind: settings.patches,
+        count: settings.patch_count,
+        voxel_size: None,
+        samples: settings.samples,
+        seed: settings.seed,
+    };
+    let sampler = lit_sampler(scene, settings.patch_count, settings.seed)?;
+    Ok(PatchMesh::new(scene, sampler.as_ref(), &made)?)
+}
+
+/// The operators of all bounces for red, green and blue, unless they do not fit into memory.
+fn all_bounces(
+    factors: &SymmetricFactors,
+    mesh: &PatchMesh,
+    progress: &Progress,
+) -> Result<Option<[Mat<f32>; 3]>, Error> {
+    // One more for the dense product.
+    match check_memory(mesh.patches.len(), MATRICES + 1, "feedback") {
+        Ok(()) => Ok(Some(factors.bounces(&mesh.albedo, None, progress)?)),
+        Err(error) => {
+            progress.warn(&format!("{error}; without it"));
+            Ok(None)
+        }
+    }
+}
+
+/// The patches of a scene, their operators, and lights to measure them with.
+struct Subject<'a> {
+    scene_name: &'a str,
+    kind: PatchKind,
+    mesh: &'a PatchMesh,
+    factors: &'a SymmetricFactors,
+    /// Of all bounces, where they fit into memory.
+    operators: Option<&'a [Mat<f32>; 3]>,
+    /// The scene's own light first.
+    truths: Vec<Truth>,
+    seed: u32,
+    progress: &'a Progress,
+}
+
+impl<'a> Subject<'a> {
+    fn patches(&self) -> usize {
+        self.mesh.patches.len()
+    }
+
+    /// The scene's own light, W/m².
+    fn own(&self) -> &[Vec4] {
+        &self.truths[0].source
+    }
+
+    /// The form factors, and the operator of all bounces where there is one.
+    fn channels(&self) -> Vec<(&'static str, Channels<'a>)> {
+        let mut channels = vec![("F", self.factors.channels())];
+        channels.extend(self.all_channels().map(|all| ("T", all)));
+        channels
+    }
+
+    fn all_channels(&self) -> Option<Channels<'a>> {
+        self.operators.map(|operators| Channels::Three(operators.each_ref()))
+    }
+
+    /// Bounces until a thousandth of the scene's own light is left to come.
+    fn settling_bounces(&self, own: &[Vec4], both: &[Acceleration; 2]) -> Result<[usize; 2], Error> {
+        let factors = &self.factors.factors;
+        let settling = Settling { share: 1e-3, albedo: &self.mesh.albedo, source: own, factors };
+        settling.bounces(both.clone())
+    }
+
+    /// Finds what lights give without compression.
+    fn add_truths(&mut self, sources: impl Iterator<Item = Vec<Vec4>>) -> Result<(), Error> {
+        for source in sources {
+            let mut direct = vec![Vec4::ZERO; self.patches()];
+            self.factors.factors.apply(&source, &mut direct)?;
+            let all = self.all_channels().map(|channels| exact_product(channels, &self.factors.area, &source));
+            self.truths.push(Truth { source, direct, all });
+        }
+        Ok(())
+    }
+
+    /// A row of these bytes and milliseconds, without errors.
+    fn row(&self, operator: &'static str, method: &'static str, bytes: u64, median_ms: f64) -> Row {
+        Row {
+            scene: self.scene_name.to_owned(),
+            kind: self.kind.name(),
+            operator,
+            method,
+            patches: self.patches(),
+            receivers: None,
+            epsilon: None,
+            bytes,
+            stored_bytes: bytes,
+            frobenius: 0.0,
+            own_light: 0.0,
+            compact_lights: 0.0,
+            median_ms,
+            floor_ms: bytes as f64 * 1e-6 / stream_gb_s((bytes as usize).max(1 << 20), TURNS),
+            device_ms: None,
+            compress_s: None,
+            blocks: None,
+        }
+    }
+
+    /// Rows without compression: a sparse product, three bounces of classic radiosity, dense products.
+    fn add_exact(&self, rows: &mut Vec<Row>) -> Result<(), Error> {
+        let sparse = &self.factors.factors;
+        let bytes = (size_of_val(&sparse.row_start[..]) + 8 * sparse.values.len()) as u64;
+        let n = self.patches();
+        let mut irradiance = vec![Vec4::ZERO; n];
+        let once = median_ms(|| Ok(sparse.apply(self.own(), &mut irradiance)?))?;
+        rows.push(self.row("F", "sparse rows", bytes, once));
+        let bounces = median_ms(|| {
+            jacobi(sparse, self.own(), &self.mesh.albedo, Stop::Bounces(BOUNCES))?;
+            Ok(())
+        })?;
+        rows.push(self.row("F", "three bounces", bytes, bounces));
+        if let Some(operators) = self.operators {
+            // Symmetric: its columns are its rows.
+            let values = (0..n).flat_map(|j| operators[1].col(j).iter().copied()).collect();
+            let dense = Dense::new(n, n, values)?;
+            let time = median_ms(|| Ok(dense.apply(self.own(), &mut irradiance)?))?;
+            rows.push(self.row("T", "dense f32, three products", 12 * (n * n) as u64, 3.0 * time));
+        }
+        Ok(())
+    }
+
+    /// The row of an operator of low rank.
+    fn low_rank(
+        &self,
+        operator: &'static str,
+        channels: Channels,
+        epsilon: f64,
+        device: Option<&mut (dyn Executor + 'static)>,
+    ) -> Result<Row, Error> {
+        let SymmetricFactors { area, order, .. } = self.factors;
+        let start = Instant::now();
+        let tiles = self.progress.phase("compress", |report| Tiles::encode(channels, area, order, epsilon, &report))?;
+        let seconds = start.elapsed().as_secs_f64();
+        let mut irradiance = vec![Vec4::ZERO; self.patches()];
+        let mut errors = Vec::with_capacity(self.truths.len());
+        for truth in &self.truths {
+            tiles.apply(&truth.source, &mut irradiance)?;
+            let exact = truth.all.as_ref().filter(|_| operator == "T").unwrap_or(&truth.direct);
+            errors.push(relative_error(&irradiance, exact, area));
+        }
+        let mut workspace = TileRoom::default();
+        let time = median_ms(|| Ok(tiles.apply_in(&mut workspace, self.own(), &mut irradiance)?))?;
+        let mut row = Row {
+            epsilon: Some(epsilon),
+            stored_bytes: tiles.stored_bytes(),
+            frobenius: greatest(&tiles.report.error),
+            own_light: errors[0],
+            compact_lights: greatest(&errors[1..]),
+            compress_s: Some(seconds),
+            ..self.row(operator, "tiles", tiles.bytes(), time)
+        };
+        if let Some(device) = device {
+            let stored = PatchOperator::LowRank(Arc::new(tiles));
+            row.device_ms = Some(product_ms(device, &stored, self.own(), DEVICE_TURNS, Decoder::Kernel)?);
+        }
+        Ok(row)
+    }
+}
+
+/// Median of the times of so many products of an operator on a device, ms.
+fn product_ms(
+    device: &mut (dyn Executor + 'static),
+    operator: &PatchOperator,
+    light: &[Vec4],
+    turns: usize,
+    decoder: Decoder,
+) -> Result<f64, Error> {
+    let n = operator.patches();
+    let range = device.device().max_storage_buffer_range;
+    let product =
+        Product::load(device, n, n, range, &|plan, tables| operator.add_tables(plan, tables, range, decoder))?;
+    Ok(product.run(device, light, turns)?.1)
+}
+
+fn greatest(errors: &[f64]) -> f64 {
+    errors.iter().copied().fold(0.0, f64::max)
 }
 
 fn median_ms(mut work: impl FnMut() -> Result<(), Error>) -> Result<f64, Error> {

@@ -1,14 +1,15 @@
-//! Virtual patches as senders, receivers on the mesh: errors over their numbers, where the errors come from, and lights that
-//! the bake has not seen.
+//! Patches of any kind, receivers on the mesh: errors over their numbers, where the errors come from, and lights that the
+//! bake has not seen.
 
-use reference::PictureFile as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
-use reference::{Picture, ProxyLookup, scale_to_stops};
+use reference::{Picture, PictureFile as _, ProxyLookup, scale_to_stops};
 use scene::Light;
 
 use super::lights::other_lights;
+use super::load;
 use super::rows::{Errors, Key, Part, Row, break_down_table, lights_table, patches_table};
 use super::truth::Truth;
 use crate::args::{Bench, Common};
@@ -17,24 +18,27 @@ use crate::output;
 use crate::progress::{Progress, is_cancelled};
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::report::{Figure, Plot, Section, Series};
+use crate::sequence::pass_ms;
 use crate::summary::PassTimes;
+use ::patches::{MOST_PATCHES, PatchKind};
 use assets::import::LoadedScene;
-use patchlight::render::Pictures;
-use patchlight::render::classic::{Classic, ClassicSettings, Estimator, PatchKind, Patches, ReceiverKind};
-use patchlight::render::senders::MOST_PATCHES;
-use runtime::executor::{DeviceChoice, open};
+use patchlight::renderer::with_lights;
+use patchlight::{BakeSettings, Estimator, PatchBake, Pictures, ReceiverKind, RenderSettings, Renderer};
 
 /// The break-down, the lights and the pictures are of the most clusters asked for up to this number.
 const MAIN_COUNT: u32 = 10_000;
 /// Form factors of the proxy are dense: beyond this number they take gigabytes.
 const MOST_PROXY_FACES: u32 = 10_000;
-/// Of the break-down: more patches, samples a patch and their rays, rays of patches and facets, rays of receivers.
+/// Of the break-down: more patches, samples a patch and their rays, rays of patches and elements, rays of receivers.
 const MORE_PATCHES: usize = 4;
 const MORE_SAMPLES: u32 = 4;
 const MORE_RAYS: u32 = 8;
 const MORE_RECEIVER_RAYS: u32 = 4;
 /// Sub-frames of receivers at pixels, each of which has rays of its own.
 const PIXEL_SUB_FRAMES: u32 = 2;
+/// How the proxy is looked up, and what that is called.
+const LOOKUPS: [(ProxyLookup, &str); 2] =
+    [(ProxyLookup::Face, "voxel proxy"), (ProxyLookup::Bilinear, "voxel proxy, bilinear")];
 /// Relative difference of full colour in pictures of differences.
 const RANGE: f32 = 0.25;
 
@@ -67,6 +71,15 @@ impl SceneResult {
     pub fn plot_names(&self) -> impl Iterator<Item = String> + '_ {
         ["patches", "receivers"].into_iter().map(|what| format!("{}-{what}.svg", self.name))
     }
+}
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Case {
+    bake: BakeSettings,
+    /// Of pictures.
+    size: (u32, u32),
+    sub_frames: u32,
 }
 
 /// Keeps the rows so far.
@@ -139,28 +152,27 @@ struct Experiment<'a> {
     /// Pictures that this run has written.
     written: Vec<&'static str>,
     /// The last patches, for what is like them but for receivers, and the seconds that they took.
-    patches: Option<(Patches<'a>, f64)>,
+    patches: Option<(PatchBake<'a>, f64)>,
     keep: &'a Keep<'a>,
 }
 
 impl Experiment<'_> {
     /// The settings that all runs share.
-    fn settings(&self, patches: PatchKind, patch_count: usize, size: (u32, u32)) -> ClassicSettings {
-        ClassicSettings {
+    fn case(&self, patches: PatchKind, patch_count: usize, size: (u32, u32)) -> Case {
+        let bake = BakeSettings {
             patches,
             patch_count,
             estimator: Estimator::Hemisphere { rays: self.args.rays },
             receiver_rays: self.args.receiver_rays(),
-            sub_frames: self.args.sub_frames,
             seed: self.common.seed,
-            size,
-            ..ClassicSettings::default()
-        }
+            ..BakeSettings::default()
+        };
+        Case { bake, size, sub_frames: self.args.sub_frames }
     }
 
     /// The clusters of the break-down and of the pictures.
-    fn main_settings(&self, truth: &Truth) -> ClassicSettings {
-        self.settings(PatchKind::Cluster, self.main_count, truth.size())
+    fn main_case(&self, truth: &Truth) -> Case {
+        self.case(PatchKind::Cluster, self.main_count, truth.size())
     }
 
     fn add(&mut self, row: Row) -> Result<(), Error> {
@@ -176,14 +188,15 @@ impl Experiment<'_> {
     }
 
     /// Bakes, renders frames under the scene's own lights and adds a row.
-    fn measure(&mut self, part: Part, what: &str, settings: ClassicSettings, truth: &Truth) -> Result<(), Error> {
+    fn measure(&mut self, part: Part, what: &str, case: Case, truth: &Truth) -> Result<(), Error> {
+        let settings = case.bake;
         let (receivers_at, density) = match settings.receivers {
             ReceiverKind::Mesh => ("mesh", Some(settings.receiver_density)),
             ReceiverKind::Pixels => ("pixels", None),
-            ReceiverKind::SelfReceivers => ("self", None),
+            ReceiverKind::Patches => ("self", None),
         };
         let count = settings.patch_count;
-        let is_main = settings == self.main_settings(truth);
+        let is_main = case == self.main_case(truth);
         let scene = &self.loaded.name;
         let key = (scene.as_str(), part, what, Some(receivers_at), density, count);
         if (!is_main || self.has_picture(CLUSTERS)) && self.take_known(key)? {
@@ -191,16 +204,16 @@ impl Experiment<'_> {
         }
         let times = density.map(|d| format!(" × {d}")).unwrap_or_default();
         self.progress.note(&format!("{scene}: {what}, {count} patches, receivers: {receivers_at}{times}"));
-        let (mut classic, bake_s) = self.bake(settings)?;
+        let (mut renderer, bake_s) = self.bake(&case)?;
         // Exact receivers are not what a frame would do: their time says nothing.
-        let frames = if settings.receivers == ReceiverKind::Pixels { 1 } else { self.args.frames };
-        let (pictures, light_ms, shade_ms) =
-            self.frames(&mut classic, &self.loaded.scene.lighting.lights, settings.size, frames)?;
-        let points = if truth.points.is_empty() { None } else { Some(classic.irradiance_at(&truth.points)?) };
-        let timed = settings.receivers != ReceiverKind::Pixels;
+        let is_timed = settings.receivers != ReceiverKind::Pixels;
+        let frames = if is_timed { self.args.frames } else { 1 };
+        let shown = self.frames(&mut renderer, &self.loaded.scene.lighting.lights, case.size, frames)?;
+        let points = if truth.points.is_empty() { None } else { Some(renderer.irradiance_at(&truth.points)?) };
         if is_main {
-            self.write_pictures(CLUSTERS, &pictures.indirect, truth)?;
+            self.write_pictures(CLUSTERS, &shown.pictures.indirect, truth)?;
         }
+        let bake = renderer.bake();
         self.add(Row {
             scene: self.loaded.name.clone(),
             part,
@@ -209,78 +222,81 @@ impl Experiment<'_> {
             receivers_at: Some(receivers_at.to_owned()),
             receiver_density: density,
             patch_count: settings.patch_count,
-            patches: classic.patch_count(),
-            receivers: (settings.receivers == ReceiverKind::Mesh).then(|| classic.receiver_count()),
+            patches: bake.mesh.patches.len(),
+            receivers: (settings.receivers == ReceiverKind::Mesh).then(|| bake.receivers.points.len()),
             bake_s: Some(bake_s),
-            median_ms: light_ms.filter(|_| timed),
-            shade_ms: shade_ms.filter(|_| timed),
-            bytes: Some(classic.bytes().values().sum()),
-            errors: Errors::of(&pictures, points.as_deref(), truth, self.loaded.exposure_stops)?,
+            median_ms: shown.light_ms.filter(|_| is_timed),
+            shade_ms: shown.shade_ms.filter(|_| is_timed),
+            bytes: Some(renderer.bytes().values().sum()),
+            errors: Errors::of(&shown.pictures, points.as_deref(), truth, self.loaded.exposure_stops)?,
             reference_noise: truth.noise,
         })
     }
 
-    /// A bake, of the last patches if only receivers differ, and the seconds that it takes from the beginning.
-    fn bake(&mut self, settings: ClassicSettings) -> Result<(Classic, f64), Error> {
-        // The note was given when the machine was described.
-        let (executor, _) = open(&DeviceChoice::parse(&self.common.device))?;
-        let (loaded, progress) = (self.loaded, &mut self.progress);
-        let start = progress.phases.len();
-        let seconds = |progress: &Progress| progress.phases[start..].iter().map(|(_, seconds)| seconds).sum::<f64>();
-        let (patches, before) = match self.patches.take().filter(|(patches, _)| patches.are_of(&settings)) {
+    /// A bake on a device, of the last patches if only receivers differ, and the seconds that it takes from the beginning.
+    fn bake(&mut self, case: &Case) -> Result<(Renderer, f64), Error> {
+        let start = self.progress.phases().len();
+        let known = self.patches.take().filter(|(patches, _)| patches.are_of(&case.bake));
+        let (patches, before) = match known {
             Some(known) => known,
             None => {
-                let patches = Patches::new(&loaded.scene, loaded.view.eye, settings, progress)?;
-                (patches, seconds(progress))
+                let patches = PatchBake::build(&self.loaded.scene, &case.bake, &self.progress)?;
+                (patches, seconds_since(&self.progress, start))
             }
         };
-        let first = progress.phases.len();
-        let bake = patches.clone().with_receivers(settings, progress)?;
-        let classic = bake.load(settings.transport, executor, progress)?;
-        let own: f64 = progress.phases[first..].iter().map(|(_, seconds)| seconds).sum();
+        let first = self.progress.phases().len();
+        let bake = Arc::new(patches.clone().with_receivers(&case.bake, &self.progress)?);
+        let settings = RenderSettings {
+            eye: self.loaded.view.eye,
+            size: case.size,
+            sub_frames: case.sub_frames,
+            ..RenderSettings::default()
+        };
+        let renderer = load(self.common, &bake, &settings, &self.progress)?;
+        let own = seconds_since(&self.progress, first);
         self.patches = Some((patches, before));
-        if is_cancelled() { Err(Error::Cancelled) } else { Ok((classic, before + own)) }
+        if is_cancelled() { Err(Error::Cancelled) } else { Ok((renderer, before + own)) }
     }
 
-    /// The first frame under these lights, and the median times of all: passes but shading, shading, ms.
+    /// The first frame under these lights, and the median times of all.
     fn frames(
         &self,
-        classic: &mut Classic,
+        renderer: &mut Renderer,
         lights: &[Light],
         size: (u32, u32),
         frames: u32,
-    ) -> Result<(Pictures, Option<f64>, Option<f64>), Error> {
+    ) -> Result<Frames, Error> {
         let camera = self.loaded.view.camera(size.0, size.1);
-        let first = classic.frame(lights, &camera, 0)?;
+        let lighting = with_lights(&self.loaded.scene, lights);
+        let first = renderer.picture(&lighting, &camera, 0)?;
         let mut times = vec![first.times];
         for number in 1..frames {
-            times.push(classic.frame(lights, &camera, number)?.times);
+            times.push(renderer.picture(&lighting, &camera, number)?.times);
             if is_cancelled() {
                 return Err(Error::Cancelled);
             }
         }
-        let sum = |times: &[(String, f64)], shade: bool| {
-            times.iter().filter(|(name, _)| (name == "shade") == shade).map(|(_, ms)| ms).sum::<f64>()
-        };
-        let median = |shade: bool| {
-            let sums: Vec<f64> = times.iter().map(|frame| sum(frame, shade)).collect();
-            PassTimes::of(&sums).map(|t| t.median_ms)
-        };
-        Ok((first.pictures, median(false), median(true)))
+        let light: Vec<f64> = times.iter().map(|frame| all_ms(frame) - pass_ms(frame, "shade")).collect();
+        let shade: Vec<f64> = times.iter().map(|frame| pass_ms(frame, "shade")).collect();
+        Ok(Frames {
+            pictures: first.pictures,
+            light_ms: PassTimes::of(&light).map(|t| t.median_ms),
+            shade_ms: PassTimes::of(&shade).map(|t| t.median_ms),
+        })
     }
 
     /// Kinds × numbers of patches × densities of receivers.
     fn patches(&mut self, truth: &Truth) -> Result<(), Error> {
         for kind in self.args.kinds.iter().map(|kind| kind.kind()) {
             for &count in &self.args.counts {
-                let settings = self.settings(kind, count as usize, truth.size());
+                let case = self.case(kind, count as usize, truth.size());
                 for &receiver_density in &self.args.densities {
-                    let settings = ClassicSettings { receiver_density, ..settings };
-                    self.measure(Part::Patches, kind.name(), settings, truth)?;
+                    let bake = BakeSettings { receiver_density, ..case.bake };
+                    self.measure(Part::Patches, kind.name(), Case { bake, ..case }, truth)?;
                 }
                 if kind.has_voxels() {
-                    let settings = ClassicSettings { receivers: ReceiverKind::SelfReceivers, ..settings };
-                    self.measure(Part::Patches, kind.name(), settings, truth)?;
+                    let bake = BakeSettings { receivers: ReceiverKind::Patches, ..case.bake };
+                    self.measure(Part::Patches, kind.name(), Case { bake, ..case }, truth)?;
                 }
             }
         }
@@ -289,13 +305,10 @@ impl Experiment<'_> {
 
     /// The voxelisation proxy with about as many faces.
     fn proxies(&mut self, truth: &Truth) -> Result<(), Error> {
-        let (width, height) = truth.size();
-        let camera = self.loaded.view.camera(width, height);
-        let scale = indirect_scale(&truth.pictures.indirect);
-        const LOOKUPS: [(ProxyLookup, &str); 2] =
-            [(ProxyLookup::Face, "voxel proxy"), (ProxyLookup::Bilinear, "voxel proxy, bilinear")];
-        for &count in self.args.counts.iter().filter(|&&count| count <= MOST_PROXY_FACES) {
-            let (is_main, count) = (count as usize == self.main_count, count as usize);
+        let counts: Vec<u32> = self.args.counts.iter().copied().filter(|&count| count <= MOST_PROXY_FACES).collect();
+        for count in counts {
+            let count = count as usize;
+            let is_main = count == self.main_count;
             let keys = LOOKUPS.map(|(_, what)| (self.loaded.name.as_str(), Part::Patches, what, None, None, count));
             let are_known = keys.iter().all(|key| self.known.iter().any(|row| row.key() == *key));
             if are_known && (!is_main || self.has_picture(PROXY)) {
@@ -304,44 +317,7 @@ impl Experiment<'_> {
                 }
                 continue;
             }
-            self.progress.note(&format!("{}: voxel proxy, {count} faces", self.loaded.name));
-            let settings = ProxySettings {
-                patch_count: count,
-                rays: self.args.rays,
-                point_rays: ClassicSettings::default().sample_rays,
-                seed: self.common.seed,
-            };
-            let phases = self.progress.phases.len();
-            let proxy = ProxyRadiosity::bake(&self.loaded.scene, settings, &mut self.progress)?;
-            let bake_s = self.progress.phases[phases..].iter().map(|(_, seconds)| seconds).sum();
-            for (lookup, what) in LOOKUPS {
-                let picture = proxy.indirect(&camera, self.args.sub_frames, lookup)?;
-                let errors = compare_pictures(&picture, &truth.pictures.indirect, scale, None)?;
-                let points = match truth.points.is_empty() {
-                    true => None,
-                    false => Some(compare_points(&proxy.irradiance_at(&truth.points, lookup)?, &truth.point_indirect)?),
-                };
-                self.add(Row {
-                    scene: self.loaded.name.clone(),
-                    part: Part::Patches,
-                    method: "voxel proxy".to_owned(),
-                    what: what.to_owned(),
-                    receivers_at: None,
-                    receiver_density: None,
-                    patch_count: count,
-                    patches: proxy.patch_count(),
-                    receivers: None,
-                    bake_s: Some(bake_s),
-                    median_ms: None,
-                    shade_ms: None,
-                    bytes: None,
-                    errors: Errors::of_indirect(&errors, points),
-                    reference_noise: truth.noise,
-                })?;
-                if is_main && lookup == ProxyLookup::Bilinear {
-                    self.write_pictures(PROXY, &picture, truth)?;
-                }
-            }
+            self.proxy(count, truth)?;
             if is_cancelled() {
                 return Err(Error::Cancelled);
             }
@@ -349,99 +325,162 @@ impl Experiment<'_> {
         Ok(())
     }
 
+    /// The proxy with so many faces, with each lookup.
+    fn proxy(&mut self, count: usize, truth: &Truth) -> Result<(), Error> {
+        self.progress.note(&format!("{}: voxel proxy, {count} faces", self.loaded.name));
+        let settings = ProxySettings {
+            patch_count: count,
+            rays: self.args.rays,
+            point_rays: BakeSettings::default().sample_rays,
+            seed: self.common.seed,
+        };
+        let first = self.progress.phases().len();
+        let proxy = ProxyRadiosity::bake(&self.loaded.scene, settings, &self.progress)?;
+        let bake_s = seconds_since(&self.progress, first);
+        let camera = self.loaded.view.camera(truth.size().0, truth.size().1);
+        let scale = indirect_scale(&truth.pictures.indirect);
+        for (lookup, what) in LOOKUPS {
+            let picture = proxy.indirect(&camera, self.args.sub_frames, lookup)?;
+            let errors = compare_pictures(&picture, &truth.pictures.indirect, scale, None)?;
+            let points = match truth.points.is_empty() {
+                true => None,
+                false => Some(compare_points(&proxy.irradiance_at(&truth.points, lookup)?, &truth.point_indirect)?),
+            };
+            self.add(Row {
+                scene: self.loaded.name.clone(),
+                part: Part::Patches,
+                method: "voxel proxy".to_owned(),
+                what: what.to_owned(),
+                receivers_at: None,
+                receiver_density: None,
+                patch_count: count,
+                patches: proxy.patch_count(),
+                receivers: None,
+                bake_s: Some(bake_s),
+                median_ms: None,
+                shade_ms: None,
+                bytes: None,
+                errors: Errors::of_indirect(&errors, points),
+                reference_noise: truth.noise,
+            })?;
+            if count == self.main_count && lookup == ProxyLookup::Bilinear {
+                self.write_pictures(PROXY, &picture, truth)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Clusters with one thing at a time more exact.
     fn break_down(&mut self, truth: &Truth) -> Result<(), Error> {
-        let base = self.main_settings(truth);
-        let (rays, samples) = (self.args.rays, base.samples);
+        let case = self.main_case(truth);
+        let base = case.bake;
         let what = "as they are";
         let scene = self.loaded.name.as_str();
         let density = Some(base.receiver_density);
         let main = (scene, Part::Patches, base.patches.name(), Some("mesh"), density, base.patch_count);
         match self.rows.iter().find(|row| row.key() == main).cloned() {
             Some(row) => self.add(Row { part: Part::BreakDown, what: what.into(), ..row })?,
-            None => self.measure(Part::BreakDown, what, base, truth)?,
+            None => self.measure(Part::BreakDown, what, case, truth)?,
         }
-        let more = (MORE_PATCHES * base.patch_count).min(MOST_PATCHES);
-        let cases = [
-            (
-                format!("receivers at all pixels ({PIXEL_SUB_FRAMES} sub-frames)"),
-                ClassicSettings { receivers: ReceiverKind::Pixels, sub_frames: PIXEL_SUB_FRAMES, ..base },
-            ),
-            (
-                format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
-                ClassicSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..base },
-            ),
-            (
-                format!("senders × {MORE_PATCHES}, as many receivers"),
-                ClassicSettings { patch_count: more, receiver_density: base.patch_count as f32 / more as f32, ..base },
-            ),
-            (
-                format!("rays of F × {MORE_RAYS}"),
-                ClassicSettings { estimator: Estimator::Hemisphere { rays: MORE_RAYS * rays }, ..base },
-            ),
-            (
-                format!("E by samples and rays × {MORE_SAMPLES}"),
-                ClassicSettings {
-                    samples: MORE_SAMPLES * samples,
-                    sample_rays: MORE_SAMPLES * base.sample_rays,
-                    ..base
-                },
-            ),
-        ];
-        for (what, settings) in cases {
-            self.measure(Part::BreakDown, &what, settings, truth)?;
+        for (what, bake) in self.more_exact(&base) {
+            let sub_frames = match bake.receivers {
+                ReceiverKind::Pixels => PIXEL_SUB_FRAMES,
+                _ => case.sub_frames,
+            };
+            self.measure(Part::BreakDown, &what, Case { bake, sub_frames, ..case }, truth)?;
         }
         Ok(())
     }
 
+    /// Settings with one thing at a time more exact, and what that is.
+    fn more_exact(&self, base: &BakeSettings) -> [(String, BakeSettings); 5] {
+        let more = (MORE_PATCHES * base.patch_count).min(MOST_PATCHES);
+        let rays = MORE_RAYS * self.args.rays;
+        [
+            (
+                format!("receivers at all pixels ({PIXEL_SUB_FRAMES} sub-frames)"),
+                BakeSettings { receivers: ReceiverKind::Pixels, ..*base },
+            ),
+            (
+                format!("rays of receivers × {MORE_RECEIVER_RAYS}"),
+                BakeSettings { receiver_rays: MORE_RECEIVER_RAYS * base.receiver_rays, ..*base },
+            ),
+            (
+                format!("patches × {MORE_PATCHES}, as many receivers"),
+                BakeSettings { patch_count: more, receiver_density: base.patch_count as f32 / more as f32, ..*base },
+            ),
+            (format!("rays of F × {MORE_RAYS}"), BakeSettings { estimator: Estimator::Hemisphere { rays }, ..*base }),
+            (
+                format!("E by samples and rays × {MORE_SAMPLES}"),
+                BakeSettings {
+                    samples: MORE_SAMPLES * base.samples,
+                    sample_rays: MORE_SAMPLES * base.sample_rays,
+                    ..*base
+                },
+            ),
+        ]
+    }
+
     /// One bake with the scene's own lights, frames with others.
     fn lights(&mut self, truth: &Truth) -> Result<(), Error> {
-        let size = self.args.size;
-        let settings = self.settings(PatchKind::Cluster, self.main_count, size);
+        let case = self.case(PatchKind::Cluster, self.main_count, self.args.size);
         self.progress.note(&format!("{}: lights that the bake has not seen", self.loaded.name));
         let mut baked = None;
         let own = ("the scene's own".to_owned(), self.loaded.scene.lighting.lights.clone());
         for (what, lights) in std::iter::once(own).chain(other_lights(self.loaded)) {
-            let density = Some(settings.receiver_density);
-            let key =
-                (self.loaded.name.as_str(), Part::Lights, what.as_str(), Some("mesh"), density, settings.patch_count);
+            let density = Some(case.bake.receiver_density);
+            let count = case.bake.patch_count;
+            let key = (self.loaded.name.as_str(), Part::Lights, what.as_str(), Some("mesh"), density, count);
             if self.take_known(key)? {
                 continue;
             }
-            let classic = match &mut baked {
-                Some(classic) => classic,
-                None => baked.insert(self.bake(settings)?.0),
+            let renderer = match &mut baked {
+                Some(renderer) => renderer,
+                None => baked.insert(self.bake(&case)?.0),
             };
             self.progress.note(&format!("{}: {what}", self.loaded.name));
-            let (pictures, light_ms, shade_ms) = self.frames(classic, &lights, size, 1)?;
-            let is_known = lights == self.loaded.scene.lighting.lights && truth.noise.is_some();
-            let traced = match is_known {
-                true => None,
-                false => {
-                    let (paths, seed) = (self.args.spp, self.common.seed);
-                    Some(Truth::traced(self.loaded, &lights, size, paths, seed, &mut self.progress)?)
-                }
-            };
-            let expected = traced.as_ref().unwrap_or(truth);
-            self.add(Row {
-                scene: self.loaded.name.clone(),
-                part: Part::Lights,
-                method: "classic".to_owned(),
-                what,
-                receivers_at: Some("mesh".to_owned()),
-                receiver_density: Some(settings.receiver_density),
-                patch_count: settings.patch_count,
-                patches: classic.patch_count(),
-                receivers: Some(classic.receiver_count()),
-                bake_s: None,
-                median_ms: light_ms,
-                shade_ms,
-                bytes: Some(classic.bytes().values().sum()),
-                errors: Errors::of(&pictures, None, expected, self.loaded.exposure_stops)?,
-                reference_noise: expected.noise,
-            })?;
+            self.light(what, &lights, &case, renderer, truth)?;
         }
         Ok(())
+    }
+
+    /// A row of other lights.
+    fn light(
+        &mut self,
+        what: String,
+        lights: &[Light],
+        case: &Case,
+        renderer: &mut Renderer,
+        truth: &Truth,
+    ) -> Result<(), Error> {
+        let shown = self.frames(renderer, lights, case.size, 1)?;
+        let is_known = *lights == self.loaded.scene.lighting.lights[..] && truth.noise.is_some();
+        let traced = match is_known {
+            true => None,
+            false => {
+                let paths = self.args.spp;
+                Some(Truth::traced(self.loaded, lights, case.size, paths, self.common.seed, &self.progress)?)
+            }
+        };
+        let expected = traced.as_ref().unwrap_or(truth);
+        let bake = renderer.bake();
+        self.add(Row {
+            scene: self.loaded.name.clone(),
+            part: Part::Lights,
+            method: "classic".to_owned(),
+            what,
+            receivers_at: Some("mesh".to_owned()),
+            receiver_density: Some(case.bake.receiver_density),
+            patch_count: case.bake.patch_count,
+            patches: bake.mesh.patches.len(),
+            receivers: Some(bake.receivers.points.len()),
+            bake_s: None,
+            median_ms: shown.light_ms,
+            shade_ms: shown.shade_ms,
+            bytes: Some(renderer.bytes().values().sum()),
+            errors: Errors::of(&shown.pictures, None, expected, self.loaded.exposure_stops)?,
+            reference_noise: expected.noise,
+        })
     }
 
     /// Whether a picture is there, from this run or the one that it goes on from.
@@ -532,6 +571,23 @@ impl Experiment<'_> {
         };
         SceneResult { name: self.loaded.name.clone(), rows, section }
     }
+}
+
+/// The first frame, and median times.
+struct Frames {
+    pictures: Pictures,
+    /// Passes but shading, and shading.
+    light_ms: Option<f64>,
+    shade_ms: Option<f64>,
+}
+
+/// Seconds of the phases from this one on.
+fn seconds_since(progress: &Progress, first: usize) -> f64 {
+    progress.phases()[first..].iter().map(|(_, seconds)| seconds).sum()
+}
+
+fn all_ms(times: &[(String, f64)]) -> f64 {
+    times.iter().map(|(_, ms)| ms).sum()
 }
 
 fn point(x: usize, row: &Row) -> (f64, f64) {

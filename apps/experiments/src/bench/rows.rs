@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::errors::picture_errors;
 use crate::output;
 use crate::report::{Table, significant};
-use patchlight::render::Pictures;
+use patchlight::Pictures;
 
 /// Which table a row belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]

@@ -1,6 +1,7 @@
 //! `bench temporal`: light that is sampled beside exact products: time, memory, how fast it follows a jump of the lights, noise
 //! at rest, and pictures against the reference.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
@@ -11,18 +12,19 @@ use serde::Serialize;
 use temporal::{Blend, Settings};
 
 use super::truth::Truth;
-use super::{Machine, SCENES, Setup};
+use super::{Machine, SCENES, Setup, load, suited_settings};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
 use crate::progress::{Progress, is_cancelled};
 use crate::report::{Plot, Section, Series, Table, page};
-use crate::sequence::{distance, flicker};
+use crate::sequence::{distance, flicker, pass_ms};
+use crate::summary::PassTimes;
 use assets::import::{Animation, LoadedScene};
-use patchlight::render::classic::{Bake, ClassicSettings, Estimator, PatchKind};
-use patchlight::render::operator::{Feedback, Transport};
-use patchlight::render::temporal::{RowKind, Sampled, Temporal};
-use runtime::executor::{DeviceChoice, open};
+use patchlight::method::temporal::{RowKind, Sampled};
+use patchlight::method::{FeedbackSettings, TemporalSettings};
+use patchlight::renderer::with_lights;
+use patchlight::{Bake, MethodSettings, RenderSettings, Renderer};
 
 /// Patches of a scene, unless it is said.
 const COUNT: u32 = 10_000;
@@ -31,29 +33,31 @@ const AWAY: u32 = 12;
 const REST: u32 = 48;
 
 /// What is measured beside classic radiosity.
-fn variants(epsilon: f64, seed: u32) -> Vec<(String, Transport)> {
+fn variants(epsilon: f64, seed: u32) -> Vec<(&'static str, MethodSettings)> {
     let default = Settings { seed, ..Settings::DEFAULT };
+    let few = Settings { samples: 16, ..default };
+    let many = Settings { samples: 200, ..default };
     let without = Settings { control_variate: false, ..default };
-    let temporal = |settings, rows, sampled| Transport::Temporal(Temporal { settings, rows, sampled });
-    let (lists, tables) = (RowKind::Lists, RowKind::Tables);
-    let mut all = vec![("feedback".to_owned(), Transport::Feedback(Feedback { epsilon, ..Feedback::default() }))];
-    for samples in [16, 64, 200] {
-        let settings = Settings { samples, ..default };
-        all.push((format!("Q {samples}"), temporal(settings, lists, Sampled::Patches)));
-    }
     let independent = Settings { rotated: false, ..without };
     let fixed = Settings { blend: Blend::Fixed(0.75), ..independent };
-    let more = [
-        ("Q 64, tables", temporal(default, tables, Sampled::Patches)),
-        ("Q 64, no variate", temporal(without, lists, Sampled::Patches)),
-        ("Q 64, no variate, no lattice", temporal(independent, lists, Sampled::Patches)),
-        ("Q 64, as printed, w 0.75", temporal(fixed, tables, Sampled::Patches)),
-        ("Q 16, all rows", temporal(Settings { samples: 16, ..default }, lists, Sampled::All)),
-        ("Q 64, all rows", temporal(default, lists, Sampled::All)),
-        ("Q 64, all rows, no variate", temporal(without, lists, Sampled::All)),
-    ];
-    all.extend(more.map(|(name, transport)| (name.to_owned(), transport)));
-    all
+    let feedback = FeedbackSettings { epsilon, ..FeedbackSettings::default() };
+    vec![
+        ("feedback", MethodSettings::Feedback(feedback)),
+        ("Q 16", temporal(few, RowKind::Lists, Sampled::Patches)),
+        ("Q 64", temporal(Settings { samples: 64, ..default }, RowKind::Lists, Sampled::Patches)),
+        ("Q 200", temporal(many, RowKind::Lists, Sampled::Patches)),
+        ("Q 64, tables", temporal(default, RowKind::Tables, Sampled::Patches)),
+        ("Q 64, no variate", temporal(without, RowKind::Lists, Sampled::Patches)),
+        ("Q 64, no variate, no lattice", temporal(independent, RowKind::Lists, Sampled::Patches)),
+        ("Q 64, as printed, w 0.75", temporal(fixed, RowKind::Tables, Sampled::Patches)),
+        ("Q 16, all rows", temporal(few, RowKind::Lists, Sampled::All)),
+        ("Q 64, all rows", temporal(default, RowKind::Lists, Sampled::All)),
+        ("Q 64, all rows, no variate", temporal(without, RowKind::Lists, Sampled::All)),
+    ]
+}
+
+fn temporal(settings: Settings, rows: RowKind, sampled: Sampled) -> MethodSettings {
+    MethodSettings::Temporal(TemporalSettings { settings, rows, sampled })
 }
 
 /// A measurement.
@@ -67,7 +71,7 @@ struct Row {
     /// Median of the light between patches, and of its way to the receivers.
     median_ms: f64,
     lookup_ms: f64,
-    /// What is multiplied by or sampled from: between patches, and to facets and receivers.
+    /// What is multiplied by or sampled from: between patches, and to elements and receivers.
     bytes: u64,
     lookup_bytes: u64,
     /// Of what classic radiosity does not need.
@@ -139,27 +143,17 @@ impl Measuring<'_> {
         progress: &Progress,
         keep: &mut dyn FnMut(Row) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        let Self { common, args, loaded, truth } = self;
-        let settings = ClassicSettings {
-            patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), count),
-            patch_count: count,
-            estimator: Estimator::Hemisphere { rays: args.rays },
-            receiver_rays: args.receiver_rays(),
-            sub_frames: args.sub_frames,
-            seed: common.seed,
-            size: truth.size(),
-            ..ClassicSettings::default()
-        };
-        let bake = Bake::new(&loaded.scene, loaded.view.eye, settings, progress)?;
-        let classic = self.variant(&bake, "classic", Transport::Classic, None)?;
-        let exact = classic.1;
-        keep(classic.0)?;
-        for (name, transport) in variants(args.epsilons.first().copied().unwrap_or(0.01), common.seed) {
+        let Self { common, args, loaded, .. } = self;
+        let settings = suited_settings(common, args, loaded, count);
+        let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
+        let (classic, exact) = self.variant(&bake, "classic", MethodSettings::Classic, None)?;
+        keep(classic)?;
+        for (name, method) in variants(args.epsilons.first().copied().unwrap_or(0.01), common.seed) {
             if is_cancelled() {
                 return Err(Error::Cancelled);
             }
             progress.note(&format!("{name}:"));
-            keep(self.variant(&bake, &name, transport, Some(&exact))?.0)?;
+            keep(self.variant(&bake, name, method, Some(&exact))?.0)?;
         }
         Ok(())
     }
@@ -167,58 +161,48 @@ impl Measuring<'_> {
     /// A row, and the light at rest in the end.
     fn variant(
         &self,
-        bake: &Bake,
+        bake: &Arc<Bake>,
         name: &str,
-        transport: Transport,
+        method: MethodSettings,
         exact: Option<&Vec<Vec3>>,
     ) -> Result<(Row, Vec<Vec3>), Error> {
-        let Self { common, loaded, truth, .. } = self;
+        let Self { common, args, loaded, truth } = self;
         let progress = Progress::new(true);
-        let (executor, _) = open(&DeviceChoice::parse(&common.device))?;
-        let device = executor.device().name.clone();
+        let settings = RenderSettings {
+            method,
+            eye: loaded.view.eye,
+            size: truth.size(),
+            sub_frames: args.sub_frames,
+            ..RenderSettings::default()
+        };
         let start = Instant::now();
-        let mut light = bake.clone().load(transport, executor, &progress)?;
+        let mut light = load(common, bake, &settings, &progress)?;
         let load_s = start.elapsed().as_secs_f64();
-        let path = Animation::or_default_path(loaded);
-        let (away, own) = (path.at(path.duration() / 3.0).0, loaded.scene.lighting.lights.clone());
-        let (mut method, mut lookup) = (Vec::new(), Vec::new());
-        let mut shown: Vec<Vec<Vec3>> = Vec::new();
-        for frame in 0..AWAY + REST {
-            let times = light.advance(if frame < AWAY { &away } else { &own })?;
-            let of = |name: &str| times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum::<f64>();
-            method.push(of("method"));
-            lookup.push(of("lookup"));
-            if frame + 1 >= AWAY {
-                shown.push(light.surface_irradiance()?);
-            }
-        }
-        let last = shown[REST as usize].clone();
+        let frames = self.frames(&mut light)?;
+        let last = frames.shown[REST as usize].clone();
         let exact = exact.unwrap_or(&last);
-        let whole = distance(&shown[0], exact).max(f64::MIN_POSITIVE);
-        let left: Vec<f64> = shown.iter().map(|light| distance(light, exact) / whole).collect();
-        let (before, scale) = (&shown[REST as usize - 1], stops_to_scale(loaded.exposure_stops));
-        let (width, height) = truth.size();
-        let pictures = light.frame(&own, &loaded.view.camera(width, height), 0)?.pictures;
+        let whole = distance(&frames.shown[0], exact).max(f64::MIN_POSITIVE);
+        let left: Vec<f64> = frames.shown.iter().map(|light| distance(light, exact) / whole).collect();
+        let before = &frames.shown[REST as usize - 1];
+        let scale = stops_to_scale(loaded.exposure_stops);
+        let camera = loaded.view.camera(truth.size().0, truth.size().1);
+        let pictures = light.picture(&loaded.scene.lighting, &camera, 0)?.pictures;
         let indirect_exposure = indirect_scale(&truth.pictures.indirect);
         let bytes = light.bytes();
-        let of = |names: &[&str]| names.iter().filter_map(|name| bytes.get(*name)).sum();
-        let median = |times: &mut Vec<f64>| {
-            times.sort_by(f64::total_cmp);
-            times[times.len() / 2]
-        };
+        let bytes_of = |names: &[&str]| names.iter().filter_map(|name| bytes.get(*name)).sum();
         let row = Row {
             scene: loaded.name.clone(),
             method: name.to_owned(),
-            device,
-            patches: light.patch_count(),
-            receivers: light.receiver_count(),
-            median_ms: median(&mut method),
-            lookup_ms: median(&mut lookup),
-            bytes: of(&["operator", "tables", "form_factors"]),
-            lookup_bytes: of(&["facets", "receivers"]),
-            build_s: match transport {
-                Transport::Classic => 0.0,
-                Transport::Temporal(_) => progress.seconds("tables"),
+            device: light.executor_mut().device().name.clone(),
+            patches: bake.mesh.patches.len(),
+            receivers: bake.receivers.points.len(),
+            median_ms: median(&frames.method_ms),
+            lookup_ms: median(&frames.lookup_ms),
+            bytes: bytes_of(&["operator", "tables", "form_factors"]),
+            lookup_bytes: bytes_of(&["elements", "receivers"]),
+            build_s: match method {
+                MethodSettings::Classic => 0.0,
+                MethodSettings::Temporal(_) => progress.seconds("tables"),
                 _ => load_s,
             },
             left_1: left[1],
@@ -232,73 +216,120 @@ impl Measuring<'_> {
         };
         Ok((row, last))
     }
+
+    /// Frames with other lights, then with the scene's own.
+    fn frames(&self, light: &mut Renderer) -> Result<Frames, Error> {
+        let loaded = self.loaded;
+        let path = Animation::or_default_path(loaded);
+        let away = with_lights(&loaded.scene, &path.at(path.duration() / 3.0).0);
+        let camera = loaded.view.camera(self.truth.size().0, self.truth.size().1);
+        let mut frames = Frames::default();
+        for frame in 0..AWAY + REST {
+            let lighting = if frame < AWAY { &away } else { &loaded.scene.lighting };
+            let times = light.advance(lighting, &camera)?;
+            frames.method_ms.push(pass_ms(&times, "method"));
+            frames.lookup_ms.push(pass_ms(&times, "lookup"));
+            if frame + 1 >= AWAY {
+                frames.shown.push(light.surface_irradiance()?);
+            }
+        }
+        Ok(frames)
+    }
+}
+
+/// What frames took, and the light from the last one with other lights on.
+#[derive(Default)]
+struct Frames {
+    method_ms: Vec<f64>,
+    lookup_ms: Vec<f64>,
+    shown: Vec<Vec<Vec3>>,
+}
+
+fn median(times: &[f64]) -> f64 {
+    PassTimes::of(times).map_or(0.0, |times| times.median_ms)
+}
+
+const LIGHT_HEAD: [&str; 12] = [
+    "scene, patches",
+    "method",
+    "method ms",
+    "lookup ms",
+    "MB between patches",
+    "MB elements, receivers",
+    "build s",
+    "left after 1 frame %",
+    "after 8 %",
+    "error at rest %",
+    "change at rest %",
+    "flicker /255",
+];
+
+const PICTURE_HEAD: [&str; 9] = [
+    "scene, patches",
+    "method",
+    "MSE",
+    "PSNR dB",
+    "SSIM",
+    "indirect PSNR dB",
+    "indirect SSIM",
+    "indirect block PSNR dB",
+    "indirect block median %",
+];
+
+impl Row {
+    fn light_cells(&self) -> Vec<String> {
+        vec![
+            format!("{} {}", self.scene, self.patches),
+            self.method.clone(),
+            format!("{:.2}", self.median_ms),
+            format!("{:.2}", self.lookup_ms),
+            megabytes(self.bytes),
+            megabytes(self.lookup_bytes),
+            format!("{:.2}", self.build_s),
+            percent(self.left_1),
+            percent(self.left_8),
+            percent(self.error),
+            percent(self.change),
+            format!("{:.3}", self.flicker_255),
+        ]
+    }
+
+    fn picture_cells(&self) -> Vec<String> {
+        vec![
+            format!("{} {}", self.scene, self.patches),
+            self.method.clone(),
+            format!("{:.5}", self.full.mse),
+            format!("{:.2}", self.full.psnr_db),
+            format!("{:.4}", self.full.ssim),
+            format!("{:.2}", self.indirect.psnr_db),
+            format!("{:.4}", self.indirect.ssim),
+            format!("{:.2}", self.indirect.block_psnr_db),
+            percent(self.indirect.block_median_relative_error),
+        ]
+    }
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{:.1}", bytes as f64 * 1e-6)
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.2}", 100.0 * share)
 }
 
 fn tables(rows: &[Row]) -> [Table; 2] {
-    let labelled = |row: &Row| vec![format!("{} {}", row.scene, row.patches), row.method.clone()];
-    let megabytes = |bytes: u64| format!("{:.1}", bytes as f64 * 1e-6);
-    let percent = |x: f64| format!("{:.2}", 100.0 * x);
-    let light = |row: &Row| {
-        let numbers = [
-            format!("{:.2}", row.median_ms),
-            format!("{:.2}", row.lookup_ms),
-            megabytes(row.bytes),
-            megabytes(row.lookup_bytes),
-            format!("{:.2}", row.build_s),
-            percent(row.left_1),
-            percent(row.left_8),
-            percent(row.error),
-            percent(row.change),
-            format!("{:.3}", row.flicker_255),
-        ];
-        [labelled(row), numbers.to_vec()].concat()
-    };
-    let head = [
-        "scene, patches",
-        "method",
-        "method ms",
-        "lookup ms",
-        "MB between patches",
-        "MB facets, receivers",
-        "build s",
-        "left after 1 frame %",
-        "after 8 %",
-        "error at rest %",
-        "change at rest %",
-        "flicker /255",
-    ];
-    let picture = |row: &Row| {
-        let numbers = [
-            format!("{:.5}", row.full.mse),
-            format!("{:.2}", row.full.psnr_db),
-            format!("{:.4}", row.full.ssim),
-            format!("{:.2}", row.indirect.psnr_db),
-            format!("{:.4}", row.indirect.ssim),
-            format!("{:.2}", row.indirect.block_psnr_db),
-            percent(row.indirect.block_median_relative_error),
-        ];
-        [labelled(row), numbers.to_vec()].concat()
-    };
-    let picture_head = [
-        "scene, patches",
-        "method",
-        "MSE",
-        "PSNR dB",
-        "SSIM",
-        "indirect PSNR dB",
-        "indirect SSIM",
-        "indirect block PSNR dB",
-        "indirect block median %",
-    ];
-    let own = |head: &[&str]| head.iter().map(|name| String::from(*name)).collect();
-    let caption = "Time, memory, and light after the lights jump (relative L2 of the irradiance on surfaces, over that of the \
-                   jump) and at rest; the error is that against classic radiosity, which is exact";
+    let caption = "Time, memory, and light after the lights jump (relative L2 of the irradiance on surfaces, over that \
+                   of the jump) and at rest; the error is that against classic radiosity, which is exact";
     [
-        Table { caption: caption.into(), head: own(&head), rows: rows.iter().map(light).collect() },
+        Table {
+            caption: caption.into(),
+            head: LIGHT_HEAD.map(String::from).to_vec(),
+            rows: rows.iter().map(Row::light_cells).collect(),
+        },
         Table {
             caption: "Pictures against path tracing".into(),
-            head: own(&picture_head),
-            rows: rows.iter().map(picture).collect(),
+            head: PICTURE_HEAD.map(String::from).to_vec(),
+            rows: rows.iter().map(Row::picture_cells).collect(),
         },
     ]
 }

@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::path;
 use crate::progress::Progress;
 use assets::import::LoadedScene;
-use patchlight::render::Pictures;
+use patchlight::Pictures;
 
 /// Points of a path-traced reference, and paths of each for every path of a pixel.
 const POINTS: u32 = 512;
@@ -77,18 +77,16 @@ impl Truth {
         let mut scene = loaded.scene.clone();
         scene.set_lights(lights);
         let camera = loaded.view.camera(size.0, size.1);
-        let mut half = |seed: u32| -> Result<Pictures, Error> {
-            let settings = PathSettings { seed, ..PathSettings::default() };
-            Ok(path::render(&scene, &camera, settings, paths.div_ceil(2), None, false, progress)?.pictures)
+        let half = paths.div_ceil(2);
+        let settings = PathSettings { seed, ..PathSettings::default() };
+        let others = PathSettings { seed: seed ^ OTHER_HALF, ..settings };
+        let first = path::render(&scene, &camera, settings, half, None, false, progress)?.pictures;
+        let second = path::render(&scene, &camera, others, half, None, false, progress)?.pictures;
+        let pictures = Pictures {
+            full: mean(&first.full, &second.full)?,
+            direct: mean(&first.direct, &second.direct)?,
+            indirect: mean(&first.indirect, &second.indirect)?,
         };
-        let (first, second) = (half(seed)?, half(seed ^ OTHER_HALF)?);
-        let mean = |part: &dyn Fn(&Pictures) -> &Picture| -> Result<Picture, Error> {
-            let mut sum = part(&first).plus(part(&second))?;
-            sum.pixels.iter_mut().for_each(|p| *p *= 0.5);
-            Ok(sum)
-        };
-        let pictures =
-            Pictures { full: mean(&|p| &p.full)?, direct: mean(&|p| &p.direct)?, indirect: mean(&|p| &p.indirect)? };
         let scale = indirect_scale(&pictures.indirect);
         let errors = compare_pictures(&first.indirect, &pictures.indirect, scale, None)?;
         let noise = Noise {
@@ -137,4 +135,10 @@ impl Truth {
     pub fn size(&self) -> (u32, u32) {
         (self.pictures.full.width, self.pictures.full.height)
     }
+}
+
+fn mean(first: &Picture, second: &Picture) -> Result<Picture, Error> {
+    let mut sum = first.plus(second)?;
+    sum.pixels.iter_mut().for_each(|p| *p *= 0.5);
+    Ok(sum)
 }

@@ -67,7 +67,7 @@ fn failed(folder: &Path, action: &'static str, bytes: u64, error: &std::io::Erro
     Error::File { folder: folder.to_path_buf(), action, megabytes: bytes.div_ceil(1 << 20), reason: error.to_string() }
 }
 
-/// A symmetric operator of one channel in a file: the tiles of its upper triangle, in the order of [`crate::Tiles`], 2 n² bytes.
+/// A symmetric operator of one channel in a file: the tiles of its upper triangle, in the order of [`crate::LowRank`], 2 n² bytes.
 #[derive(Debug)]
 pub struct StoredOperator {
     file: Mutex<BlockFile>,

@@ -1,4 +1,4 @@
-//! Symmetric operators in tiles of low rank, dense squares and single entries.
+//! Operators in tiles of low rank, dense squares and single entries.
 
 mod encode;
 mod lanes;
@@ -7,6 +7,7 @@ mod product;
 mod rectangular;
 mod reduce;
 mod source;
+mod symmetric;
 
 use std::vec::Vec;
 
@@ -24,13 +25,45 @@ pub(super) use reduce::SIDE;
 
 pub use near::{NearTables, near_all};
 pub use product::{
-    ExpandTables, ProjectTables, TileRoom, enter_all, expand_all, leave_all, project_all, round_all, weigh_all,
+    ExpandTables, LowRankWorkspace, ProjectTables, enter_all, expand_all, leave_all, project_all, round_all, weigh_all,
 };
-
-pub use rectangular::{MOST_TILE_RECEIVERS, RectangularRoom, RectangularTiles, SparseRows, TileSide};
+pub use rectangular::SparseRows;
 
 /// Most patches: entries name columns by 16 bits.
 pub const MOST_TILE_PATCHES: usize = PLACES - TILE as usize;
+
+/// Most receivers: vectors name blocks by 16 bits.
+pub const MOST_TILE_RECEIVERS: usize = SIDE << 16;
+
+/// The rows or the columns of an operator.
+#[derive(Clone, Copy, Debug)]
+pub struct TileSide<'a> {
+    /// Area that each of them stands for, m².
+    pub area: &'a [f32],
+    /// Which of them is at each place of an order in which neighbours are alike ([`crate::halving_order`]).
+    pub order: &'a [u32],
+}
+
+/// What [`LowRank::encode`] brings into tiles.
+#[derive(Clone, Copy)]
+pub enum TileSource<'a> {
+    /// Operators that are symmetric by the areas of the patches, which are both rows and columns.
+    Symmetric {
+        /// The operators of the colour channels.
+        channels: Channels<'a>,
+        /// Their rows and columns.
+        patches: TileSide<'a>,
+    },
+    /// The rows of any operator, one channel for all colours.
+    Rows {
+        /// Columns and values of each row.
+        rows: &'a SparseRows<'a>,
+        /// The rows: where irradiance is wanted.
+        receivers: TileSide<'a>,
+        /// The columns: what sends light.
+        senders: TileSide<'a>,
+    },
+}
 
 /// The symmetric operators of the colour channels, `T̂ = a^½ T a^-½`.
 #[derive(Clone, Copy, Debug)]
@@ -45,55 +78,82 @@ pub enum Channels<'a> {
     Factors(Factors<'a>),
 }
 
-/// A symmetric operator, `T̂ ≈ Σ_k s_k (u_k v_kᵀ + v_k u_kᵀ) + D + S`: the upper triangle is cut into tiles of [`TILE`] rows and
-/// columns, each the sum of a few pairs of vectors of 4 or 8 bits, of dense squares of 8 bits and of single entries of 16
-/// bits; a tile may have none of them. Three colour channels share what they have in common: green is the common part. Red and
-/// blue are stored as differences to it, which have far fewer components, because the light that arrives directly is the same,
-/// and which are turned so that the first of their two axes has most of both: where walls are of one hue, red and blue differ
-/// from green alike.
+/// An operator from columns j that send light to rows i that receive it, `H = T B`, as
+/// `T̂ = a_r^½ T a_c^-½ ≈ Σ_k u_k s_k v_kᵀ + D + S` with the areas a of rows and columns. It is cut
+/// into tiles of [`TILE`] rows and columns, each the sum of a few pairs of vectors of 4 or 8 bits,
+/// of dense squares of 8 bits and of single entries of 16 bits; a tile may have none of them.
 ///
-/// A component is kept when it takes more from the squared error than λ times its bytes, squares and entries likewise, and λ
-/// is found so that the whole has the error that was asked for. Errors that are even over neighbouring places are weighted by
-/// the cube root of their extent when components are found: light is even over neighbours and adds them up. So the error of
-/// the entries is not the least that so many bytes can have, but that of irradiance is about half of what it then would be.
+/// A component is kept when it takes more from the squared error than λ times its bytes, squares
+/// and entries likewise, and λ is found so that the whole has the error that was asked for. Errors
+/// that are even over neighbouring columns are weighted by the cube root of their extent when
+/// components are found: light is even over neighbours and adds them up. So the error of the
+/// entries is not the least that so many bytes can have, but that of irradiance is about half of
+/// what it then would be.
+///
+/// *Symmetric* operators, whose rows and columns are the same patches, have the upper triangle of
+/// tiles only, and every pair of vectors serves both ways: `columns` is `None`. Their three colour
+/// channels share what they have in common: green is the common part. Red and blue are stored as
+/// differences to it, which have far fewer components, because the light that arrives directly is
+/// the same, and which are turned so that the first of their two axes has most of both: where walls
+/// are of one hue, red and blue differ from green alike.
+///
+/// The vectors of the columns make sums ([`crate::project_all`]), by which those of the rows are
+/// multiplied ([`crate::expand_all`]).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Tiles {
-    /// Patch at each place of the order.
+pub struct LowRank {
+    /// Column at each place of the columns' order.
     pub order: Vec<u32>,
-    /// Place of each patch.
+    /// Place of each row.
     pub place: Vec<u32>,
-    /// `√a` of each patch, m.
+    /// `√a` of each row, m.
     pub root: Vec<f32>,
-    /// Runs of block b: `run_start[b]..run_start[b + 1]`.
+    /// Runs of the rows' block b: `run_start[b]..run_start[b + 1]`.
     pub run_start: Vec<u32>,
     /// Quads of run k, which are alike: `quads[runs[k]..runs[k + 1]]`, at most [`RUN_QUADS`].
     pub runs: Vec<u32>,
-    /// Vectors by fours, block by block, alike ones together; where there are no four, zeros fill up. Slot `4 k + m` is
-    /// vector m of quad k.
+    /// The rows' vectors by fours, block by block, alike ones together; where there are no four,
+    /// zeros fill up. Slot `4 k + m` is vector m of quad k.
     pub quads: Vec<TileQuad>,
-    /// Elements of the vectors, in groups of [`LANES`] words.
+    /// Elements of the rows' vectors, in groups of [`LANES`] words.
     pub words: Vec<u32>,
-    /// Red and blue of the first axis of the differences, then of the second, [`crate::kernel::tiles::tint`].
+    /// What the columns have of their own, or `None` where they are the rows.
+    pub columns: Option<ColumnVectors>,
+    /// Red and blue of the first axis of the differences, then of the second,
+    /// [`crate::kernel::tiles::tint`].
     pub axes: Vec4,
-    /// What the sum of each slot is multiplied by.
+    /// What the sum of each slot of the columns is multiplied by.
     pub scale: Vec<f32>,
-    /// Slot of the other vector of each slot's component, by whose sum the slot's is multiplied; [`NO_SLOT`] where that is
-    /// done by none.
+    /// The columns' slot by whose sum each of the rows' slots is multiplied; [`NO_SLOT`] where that
+    /// is done by none.
     pub partner: Vec<u32>,
-    /// Squares of each [`LANES`] places: `square_start[k]..square_start[k + 1]`, `[blocks · PARTS + 1]`.
+    /// Squares of each [`LANES`] rows' places: `square_start[k]..square_start[k + 1]`,
+    /// `[blocks · PARTS + 1]`.
     pub square_start: Vec<u32>,
-    /// Dense squares, in both of their rows.
+    /// Dense squares; those of symmetric operators in both of their rows.
     pub squares: Vec<TileSquare>,
     /// Their elements of 8 bits, [`SQUARE_WORDS`] each.
     pub square_words: Vec<u32>,
-    /// Entries of each place, `[blocks · TILE + 1]`.
+    /// Entries of each row's place, `[blocks · TILE + 1]`.
     pub row_start: Vec<u32>,
-    /// Column in the lower 16 bits, value in the upper.
+    /// The column's place in the lower 16 bits, value in the upper.
     pub entries: Vec<u32>,
-    /// Step of the values of each place.
+    /// Step of the values of each row's place.
     pub steps: Vec<f32>,
     /// What was lost.
     pub report: TileReport,
+}
+
+/// The columns of an operator that are not its rows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ColumnVectors {
+    /// `√a` of each column, m.
+    pub root: Vec<f32>,
+    /// First quad of each run, whose quads are alike, and the end of the last.
+    pub runs: Vec<u32>,
+    /// The columns' vectors by fours, as [`LowRank::quads`].
+    pub quads: Vec<TileQuad>,
+    /// Their elements, in groups of [`LANES`] words.
+    pub words: Vec<u32>,
 }
 
 /// How an operator was stored.
@@ -113,23 +173,42 @@ pub struct TileReport {
     pub entries: usize,
 }
 
-impl Tiles {
-    /// Number of patches.
-    pub fn patches(&self) -> usize {
-        self.order.len()
+impl LowRank {
+    /// Whether rows and columns are the same patches.
+    pub fn is_symmetric(&self) -> bool {
+        self.columns.is_none()
     }
 
     /// Blocks of [`TILE`] rows.
     pub fn blocks(&self) -> usize {
-        self.order.len().div_ceil(TILE as usize)
+        self.place.len().div_ceil(SIDE)
+    }
+
+    /// Blocks of [`TILE`] columns.
+    pub fn column_blocks(&self) -> usize {
+        self.order.len().div_ceil(SIDE)
+    }
+
+    /// `√a` of each column, m.
+    pub fn column_root(&self) -> &[f32] {
+        self.columns.as_ref().map_or(&self.root, |columns| &columns.root)
+    }
+
+    /// First quad of each run of the columns, and the end of the last.
+    pub fn column_runs(&self) -> &[u32] {
+        self.columns.as_ref().map_or(&self.runs, |columns| &columns.runs)
     }
 
     /// Bytes of each part that a product reads.
     pub fn bytes_by_part(&self) -> [(&'static str, u64); 4] {
         let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
-        let vectors = self.expand_tables().bytes() + slots;
+        let mut vectors = self.expand_tables().bytes() + slots;
+        let mut places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
+        if let Some(ColumnVectors { root, runs, quads, words }) = &self.columns {
+            vectors += size_of_val(&runs[..]) + size_of_val(&quads[..]) + size_of_val(&words[..]);
+            places += size_of_val(&root[..]);
+        }
         let [squares, entries] = self.near_tables().bytes();
-        let places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
         [
             ("vectors", vectors as u64),
             ("squares", squares as u64),
@@ -138,15 +217,19 @@ impl Tiles {
         ]
     }
 
-    /// Bytes of what does not follow from the rest: entries once, not for both of their rows; scale and partner once for both
-    /// vectors of a component; not `place`.
+    /// Bytes of what does not follow from the rest. Of symmetric operators: entries once, not for both of their rows; scale
+    /// and partner once for both vectors of a component; not `place`.
     pub fn stored_bytes(&self) -> u64 {
+        let whole = self.bytes_by_part().iter().map(|part| part.1).sum::<u64>();
+        if !self.is_symmetric() {
+            return whole;
+        }
         let squares = self.squares.len() - self.report.squares.min(self.squares.len());
         let entries = self.entries.len() - self.report.entries.min(self.entries.len());
         let mirrored = entries + squares * (SQUARE_WORDS as usize + size_of::<TileSquare>() / size_of::<u32>());
         let components: usize = self.report.components.iter().sum();
         let follows = mirrored + 2 * components.min(self.scale.len() / 2) + self.place.len();
-        self.bytes_by_part().iter().map(|part| part.1).sum::<u64>() - (follows * size_of::<u32>()) as u64
+        whole - (follows * size_of::<u32>()) as u64
     }
 
     /// Whether the tables belong together, so that no product reads beyond them.
@@ -154,20 +237,26 @@ impl Tiles {
     /// # Errors
     /// [`transport::Error::Length`], [`transport::Error::Value`], naming the table and the entry.
     pub fn check(&self) -> Result<(), Error> {
-        let n = self.patches();
-        check_length("place", n, self.place.len())?;
-        check_length("root", n, self.root.len())?;
-        let slots = QUAD as usize * self.quads.len();
+        let rows = self.place.len();
+        let columns = self.order.len();
+        check_length("root", rows, self.root.len())?;
+        check_length("root of columns", columns, self.column_root().len())?;
+        if let Some(own) = &self.columns {
+            check_bank(&own.runs, &own.quads, &own.words, self.column_blocks())?;
+        }
+        let ProjectTables { quads, .. } = self.project_tables();
+        let slots = QUAD as usize * quads.len();
         check_length("scale", slots, self.scale.len())?;
-        check_length("partner", slots, self.partner.len())?;
+        check_length("partner", QUAD as usize * self.quads.len(), self.partner.len())?;
         self.expand_tables().check(self.blocks())?;
-        self.near_tables().check(self.blocks(), self.blocks())?;
-        check_below("order", self.order.iter().copied(), n)?;
-        check_below("place", self.place.iter().copied(), n)?;
+        self.near_tables().check(self.blocks(), self.column_blocks())?;
+        check_below("order", self.order.iter().copied(), columns)?;
+        check_below("place", self.place.iter().copied(), rows)?;
         let partners = self.partner.iter().map(|&slot| if slot == NO_SLOT { 0 } else { slot });
-        check_below("partner", partners, slots)?;
+        check_below("partner", partners, slots.max(usize::from(!self.quads.is_empty())))?;
         check_finite("scale", self.scale.iter().copied())?;
-        check_root("root", &self.root)
+        check_root("root", &self.root)?;
+        check_root("root of columns", self.column_root())
     }
 }
 

@@ -222,7 +222,7 @@ impl FirstShot {
     pub fn bytes(&self) -> [(&'static str, u64); 2] {
         // Flux, area, element, patch.
         let cell = (size_of::<[f32; 3]>() + size_of::<f32>() + 2 * size_of::<u32>()) as u64;
-        [("maps", self.maps.maps.len() as u64 * cell), ("elements", self.element_bytes)]
+        [("maps", self.maps.maps.len() as u64 * cell), ("light elements", self.element_bytes)]
     }
 
     /// Indirect irradiance at points, W/m²: the mean over rays of `ρ (H_d + H)` at what they meet, H of the illumination maps,

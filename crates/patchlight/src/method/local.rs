@@ -3,7 +3,7 @@
 use ::localmatrix::{CameraMatrix, CameraSettings, Surface, Table};
 use formfactor::{Reciprocal, reciprocal};
 use runtime::executor::{Executor, PassTime};
-use runtime::plan::BufferId;
+use runtime::plan::{BufferId, PassId};
 use runtime::recipe::localmatrix::MatrixCopy;
 use transport::Phase;
 
@@ -26,6 +26,8 @@ pub struct Local {
     matrix: CameraMatrix,
     world_bytes: u64,
     passes: Option<Passes>,
+    /// The exitance of the patches from the irradiance that the matrix gives.
+    bounce: Option<PassId>,
 }
 
 /// How the matrix is multiplied by: by the host itself where that runs the kernels, else by a copy on the device.
@@ -46,19 +48,8 @@ impl Local {
             let order = world.order().to_vec();
             let go_on = |share: f32| report((share * 1000.0) as usize, 1000).is_continue();
             let matrix = CameraMatrix::new(Box::new(world), order, settings, with.eye, &go_on)?;
-            Ok(Self { matrix, world_bytes, passes: None })
+            Ok(Self { matrix, world_bytes, passes: None, bounce: None })
         })
-    }
-
-    /// What the last frame did with the matrix; on a device the lit patches are counted there, which waits for the frame.
-    ///
-    /// # Errors
-    /// What the device says.
-    pub fn count_lit(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        if let Some(Passes::Device(copy)) = &self.passes {
-            self.matrix.set_lit(copy.lit(executor)?);
-        }
-        Ok(())
     }
 }
 
@@ -86,6 +77,7 @@ impl Method for Local {
         } else {
             Passes::Host { source, irradiance }
         });
+        self.bounce = Some(frame.bounce()?);
         Ok(())
     }
 
@@ -96,16 +88,23 @@ impl Method for Local {
 
     fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Option<Result<Vec<PassTime>, Error>> {
         let passes = self.passes.as_mut()?;
-        Some(match passes {
-            Passes::Device(copy) => copy
-                .frame(executor, &mut self.matrix)
-                .map(|milliseconds| vec![PassTime { name: "update".into(), milliseconds }])
-                .map_err(Error::from),
-            Passes::Host { source, irradiance } => {
-                let buffers = (*source, *irradiance);
-                submit_on_host(&mut self.matrix, buffers.0, buffers.1, executor)
-            }
-        })
+        let times = match passes {
+            Passes::Device(copy) => submit_on_device(copy, &mut self.matrix, executor),
+            Passes::Host { source, irradiance } => submit_on_host(&mut self.matrix, *source, *irradiance, executor),
+        };
+        let bounce = self.bounce;
+        Some(times.and_then(|times| {
+            executor.submit_passes(bounce.as_slice())?;
+            Ok(times)
+        }))
+    }
+
+    /// Counts the lit patches where a device has them.
+    fn count(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        if let Some(Passes::Device(copy)) = &self.passes {
+            self.matrix.set_lit(copy.lit(executor)?);
+        }
+        Ok(())
     }
 
     fn report(&self) -> MethodReport {
@@ -117,6 +116,16 @@ impl Method for Local {
     fn as_any(&self) -> &dyn std::any::Any {
         self
     }
+}
+
+/// A device multiplies by its copy of the matrix.
+fn submit_on_device(
+    copy: &mut MatrixCopy,
+    matrix: &mut CameraMatrix,
+    executor: &mut (dyn Executor + 'static),
+) -> Result<Vec<PassTime>, Error> {
+    let milliseconds = copy.frame(executor, matrix)?;
+    Ok(vec![PassTime { name: "update".into(), milliseconds }])
 }
 
 /// Native code multiplies by the host's own matrix.

@@ -59,7 +59,8 @@ impl Method for Multibounce {
         let exitance = frame.exitance();
         let irradiance = frame.irradiance();
         tables.product(&mut frame.plan, "method", range, exitance, irradiance)?;
-        Ok(frame.bounce()?)
+        frame.bounce()?;
+        Ok(())
     }
 
     fn report(&self) -> MethodReport {

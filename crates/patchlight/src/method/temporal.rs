@@ -191,7 +191,8 @@ impl Method for TemporalMethod {
         };
         let bounces = frame.patch_bounces();
         self.add_level(frame, "method", &rows, light, bounces)?;
-        Ok(frame.bounce()?)
+        frame.bounce()?;
+        Ok(())
     }
 
     fn add_element_passes(&mut self, frame: &mut FramePlan, exitance: Range) -> Result<bool, Error> {

@@ -7,7 +7,6 @@ use glam::Vec4;
 use multibounce::Channels;
 use runtime::executor::{DeviceKind, Executor, ExecutorError};
 use runtime::recipe::multiply::{Products, TILE_COLUMNS};
-use runtime::vulkan;
 use transport::{Observer, Phase};
 
 use super::{Codec, PatchOperator, RADIUS_TOLERANCE, SymmetricFactors, growth};
@@ -259,13 +258,11 @@ pub(crate) fn some_bounces_on_device(
 
 /// Names what does not fit where a device says that something does not.
 fn memory_error(error: ExecutorError, n: usize, device: &str) -> Error {
-    match error {
-        ExecutorError::OutOfMemory { .. } | ExecutorError::Vulkan(vulkan::Error::OutOfMemory { .. }) => {
-            let needed = 12e-9 * (n.next_multiple_of(TILE_COLUMNS) as f64).powi(2);
-            Error::DeviceMemory { patches: n, needed, device: device.to_owned(), source: Box::new(error) }
-        }
-        other => other.into(),
+    if !error.is_out_of_memory() {
+        return error.into();
     }
+    let needed = 12e-9 * (n.next_multiple_of(TILE_COLUMNS) as f64).powi(2);
+    Error::DeviceMemory { patches: n, needed, device: device.to_owned(), source: Box::new(error) }
 }
 
 /// The symmetric form factors, some rows at a time.

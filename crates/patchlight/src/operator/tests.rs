@@ -1,11 +1,20 @@
 //! Operators between patches against plain bounces.
 
+use assets::procedural;
+use faer::Mat;
+use patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
+use runtime::cpu::Cpu;
+use runtime::executor::{DeviceChoice, Executor};
+use runtime::recipe::multibounce::Product;
+use runtime::vulkan::{Validation, Vulkan};
+use transport::Silent;
+
+use super::build::{MATRICES, Panels, check_memory, compress_form_factors};
 use super::measure::relative_error;
 use super::*;
-use crate::render::classic::{ClassicSettings, Estimator, PatchKind};
-use crate::render::exchange::exchange;
-use crate::render::senders::{SenderSettings, lit_sampler};
-use assets::procedural;
+use crate::form_factors::{Estimator, FormFactors};
+use crate::memory::available_bytes;
+use crate::method::firstshot::go_on;
 
 /// Every codec, with the relative error of irradiance that it may have against the dense one.
 pub const CODECS: [(Codec, f64); 8] = [
@@ -15,24 +24,25 @@ pub const CODECS: [(Codec, f64); 8] = [
     (Codec::Blocks(BlockCodec::Bc3), 0.02),
     (Codec::Blocks(BlockCodec::Bc6h), 0.01),
     (Codec::Blocks(BlockCodec::Bc7), 0.01),
-    (Codec::Tiles { epsilon: 0.01 }, 0.01),
-    (Codec::Tiles { epsilon: 1e-4 }, 1e-4),
+    (Codec::LowRank { epsilon: 0.01 }, 0.01),
+    (Codec::LowRank { epsilon: 1e-4 }, 1e-4),
 ];
 
-/// The exchange in the Cornell box, and the patches' albedo. Not a multiple of four patches.
-pub fn cornell() -> (Between, Vec<Vec4>) {
+/// Form factors in the Cornell box, and the patches' albedo. Not a multiple of four patches.
+pub fn cornell() -> (SymmetricFactors, Vec<Vec4>) {
     let scene = procedural::build("cornell").unwrap().scene;
-    let settings = ClassicSettings {
-        patches: PatchKind::Cluster,
-        patch_count: 149,
-        estimator: Estimator::Hemisphere { rays: 1024 },
-        ..ClassicSettings::default()
+    let settings = MeshSettings {
+        kind: PatchKind::Cluster,
+        count: 149,
+        voxel_size: None,
+        samples: patches::ViewSettings::default().samples,
+        seed: 0,
     };
-    let ClassicSettings { patches: kind, patch_count: count, samples, seed, .. } = settings;
-    let made = SenderSettings { kind, count, voxel_size: None, samples, seed };
-    let senders = Senders::new(&scene, lit_sampler(&scene, count, seed).unwrap().as_ref(), &made).unwrap();
-    let found = exchange(&scene, &senders, &settings, &|_| true).unwrap();
-    (Between::new(&senders, &found.factors).unwrap(), senders.albedo.clone())
+    let sampler = lit_sampler(&scene, settings.count, settings.seed).unwrap();
+    let mesh = PatchMesh::new(&scene, sampler.as_ref(), &settings).unwrap();
+    let estimator = Estimator::Hemisphere { rays: 1024 };
+    let found = FormFactors::estimate(&scene, &mesh, estimator, 0, &go_on).unwrap();
+    (SymmetricFactors::new(&mesh, &found.factors).unwrap(), mesh.albedo.clone())
 }
 
 /// Light of another colour at every patch.
@@ -46,8 +56,18 @@ fn plain(operator: &PatchOperator) -> f32 {
     growth(&vec![Vec4::ONE; operator.patches()], operator).unwrap()
 }
 
-fn made(codec: Codec, channels: [&Mat<f32>; 3], between: &Between) -> PatchOperator {
-    PatchOperator::encode(codec, Channels::Three(channels), between, 1, &mut Progress::new(true)).unwrap()
+fn made(codec: Codec, channels: [&Mat<f32>; 3], between: &SymmetricFactors) -> PatchOperator {
+    PatchOperator::encode(codec, Channels::Three(channels), between, 1, &Silent).unwrap()
+}
+
+fn panels<'a>(
+    factors: &'a SymmetricFactors,
+    albedo: &'a [Vec4],
+    bounces: Option<u32>,
+    build: &'a Build,
+    bytes: u64,
+) -> Panels<'a> {
+    Panels { factors, albedo, bounces, seed: 1, build, bytes }
 }
 
 fn product(operator: &PatchOperator, light: &[Vec4]) -> Vec<Vec4> {
@@ -60,8 +80,8 @@ fn product(operator: &PatchOperator, light: &[Vec4]) -> Vec<Vec4> {
 fn every_codec_gives_the_light_of_all_bounces() {
     let (between, albedo) = cornell();
     let n = albedo.len();
-    let operators = between.bounces(&albedo, None, &mut Progress::new(true)).unwrap();
-    let three = between.bounces(&albedo, Some(3), &mut Progress::new(true)).unwrap();
+    let operators = between.bounces(&albedo, None, &Silent).unwrap();
+    let three = between.bounces(&albedo, Some(3), &Silent).unwrap();
     let light = light(n);
     // Bounce by bounce, until nothing changes.
     let (mut exitance, mut exact) = (light.clone(), vec![Vec4::ZERO; n]);
@@ -89,21 +109,21 @@ fn every_codec_gives_the_light_of_all_bounces() {
 fn the_rows_are_those_of_the_product() {
     let (between, albedo) = cornell();
     let n = albedo.len();
-    let operators = between.bounces(&albedo, None, &mut Progress::new(true)).unwrap();
+    let operators = between.bounces(&albedo, None, &Silent).unwrap();
     let (light, mut row) = (light(n), vec![Vec3::ZERO; n]);
     for (codec, _) in CODECS {
         let operator = made(codec, operators.each_ref(), &between);
-        let (rows, expected) = (operator.rows(), product(&operator, &light));
+        let expected = product(&operator, &light);
         // Products of tiles round the light of a block, and sums, to 15 bits of the greatest; at ε = 1e-4 there are many of these in a row
         // (found: 1.5e-4 of its light, 3.6e-5 of that of all).
         let limit = match codec {
-            Codec::Tiles { epsilon } if epsilon < 1e-3 => 2.0_f32.powi(-12),
-            Codec::Tiles { .. } => 2.0_f32.powi(-15),
+            Codec::LowRank { epsilon } if epsilon < 1e-3 => 2.0_f32.powi(-12),
+            Codec::LowRank { .. } => 2.0_f32.powi(-15),
             _ => 1e-5,
         };
         let mut sums = Vec::new();
         for (i, right) in expected.iter().enumerate() {
-            rows(i, &mut row);
+            operator.row(i, &mut row);
             let sum: Vec3 = row.iter().zip(&light).map(|(t, b)| *t * b.truncate()).sum();
             let right = right.truncate();
             assert!((sum - right).abs().max_element() < limit * right.max_element(), "{codec:?}: {sum} {right}");
@@ -120,7 +140,7 @@ fn the_rows_are_those_of_the_product() {
 fn no_codec_makes_light_grow() {
     let (between, _) = cornell();
     let symmetric = between.symmetric().unwrap();
-    for (codec, _) in CODECS.into_iter().chain([(Codec::Tiles { epsilon: 0.3 }, 0.0)]) {
+    for (codec, _) in CODECS.into_iter().chain([(Codec::LowRank { epsilon: 0.3 }, 0.0)]) {
         let radius = plain(&made(codec, [&symmetric; 3], &between));
         // An albedo is at most 0.95.
         assert!((0.5..1.02).contains(&radius), "{codec:?}: {radius}");
@@ -129,34 +149,33 @@ fn no_codec_makes_light_grow() {
 
 #[test]
 fn form_factors_in_which_light_would_grow_are_scaled() {
-    let mut progress = Progress::new(true);
     let (mut between, _) = cornell();
     between.factors.values.iter_mut().for_each(|f| *f *= 1.5);
-    let wrong = made(Codec::Tiles { epsilon: 0.01 }, [&between.symmetric().unwrap(); 3], &between);
+    let wrong = made(Codec::LowRank { epsilon: 0.01 }, [&between.symmetric().unwrap(); 3], &between);
     assert!(plain(&wrong) > 1.02);
-    let operator = feedback(between, 0.01, 1, &mut progress).unwrap();
+    let operator = compress_form_factors(between, 0.01, 1, &Silent).unwrap();
     let radius = plain(&operator);
     assert!((0.99..=1.0 + 2.0 * RADIUS_TOLERANCE).contains(&radius), "{radius}");
     // What does not grow stays as it is.
     let (between, _) = cornell();
-    let as_it_is =
-        PatchOperator::encode(Codec::Tiles { epsilon: 0.01 }, between.channels(), &between, 1, &mut progress);
-    assert_eq!(as_it_is.unwrap(), feedback(between, 0.01, 1, &mut progress).unwrap());
+    let as_it_is = PatchOperator::encode(Codec::LowRank { epsilon: 0.01 }, between.channels(), &between, 1, &Silent);
+    assert_eq!(as_it_is.unwrap(), compress_form_factors(between, 0.01, 1, &Silent).unwrap());
 }
 
 #[test]
 fn what_exceeds_the_limit_is_built_in_panels_with_the_same_result() {
     let (between, albedo) = cornell();
-    let (mut progress, light, folder) = (Progress::new(true), light(albedo.len()), tempfile::tempdir().unwrap());
+    let light = light(albedo.len());
+    let folder = tempfile::tempdir().unwrap();
     let mut build = Build { memory_limit: Some(1), folder: folder.path().to_owned(), ..Build::default() };
     assert_eq!(build.panel_bytes(149, 9000), Some(0));
     assert_eq!(Build { memory_limit: None, ..build.clone() }.panel_bytes(149, 9000), None);
-    let codec = Codec::Tiles { epsilon: 1e-4 };
+    let codec = Codec::LowRank { epsilon: 1e-4 };
     let mut others = Vec::new();
     for bounces in [None, Some(3)] {
-        let operators = between.bounces(&albedo, bounces, &mut progress).unwrap();
+        let operators = between.bounces(&albedo, bounces, &Silent).unwrap();
         let exact = measure::exact_product(Channels::Three(operators.each_ref()), &between.area, &light);
-        let stored = between.stored(&albedo, bounces, &build, 1 << 20, &mut progress).unwrap();
+        let stored = between.stored(&albedo, bounces, &build, 1 << 20, &Silent).unwrap();
         let channels = Channels::Stored(stored.each_ref());
         let found = measure::exact_product(channels, &between.area, &light);
         assert!(relative_error(&found, &exact, &between.area) < 1e-5, "{bounces:?}");
@@ -167,7 +186,7 @@ fn what_exceeds_the_limit_is_built_in_panels_with_the_same_result() {
             let sum: Vec3 = row.iter().zip(&light).map(|(t, b)| *t * b.truncate()).sum();
             assert!((sum - h.truncate()).abs().max_element() < 1e-5 * h.max_element(), "{sum} {h}");
         }
-        let made = build_in_panels(codec, &between, &albedo, (bounces, 1), &build, 1 << 20, &mut progress).unwrap();
+        let made = panels(&between, &albedo, bounces, &build, 1 << 20).build(codec, &Silent).unwrap();
         let error = relative_error(&product(&made, &light), &exact, &between.area);
         assert!(error < 1e-4, "{bounces:?}: {error}");
         others.push(exact);
@@ -175,14 +194,14 @@ fn what_exceeds_the_limit_is_built_in_panels_with_the_same_result() {
     assert!(relative_error(&others[1], &others[0], &between.area) > 0.01, "three bounces are not all");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "files are left");
 
-    let mut refuse = |codec, build: &Build, bytes| {
-        let made = build_in_panels(codec, &between, &albedo, (None, 1), build, bytes, &mut progress);
+    let refuse = |codec, build: &Build, bytes| {
+        let made = panels(&between, &albedo, None, build, bytes).build(codec, &Silent);
         made.unwrap_err().to_string()
     };
     let message = refuse(Codec::Half, &build, 1 << 20);
-    assert!(message.contains("--method tiles"), "{message}");
+    assert!(message.contains("tiles"), "{message}");
     let message = refuse(codec, &build, 1 << 16);
-    assert!(message.contains("--memory-limit"), "{message}");
+    assert!(message.contains("allow more memory"), "{message}");
     build.folder = folder.path().join("nowhere");
     let message = refuse(codec, &build, 1 << 20);
     assert!(message.contains("nowhere") && message.contains("another folder"), "{message}");
@@ -191,10 +210,101 @@ fn what_exceeds_the_limit_is_built_in_panels_with_the_same_result() {
 #[test]
 fn what_does_not_fit_into_memory_is_refused_with_a_remedy() {
     assert!(check_memory(100, MATRICES, "feedback").is_ok());
-    if available_memory().is_none() {
+    if available_bytes().is_none() {
         println!("the system does not say how much memory is free: skipped");
         return;
     }
     let message = check_memory(30_000_000, MATRICES, "feedback").unwrap_err().to_string();
-    assert!(message.contains("--patch-count") && message.contains("feedback"), "{message}");
+    assert!(message.contains("fewer patches") && message.contains("feedback"), "{message}");
+}
+
+/// The product on an executor alone, by the recipe.
+fn run_product(
+    executor: &mut dyn Executor,
+    operator: &PatchOperator,
+    range: u64,
+    decoder: Decoder,
+    light: &[Vec4],
+) -> Vec<Vec4> {
+    let n = operator.patches();
+    let make = |plan: &mut Plan, tables: &mut Tables| operator.add_tables(plan, tables, range, decoder);
+    let product = Product::load(executor, n, n, range, &make).unwrap();
+    product.run(executor, light, 1).unwrap().0
+}
+
+#[test]
+fn the_passes_give_the_product_of_the_host_for_every_size_of_a_binding() {
+    let (between, albedo) = cornell();
+    let operators = between.bounces(&albedo, None, &Silent).unwrap();
+    let (n, light) = (albedo.len(), light(albedo.len()));
+    assert_ne!(n % 4, 0, "whole blocks hide what happens beyond them");
+    for (codec, _) in CODECS {
+        let channels = Channels::Three(operators.each_ref());
+        let operator = PatchOperator::encode(codec, channels, &between, 1, &Silent).unwrap();
+        let mut expected = vec![Vec4::ZERO; n];
+        operator.apply(&light, &mut expected).unwrap();
+        let run_by = |decoder: Decoder, range: u64, light: &[Vec4]| {
+            let mut executor: Box<dyn Executor> = Box::new(Cpu::new());
+            let irradiance = run_product(executor.as_mut(), &operator, range, decoder, light);
+            (executor.plan().passes().len(), irradiance)
+        };
+        let run = |range: u64, light: &[Vec4]| run_by(Decoder::Kernel, range, light);
+        let (whole, found) = run(u64::MAX, &light);
+        let error = relative_error(&found, &expected, &between.area);
+        assert!(error < 2e-6, "{codec:?}: {error}");
+        // In parts: more passes, the same bits.
+        let (parts, same) = run(6_000, &light);
+        assert_eq!(same, found, "{codec:?}");
+        assert_eq!(parts > whole, !matches!(codec, Codec::LowRank { .. }), "{codec:?}");
+        // From images, one or several, whose blocks native code decodes exactly: the same bits.
+        if matches!(operator, PatchOperator::Blocks(_)) {
+            for (edge, passes) in [(u32::MAX, whole), (152, whole), (44, whole + 3)] {
+                let by_images = run_by(Decoder::Texture { edge }, u64::MAX, &light);
+                assert_eq!((by_images.0, &by_images.1), (passes, &found), "{codec:?}, images of {edge}");
+            }
+        }
+        let mut other = light.clone();
+        other[n - 1].x += 1.0;
+        assert!(relative_error(&run(6_000, &other).1, &expected, &between.area) > 1e-4);
+    }
+}
+
+#[test]
+fn texture_units_give_the_product_of_the_host_from_one_image_and_from_several() {
+    let choice = DeviceChoice::Vulkan;
+    let mut executor: Box<dyn Executor> = match Vulkan::open(&choice, Validation::IfThere) {
+        Ok(vulkan) if vulkan.device().has_block_images => Box::new(vulkan),
+        other => {
+            let required = std::env::var("REQUIRE_VULKAN").is_ok_and(|value| value == "1");
+            assert!(!required || other.is_ok(), "REQUIRE_VULKAN is set and there is no device");
+            println!("skipped: no device with textureCompressionBC");
+            return;
+        }
+    };
+    let (between, albedo) = cornell();
+    let operators = between.bounces(&albedo, None, &Silent).unwrap();
+    let (n, light) = (albedo.len(), light(albedo.len()));
+    for codec in BlockCodec::ALL {
+        let channels = Channels::Three(operators.each_ref());
+        let mut operator = PatchOperator::encode(Codec::Blocks(codec), channels, &between, 1, &Silent).unwrap();
+        let mut expected = vec![Vec4::ZERO; n];
+        operator.apply(&light, &mut expected).unwrap();
+        let mut run = |operator: &PatchOperator, edge: u32| {
+            let decoder = Decoder::Texture { edge };
+            let range = executor.device().max_storage_buffer_range;
+            run_product(executor.as_mut(), operator, range, decoder, &light)
+        };
+        let found = run(&operator, 4096);
+        assert_eq!(run(&operator, 44), found, "{codec:?}: in several images");
+        // BC6H and BC7 are exact by their specification; of BC1 and BC3 up to 1.7/255 is rounded off at a texel, whose
+        // square is an entry, and errors of a row's texels have both signs.
+        let limit = if matches!(codec, BlockCodec::Bc1 | BlockCodec::Bc3) { 1e-2 } else { 5e-6 };
+        let error = |found: &[Vec4]| relative_error(found, &expected, &between.area);
+        println!("{codec:?}: {:.1e}", error(&found));
+        assert!(error(&found) < limit, "{codec:?}: {}", error(&found));
+        let PatchOperator::Blocks(matrix) = &mut operator else { panic!("the codec is one of blocks") };
+        let matrix = Arc::get_mut(matrix).expect("nobody else holds it");
+        matrix.words_mut().iter_mut().for_each(|word| *word = word.rotate_left(3));
+        assert!(error(&run(&operator, 4096)) > limit, "{codec:?}: other blocks pass");
+    }
 }

@@ -4,6 +4,7 @@
 use std::ops;
 use std::sync::Arc;
 
+use formfactor::HemisphereParams;
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
 use transport::kernel::hits::WORD_COUNTS;
@@ -127,6 +128,22 @@ pub fn assemble_source(
 pub fn interpolate(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32) -> Result<PassId, ExecutorError> {
     let count = CountParams { count: pixels };
     add_pass(plan, pass, &table::FORMFACTOR_INTERPOLATE, bindings, &[], &count, pixels)
+}
+
+/// Adds the pass of what the hemisphere rays of a block of rows meet: the column of each ray, or none. Bindings: `offsets`,
+/// `points`, `grids`, `ids`, and those of the scene ([`super::scene::SceneTables::bindings`]).
+///
+/// # Errors
+/// Buffers that are missing or too short.
+pub fn hemisphere_hits(
+    plan: &mut Plan,
+    pass: &str,
+    own: Bindings,
+    scene: Bindings,
+    params: &HemisphereParams,
+) -> Result<PassId, ExecutorError> {
+    let rays = params.row_count * params.rays;
+    add_pass(plan, pass, &table::FORMFACTOR_HEMISPHERE_HITS, own, scene, params, rays)
 }
 
 /// Rows of counts of hits on the device.

@@ -420,3 +420,101 @@ fn add_update(plan: &mut Plan, b: &SlotBuffers, slots: usize, plane: BufferId) -
     let push = UpdateParams { count, slots: slots as u32, ..UpdateParams::default() };
     add_pass(plan, "update", &table::LOCALMATRIX_UPDATE, &own, &[], &push, count)
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use localmatrix::{CameraSettings, Surface, Table};
+    use scene::sampling::{hash3, unit};
+
+    use super::*;
+    use crate::cpu::Cpu;
+
+    const PATCHES: usize = 160;
+
+    /// Patches along a line that exchange light with their neighbours.
+    fn world() -> Table {
+        let random = |a: usize, c: u32| unit(hash3(a as u32, 0, c));
+        let surface = |i: usize| Surface {
+            centre: Vec3::X * i as f32,
+            normal: Vec3::Z,
+            area: 1.0,
+            albedo: Vec3::new(0.8 * random(i, 1), 0.5, 0.9 * random(i, 2)),
+        };
+        let surfaces: Vec<Surface> = (0..PATCHES).map(surface).collect();
+        let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+        for i in 0..PATCHES {
+            for j in i.saturating_sub(9)..(i + 10).min(PATCHES) {
+                columns.push(j as u32);
+                values.push(0.3 / (1.0 + i.abs_diff(j) as f32).powi(2));
+            }
+            starts.push(columns.len() as u32);
+        }
+        let factors =
+            transport::Csr { rows: PATCHES, columns: PATCHES, row_start: starts, column_index: columns, values };
+        Table::new(&surfaces, factors).unwrap()
+    }
+
+    const FLYING: CameraSettings = CameraSettings { slots: 48, budget: 12, fade: 8, ..CameraSettings::DEFAULT };
+
+    /// Greatest difference.
+    fn apart(a: &[Vec<Vec4>], b: &[Vec<Vec4>]) -> f32 {
+        a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
+    }
+
+    /// Irradiance frame by frame while the camera goes along the line and the light flickers; nodes that entered.
+    fn frames(on_device: bool, settings: CameraSettings) -> (Vec<Vec<Vec4>>, usize) {
+        let table = world();
+        let order = table.order().to_vec();
+        let mut matrix = CameraMatrix::new(Box::new(table), order, &settings, Vec3::ZERO, &|_| true).unwrap();
+        let mut plan = Plan::new();
+        let mut tables = Tables::new();
+        let [source, irradiance] = ["source", "irradiance"].map(|name| plan.storage(name, rgb_bytes(PATCHES)));
+        let mut copy = MatrixCopy::new(&mut plan, &mut tables, &matrix, source, irradiance).unwrap();
+        let mut executor: Box<dyn Executor> = Box::new(Cpu::new());
+        executor.load(plan).unwrap();
+        tables.upload(executor.as_mut()).unwrap();
+        let mut moved = 0;
+        let mut frame = |k: usize| {
+            let light = |i: usize| Vec4::new(unit(hash3(i as u32, 7, 1)), 1.0 + (k % 3) as f32, (i % 2) as f32, 0.0);
+            let e: Vec<Vec4> = (0..PATCHES).map(light).collect();
+            matrix.look(Vec3::X * (2.0 * k as f32));
+            let found = if on_device {
+                executor.upload(source, &e).unwrap();
+                copy.frame(executor.as_mut(), &mut matrix).unwrap();
+                executor.download_table::<Vec4>(irradiance).unwrap()
+            } else {
+                matrix.irradiance(&e).unwrap().irradiance
+            };
+            moved += matrix.last().step.entered;
+            found
+        };
+        let all = (0..30).map(&mut frame).collect();
+        (all, moved)
+    }
+
+    #[test]
+    fn a_copy_on_a_device_gives_the_light_of_the_host() {
+        let ((host, moved), (device, _)) = (frames(false, FLYING), frames(true, FLYING));
+        assert!(moved > 100, "{moved}");
+        let worst = apart(&host, &device);
+        println!("{moved} entered; apart by {worst:e}");
+        assert!(worst < 1e-4, "{worst}");
+        let differs = apart(&host, &frames(true, CameraSettings { fade: 1, ..FLYING }).0);
+        assert!(differs > 1e-3, "what fades must be seen: {differs}");
+    }
+
+    #[test]
+    fn at_rest_the_budget_makes_no_difference() {
+        let at_rest = CameraSettings { look_ahead: 0.0, fade: 1, at_rest: true, ..FLYING };
+        let (all, moved) = frames(false, at_rest);
+        assert!(moved > 100, "{moved}");
+        let few = CameraSettings { budget: 2, ..at_rest };
+        let (host, device) = (apart(&all, &frames(false, few).0), apart(&all, &frames(true, few).0));
+        println!("{moved} entered; apart by {host:e} on the host, {device:e} on a device");
+        assert!(host < 1e-4 && device < 1e-4, "{host} {device}");
+        // On the way, with such a budget, the light is that of other nodes.
+        let late = apart(&all, &frames(false, CameraSettings { at_rest: false, ..few }).0);
+        assert!(late > 1e-2, "{late}");
+    }
+}

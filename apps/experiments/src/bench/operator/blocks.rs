@@ -2,21 +2,18 @@
 
 use std::time::Instant;
 
-use faer::Mat;
 use glam::Vec4;
-use multibounce::{BlockCodec, Channels};
+use multibounce::{BlockCodec, Permutation};
+use patchlight::operator::measure::relative_error;
+use patchlight::operator::{Codec, Decode, PatchOperator, decoder_name};
+use runtime::executor::Executor;
 use serde::Serialize;
 use transport::LinearOperator;
 
-use super::{Row, Truth, median_ms};
+use super::{Row, Subject, greatest, median_ms, product_ms};
 use crate::error::Error;
-use crate::progress::Progress;
+use crate::measure::{block_orders, order_errors};
 use crate::report::{Table, significant};
-use patchlight::render::decode::Decode;
-use patchlight::render::frame::{decoder, product_decoded};
-use patchlight::render::operator::measure::{block_orders, order_errors, relative_error};
-use patchlight::render::operator::{Between, Codec, PatchOperator};
-use runtime::executor::Executor;
 
 /// Products on a device, by each decoder: an emulated texture unit takes seconds.
 const TURNS: usize = 3;
@@ -38,71 +35,77 @@ pub(super) struct Blocks {
     texture_ms: Option<f64>,
 }
 
-/// What there is to measure with.
-pub(super) struct Source<'a> {
-    pub between: &'a Between,
-    pub operators: &'a [Mat<f32>; 3],
-    pub truths: &'a [Truth],
-    /// A row of these bytes and milliseconds.
-    pub row: &'a dyn Fn(&'static str, &'static str, u64, f64) -> Row,
-    pub seed: u32,
-}
-
-/// A row for each codec.
+/// A row for each codec; none where the operator of all bounces does not fit into memory.
 pub(super) fn measure(
-    source: &Source,
+    subject: &Subject,
     codecs: &[BlockCodec],
     mut device: Option<&mut (dyn Executor + 'static)>,
-    progress: &Progress,
 ) -> Result<Vec<Row>, Error> {
-    if codecs.is_empty() {
-        return Ok(Vec::new());
-    }
-    let Source { between, truths, seed, .. } = *source;
-    let channels = Channels::Three(source.operators.each_ref());
-    let (n, exact) = (between.area.len(), between.rows(channels));
-    let orders = block_orders(&exact, between, seed, progress)?;
-    let mut measured = Vec::new();
+    let Some(channels) = subject.all_channels().filter(|_| !codecs.is_empty()) else { return Ok(Vec::new()) };
+    let exact = subject.factors.rows(channels);
+    let orders = block_orders(&exact, subject.factors, subject.seed, subject.progress)?;
+    let mut rows = Vec::new();
     for &codec in codecs {
-        let order_mse = order_errors(codec, &exact, &orders, progress)?;
-        let start = Instant::now();
-        let operator = PatchOperator::encode(Codec::Blocks(codec), channels, between, seed, progress)?;
-        let seconds = start.elapsed().as_secs_f64();
-        let mut h = vec![Vec4::ZERO; n];
-        let errors = truths.iter().map(|truth| {
-            operator.apply(&truth.source, &mut h)?;
-            Ok(truth.all.as_ref().map_or(0.0, |exact| relative_error(&h, exact, &between.area)))
-        });
-        let errors = errors.collect::<Result<Vec<f64>, Error>>()?;
-        let time = median_ms(|| Ok(operator.apply(&truths[0].source, &mut h)?))?;
-        let bytes = operator.bytes();
-        let mut blocks = Blocks {
-            order_mse,
-            bytes_share: bytes as f64 / (4 * n * n).max(1) as f64,
-            decode: None,
-            kernel_ms: None,
-            texture_ms: None,
-        };
-        if let Some(device) = device.as_deref_mut() {
-            let mut on_device = |decode: Decode| -> Result<Option<f64>, Error> {
-                let Ok(Some(by)) = decoder(decode, device, Some(&operator)) else { return Ok(None) };
-                Ok(Some(product_decoded(device, &operator, &truths[0].source, TURNS, by)?.1))
-            };
-            blocks.kernel_ms = on_device(Decode::Kernel)?;
-            blocks.texture_ms = on_device(Decode::Texture)?;
-            blocks.decode = decoder(Decode::Auto, device, Some(&operator))?.map(|by| by.name());
-        }
-        measured.push(Row {
-            frobenius: operator.frobenius(channels, between),
-            own_light: errors[0],
-            compact_lights: errors[1..].iter().copied().fold(0.0, f64::max),
-            compress_s: Some(seconds),
-            device_ms: if blocks.decode == Some("texture") { blocks.texture_ms } else { blocks.kernel_ms },
-            blocks: Some(blocks),
-            ..(source.row)("T", Codec::Blocks(codec).name(), bytes, time)
-        });
+        rows.push(measure_codec(subject, codec, &orders, device.as_deref_mut())?);
     }
-    Ok(measured)
+    Ok(rows)
+}
+
+fn measure_codec(
+    subject: &Subject,
+    codec: BlockCodec,
+    orders: &[(&'static str, Permutation)],
+    device: Option<&mut (dyn Executor + 'static)>,
+) -> Result<Row, Error> {
+    let Subject { factors, progress, seed, .. } = *subject;
+    let channels = subject.all_channels().unwrap_or_else(|| factors.channels());
+    let order_mse = order_errors(codec, &factors.rows(channels), orders, progress)?;
+    let start = Instant::now();
+    let operator = PatchOperator::encode(Codec::Blocks(codec), channels, factors, seed, progress)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let n = subject.patches();
+    let mut irradiance = vec![Vec4::ZERO; n];
+    let mut errors = Vec::with_capacity(subject.truths.len());
+    for truth in &subject.truths {
+        operator.apply(&truth.source, &mut irradiance)?;
+        errors.push(truth.all.as_ref().map_or(0.0, |exact| relative_error(&irradiance, exact, &factors.area)));
+    }
+    let time = median_ms(|| Ok(operator.apply(subject.own(), &mut irradiance)?))?;
+    let bytes = operator.bytes();
+    let mut blocks = Blocks {
+        order_mse,
+        bytes_share: bytes as f64 / (4 * n * n).max(1) as f64,
+        decode: None,
+        kernel_ms: None,
+        texture_ms: None,
+    };
+    if let Some(device) = device {
+        blocks.kernel_ms = decoded_ms(device, &operator, subject.own(), Decode::Kernel)?;
+        blocks.texture_ms = decoded_ms(device, &operator, subject.own(), Decode::Texture)?;
+        blocks.decode = operator.decoder(Decode::Auto, device.device())?.map(decoder_name);
+    }
+    Ok(Row {
+        frobenius: operator.frobenius(channels, factors),
+        own_light: errors[0],
+        compact_lights: greatest(&errors[1..]),
+        compress_s: Some(seconds),
+        device_ms: if blocks.decode == Some("texture") { blocks.texture_ms } else { blocks.kernel_ms },
+        blocks: Some(blocks),
+        ..subject.row("T", Codec::Blocks(codec).name(), bytes, time)
+    })
+}
+
+/// Median time of a product with a decoder of texture blocks, ms; none where the device lacks it.
+fn decoded_ms(
+    device: &mut (dyn Executor + 'static),
+    operator: &PatchOperator,
+    light: &[Vec4],
+    decode: Decode,
+) -> Result<Option<f64>, Error> {
+    match operator.decoder(decode, device.device()) {
+        Ok(Some(decoder)) => Ok(Some(product_ms(device, operator, light, TURNS, decoder)?)),
+        _ => Ok(None),
+    }
 }
 
 /// What blocks take beside what is asked of them; none without blocks.
@@ -132,7 +135,7 @@ pub(super) fn table(rows: &[Row]) -> Option<Table> {
         let power = |x: Option<f64>| x.map(|x| format!("{x:.2e}")).unwrap_or_default();
         let ratio = |order: &str| Some(mse(order)? / mse("projected")?);
         let time = |method: &str| {
-            let same = |other: &&Row| other.method == method && other.senders() == row.senders();
+            let same = |other: &&Row| other.method == method && other.patch_set() == row.patch_set();
             rows.iter().find(same).map(|other| other.median_ms)
         };
         let mut cells = vec![row.scene.clone(), format!("{} {}", row.patches, row.kind), row.method.to_owned()];

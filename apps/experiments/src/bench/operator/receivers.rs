@@ -1,25 +1,24 @@
 //! F_r: from the patches to many more receivers, `H_r = F_r B`.
 
+use std::sync::Arc;
 use std::time::Instant;
 
-use formfactor::{HitRows, Operator, add_hit_rows};
+use formfactor::add_hit_rows;
 use glam::{Vec3, Vec4};
-use multibounce::{RectangularRoom, RectangularTiles, TileSide, halving_order};
-use patches::Sample;
+use multibounce::{LowRank, LowRankWorkspace, TileSide, TileSource, halving_order};
+use patches::{Columns, Sample, lit_sampler};
+use patchlight::operator::mean_visible_points;
+use patchlight::operator::measure::relative_error;
+use runtime::executor::Executor;
+use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 use scene::sampling::hash3;
 use scene::{Scene, SurfacePoint};
 use serde::Serialize;
+use transport::{HitCounts, LinearOperator};
 
-use super::{DEVICE_TURNS, Row, median_ms};
+use super::{DEVICE_TURNS, Row, Subject, greatest, median_ms};
 use crate::args::{Bench, Common};
 use crate::error::Error;
-use crate::progress::Progress;
-use patchlight::render::frame::receivers_on_device;
-use patchlight::render::operator::measure::relative_error;
-use patchlight::render::operator::{Between, seen};
-use patchlight::render::proceed;
-use patchlight::render::senders::{Columns, Senders, lit_sampler};
-use runtime::executor::Executor;
 
 /// One receiver in so many tells the noise of the rows.
 const NOISE_SHARE: usize = 16;
@@ -57,12 +56,11 @@ impl ReceiverRows {
 }
 
 /// What is measured.
-pub struct Receivers<'a> {
+pub(super) struct Receivers<'a> {
     pub scene: &'a Scene,
-    pub senders: &'a Senders,
-    pub between: &'a Between,
-    /// Exitances, the scene's own first.
-    pub sources: Vec<&'a [Vec4]>,
+    pub subject: &'a Subject<'a>,
+    pub common: &'a Common,
+    pub args: &'a Bench,
 }
 
 /// Exactly so many points that stand for equal areas to which light comes, in an order in which neighbours are near; none where
@@ -85,125 +83,157 @@ fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<
     Ok(ordered((0..).zip(&samples).map(point).collect(), &[]))
 }
 
-/// Points in an order in which neighbours are alike, by what they see unless that is unknown.
-fn ordered(points: Vec<SurfacePoint>, seen: &[Vec4]) -> Vec<SurfacePoint> {
+/// Points in an order in which neighbours are alike, by their mean visible points unless those are unknown.
+fn ordered(points: Vec<SurfacePoint>, mean_visible: &[Vec4]) -> Vec<SurfacePoint> {
     let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = points.iter().map(|p| (p.position, p.normal)).unzip();
-    let point = |(patch, &k): (u32, &u32)| SurfacePoint { patch, ..points[k as usize] };
-    (0..).zip(&halving_order(&positions, &normals, seen)).map(point).collect()
+    let order = halving_order(&positions, &normals, mean_visible);
+    (0..).zip(&order).map(|(patch, &k)| SurfacePoint { patch, ..points[k as usize] }).collect()
 }
 
 impl Receivers<'_> {
     /// The rows of some points over the patches.
-    fn rows(&self, points: &[SurfacePoint], rays: u32, seed: u32, progress: &Progress) -> Result<HitRows, Error> {
+    fn rows(&self, points: &[SurfacePoint], rays: u32, seed: u32) -> Result<HitCounts, Error> {
+        let mesh = self.subject.mesh;
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
-        let surfaces = self.senders.lighting(self.scene, Columns::Patches, points, &offsets, seed);
-        let mut rows = HitRows::new(self.senders.patches.len())?;
-        progress.phase("receivers", |report| {
-            add_hit_rows(&mut rows, &surfaces, rays, &|done, total| proceed(report, done, total))
-        })?;
+        let surfaces = mesh.lighting(self.scene, Columns::Patches, points, &offsets, seed);
+        let mut rows = HitCounts::new(mesh.patches.len())?;
+        self.subject.progress.phase("receivers", |report| add_hit_rows(&mut rows, &surfaces, rays, &report))?;
         Ok(rows)
     }
 
+    /// Irradiance of all lights by an operator, W/m².
+    fn irradiances(&self, operator: &dyn LinearOperator) -> Result<Vec<Vec<Vec4>>, Error> {
+        let mut all = Vec::with_capacity(self.subject.truths.len());
+        for truth in &self.subject.truths {
+            let mut irradiance = vec![Vec4::ZERO; operator.rows()];
+            operator.apply(&truth.source, &mut irradiance)?;
+            all.push(irradiance);
+        }
+        Ok(all)
+    }
+
     /// Error that the noise of the rows makes, from other rows of some of the points.
-    fn noise(
-        &self,
-        points: &[SurfacePoint],
-        rays: u32,
-        seed: u32,
-        exact: &[Vec<Vec4>],
-        progress: &Progress,
-    ) -> Result<[f64; 2], Error> {
+    fn noise(&self, points: &[SurfacePoint], exact: &[Vec<Vec4>]) -> Result<[f64; 2], Error> {
         let some: Vec<SurfacePoint> = points.iter().step_by(NOISE_SHARE).copied().collect();
-        let rows = self.rows(&some, rays, hash3(seed, 1, 0x6e6f_6973), progress)?;
-        let (area, mut h) = (vec![1.0; some.len()], vec![Vec4::ZERO; some.len()]);
+        let seed = hash3(self.common.seed, 1, 0x6e6f_6973);
+        let others = self.irradiances(&self.rows(&some, self.args.receiver_rays(), seed)?)?;
+        let area = vec![1.0; some.len()];
         let mut errors = Vec::new();
-        for (source, exact) in self.sources.iter().zip(exact) {
-            rows.apply(source, &mut h)?;
+        for (other, exact) in others.iter().zip(exact) {
             let exact: Vec<Vec4> = exact.iter().step_by(NOISE_SHARE).copied().collect();
             // Both are noisy.
-            errors.push(relative_error(&h, &exact, &area) * std::f64::consts::FRAC_1_SQRT_2);
+            errors.push(relative_error(other, &exact, &area) * std::f64::consts::FRAC_1_SQRT_2);
         }
         Ok([errors[0], greatest(&errors[1..])])
     }
 
-    /// Rows of hits, the same as sparse rows, and tiles, at `row`'s defaults.
+    /// Rows of hits, the same as sparse rows, and operators of low rank.
     ///
     /// # Errors
-    /// What rows and tiles say; what the device says.
+    /// What rows and operators say; what the device says.
     pub fn measure(
         &self,
-        (common, args): (&Common, &Bench),
-        row: &dyn Fn(&'static str, &'static str, u64, f64) -> Row,
         mut device: Option<&mut (dyn Executor + 'static)>,
         rows: &mut Vec<Row>,
-        progress: &Progress,
     ) -> Result<Option<ReceiverRows>, Error> {
-        let points = points(self.scene, self.senders.patches.len(), args.receivers as usize, common.seed)?;
-        let (n, rays) = (points.len(), args.receiver_rays());
+        let subject = self.subject;
+        let seed = self.common.seed;
+        let points = points(self.scene, subject.patches(), self.args.receivers as usize, seed)?;
+        let n = points.len();
         if n == 0 {
             return Ok(None);
         }
+        let rays = self.args.receiver_rays();
         let start = Instant::now();
-        let few = self.rows(&points, rays.min(ORDER_RAYS), hash3(common.seed, 2, 0x6f72_6465), progress)?;
-        let centroids: Vec<Vec3> = self.senders.patches.iter().map(|p| p.centroid).collect();
-        let points = ordered(points, &seen(&few, &centroids)?);
-        let hits = self.rows(&points, rays, common.seed, progress)?;
+        let few = self.rows(&points, rays.min(ORDER_RAYS), hash3(seed, 2, 0x6f72_6465))?;
+        let centroids: Vec<Vec3> = subject.mesh.patches.iter().map(|p| p.centroid).collect();
+        let points = ordered(points, &mean_visible_points(&few, &centroids)?);
+        let hits = self.rows(&points, rays, seed)?;
         let rows_s = start.elapsed().as_secs_f64();
-        let (area, order): (Vec<f32>, Vec<u32>) = (vec![1.0; n], (0..n as u32).collect());
-        let mut exact = vec![vec![Vec4::ZERO; n]; self.sources.len()];
-        for (source, exact) in self.sources.iter().zip(&mut exact) {
-            hits.apply(source, exact)?;
-        }
-        let noise = self.noise(&points, rays, common.seed, &exact, progress)?;
+        let exact = self.irradiances(&hits)?;
+        let noise = self.noise(&points, &exact)?;
 
-        let mut h = vec![Vec4::ZERO; n];
-        let own = self.sources[0];
-        let of = |row: Row| Row { receivers: Some(n), ..row };
-        let time = median_ms(|| Ok(hits.apply(own, &mut h)?))?;
-        rows.push(of(row("F_r", "counts of hits", hits.bytes(), time)));
+        let mut irradiance = vec![Vec4::ZERO; n];
+        let time = median_ms(|| Ok(hits.apply(subject.own(), &mut irradiance)?))?;
+        rows.push(self.row(n, "counts of hits", hits.bytes(), time));
         let csr = hits.to_csr()?;
         let entries = csr.values.len();
-        let time = median_ms(|| Ok(csr.apply(own, &mut h)?))?;
-        rows.push(of(row("F_r", "sparse rows", (size_of_val(&csr.row_start[..]) + 8 * entries) as u64, time)));
+        let time = median_ms(|| Ok(csr.apply(subject.own(), &mut irradiance)?))?;
+        let bytes = (size_of_val(&csr.row_start[..]) + 8 * entries) as u64;
+        rows.push(self.row(n, "sparse rows", bytes, time));
         drop(csr);
-        for &epsilon in &args.receiver_epsilons {
-            let start = Instant::now();
-            let tiles = progress.phase("compress", |report| {
-                let scales = hits.scales();
-                let sparse = |i: usize, each: &mut dyn FnMut(u32, f32)| {
-                    hits.row(i).into_iter().for_each(|(column, count)| each(column, count as f32 * scales[i]));
-                };
-                let receivers = TileSide { area: &area, order: &order };
-                let senders = TileSide { area: &self.between.area, order: &self.between.order };
-                let proceed = |done, total| proceed(report, done, total);
-                RectangularTiles::encode(&sparse, receivers, senders, epsilon, &proceed)
-            })?;
-            let compress_s = start.elapsed().as_secs_f64();
-            let mut room = RectangularRoom::default();
-            let mut errors = Vec::new();
-            for (source, exact) in self.sources.iter().zip(&exact) {
-                tiles.apply_in(&mut room, source, &mut h)?;
-                errors.push(relative_error(&h, exact, &area));
-            }
-            let time = median_ms(|| Ok(tiles.apply_in(&mut room, own, &mut h)?))?;
-            let device_ms = match device.as_deref_mut() {
-                Some(device) => Some(receivers_on_device(device, &tiles, own, DEVICE_TURNS)?.1),
-                None => None,
-            };
-            rows.push(Row {
-                epsilon: Some(epsilon),
-                frobenius: tiles.report.error[0],
-                own_light: errors[0],
-                compact_lights: greatest(&errors[1..]),
-                compress_s: Some(compress_s),
-                device_ms,
-                ..of(row("F_r", "tiles", tiles.bytes(), time))
-            });
+        for &epsilon in &self.args.receiver_epsilons {
+            rows.push(self.low_rank(&hits, &exact, epsilon, device.as_deref_mut())?);
         }
         Ok(Some(ReceiverRows { receivers: n, rays, rows_s, entries: entries as f64 / n as f64, noise }))
     }
+
+    /// A row of so many receivers.
+    fn row(&self, receivers: usize, method: &'static str, bytes: u64, median_ms: f64) -> Row {
+        Row { receivers: Some(receivers), ..self.subject.row("F_r", method, bytes, median_ms) }
+    }
+
+    /// The row of an operator of low rank.
+    fn low_rank(
+        &self,
+        hits: &HitCounts,
+        exact: &[Vec<Vec4>],
+        epsilon: f64,
+        device: Option<&mut (dyn Executor + 'static)>,
+    ) -> Result<Row, Error> {
+        let subject = self.subject;
+        let n = hits.rows();
+        let area = vec![1.0; n];
+        let start = Instant::now();
+        let tiles = Arc::new(self.encode(hits, &area, epsilon)?);
+        let compress_s = start.elapsed().as_secs_f64();
+        let found = self.irradiances(&*tiles)?;
+        let errors: Vec<f64> =
+            found.iter().zip(exact).map(|(found, exact)| relative_error(found, exact, &area)).collect();
+        let mut workspace = RectangularRoom::default();
+        let mut irradiance = vec![Vec4::ZERO; n];
+        let time = median_ms(|| Ok(tiles.apply_in(&mut workspace, subject.own(), &mut irradiance)?))?;
+        let device_ms = match device {
+            Some(device) => Some(product_ms(device, &tiles, subject.own())?),
+            None => None,
+        };
+        Ok(Row {
+            epsilon: Some(epsilon),
+            frobenius: tiles.report.error[0],
+            own_light: errors[0],
+            compact_lights: greatest(&errors[1..]),
+            compress_s: Some(compress_s),
+            device_ms,
+            ..self.row(n, "tiles", tiles.bytes(), time)
+        })
+    }
+
+    /// Compresses rows of receivers that all have this area.
+    fn encode(&self, hits: &HitCounts, area: &[f32], epsilon: f64) -> Result<RectangularTiles, Error> {
+        let order: Vec<u32> = (0..hits.rows() as u32).collect();
+        let scales = hits.scales();
+        let sparse = |i: usize, each: &mut dyn FnMut(u32, f32)| {
+            hits.row(i).into_iter().for_each(|(column, count)| each(column, count as f32 * scales[i]));
+        };
+        let receivers = TileSide { area, order: &order };
+        let patches = TileSide { area: &self.subject.factors.area, order: &self.subject.factors.order };
+        let made = self
+            .subject
+            .progress
+            .phase("compress", |report| RectangularTiles::encode(&sparse, receivers, patches, epsilon, &report));
+        Ok(made?)
+    }
 }
 
-fn greatest(errors: &[f64]) -> f64 {
-    errors.iter().copied().fold(0.0, f64::max)
+/// Median time of products on a device, ms.
+fn product_ms(
+    device: &mut (dyn Executor + 'static),
+    tiles: &Arc<RectangularTiles>,
+    light: &[Vec4],
+) -> Result<f64, Error> {
+    let range = device.device().max_storage_buffer_range;
+    let product = Product::load(device, tiles.receivers(), tiles.senders(), range, &|plan, tables| {
+        OperatorTables::LowRank(LowRankTables::rectangular(plan, tables, tiles))
+    })?;
+    Ok(product.run(device, light, DEVICE_TURNS)?.1)
 }

@@ -1,157 +1,173 @@
-//! From dense operators to tiles.
+//! From operators to tiles.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::vec::Vec;
 
-use faer::{unzip, zip};
 use glam::Vec4;
-use rayon::prelude::*;
-use scene::sampling::hash3;
-use transport::{Proceed, check_length};
+use transport::{Proceed, check_length, check_setting};
 
-use super::reduce::{Component, EDGE, Part, Prices, SIDE, Square, reduce, squared_norm};
-use super::source::{Source, twice};
-use super::{Channels, MOST_TILE_PATCHES, TileReport, Tiles, places};
+use super::reduce::{Component, EDGE, Part, SIDE, Square};
+use super::symmetric::SymmetricTiles;
+use super::{
+    ColumnVectors, LowRank, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS, TileReport, TileSide, TileSource, places,
+    rectangular,
+};
 use crate::error::Error;
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, QUAD, RUN_QUADS, SHORT_BIAS};
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, PARTS, QUAD, RUN_QUADS, SHORT_BIAS};
 use crate::types::{TileQuad, TileSquare};
 
 /// The error is at least this share of what was asked for, when it can be.
-pub(super) const CLOSE: f64 = 0.85;
+const CLOSE: f64 = 0.85;
 /// Times that λ is corrected.
-pub(super) const MOST_ROUNDS: usize = 24;
-/// Tiles from which on λ is first looked for with a part of them, and that part.
-const MANY_TILES: usize = 512;
-const PART: u32 = 8;
+const MOST_ROUNDS: usize = 24;
 
-impl Tiles {
-    /// Tiles of operators with a relative Frobenius error of at most `epsilon` in every channel; `area` are the patches' areas
-    /// by which they are symmetric, `order` is one of [`crate::halving_order`]. `progress(done, total)` counts tiles of the
-    /// last pass; breaking it cancels.
-    ///
-    /// # Errors
-    /// [`transport::Error::Length`] for matrices of another size, [`transport::Error::Setting`] for an ε that is not in 10⁻⁶..1,
-    /// [`transport::Error::Value`] for numbers that are not finite, [`transport::Error::TooMany`] patches, [`transport::Error::Cancelled`].
-    pub fn encode(
-        channels: Channels,
-        area: &[f32],
-        order: &[u32],
-        epsilon: f64,
-        progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-    ) -> Result<Self, Error> {
-        let n = area.len();
-        if n > MOST_TILE_PATCHES {
-            return Err(transport::Error::TooMany {
-                name: "patches",
-                found: n as u64,
-                limit: MOST_TILE_PATCHES as u64,
-            }
-            .into());
-        }
-        if !(1e-6..1.0).contains(&epsilon) {
-            return Err(transport::Error::Setting {
-                name: "epsilon",
-                value: epsilon,
-                rule: "at least 0.000001 and below 1",
-            }
-            .into());
-        }
-        let place = checked_places(area, order)?;
-        let mut source = Source::new(channels, area, order, &place)?;
-        let blocks = n.div_ceil(SIDE);
-        let all: Vec<(usize, usize)> = (0..blocks).flat_map(|i| (i..blocks).map(move |j| (i, j))).collect();
-        let some: Vec<(usize, usize)> = if all.len() < MANY_TILES {
-            all.clone()
-        } else {
-            all.iter().copied().filter(|&(i, j)| hash3(i as u32, j as u32, 0).is_multiple_of(PART)).collect()
-        };
-        source.turn_axes(&some)?;
-        let silent = |_: usize, _: usize| Proceed::Continue(());
+/// What is told how many tiles are done.
+pub(super) type Progress<'a> = dyn Fn(usize, usize) -> Proceed + Sync + 'a;
 
-        // λ from a part of the tiles first, then from all of them, each time a little less when it was too much.
-        let all_norms = source.norms(&all)?;
-        let mut lambda = ((epsilon * all_norms[1]).powi(2) / (0.03 * (n * n) as f64)).max(1e-30) as f32;
-        let worst = |parts: &[Part], norms: [f64; 3]| -> f64 {
-            let sum = |c: usize| parts.iter().map(|part| part.error[c]).sum::<f64>().sqrt();
-            (0..3).filter(|&c| norms[c] > 0.0).map(|c| sum(c) / norms[c]).fold(0.0, f64::max)
-        };
-        // In the logarithm the error is about half of λ; what is known of both sides bounds the next try.
-        let (mut low, mut high) = (0.0f32, f32::INFINITY);
-        if some.len() < all.len() {
-            let norms = source.norms(&some)?;
-            for _ in 0..MOST_ROUNDS {
-                let error = worst(&source.encode(&some, lambda, &silent)?, norms);
-                if (CLOSE * epsilon..=epsilon).contains(&error) {
-                    break;
-                }
-                lambda = next_lambda(lambda, error, epsilon, &mut low, &mut high);
-            }
-            (low, high) = (0.0, f32::INFINITY);
-        }
-        let norms = all_norms;
-        let mut best = None;
-        for round in 0..MOST_ROUNDS {
-            let parts = source.encode(&all, lambda, progress)?;
-            let rows = Rows::pack(&all, &parts, blocks * SIDE, true);
-            // Entries for all channels are rounded alike in all of them.
-            let least = norms.iter().copied().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);
-            let error = (worst(&parts, norms).powi(2) + rows.error / (least * least)).sqrt();
-            let good = error <= epsilon;
-            if good {
-                best = Some((parts, rows));
-            }
-            // What is good stays good enough when trying again takes long.
-            if good && (error >= CLOSE * epsilon || round > 0 || all.len() >= MANY_TILES) {
+/// An operator that can be brought into tiles with any λ.
+pub(super) trait Encoder {
+    /// λ to begin with.
+    fn first_lambda(&self, epsilon: f64) -> Result<f32, Error>;
+
+    /// Whether λ is first looked for with a part of the tiles.
+    fn has_sample(&self) -> bool;
+
+    /// Relative error of that part.
+    fn sample_error(&self, lambda: f32, progress: &Progress) -> Result<f64, Error>;
+
+    /// Whether trying again takes long.
+    fn is_large(&self) -> bool;
+
+    /// All tiles.
+    fn encode(&self, lambda: f32, progress: &Progress) -> Result<Encoded, Error>;
+}
+
+/// What tiles became.
+pub(super) struct Encoded {
+    /// Row and column of blocks of each tile.
+    pub at: Vec<(usize, usize)>,
+    pub parts: Vec<Part>,
+    /// Their single entries.
+    pub rows: Rows,
+    /// Relative error of each channel.
+    pub error: [f64; 3],
+    /// The greatest relative error, as λ is found by.
+    pub worst: f64,
+}
+
+/// Finds λ so that the whole has the error that was asked for: from a part of the tiles first, then from all of them, each
+/// time a little less when it was too much.
+fn search(encoder: &impl Encoder, epsilon: f64, progress: &Progress) -> Result<Encoded, Error> {
+    let mut lambda = encoder.first_lambda(epsilon)?;
+    // In the logarithm the error is about half of λ; what is known of both sides bounds the next try.
+    let (mut low, mut high) = (0.0f32, f32::INFINITY);
+    if encoder.has_sample() {
+        for _ in 0..MOST_ROUNDS {
+            let error = encoder.sample_error(lambda, progress)?;
+            if (CLOSE * epsilon..=epsilon).contains(&error) {
                 break;
             }
             lambda = next_lambda(lambda, error, epsilon, &mut low, &mut high);
         }
-        let Some((parts, rows)) = best else {
-            return Err(transport::Error::Setting {
-                name: "epsilon",
-                value: epsilon,
-                rule: "more: single precision cannot give it",
+        (low, high) = (0.0, f32::INFINITY);
+    }
+    let mut best = None;
+    for round in 0..MOST_ROUNDS {
+        let made = encoder.encode(lambda, progress)?;
+        let error = made.worst;
+        let good = error <= epsilon;
+        if good {
+            best = Some(made);
+        }
+        // What is good stays good enough when trying again takes long.
+        if good && (error >= CLOSE * epsilon || round > 0 || encoder.is_large()) {
+            break;
+        }
+        lambda = next_lambda(lambda, error, epsilon, &mut low, &mut high);
+    }
+    let rule = "more: single precision cannot give it";
+    Ok(best.ok_or(transport::Error::Setting { name: "epsilon", value: epsilon, rule })?)
+}
+
+impl LowRank {
+    /// Tiles of an operator with a relative Frobenius error of at most `epsilon`, in every channel.
+    ///
+    /// Rows that are asked for are so block by block, more than once and on all cores: they need not be in memory as a matrix.
+    /// `progress(done, total)` counts tiles, or blocks of rows, of the last pass; breaking it cancels.
+    ///
+    /// # Errors
+    /// [`transport::Error::Length`] for matrices or orders of another size, [`transport::Error::Setting`] for an ε that is not
+    /// in 10⁻⁶..1, [`transport::Error::Value`] for an order that is none, an area that is not positive, a column or a value that
+    /// is none, [`transport::Error::TooMany`] rows or columns, [`transport::Error::Cancelled`], [`Error::File`].
+    pub fn encode(source: TileSource, epsilon: f64, progress: &Progress) -> Result<Self, Error> {
+        match source {
+            TileSource::Symmetric { channels, patches } => {
+                check_count("patches", patches.area.len(), MOST_TILE_PATCHES)?;
+                check_epsilon(epsilon)?;
+                let place = checked_places(patches)?;
+                let tiles = SymmetricTiles::new(channels, patches, &place)?;
+                let made = search(&tiles, epsilon, progress)?;
+                let [first, second] = tiles.source.axes;
+                let axes = Vec4::new(first[0], first[1], second[0], second[1]);
+                let tables =
+                    Self { order: patches.order.to_vec(), root: roots_of(patches), place, axes, ..Self::default() };
+                Ok(tables.assemble(made))
             }
-            .into());
-        };
-        let [first, second] = source.axes;
-        let tables = Self {
-            order: order.to_vec(),
-            place,
-            root: area.iter().map(|&a| scene::math::sqrt(a)).collect(),
-            axes: Vec4::new(first[0], first[1], second[0], second[1]),
-            ..Self::default()
-        };
-        Ok(tables.assemble(&all, parts, rows, norms))
+            TileSource::Rows { rows, receivers, senders } => {
+                check_count("senders", senders.area.len(), MOST_TILE_PATCHES)?;
+                check_count("receivers", receivers.area.len(), MOST_TILE_RECEIVERS)?;
+                check_epsilon(epsilon)?;
+                let place = checked_places(receivers)?;
+                let column_place = checked_places(senders)?;
+                let source = rectangular::Source::new(rows, receivers, senders, &column_place);
+                let made = search(&source, epsilon, progress)?;
+                let columns = ColumnVectors { root: roots_of(senders), ..ColumnVectors::default() };
+                let tables = Self {
+                    order: senders.order.to_vec(),
+                    root: roots_of(receivers),
+                    place,
+                    columns: Some(columns),
+                    ..Self::default()
+                };
+                Ok(tables.assemble(made))
+            }
+        }
     }
 
     /// Tables from the tiles' parts.
-    fn assemble(self, tiles: &[(usize, usize)], parts: Vec<Part>, rows: Rows, norms: [f64; 3]) -> Self {
-        let blocks = self.blocks();
+    fn assemble(self, made: Encoded) -> Self {
+        let Encoded { at, parts, rows: entries, error, .. } = made;
+        let is_symmetric = self.is_symmetric();
         let mut report = TileReport::default();
-        let squares = Squares::pack(tiles, &parts, blocks * SIDE / EDGE, true);
+        let squares = Squares::pack(&at, &parts, self.blocks() * PARTS as usize, is_symmetric);
         // Vectors of the blocks: component, side, and what makes them alike.
-        let mut vectors: Vec<Vec<Vector>> = vec![Vec::new(); blocks];
+        let mut of_rows: Vec<Vec<Vector>> = vec![Vec::new(); self.blocks()];
+        let mut of_columns: Vec<Vec<Vector>> = vec![Vec::new(); self.column_blocks()];
         let mut components: Vec<&Component> = Vec::new();
-        for (&(i, j), part) in tiles.iter().zip(&parts) {
+        for (&(i, j), part) in at.iter().zip(&parts) {
             report.add(part);
             for component in &part.components {
                 let alike = (component.color, component.is_short);
                 let vector = |side, is_multiplied| Vector { alike, is_multiplied, component: components.len(), side };
-                vectors[i].push(vector(0, true));
-                // A tile on the diagonal is whole: its second vectors only make sums.
-                vectors[j].push(vector(1, i != j));
+                of_rows[i].push(vector(0, true));
+                // A symmetric tile on the diagonal is whole: its second vectors only make sums.
+                match is_symmetric {
+                    true => of_rows[j].push(vector(1, i != j)),
+                    false => of_columns[j].push(vector(1, false)),
+                }
                 components.push(component);
             }
         }
-        for (error, norm) in report.error.iter_mut().zip(norms) {
-            *error = if norm > 0.0 { (*error + rows.error).sqrt() / norm } else { 0.0 };
-        }
-        let Bank { run_start, runs, quads, words, slots } =
-            Bank::new(&mut vectors, |vector| &components[vector.component].words[vector.side]);
-        let scale = slots.iter().map(|slot| slot.map_or(0.0, |vector| components[vector.component].scale)).collect();
+        let tiles = if is_symmetric { at.len() } else { self.blocks() * self.column_blocks() };
+        report.tiles[0] += tiles - at.len();
+        report.error = error;
+        let words_of = |vector: &Vector| &components[vector.component].words[vector.side][..];
+        let rows = Bank::new(&mut of_rows, words_of);
+        let columns = (!is_symmetric).then(|| Bank::new(&mut of_columns, words_of));
+        let summed = columns.as_ref().map_or(&rows.slots, |columns| &columns.slots);
+        let scale = |slot: &Option<&Vector>| slot.map_or(0.0, |vector| components[vector.component].scale);
+        let scale = summed.iter().map(scale).collect();
         let mut slot_of = vec![[NO_SLOT; 2]; components.len()];
-        for (slot, vector) in (0u32..).zip(&slots) {
+        for (slot, vector) in (0u32..).zip(summed) {
             if let Some(vector) = vector {
                 slot_of[vector.component][vector.side] = slot;
             }
@@ -160,21 +176,27 @@ impl Tiles {
             Some(vector) if vector.is_multiplied => slot_of[vector.component][1 - vector.side],
             _ => NO_SLOT,
         };
-        let partner = slots.iter().map(partner).collect();
-        let Rows { row_start, entries, steps, .. } = rows;
+        let partner = rows.slots.iter().map(partner).collect();
+        let columns = self.columns.zip(columns).map(|(own, bank)| ColumnVectors {
+            root: own.root,
+            runs: bank.runs,
+            quads: bank.quads,
+            words: bank.words,
+        });
         Self {
-            run_start,
-            runs,
-            quads,
-            words,
+            run_start: rows.run_start,
+            runs: rows.runs,
+            quads: rows.quads,
+            words: rows.words,
+            columns,
             scale,
             partner,
             square_start: squares.start,
             squares: squares.squares,
             square_words: squares.words,
-            row_start,
-            entries,
-            steps,
+            row_start: entries.row_start,
+            entries: entries.entries,
+            steps: entries.steps,
             report,
             ..self
         }
@@ -193,29 +215,42 @@ impl TileReport {
         self.most_rank = self.most_rank.max(part.components.len());
         self.entries += part.entries.len();
         self.squares += part.squares.len();
-        for (sum, error) in self.error.iter_mut().zip(part.error) {
-            *sum += error;
-        }
         for component in &part.components {
             self.components[usize::from(component.color != ALL_CHANNELS)] += 1;
         }
     }
 }
 
+fn check_count(name: &'static str, found: usize, limit: usize) -> Result<(), transport::Error> {
+    match found > limit {
+        true => Err(transport::Error::TooMany { name, found: found as u64, limit: limit as u64 }),
+        false => Ok(()),
+    }
+}
+
+fn check_epsilon(epsilon: f64) -> Result<(), transport::Error> {
+    check_setting("epsilon", epsilon, "at least 0.000001 and below 1", (1e-6..1.0).contains(&epsilon))
+}
+
 /// Place of each number, by an order of as many as there are areas.
-pub(super) fn checked_places(area: &[f32], order: &[u32]) -> Result<Vec<u32>, Error> {
+fn checked_places(side: TileSide) -> Result<Vec<u32>, Error> {
+    let TileSide { area, order } = side;
     check_length("order", area.len(), order.len())?;
     if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
-        return Err(
-            transport::Error::Value { name: "area", index, value: f64::from(area[index]), rule: "positive" }.into()
-        );
+        let value = f64::from(area[index]);
+        return Err(transport::Error::Value { name: "area", index, value, rule: "positive" }.into());
     }
     places(order)
 }
 
+/// `√a` of all, m.
+pub(super) fn roots_of(side: TileSide) -> Vec<f32> {
+    side.area.iter().map(|&a| scene::math::sqrt(a)).collect()
+}
+
 /// A vector of a component.
 #[derive(Clone)]
-pub(super) struct Vector {
+struct Vector {
     /// The channels that it is for, and whether elements are short.
     pub alike: (u32, bool),
     /// Whether it is multiplied by the sum of the other.
@@ -226,7 +261,7 @@ pub(super) struct Vector {
 }
 
 /// Vectors block by block, alike ones together, by fours.
-pub(super) struct Bank<'a> {
+struct Bank<'a> {
     pub run_start: Vec<u32>,
     pub runs: Vec<u32>,
     pub quads: Vec<TileQuad>,
@@ -272,7 +307,7 @@ const ZERO_SHORT: u32 = 0x1111_1111 * SHORT_BIAS as u32;
 const ZERO_LONG: u32 = 0x0101_0101 * BIAS as u32;
 
 /// Where each of these begins, and where the last ends.
-pub(super) fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
+fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
     let mut starts = vec![0u32];
     for (k, length) in lengths.enumerate() {
         starts.push(starts[k] + length as u32);
@@ -320,7 +355,7 @@ impl Rows {
 }
 
 /// The squares of all rows, edge by edge.
-pub(super) struct Squares {
+struct Squares {
     pub start: Vec<u32>,
     pub squares: Vec<TileSquare>,
     pub words: Vec<u32>,
@@ -361,7 +396,7 @@ impl Squares {
 }
 
 /// The next λ to try: by the error's square, between what was too little and too much.
-pub(super) fn next_lambda(lambda: f32, error: f64, epsilon: f64, low: &mut f32, high: &mut f32) -> f32 {
+fn next_lambda(lambda: f32, error: f64, epsilon: f64, low: &mut f32, high: &mut f32) -> f32 {
     if error > epsilon {
         *high = high.min(lambda)
     } else {
@@ -376,45 +411,5 @@ pub(super) fn next_lambda(lambda: f32, error: f64, epsilon: f64, low: &mut f32, 
         scene::math::sqrt(*low * *high)
     } else {
         lambda * 0.5
-    }
-}
-
-impl Source<'_> {
-    fn encode(
-        &self,
-        tiles: &[(usize, usize)],
-        lambda: f32,
-        progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-    ) -> Result<Vec<Part>, Error> {
-        let (done, total) = (AtomicUsize::new(0), tiles.len());
-        let work = |&at: &(usize, usize)| {
-            let part = match self.part(at, lambda) {
-                Ok(part) => part,
-                Err(error) => return Some(Err(error)),
-            };
-            let count = done.fetch_add(1, Ordering::Relaxed) + 1;
-            (!progress(count, total).is_break()).then_some(Ok(part))
-        };
-        let parts: Option<Result<Vec<Part>, Error>> = tiles.par_iter().map(work).collect();
-        parts.ok_or_else(|| transport::Error::Cancelled { done: done.load(Ordering::Relaxed), total })?
-    }
-
-    fn part(&self, at: (usize, usize), lambda: f32) -> Result<Part, Error> {
-        let (mut part, prices) = (Part::default(), Prices { lambda, ..Prices::SYMMETRIC });
-        let weights = (&self.weights[at.0], &self.weights[at.1]);
-        let mut planes = self.planes(at)?;
-        for (plane, color) in planes.iter_mut().zip([ALL_CHANNELS, 0, 1]) {
-            reduce(plane, weights, &prices, color, &mut part);
-        }
-        part.error = [squared_norm(&planes[0]); 3];
-        if let [common, first, second] = &planes[..] {
-            let [one, other] = self.axes;
-            for (channel, a, b) in [(0, one[0], other[0]), (2, one[1], other[1])] {
-                let rest = zip!(common, first, second).map(|unzip!(common, x, y)| common + a * x + b * y);
-                part.error[channel] = squared_norm(&rest);
-            }
-        }
-        part.error = part.error.map(|error| twice(at) * error);
-        Ok(part)
     }
 }

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use transport::{LinearOperator, check_length};
 
 use super::lanes::{Group, Lanes, WithLanes, dispatch};
-use super::near::{NearTables, near_all};
-use super::{SIDE, Tiles, check_bank, check_starts};
+use super::near::{NearTables, near_block};
+use super::{ColumnVectors, LowRank, SIDE, check_bank, check_starts};
 use crate::error::Error;
 use crate::kernel::tiles::{
     ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD,
@@ -32,17 +32,17 @@ type Plane = [[f32; GROUP]; PARTS as usize];
 
 /// What a product keeps between its steps: one for products one after another.
 #[derive(Clone, Debug, Default)]
-pub struct TileRoom {
+pub struct LowRankWorkspace {
     ordered: Vec<Vec4>,
     light: Vec<u32>,
     sums: Vec<Vec4>,
-    rows: Vec<Vec4>,
+    placed: Vec<Vec4>,
 }
 
 /// Irradiance `H = T B`, W/m². The fourth component is 0.
-impl LinearOperator for Tiles {
+impl LinearOperator for LowRank {
     fn shape(&self) -> (usize, usize) {
-        (self.patches(), self.patches())
+        (self.place.len(), self.order.len())
     }
 
     fn bytes(&self) -> u64 {
@@ -50,82 +50,108 @@ impl LinearOperator for Tiles {
     }
 
     fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), transport::Error> {
-        self.apply_in(&mut TileRoom::default(), exitance, irradiance)
+        self.apply_in(&mut LowRankWorkspace::default(), exitance, irradiance)
     }
 }
 
-impl Tiles {
+impl LowRank {
     /// As [`LinearOperator::apply`], in memory that is kept from product to product.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] unless both have one element a patch.
+    /// [`transport::Error::Length`] unless there is one exitance a column and one irradiance a row.
     pub fn apply_in(
         &self,
-        room: &mut TileRoom,
+        workspace: &mut LowRankWorkspace,
         exitance: &[Vec4],
         irradiance: &mut [Vec4],
     ) -> Result<(), transport::Error> {
         self.check_vectors(exitance, irradiance)?;
-        let TileRoom { ordered, light, sums, rows } = room;
+        let LowRankWorkspace { ordered, light, sums, placed } = workspace;
+        let columns = self.column_blocks() * SIDE;
         ordered.resize(PLACES, Vec4::ZERO);
-        light.resize(self.blocks() * LIGHT_WORDS as usize, 0);
+        light.resize(self.column_blocks() * LIGHT_WORDS as usize, 0);
         sums.resize(self.scale.len(), Vec4::ZERO);
-        rows.resize(self.blocks() * SIDE, Vec4::ZERO);
-        self.prepare(exitance, &mut ordered[..self.blocks() * SIDE], light);
-        // Neither needs the other: one pause of the cores less.
-        rayon::join(
-            || project_all(&self.project_tables(), light, sums),
-            || near_all(&self.near_tables(), light, ordered, rows),
-        );
-        let (tables, factors) = (self.expand_tables(), Sums { runs: &self.runs, partner: &self.partner, sums });
-        let (blocks, _) = rows.as_chunks_mut::<SIDE>();
-        blocks.par_iter_mut().enumerate().for_each(|(block, rows)| add_rows(&tables, factors, block, rows));
-        leave_places(&self.place, &self.root, rows, irradiance);
+        self.prepare(exitance, &mut ordered[..columns], light);
+        project_all(&self.project_tables(), light, sums);
+        let found = ordered.len();
+        let ordered =
+            ordered.first_chunk().ok_or(transport::Error::Length { name: "ordered", expected: PLACES, found })?;
+        // Rows that stand in their order are written where they belong at once.
+        let is_ordered = self.place.iter().zip(0..).all(|(&place, i)| place == i);
+        if is_ordered {
+            self.rows(light, ordered, sums, irradiance, |p| self.root[p]);
+        } else {
+            placed.resize(self.place.len(), Vec4::ZERO);
+            self.rows(light, ordered, sums, placed, |_| 1.0);
+            leave_places(&self.place, &self.root, placed, irradiance);
+        }
         Ok(())
+    }
+
+    /// Rows by places, over the root of the place, block by block: what a block adds up stays in the first cache.
+    fn rows(
+        &self,
+        light: &[u32],
+        ordered: &[Vec4; PLACES],
+        sums: &[Vec4],
+        out: &mut [Vec4],
+        root: impl Fn(usize) -> f32 + Sync,
+    ) {
+        let expand = self.expand_tables();
+        let near = self.near_tables();
+        let factors = Sums { runs: &self.runs, partner: &self.partner, sums };
+        out.par_chunks_mut(SIDE).enumerate().for_each_init(
+            || [Vec4::ZERO; SIDE],
+            |rows, (b, out)| {
+                near_block(&near, light, ordered, b, rows);
+                add_rows(&expand, factors, b, rows);
+                out.iter_mut().zip(rows).zip(b * SIDE..).for_each(|((out, row), p)| *out = *row / root(p));
+            },
+        );
     }
 
     /// [`enter_all`] and [`round_all`], block by block.
     fn prepare(&self, exitance: &[Vec4], ordered: &mut [Vec4], light: &mut [u32]) {
-        let (patches, (blocks, _)) = (self.order.len() as u32, ordered.as_chunks_mut::<SIDE>());
+        let columns = self.order.len() as u32;
+        let root = self.column_root();
+        let (blocks, _) = ordered.as_chunks_mut::<SIDE>();
         let tasks = blocks.par_iter_mut().zip(light.par_chunks_mut(LIGHT_WORDS as usize)).enumerate();
         tasks.with_min_len(TASK_BLOCKS).for_each(|(b, (block, light))| {
             for (p, x) in (b * SIDE..).zip(block.iter_mut()) {
-                *x = enter(p as u32, patches, &self.order, &self.root, exitance);
+                *x = enter(p as u32, columns, &self.order, root, exitance);
             }
             dispatch(Round { block, light });
         });
     }
 
-    /// Row `i` of `a^-½ T̂ a^½`, one colour a patch, as products multiply by it.
+    /// Row `i` of `a_r^-½ T̂ a_c^½`, one colour a column, as products multiply by it.
     ///
     /// # Errors
-    /// [`transport::Error::Length`] unless there is one element a patch, [`transport::Error::Value`] for a patch that there is not.
+    /// [`transport::Error::Length`] unless there is one element a column, [`transport::Error::Value`] for a row that there is
+    /// not.
     pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
-        check_length("row", self.patches(), row.len())?;
+        check_length("row", self.order.len(), row.len())?;
         let Some(&place) = self.place.get(i) else {
-            return Err(transport::Error::Value {
-                name: "patch",
-                index: i,
-                value: i as f64,
-                rule: "one of the patches",
-            }
-            .into());
+            return Err(
+                transport::Error::Value { name: "row", index: i, value: i as f64, rule: "one of the rows" }.into()
+            );
         };
+        let sums = self.project_tables();
         let (p, r, block) = (place as usize, place % TILE, place as usize / SIDE);
-        let mut places = vec![Vec3::ZERO; self.blocks() * SIDE];
+        let mut places = vec![Vec3::ZERO; self.column_blocks() * SIDE];
         let quad_start = |block: usize| self.runs[self.run_start[block] as usize];
         for slot in QUAD * quad_start(block)..QUAD * quad_start(block + 1) {
             let partner = self.partner[slot as usize];
             if partner == NO_SLOT {
                 continue;
             }
-            let vector = |slot: u32| self.quads[(slot / QUAD) as usize].vector(slot % QUAD);
-            let quad = self.quads[(partner / QUAD) as usize];
-            let factor = self.scale[partner as usize] * element(&self.words, vector(slot), r) as f32;
+            let own = self.quads[(slot / QUAD) as usize].vector(slot % QUAD);
+            let quad = sums.quads[(partner / QUAD) as usize];
+            let factor = self.scale[partner as usize] * element(&self.words, own, r) as f32;
             let factor = factor * tint(quad.color(), self.axes);
             let first = quad.block() as usize * SIDE;
             for (c, sum) in places[first..first + SIDE].iter_mut().enumerate() {
-                *sum += factor * element(&self.words, vector(partner), c as u32) as f32;
+                *sum += factor * element(sums.words, quad.vector(partner % QUAD), c as u32) as f32;
             }
         }
         let part = p / GROUP;
@@ -140,16 +166,20 @@ impl Tiles {
         for &entry in &self.entries[self.row_start[p] as usize..self.row_start[p + 1] as usize] {
             places[(entry & 0xffff) as usize] += Vec3::splat(((entry as i32) >> 16) as f32 * self.steps[p]);
         }
-        for (j, value) in row.iter_mut().enumerate() {
-            *value = places[self.place[j] as usize] * (self.root[j] / self.root[i]);
+        let root = self.column_root();
+        for (&j, value) in self.order.iter().zip(&places) {
+            row[j as usize] = *value * (root[j as usize] / self.root[i]);
         }
         Ok(())
     }
 
     /// The tables of [`project_all`].
     pub fn project_tables(&self) -> ProjectTables<'_> {
-        let Self { axes, quads, words, scale, .. } = self;
-        ProjectTables { axes: *axes, quads, words, scale }
+        let Self { axes, scale, .. } = self;
+        match &self.columns {
+            Some(ColumnVectors { quads, words, .. }) => ProjectTables { axes: *axes, quads, words, scale },
+            None => ProjectTables { axes: *axes, quads: &self.quads, words: &self.words, scale },
+        }
     }
 
     /// The tables of [`expand_all`].
@@ -158,7 +188,7 @@ impl Tiles {
         ExpandTables { run_start, runs, quads, words }
     }
 
-    /// The tables of [`near_all`].
+    /// The tables of [`crate::near_all`].
     pub fn near_tables(&self) -> NearTables<'_> {
         let Self { square_start, squares, square_words, row_start, entries, steps, .. } = self;
         NearTables { square_start, squares, square_words, row_start, entries, steps }

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use glam::Vec4;
 use gpu_kernels::params::{CountParams, EnterParams, ProjectParams};
 use gpu_kernels::table;
+use multibounce::LowRank;
 use multibounce::kernel::tiles::{FACTOR_WORDS, LIGHT_WORDS, PAIRS, PLACES, QUAD, QUARTERS, RUN_PARTS, SPLITS, TILE};
-use multibounce::{RectangularTiles, Tiles};
+use transport::LinearOperator as _;
 
 use crate::executor::ExecutorError;
 use crate::plan::{BufferId, Plan, Range};
@@ -43,69 +44,26 @@ struct Counts {
 }
 
 impl LowRankTables {
-    /// An operator whose rows and columns are the same patches.
-    pub fn new(plan: &mut Plan, tables: &mut Tables, tiles: &Arc<Tiles>) -> Self {
-        let named = vec![
-            tables.named_part(plan, "order", tiles, |t| &t.order),
-            tables.named_part(plan, "scales", tiles, |t| &t.scale),
-            tables.named_part(plan, "place", tiles, |t| &t.place),
-            tables.named_part(plan, "root", tiles, |t| &t.root),
-            tables.named_part(plan, "partner", tiles, |t| &t.partner),
-            tables.named_part(plan, "run_start", tiles, |t| t.expand_tables().run_start),
-            tables.named_part(plan, "runs", tiles, |t| t.expand_tables().runs),
-            tables.named_part(plan, "quads", tiles, |t| t.expand_tables().quads),
-            tables.named_part(plan, "words", tiles, |t| t.expand_tables().words),
-            tables.named_part(plan, "square_start", tiles, |t| t.near_tables().square_start),
-            tables.named_part(plan, "squares", tiles, |t| t.near_tables().squares),
-            tables.named_part(plan, "square_words", tiles, |t| t.near_tables().square_words),
-            tables.named_part(plan, "row_start", tiles, |t| t.near_tables().row_start),
-            tables.named_part(plan, "entries", tiles, |t| t.near_tables().entries),
-            tables.named_part(plan, "steps", tiles, |t| t.near_tables().steps),
+    /// Puts an operator on the device.
+    pub fn new(plan: &mut Plan, tables: &mut Tables, operator: &Arc<LowRank>) -> Self {
+        let rows = row_tables(plan, tables, operator);
+        let mut columns = vec![
+            tables.named_part(plan, "order", operator, |t| &t.order),
+            tables.named_part(plan, "scales", operator, |t| &t.scale),
         ];
-        let runs = tiles.runs.len().saturating_sub(1) as u32;
+        match operator.columns {
+            Some(_) => columns.extend(column_tables(plan, tables, operator)),
+            None => columns.extend(rows.iter().copied()),
+        }
+        let (row_count, column_count) = operator.shape();
         let counts = Counts {
-            columns: tiles.patches() as u32,
-            rows: tiles.patches() as u32,
-            quads: tiles.quads.len() as u32,
-            column_runs: runs,
-            row_runs: runs,
+            columns: column_count as u32,
+            rows: row_count as u32,
+            quads: operator.project_tables().quads.len() as u32,
+            column_runs: operator.column_runs().len().saturating_sub(1) as u32,
+            row_runs: operator.runs.len().saturating_sub(1) as u32,
         };
-        Self::with(plan, named.clone(), named, tiles.axes, counts)
-    }
-
-    /// An operator from patches to other receivers.
-    pub fn rectangular(plan: &mut Plan, tables: &mut Tables, tiles: &Arc<RectangularTiles>) -> Self {
-        let columns = vec![
-            tables.named_part(plan, "order", tiles, |t| &t.sender_order),
-            tables.named_part(plan, "root", tiles, |t| &t.sender_root),
-            tables.named_part(plan, "runs", tiles, |t| &t.sender_runs),
-            tables.named_part(plan, "quads", tiles, |t| &t.sender_quads),
-            tables.named_part(plan, "words", tiles, |t| &t.sender_words),
-            tables.named_part(plan, "scales", tiles, |t| &t.scale),
-        ];
-        let rows = vec![
-            tables.named_part(plan, "place", tiles, |t| &t.place),
-            tables.named_part(plan, "root", tiles, |t| &t.root),
-            tables.named_part(plan, "partner", tiles, |t| &t.partner),
-            tables.named_part(plan, "run_start", tiles, |t| t.expand_tables().run_start),
-            tables.named_part(plan, "runs", tiles, |t| t.expand_tables().runs),
-            tables.named_part(plan, "quads", tiles, |t| t.expand_tables().quads),
-            tables.named_part(plan, "words", tiles, |t| t.expand_tables().words),
-            tables.named_part(plan, "square_start", tiles, |t| t.near_tables().square_start),
-            tables.named_part(plan, "squares", tiles, |t| t.near_tables().squares),
-            tables.named_part(plan, "square_words", tiles, |t| t.near_tables().square_words),
-            tables.named_part(plan, "row_start", tiles, |t| t.near_tables().row_start),
-            tables.named_part(plan, "entries", tiles, |t| t.near_tables().entries),
-            tables.named_part(plan, "steps", tiles, |t| t.near_tables().steps),
-        ];
-        let counts = Counts {
-            columns: tiles.senders() as u32,
-            rows: tiles.receivers() as u32,
-            quads: tiles.sender_quads.len() as u32,
-            column_runs: tiles.sender_runs.len().saturating_sub(1) as u32,
-            row_runs: tiles.runs.len().saturating_sub(1) as u32,
-        };
-        Self::with(plan, columns, rows, Vec4::ZERO, counts)
+        Self::with(plan, columns, rows, operator.axes, counts)
     }
 
     fn with(plan: &mut Plan, columns: Vec<Named>, rows: Vec<Named>, axes: Vec4, counts: Counts) -> Self {
@@ -170,4 +128,33 @@ impl LowRankTables {
         add_pass(plan, pass, &table::MULTIBOUNCE_TILES_LEAVE, &own, rows, &count(receivers), receivers)?;
         Ok(())
     }
+}
+
+/// Tables that make irradiance of the sums.
+fn row_tables(plan: &mut Plan, tables: &mut Tables, operator: &Arc<LowRank>) -> Vec<Named> {
+    vec![
+        tables.named_part(plan, "place", operator, |t| &t.place),
+        tables.named_part(plan, "root", operator, |t| &t.root),
+        tables.named_part(plan, "partner", operator, |t| &t.partner),
+        tables.named_part(plan, "run_start", operator, |t| t.expand_tables().run_start),
+        tables.named_part(plan, "runs", operator, |t| t.expand_tables().runs),
+        tables.named_part(plan, "quads", operator, |t| t.expand_tables().quads),
+        tables.named_part(plan, "words", operator, |t| t.expand_tables().words),
+        tables.named_part(plan, "square_start", operator, |t| t.near_tables().square_start),
+        tables.named_part(plan, "squares", operator, |t| t.near_tables().squares),
+        tables.named_part(plan, "square_words", operator, |t| t.near_tables().square_words),
+        tables.named_part(plan, "row_start", operator, |t| t.near_tables().row_start),
+        tables.named_part(plan, "entries", operator, |t| t.near_tables().entries),
+        tables.named_part(plan, "steps", operator, |t| t.near_tables().steps),
+    ]
+}
+
+/// Tables that make sums of the exitance, of columns that are not the rows.
+fn column_tables(plan: &mut Plan, tables: &mut Tables, operator: &Arc<LowRank>) -> Vec<Named> {
+    vec![
+        tables.named_part(plan, "root", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.root)),
+        tables.named_part(plan, "runs", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.runs)),
+        tables.named_part(plan, "quads", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.quads)),
+        tables.named_part(plan, "words", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.words)),
+    ]
 }

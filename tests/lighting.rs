@@ -1,0 +1,162 @@
+//! What shines may change freely after a bake: lights come, go and move, the sky and the emission of materials change.
+
+use std::sync::Arc;
+
+use assets::{LoadedScene, procedural};
+use glam::Vec3;
+use integration_tests::setup::Setup;
+use integration_tests::vulkan;
+use patchlight::method::{FeedbackSettings, TemporalSettings};
+use patchlight::operator::Codec;
+use patchlight::{Bake, Estimator, MethodSettings, Pictures, Renderer};
+use runtime::cpu::Cpu;
+use runtime::executor::Executor;
+use scene::Lighting;
+
+const SIZE: (u32, u32) = (32, 24);
+
+fn setup(method: MethodSettings) -> Setup {
+    Setup {
+        patch_count: 150,
+        estimator: Estimator::Hemisphere { rays: 256 },
+        most_receivers: Some(800),
+        receiver_rays: 64,
+        sub_frames: 2,
+        seed: 3,
+        size: SIZE,
+        method,
+        ..Setup::default()
+    }
+}
+
+fn methods() -> [MethodSettings; 4] {
+    [
+        MethodSettings::Classic,
+        MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.01 }),
+        MethodSettings::Feedback(FeedbackSettings::default()),
+        MethodSettings::Temporal(TemporalSettings::default()),
+    ]
+}
+
+fn picture(renderer: &mut Renderer, loaded: &LoadedScene, lighting: &Lighting) -> Pictures {
+    renderer.picture(lighting, &loaded.view.camera(SIZE.0, SIZE.1), 0).unwrap().pictures
+}
+
+/// The picture under a lighting by a renderer that knows nothing else.
+fn afresh(
+    setup: &Setup,
+    loaded: &LoadedScene,
+    bake: &Arc<Bake>,
+    executor: Box<dyn Executor>,
+    lighting: &Lighting,
+) -> Pictures {
+    picture(&mut setup.load(loaded, bake, executor).unwrap(), loaded, lighting)
+}
+
+/// `count` lamps instead of the scene's one, of the same power in all.
+fn lamps(loaded: &LoadedScene, count: usize) -> Lighting {
+    let mut lighting = loaded.scene.lighting.clone();
+    let mut lamp = lighting.lights[0];
+    lamp.color /= count as f32;
+    lighting.lights = (0..count)
+        .map(|k| {
+            let mut lamp = lamp;
+            lamp.position += Vec3::X * 1e-3 * k as f32;
+            lamp
+        })
+        .collect();
+    lighting
+}
+
+#[test]
+fn lights_beyond_those_of_the_bake_are_not_dropped() {
+    let loaded = procedural::build("cornell").unwrap();
+    let setup = setup(MethodSettings::Classic);
+    let bake = setup.bake(&loaded).unwrap();
+    let mut renderer = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+    let one = picture(&mut renderer, &loaded, &loaded.scene.lighting);
+    // Far more than there was room for.
+    let many = picture(&mut renderer, &loaded, &lamps(&loaded, 40));
+    let share = many.full.mean() / one.full.mean();
+    assert!((share - Vec3::ONE).abs().max_element() < 0.05, "40 lamps of a 40th each: {share}");
+    let first = Lighting { lights: lamps(&loaded, 40).lights[..1].to_vec(), ..loaded.scene.lighting.clone() };
+    let dark = picture(&mut renderer, &loaded, &first);
+    assert!((dark.full.mean() / one.full.mean()).max_element() < 0.5, "one lamp of them is not all");
+}
+
+#[test]
+fn lights_that_come_and_go_leave_nothing_behind() {
+    let loaded = procedural::build("cornell").unwrap();
+    for method in methods() {
+        let setup = setup(method);
+        let bake = setup.bake(&loaded).unwrap();
+        let mut renderer = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+        let own = picture(&mut renderer, &loaded, &loaded.scene.lighting);
+        for count in [3, 30, 2, 0] {
+            picture(&mut renderer, &loaded, &lamps(&loaded, count));
+        }
+        // Methods that go on from the frame before take some frames.
+        let mut again = picture(&mut renderer, &loaded, &loaded.scene.lighting);
+        for _ in 0..60 {
+            again = picture(&mut renderer, &loaded, &loaded.scene.lighting);
+        }
+        let apart = again.full.mean() / own.full.mean();
+        assert!((apart - Vec3::ONE).abs().max_element() < 2e-3, "{method:?}: {apart}");
+    }
+}
+
+#[test]
+fn sky_and_emission_change_as_if_the_renderer_had_begun_with_them() {
+    let loaded = procedural::build("atrium:3000").unwrap();
+    let setup = setup(MethodSettings::Classic);
+    let bake = setup.bake(&loaded).unwrap();
+    let mut sky = loaded.scene.lighting.clone();
+    sky.sky.radiance *= Vec3::new(0.2, 1.0, 3.0);
+    let mut glowing = loaded.scene.lighting.clone();
+    glowing.emission = loaded.scene.materials.iter().map(|m| m.radiance).collect();
+    glowing.emission[0] = Vec3::new(5.0, 1.0, 0.2);
+    let mut devices: Vec<fn() -> Option<Box<dyn Executor>>> = vec![|| Some(Box::new(Cpu::new()))];
+    devices.push(|| Some(Box::new(vulkan()?)));
+    for device in devices {
+        let Some(executor) = device() else { continue };
+        let mut renderer = setup.load(&loaded, &bake, executor).unwrap();
+        let own = picture(&mut renderer, &loaded, &loaded.scene.lighting);
+        for lighting in [&sky, &glowing] {
+            let changed = picture(&mut renderer, &loaded, lighting);
+            assert_ne!(changed, own);
+            let Some(executor) = device() else { continue };
+            assert_eq!(changed, afresh(&setup, &loaded, &bake, executor, lighting));
+        }
+        assert_eq!(picture(&mut renderer, &loaded, &loaded.scene.lighting), own);
+    }
+}
+
+#[test]
+fn emission_of_another_number_of_materials_is_an_error() {
+    let loaded = procedural::build("cornell").unwrap();
+    let setup = setup(MethodSettings::Classic);
+    let mut renderer = setup.renderer(&loaded, Box::new(Cpu::new())).unwrap();
+    let wrong = Lighting { emission: vec![Vec3::ONE; 1000], ..loaded.scene.lighting.clone() };
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    let message = renderer.update_light(&wrong, &camera).unwrap_err().to_string();
+    assert!(message.contains("1000"), "{message}");
+    // The lighting before still holds.
+    renderer.update_light(&loaded.scene.lighting, &camera).unwrap();
+}
+
+#[test]
+fn a_method_may_be_changed_between_frames() {
+    let loaded = procedural::build("cornell").unwrap();
+    let first = setup(MethodSettings::Classic);
+    let bake = first.bake(&loaded).unwrap();
+    let mut renderer = first.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+    let classic = picture(&mut renderer, &loaded, &loaded.scene.lighting);
+    for method in methods() {
+        renderer.set_method(method, &patchlight::Silent).unwrap();
+        let changed = picture(&mut renderer, &loaded, &loaded.scene.lighting);
+        let expected = afresh(&setup(method), &loaded, &bake, Box::new(Cpu::new()), &loaded.scene.lighting);
+        assert_eq!(changed, expected, "{method:?}");
+    }
+    renderer.set_method(MethodSettings::Classic, &patchlight::Silent).unwrap();
+    assert_eq!(picture(&mut renderer, &loaded, &loaded.scene.lighting), classic);
+}

@@ -1,0 +1,114 @@
+//! What a test bakes and renders with, in one place.
+
+use std::sync::Arc;
+
+use assets::LoadedScene;
+use patches::PatchKind;
+use patchlight::operator::Decode;
+use patchlight::{
+    Bake, BakeSettings, Estimator, MethodSettings, ReceiverKind, RenderSettings, Renderer, Result, Silent,
+};
+use runtime::executor::Executor;
+
+/// Settings of a bake and of its pictures.
+#[derive(Clone, Copy, Debug)]
+pub struct Setup {
+    /// What patches are.
+    pub patches: PatchKind,
+    /// About how many patches.
+    pub patch_count: usize,
+    /// Edge of voxels, m.
+    pub voxel_size: Option<f32>,
+    /// Estimator of the form factors.
+    pub estimator: Estimator,
+    /// Bounces; all without.
+    pub bounces: Option<u32>,
+    /// Where irradiance is gathered.
+    pub receivers: ReceiverKind,
+    /// Most receivers.
+    pub most_receivers: Option<usize>,
+    /// Rays of a receiver's row.
+    pub receiver_rays: u32,
+    /// Changes every random number.
+    pub seed: u32,
+    /// How light goes between patches.
+    pub method: MethodSettings,
+    /// What decodes texture blocks.
+    pub decode: Decode,
+    /// Sub-frames a picture.
+    pub sub_frames: u32,
+    /// Picture size, pixels.
+    pub size: (u32, u32),
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        let bake = BakeSettings::default();
+        let render = RenderSettings::default();
+        Self {
+            patches: bake.patches,
+            patch_count: bake.patch_count,
+            voxel_size: bake.voxel_size,
+            estimator: bake.estimator,
+            bounces: bake.bounces,
+            receivers: bake.receivers,
+            most_receivers: bake.most_receivers,
+            receiver_rays: bake.receiver_rays,
+            seed: bake.seed,
+            method: render.method,
+            decode: render.decode,
+            sub_frames: render.sub_frames,
+            size: render.size,
+        }
+    }
+}
+
+impl Setup {
+    /// The settings of the bake.
+    pub fn bake_settings(&self) -> BakeSettings {
+        BakeSettings {
+            patches: self.patches,
+            patch_count: self.patch_count,
+            voxel_size: self.voxel_size,
+            estimator: self.estimator,
+            bounces: self.bounces,
+            receivers: self.receivers,
+            most_receivers: self.most_receivers,
+            receiver_rays: self.receiver_rays,
+            seed: self.seed,
+            ..BakeSettings::default()
+        }
+    }
+
+    /// The bake of a scene.
+    ///
+    /// # Errors
+    /// As [`Bake::build`].
+    pub fn bake(&self, loaded: &LoadedScene) -> Result<Arc<Bake>> {
+        Ok(Arc::new(Bake::build(&loaded.scene, &self.bake_settings(), &Silent)?))
+    }
+
+    /// A bake on an executor, with the method of the setup.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`].
+    pub fn load(&self, loaded: &LoadedScene, bake: &Arc<Bake>, executor: Box<dyn Executor>) -> Result<Renderer> {
+        let settings = RenderSettings {
+            method: self.method,
+            decode: self.decode,
+            eye: loaded.view.eye,
+            size: self.size,
+            sub_frames: self.sub_frames,
+            ..RenderSettings::default()
+        };
+        Renderer::new(Arc::clone(bake), executor, &settings, &Silent)
+    }
+
+    /// Both in one step.
+    ///
+    /// # Errors
+    /// As both.
+    pub fn renderer(&self, loaded: &LoadedScene, executor: Box<dyn Executor>) -> Result<Renderer> {
+        self.load(loaded, &self.bake(loaded)?, executor)
+    }
+}
