@@ -1,5 +1,6 @@
-//! Light of the leaves of a world as a camera sees it: of their own nodes near by, of coarser levels further off, between two
-//! levels in between, so that no node shows its edges; its jumps fade.
+//! Light of the leaves of a world as a camera sees it: of their own nodes near by, of coarser
+//! levels further off, between two levels in between, so that no node shows its edges; its jumps
+//! fade.
 
 use std::sync::Arc;
 
@@ -13,7 +14,8 @@ use scene::math::{ln, luminance};
 use super::forest::{DarkPatch, Extra};
 use crate::error::Error;
 
-/// Light is taken from levels so much coarser than the nodes that stand there, so that none shows its edges.
+/// Light is taken from levels so much coarser than the nodes that stand there, so that none shows
+/// its edges.
 const COARSER: f32 = 0.7;
 
 /// One level of merged nodes as leaves see it.
@@ -30,7 +32,8 @@ struct Level {
 pub struct Levels {
     /// What pixels see: the leaves, and a last value for what is dark.
     pub lookup: Arc<Lookup>,
-    /// Light as the leaves are shown, W/m²; the fourth component is the luminance with which they were in the frame before.
+    /// Light as the leaves are shown, W/m²; the fourth component is the luminance with which they
+    /// were in the frame before.
     pub shown: Vec<Vec4>,
     /// What `shown` has beyond the light that the leaves are to have: what is left of its jumps.
     pub offset: Vec<Vec4>,
@@ -51,7 +54,8 @@ pub struct LeafLight<'a> {
     pub slot_of: &'a [u32],
     /// Irradiance of the slots, W/m².
     pub irradiance: &'a [Vec4],
-    /// Irradiance of a hemisphere that sees nothing but a constant sky, W/m², and the share of it that each node sees.
+    /// Irradiance of a hemisphere that sees nothing but a constant sky, W/m², and the share of it
+    /// that each node sees.
     pub sky: Vec4,
     /// The shares.
     pub sky_factors: &'a [f32],
@@ -96,9 +100,10 @@ impl Levels {
         self.shown.par_iter_mut().for_each(|shown| shown.w = luminance(shown.truncate()));
     }
 
-    /// Light of the leaves as a camera is to see them, from that of the matrix and the sky: its own for what is near, further off
-    /// that of merged nodes, between their places and between two levels, so that none of them shows its edges. In `shown` then is
-    /// what is shown of it: its jumps fade; without `jumps` it is there at once, and what is left of earlier jumps stays.
+    /// Light of the leaves as a camera is to see them, from that of the matrix and the sky: its own
+    /// for what is near, further off that of merged nodes, between their places and between two
+    /// levels, so that none of them shows its edges. In `shown` then is what is shown of it: its
+    /// jumps fade; without `jumps` it is there at once, and what is left of earlier jumps stays.
     pub fn spread(&mut self, from: &LeafLight, eye: Vec3, jumps: Option<FadeParams>) {
         self.merge(from);
         let mut shown = std::mem::take(&mut self.shown);
@@ -157,7 +162,8 @@ impl Levels {
         lookup.and_then(|l| l.at(light, node.centre, normal).ok()).unwrap_or(Vec4::ZERO)
     }
 
-    /// Finds how large nodes look, once: pixels then take their light from levels that change with distance only.
+    /// Finds how large nodes look, once: pixels then take their light from levels that change with
+    /// distance only.
     pub fn look(&mut self, nodes: &[Node], cut: &[u32], eye: Vec3) {
         if self.looks > 0.0 {
             return;
@@ -173,7 +179,8 @@ impl Levels {
     }
 }
 
-/// The lookup of the leaves, and those of each level above them, a voxel of which holds eight of the one below.
+/// The lookup of the leaves, and those of each level above them, a voxel of which holds eight of
+/// the one below.
 fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error> {
     let virtual_patch = |node: &Node, voxel: u32| VirtualPatch {
         position: node.centre,

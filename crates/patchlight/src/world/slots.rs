@@ -1,5 +1,6 @@
-//! The plan of a frame of a streamed world: direct light at the points of the nodes in the matrix → their first exitance →
-//! the product → pixels. Between the product and the pixels the host spreads the light of the slots over the levels.
+//! The plan of a frame of a streamed world: direct light at the points of the nodes in the matrix →
+//! their first exitance → the product → pixels. Between the product and the pixels the host spreads
+//! the light of the slots over the levels.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -100,7 +101,8 @@ struct Pixels {
     shade: Shade,
 }
 
-/// How direct light is measured in worlds: the emission of surfaces is in that of the nodes, and so is a constant sky.
+/// How direct light is measured in worlds: the emission of surfaces is in that of the nodes, and so
+/// is a constant sky.
 fn world_params(scene: &Scene) -> DirectParams {
     DirectParams {
         emitter_count: 0,
@@ -124,7 +126,8 @@ fn plan_bytes(plan: &Plan) -> u64 {
 }
 
 impl Samples {
-    /// Adds the passes of `E = emission + Σ_k ρ_k H_d,k / n` over the n points of each slot's node, W/m².
+    /// Adds the passes of `E = emission + Σ_k ρ_k H_d,k / n` over the n points of each slot's node,
+    /// W/m².
     fn add(
         plan: &mut Plan,
         tables: &mut Tables,
@@ -241,7 +244,8 @@ impl SlotFrame {
         Ok(Self { scene: scene_tables, samples, matrix, has_matrix: false, nodes, pixels, bytes })
     }
 
-    /// Bytes of the buffers of frames: points, light and pixels, and a copy of the matrix if there is one.
+    /// Bytes of the buffers of frames: points, light and pixels, and a copy of the matrix if there
+    /// is one.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -260,7 +264,8 @@ impl SlotFrame {
         Ok(true)
     }
 
-    /// Puts the nodes that came into slots on the device, as `describe` tells them; says whether any came or went.
+    /// Puts the nodes that came into slots on the device, as `describe` tells them; says whether
+    /// any came or went.
     ///
     /// # Errors
     /// What the device says.
@@ -293,7 +298,8 @@ impl SlotFrame {
         executor.submit_passes(&self.samples.passes)
     }
 
-    /// Has the matrix on the device follow the host's; `is_new` where so much has changed that it is put there as a whole.
+    /// Has the matrix on the device follow the host's; `is_new` where so much has changed that it
+    /// is put there as a whole.
     ///
     /// # Errors
     /// What the device says.
@@ -312,7 +318,8 @@ impl SlotFrame {
         copy.upload_places(executor, matrix)
     }
 
-    /// Irradiance of the slots that hold a node, W/m²: the product with their first exitance, on the device or by the host.
+    /// Irradiance of the slots that hold a node, W/m²: the product with their first exitance, on
+    /// the device or by the host.
     ///
     /// # Errors
     /// What the device and the matrix say.
@@ -328,7 +335,8 @@ impl SlotFrame {
         Ok(Product { irradiance, host_ms: start.elapsed().as_secs_f64() * 1e3 })
     }
 
-    /// A picture's sums over its sub-frames, W/m²/sr, and what its first sub-frame sees of the light of the leaves.
+    /// A picture's sums over its sub-frames, W/m²/sr, and what its first sub-frame sees of the
+    /// light of the leaves.
     ///
     /// # Errors
     /// What the device says.

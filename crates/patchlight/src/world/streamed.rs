@@ -1,5 +1,5 @@
-//! Frames of a world that is read from a bake as the camera moves: geometry in memory, rows of F on disk, and between both the
-//! matrix of the nodes round the camera.
+//! Frames of a world that is read from a bake as the camera moves: geometry in memory, rows of F on
+//! disk, and between both the matrix of the nodes round the camera.
 
 use std::cell::Cell;
 use std::collections::{HashMap, HashSet};
@@ -50,7 +50,8 @@ pub struct StreamSettings {
 /// What a frame took and did.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StreamFrame {
-    /// Milliseconds of direct light, of changes of the matrix, of the product, of what pixels take from it, and of the rest of them.
+    /// Milliseconds of direct light, of changes of the matrix, of the product, of what pixels take
+    /// from it, and of the rest of them.
     pub direct_ms: f64,
     /// Changes of the matrix.
     pub update_ms: f64,
@@ -66,9 +67,11 @@ pub struct StreamFrame {
     pub nodes: usize,
     /// The reader.
     pub reader: StoreState,
-    /// Change of displayed values at the same places since the frame before that one pixel of a thousand exceeds, in 255ths.
+    /// Change of displayed values at the same places since the frame before that one pixel of a
+    /// thousand exceeds, in 255ths.
     pub change: Option<f64>,
-    /// What displayed values still lack of the light that they are to have, as jumps fade; one pixel of a hundred lacks more, in 255ths.
+    /// What displayed values still lack of the light that they are to have, as jumps fade; one
+    /// pixel of a hundred lacks more, in 255ths.
     pub behind: f64,
 }
 
@@ -130,7 +133,8 @@ impl Streamed {
     /// Begins to read a bake of this scene, and loads the plan of its frames into the executor.
     ///
     /// # Errors
-    /// [`Error::OtherScene`] for a bake of another one; what the file and the matrix say; a device that is too small.
+    /// [`Error::OtherScene`] for a bake of another one; what the file and the matrix say; a device
+    /// that is too small.
     pub fn new(
         scene: Scene,
         hash: [u8; 32],
@@ -180,7 +184,8 @@ impl Streamed {
         self.slot_of.len()
     }
 
-    /// Bytes of the parts: of the matrix, its rows, the nodes, lookups, the buffers of frames, and the cache at most.
+    /// Bytes of the parts: of the matrix, its rows, the nodes, lookups, the buffers of frames, and
+    /// the cache at most.
     pub fn bytes(&self) -> Vec<(&'static str, u64)> {
         let mut parts = self.local.bytes().to_vec();
         let light = [&self.irradiance, &self.levels.shown, &self.levels.offset];
@@ -282,8 +287,9 @@ impl Streamed {
         Ok(true)
     }
 
-    /// Puts what has changed of the nodes and of the matrix on the device, and finds the first exitance of the nodes where it
-    /// is not that of the frame before: emission, and what they reflect of the lights and of the constant sky.
+    /// Puts what has changed of the nodes and of the matrix on the device, and finds the first
+    /// exitance of the nodes where it is not that of the frame before: emission, and what they
+    /// reflect of the lights and of the constant sky.
     fn find_source(&mut self, is_relit: bool, has_settled: bool) -> Result<(), Error> {
         let in_cut: HashSet<u32> = self.local.cut().iter().copied().collect();
         let sky = self.constant_sky();
@@ -326,7 +332,8 @@ impl Streamed {
         if sky.map_width == 0 { sky.radiance * std::f32::consts::PI } else { Vec3::ZERO }
     }
 
-    /// Light of the leaves as they are shown; with `fades` its jumps since the last time fade from now on.
+    /// Light of the leaves as they are shown; with `fades` its jumps since the last time fade from
+    /// now on.
     fn spread(&mut self, eye: Vec3, fades: bool, done: &mut StreamFrame) {
         let start = Instant::now();
         let jumps = fades.then(|| self.local.fade_params(self.frames > 0));
@@ -383,8 +390,8 @@ fn timed(milliseconds: &mut f64, start: Instant) {
     *milliseconds += start.elapsed().as_secs_f64() * 1e3;
 }
 
-/// How much the displayed value of a surface has changed since the frame before, and how much it lacks of what it is to have, in
-/// 255ths.
+/// How much the displayed value of a surface has changed since the frame before, and how much it
+/// lacks of what it is to have, in 255ths.
 fn moves(seen: &Seen, scale: f32) -> [f32; 2] {
     let now = luminance(seen.shown.truncate());
     let rest = luminance(seen.offset.truncate());
