@@ -263,7 +263,7 @@ pub fn fly_city(loaded: &LoadedScene, file: &Path) -> Vec<FramePixels> {
     let stops = loaded.exposure_stops;
     let scene = loaded.scene.clone();
     let bake = BakeFile::open(file).unwrap();
-    let mut streamed = Streamed::new(scene, loaded.content_hash, bake, settings).unwrap();
+    let mut streamed = Streamed::new(scene, loaded.content_hash, bake, executor(Device::Cpu), settings).unwrap();
     streamed.settle(flight[0].eye, &|_| true).unwrap();
     let mut frames = Vec::new();
     for (view, lights) in flight.iter().zip(&lights) {

@@ -17,8 +17,9 @@ use experiments::sequence::Movement;
 use experiments::summary::PassTimes;
 use patchlight::memory::{peak_memory_bytes, resident_bytes};
 use patchlight::world::{StreamFrame, StreamSettings, Streamed, scene_of};
+use runtime::executor::{DeviceChoice, open};
 
-/// Pixels when no size is given: every one of them is shaded on the host.
+/// Pixels when no size is given: few enough for native code.
 const SIZE: (u32, u32) = (640, 360);
 /// Sub-frames when none are given.
 const SUB_FRAMES: u32 = 2;
@@ -69,7 +70,6 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if args.method != Method::Local {
         return Err(Error::BakeMethod { path: path.to_path_buf() });
     }
-    common.native_only("render of a bake")?;
     let progress = Progress::new(common.quiet);
     let named = named_scene(path, &progress)?;
     let before = resident_bytes().unwrap_or(0);
@@ -79,8 +79,13 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let stops = loaded.exposure_stops;
     let settings = stream_settings(args, stops);
     let name = loaded.name.clone();
+    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
+    if let Some(note) = note {
+        progress.note(&note);
+    }
     let streamed = progress.phase("open", |_| {
-        Ok::<_, Error>(Streamed::new(loaded.scene, loaded.content_hash, BakeFile::open(path)?, settings)?)
+        let file = BakeFile::open(path)?;
+        Ok::<_, Error>(Streamed::new(loaded.scene, loaded.content_hash, file, executor, settings)?)
     })?;
     let out = output::folder_or(&common.out, &format!("{name}-local"));
     output::make_folder(&out)?;

@@ -229,13 +229,13 @@ impl Renderer {
     pub fn picture(&mut self, lighting: &Lighting, camera: &Camera, number: u32) -> Result<FrameResult, Error> {
         self.executor.wait()?;
         let update = self.update_light(lighting, camera)?;
+        let seeds = shade::sub_frame_seeds(number, self.frame.shade.sub_frames(), self.bake.settings.seed);
         let shot = shade::Shot {
             camera,
             light_count: self.scene.lighting.lights.len() as u32,
             emitter_count: self.scene.emitters.len() as u32,
             has_sky: self.scene.has_sky(),
-            number,
-            seed: self.bake.settings.seed,
+            seeds: &seeds,
         };
         let executor = self.executor.as_mut();
         self.frame.shade.set(executor, &shot)?;

@@ -3,7 +3,9 @@
 
 pub mod bake;
 mod forest;
+mod levels;
 mod rows;
+mod slots;
 pub mod streamed;
 
 pub use bake::{BakedWorld, WorldSettings, bake, merge};

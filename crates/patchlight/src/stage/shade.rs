@@ -1,8 +1,9 @@
-//! Pixels: sub-frames of primary rays, direct light, indirect light from the interpolation points, and shading.
+//! Pixels: sub-frames of primary rays, direct light, indirect light from the interpolation points or from the patches about,
+//! and shading.
 
 use gpu_kernels::params::PixelParams;
 use runtime::executor::{Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Range};
+use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::formfactor::interpolate;
 use runtime::recipe::patches::LookupTables;
 use runtime::recipe::rgb_bytes;
@@ -16,38 +17,59 @@ use crate::frame::FramePlan;
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.
 const PIXEL_RAYS: u32 = 2;
 
+/// What pictures are made with.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelSettings {
+    /// Picture size, pixels.
+    pub size: (u32, u32),
+    /// Sub-frames a picture.
+    pub sub_frames: u32,
+    /// How direct light is measured at the pixels: shadow rays to area lights, rays to the sky where it is sampled, and how
+    /// far points lie off their surface.
+    pub direct: DirectParams,
+    /// Whether direct light is summed apart, too.
+    pub has_direct_apart: bool,
+}
+
 /// The passes of pictures.
 #[derive(Clone, Debug)]
 pub struct Shade {
-    /// Sums over the sub-frames of all radiance, and of direct radiance, W/m²/sr.
+    /// Sums over the sub-frames of all radiance, W/m²/sr.
     pub full: BufferId,
-    /// Direct radiance.
+    /// Of direct radiance, where that is summed apart.
     pub direct: BufferId,
+    /// What one sub-frame leaves the next overwrites.
+    pub pixels: PixelBuffers,
     no_light: BufferId,
-    pixels: u32,
-    direct_params: DirectParams,
+    settings: PixelSettings,
     sub_frames: Vec<SubFrame>,
     passes: Vec<PassId>,
 }
 
-/// The passes of a sub-frame whose push constants change.
-#[derive(Clone, Copy, Debug)]
+/// The passes of a sub-frame; the push constants of those that are named change.
+#[derive(Clone, Debug)]
 struct SubFrame {
     light: PassId,
     primary: PassId,
     shade_full: PassId,
-    shade_direct: PassId,
+    shade_direct: Option<PassId>,
+    passes: Vec<PassId>,
 }
 
-/// Buffers of a sub-frame, shared by all: what one leaves the next overwrites.
-struct PixelBuffers {
-    hits: BufferId,
-    points: BufferId,
-    direct: BufferId,
-    indirect: BufferId,
+/// Buffers of a sub-frame, shared by all.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelBuffers {
+    /// What the primary rays meet.
+    pub hits: BufferId,
+    /// The same as points to be lit.
+    pub points: BufferId,
+    /// Direct irradiance there, W/m².
+    pub direct: BufferId,
+    /// Indirect irradiance there, W/m².
+    pub indirect: BufferId,
 }
 
-/// Adds the passes of so many sub-frames of a picture.
+/// Adds the passes of so many sub-frames of a picture of a bake.
 ///
 /// # Errors
 /// What the plan says.
@@ -57,95 +79,131 @@ pub fn add(
     size: (u32, u32),
     sub_frames: u32,
 ) -> Result<Shade, ExecutorError> {
-    let pixels = size.0 * size.1;
-    let first = frame.plan.passes().len();
-    let rgb = rgb_bytes(pixels as usize);
-    let buffers = PixelBuffers {
-        hits: frame.plan.storage("hits", u64::from(pixels) * size_of::<Hit>() as u64),
-        points: frame.plan.storage("pixel points", u64::from(pixels) * size_of::<SurfacePoint>() as u64),
-        direct: frame.plan.storage("pixel direct", rgb),
-        indirect: frame.plan.storage("pixel indirect", rgb),
+    let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
+    let indirect = Indirect::of_bake(frame);
+    let settings = PixelSettings { size, sub_frames, direct, has_direct_apart: true };
+    add_pixels(&mut frame.plan, scene, &indirect, &settings)
+}
+
+/// Adds the passes of pictures of a scene whose indirect light is anywhere.
+///
+/// # Errors
+/// What the plan says.
+pub fn add_pixels(
+    plan: &mut Plan,
+    scene: &SceneTables,
+    indirect: &Indirect,
+    settings: &PixelSettings,
+) -> Result<Shade, ExecutorError> {
+    let count = settings.size.0 * settings.size.1;
+    let first = plan.passes().len();
+    let rgb = rgb_bytes(count as usize);
+    let pixels = PixelBuffers {
+        hits: plan.storage("hits", u64::from(count) * size_of::<Hit>() as u64),
+        points: plan.storage("pixel points", u64::from(count) * size_of::<SurfacePoint>() as u64),
+        direct: plan.storage("pixel direct", rgb),
+        indirect: plan.storage("pixel indirect", rgb),
     };
-    let no_light = frame.plan.storage("no light", rgb);
-    let full = frame.plan.storage("full", rgb);
-    let direct = frame.plan.storage("direct sum", rgb);
-    let direct_params = DirectParams { count: pixels, area_rays: PIXEL_RAYS, ..frame.bake.direct };
-    let mut shade = Shade { full, direct, no_light, pixels, direct_params, sub_frames: Vec::new(), passes: Vec::new() };
-    let indirect = Indirect::new(frame);
-    for _ in 0..sub_frames.max(1) {
-        let sub_frame = add_sub_frame(frame, scene, &shade, &buffers, &indirect)?;
+    let apart = if settings.has_direct_apart { rgb } else { 0 };
+    let no_light = plan.storage("no light", apart);
+    let full = plan.storage("full", rgb);
+    let direct = plan.storage("direct sum", apart);
+    let settings = PixelSettings { direct: DirectParams { count, ..settings.direct }, ..*settings };
+    let mut shade = Shade { full, direct, pixels, no_light, settings, sub_frames: Vec::new(), passes: Vec::new() };
+    for _ in 0..settings.sub_frames.max(1) {
+        let sub_frame = add_sub_frame(plan, scene, &shade, indirect)?;
         shade.sub_frames.push(sub_frame);
     }
-    shade.passes = frame.plan.all_passes().split_off(first);
+    shade.passes = plan.all_passes().split_off(first);
     Ok(shade)
 }
 
 /// Where pixels take indirect light from.
-enum Indirect {
+#[derive(Clone, Copy, Debug)]
+pub enum Indirect {
     /// The patches about.
-    Patches(LookupTables),
+    Patches {
+        /// Which patches are about.
+        lookup: LookupTables,
+        /// Irradiance of the patches, W/m²; as many values as the lookup needs.
+        values: Range,
+    },
     /// The interpolation points of the triangle that is seen.
-    Interpolation { grids: Range, cells: Range, vertices: Range },
+    Interpolation {
+        /// Cells of each triangle.
+        grids: Range,
+        /// Cells.
+        cells: Range,
+        /// Interpolation points of the cells.
+        vertices: Range,
+        /// Irradiance of the interpolation points, W/m².
+        values: Range,
+    },
 }
 
 impl Indirect {
-    fn new(frame: &mut FramePlan) -> Self {
+    /// The receivers of a bake.
+    fn of_bake(frame: &mut FramePlan) -> Self {
         let plan = &mut frame.plan;
         let tables = &mut frame.tables;
         let by_patches = frame.bake.settings.receivers == ReceiverKind::Patches;
         if let Some(lookup) = frame.bake.mesh.lookup.as_ref().filter(|_| by_patches) {
-            return Self::Patches(LookupTables::new(plan, tables, lookup));
+            let values = frame.patches.irradiance;
+            return Self::Patches { lookup: LookupTables::new(plan, tables, lookup), values };
         }
         let points = &frame.bake.receivers.interpolation;
         Self::Interpolation {
             grids: tables.part(plan, "grids", points, |points| &points.grids),
             cells: tables.part(plan, "receiver_cells", points, |points| &points.cells),
             vertices: tables.part(plan, "vertices", points, |points| &points.vertices),
+            values: frame.interpolated.into(),
         }
     }
 
     /// Adds the pass of indirect irradiance at the visible points.
     fn add(
         &self,
-        frame: &mut FramePlan,
+        plan: &mut Plan,
         scene: &SceneTables,
         buffers: &PixelBuffers,
         pixels: u32,
     ) -> Result<PassId, ExecutorError> {
         let mut own = vec![("points", Range::from(buffers.points)), ("irradiance", Range::from(buffers.indirect))];
-        match self {
-            Self::Patches(lookup) => {
-                own.push(("values", frame.patches.irradiance));
-                lookup.at_points(&mut frame.plan, "shade", &own, pixels)
+        match *self {
+            Self::Patches { lookup, values } => {
+                own.push(("values", values));
+                lookup.at_points(plan, "shade", &own, pixels)
             }
-            Self::Interpolation { grids, cells, vertices } => {
+            Self::Interpolation { grids, cells, vertices, values } => {
                 own.extend([
                     ("hits", Range::from(buffers.hits)),
-                    ("grids", *grids),
-                    ("receiver_cells", *cells),
-                    ("vertices", *vertices),
-                    ("values", Range::from(frame.interpolated)),
+                    ("grids", grids),
+                    ("receiver_cells", cells),
+                    ("vertices", vertices),
+                    ("values", values),
                 ]);
                 own.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-                interpolate(&mut frame.plan, "shade", &own, pixels)
+                interpolate(plan, "shade", &own, pixels)
             }
         }
     }
 }
 
 fn add_sub_frame(
-    frame: &mut FramePlan,
+    plan: &mut Plan,
     scene: &SceneTables,
     shade: &Shade,
-    buffers: &PixelBuffers,
     indirect: &Indirect,
 ) -> Result<SubFrame, ExecutorError> {
-    let camera = PixelParams { count: shade.pixels, ..PixelParams::default() };
+    let first = plan.passes().len();
+    let buffers = &shade.pixels;
+    let direct = &shade.settings.direct;
+    let camera = PixelParams { count: direct.count, ..PixelParams::default() };
     let seen = [("hits", Range::from(buffers.hits)), ("points", Range::from(buffers.points))];
-    let primary = scene.primary(&mut frame.plan, "shade", &seen, &camera)?;
+    let primary = scene.primary(plan, "shade", &seen, &camera)?;
     let own = [("points", Range::from(buffers.points)), ("irradiance", Range::from(buffers.direct))];
-    let light = scene.direct_light(&mut frame.plan, "shade", &own, &shade.direct_params)?;
-    indirect.add(frame, scene, buffers, shade.pixels)?;
+    let light = scene.direct_light(plan, "shade", &own, direct)?;
+    indirect.add(plan, scene, buffers, direct.count)?;
     let own = |indirect: BufferId, sum: BufferId| {
         [
             ("hits", Range::from(buffers.hits)),
@@ -154,9 +212,12 @@ fn add_sub_frame(
             ("sum", Range::from(sum)),
         ]
     };
-    let shade_full = scene.shade(&mut frame.plan, "shade", &own(buffers.indirect, shade.full), &camera)?;
-    let shade_direct = scene.shade(&mut frame.plan, "shade", &own(shade.no_light, shade.direct), &camera)?;
-    Ok(SubFrame { light, primary, shade_full, shade_direct })
+    let shade_full = scene.shade(plan, "shade", &own(buffers.indirect, shade.full), &camera)?;
+    let mut shade_direct = None;
+    if shade.settings.has_direct_apart {
+        shade_direct = Some(scene.shade(plan, "shade", &own(shade.no_light, shade.direct), &camera)?);
+    }
+    Ok(SubFrame { light, primary, shade_full, shade_direct, passes: plan.all_passes().split_off(first) })
 }
 
 /// What a picture is of.
@@ -167,12 +228,10 @@ pub struct Shot<'a> {
     pub light_count: u32,
     /// Number of emissive triangles.
     pub emitter_count: u32,
-    /// Whether the sky shines.
+    /// Whether pixels look for the sky.
     pub has_sky: bool,
-    /// Number of the frame: each has its own random numbers.
-    pub number: u32,
-    /// Changes every random number.
-    pub seed: u32,
+    /// Seed of each sub-frame, of its positions in the pixels and of its shadow rays.
+    pub seeds: &'a [u32],
 }
 
 impl Shade {
@@ -181,7 +240,10 @@ impl Shade {
     /// # Errors
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
-        executor.clear(self.no_light)
+        if self.settings.has_direct_apart {
+            executor.clear(self.no_light)?;
+        }
+        Ok(())
     }
 
     /// Number of sub-frames.
@@ -194,27 +256,38 @@ impl Shade {
         &self.passes
     }
 
+    /// Those of its first sub-frame.
+    pub fn first_passes(&self) -> &[PassId] {
+        self.sub_frames.first().map_or(&[], |sub_frame| &sub_frame.passes)
+    }
+
     /// Makes the passes ready for a picture.
     ///
     /// # Errors
     /// What the device says.
     pub fn set(&self, executor: &mut (dyn Executor + 'static), shot: &Shot) -> Result<(), ExecutorError> {
         executor.clear(self.full)?;
-        executor.clear(self.direct)?;
+        if self.settings.has_direct_apart {
+            executor.clear(self.direct)?;
+        }
         let light_count = shot.light_count;
-        let sky_rays = if shot.has_sky { PIXEL_RAYS } else { 0 };
-        for (k, sub) in (0..).zip(&self.sub_frames) {
-            let seed = sub_frame_seed(shot.number, self.sub_frames(), k, shot.seed);
-            let light =
-                DirectParams { light_count, emitter_count: shot.emitter_count, sky_rays, seed, ..self.direct_params };
+        let direct = self.settings.direct;
+        let sky_rays = if shot.has_sky { direct.sky_rays } else { 0 };
+        for (&seed, sub) in shot.seeds.iter().zip(&self.sub_frames) {
+            let light = DirectParams { light_count, emitter_count: shot.emitter_count, sky_rays, seed, ..direct };
             executor.push(sub.light, &light)?;
-            let push = PixelParams { camera: *shot.camera, count: self.pixels, seed, light_count, reserved: 0 };
-            for pass in [sub.primary, sub.shade_full, sub.shade_direct] {
+            let push = PixelParams { camera: *shot.camera, count: direct.count, seed, light_count, reserved: 0 };
+            for pass in [sub.primary, sub.shade_full].into_iter().chain(sub.shade_direct) {
                 executor.push(pass, &push)?;
             }
         }
         Ok(())
     }
+}
+
+/// Seeds of the sub-frames of a frame.
+pub fn sub_frame_seeds(frame: u32, sub_frames: u32, seed: u32) -> Vec<u32> {
+    (0..sub_frames).map(|k| sub_frame_seed(frame, sub_frames, k, seed)).collect()
 }
 
 /// Seed of sub-frame k of a frame.

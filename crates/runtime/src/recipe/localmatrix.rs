@@ -6,7 +6,7 @@ use glam::Vec4;
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
 use localmatrix::kernel::{BLOCK, KEPT};
-use localmatrix::{CameraMatrix, FadeParams, SlotParams, Update, UpdateParams};
+use localmatrix::{CameraMatrix, FadeParams, LocalMatrix, SlotParams, Update, UpdateParams};
 
 use super::multibounce::reorder;
 use super::{Named, Tables, add_pass, rgb_bytes};
@@ -27,68 +27,38 @@ pub enum CopyError {
     Matrix(#[from] localmatrix::Error),
 }
 
-/// The matrix on a device.
-pub struct MatrixCopy {
-    buffers: Buffers,
-    /// First exitance in the order of the leaves.
-    order: PassId,
-    /// From there to the irradiance of the slots.
+/// The matrix between the slots of a camera's world on a device: from the exitance of the slots to their irradiance.
+pub struct SlotMatrix {
+    buffers: SlotBuffers,
     product: Vec<PassId>,
-    /// Irradiance of the leaves before the matrix changes, and now.
-    before: PassId,
-    now: PassId,
-    fade: PassId,
-    show: PassId,
     updates: [PassId; 3],
     /// Where blocks of lit slots begin in their list; at the end their number.
     lit_starts: BufferId,
-    is_there: bool,
 }
 
-/// The buffers of the matrix.
+/// The buffers of a matrix between slots.
 #[derive(Clone, Copy)]
-struct Buffers {
+struct SlotBuffers {
     planes: [BufferId; 3],
     sqrt_area: BufferId,
-    runs: BufferId,
-    slot_of: BufferId,
     visible: BufferId,
-    offset: BufferId,
-    before: BufferId,
-    now: BufferId,
     vectors: BufferId,
     columns: BufferId,
     place: BufferId,
-    /// Light at the leaves, at the slots, and irradiance of the slots.
-    at_leaves: BufferId,
-    mean: BufferId,
-    at_slots: BufferId,
+    irradiance: BufferId,
 }
 
-/// Lists of slots that are not dark, or that are seen.
-struct SlotList {
-    starts: BufferId,
-    list: BufferId,
-}
-
-/// Sizes of a matrix.
-#[derive(Clone, Copy)]
-struct Sizes {
-    slots: usize,
-    leaves: usize,
-}
-
-impl Sizes {
-    fn at_leaves(self) -> CountParams {
-        CountParams { count: self.leaves as u32 }
-    }
-
-    fn at_slots(self) -> CountParams {
-        CountParams { count: self.slots as u32 }
-    }
-
-    fn blocks(self) -> usize {
-        self.slots.div_ceil(BLOCK as usize)
+impl SlotBuffers {
+    fn new(plan: &mut Plan, slots: usize) -> Self {
+        Self {
+            planes: ["red", "green", "blue"].map(|name| plan.storage(name, words(slots * slots))),
+            sqrt_area: plan.storage("root", words(slots)),
+            visible: plan.storage("visible", rgb_bytes(slots)),
+            vectors: plan.storage("vectors", words(3 * ROOM * slots)),
+            columns: plan.storage("columns", words(3 * ROOM * slots)),
+            place: plan.storage("place", words(slots)),
+            irradiance: plan.storage("slot irradiance", rgb_bytes(slots)),
+        }
     }
 }
 
@@ -96,141 +66,87 @@ fn words(count: usize) -> u64 {
     4 * count as u64
 }
 
-impl Buffers {
-    fn new(plan: &mut Plan, sizes: Sizes) -> Self {
-        let Sizes { slots, leaves } = sizes;
-        let planes = ["red", "green", "blue"].map(|name| plan.storage(name, words(slots * slots)));
-        Self {
-            planes,
-            sqrt_area: plan.storage("root", words(slots)),
-            runs: plan.storage("runs", 8 * slots as u64),
-            slot_of: plan.storage("slot of", words(leaves)),
-            visible: plan.storage("visible", rgb_bytes(slots)),
-            vectors: plan.storage("vectors", words(3 * ROOM * slots)),
-            columns: plan.storage("columns", words(3 * ROOM * slots)),
-            place: plan.storage("place", words(slots)),
-            at_leaves: plan.storage("leaf exitance", rgb_bytes(leaves)),
-            mean: plan.storage("slot exitance", rgb_bytes(slots)),
-            at_slots: plan.storage("slot irradiance", rgb_bytes(slots)),
-            before: plan.storage("before", rgb_bytes(leaves)),
-            now: plan.storage("now", rgb_bytes(leaves)),
-            offset: plan.storage("offset", rgb_bytes(leaves)),
-        }
-    }
-}
-
-impl MatrixCopy {
-    /// Adds the passes between the first exitance of the patches and their irradiance, W/m². They are run by [`Self::frame`].
+impl SlotMatrix {
+    /// Adds the passes of the product `H_i = Σ_j T̂_ij √a_j E_j / √a_i` over the slots ([`localmatrix::kernel::gather`]), W/m²,
+    /// and those that change the matrix. Shapes: `exitance[slots]`, a multiple of 4 slots. Run [`Self::product`] once
+    /// [`Self::upload`] has put the matrix on the device.
     ///
     /// # Errors
     /// Buffers that are too short.
-    pub fn new(
-        plan: &mut Plan,
-        tables: &mut Tables,
-        matrix: &CameraMatrix,
-        source: BufferId,
-        irradiance: BufferId,
-    ) -> Result<Self, ExecutorError> {
-        let order = matrix.order().to_vec();
-        let sizes = Sizes { slots: matrix.local().matrix().slots(), leaves: order.len() };
-        let mut leaf_of = vec![0u32; sizes.leaves];
-        order.iter().zip(0..).for_each(|(&patch, leaf)| leaf_of[patch as usize] = leaf);
-        let order = tables.owned(plan, "leaf order", order);
-        let scale = tables.owned(plan, "leaf scale", vec![Vec4::ONE; sizes.leaves]);
-        let area = tables.owned(plan, "leaf area", matrix.local().leaf_area().to_vec());
-        let leaf_of = tables.owned(plan, "leaf of", leaf_of);
-        let b = Buffers::new(plan, sizes);
-
-        let count = sizes.at_leaves();
-        let order = reorder(plan, "method", order, scale, source, b.at_leaves, count.count)?;
-        let own = [("runs", b.runs.into()), ("area", area), ("exitance", b.at_leaves.into()), ("light", b.mean.into())];
-        let slots = sizes.at_slots();
-        let mut product = vec![add_pass(plan, "method", &table::LOCALMATRIX_MEAN, &own, &[], &slots, slots.count)?];
-        let lit = add_list(plan, &mut product, sizes, b.mean, ["lit counts", "lit starts", "lit"])?;
+    pub fn new(plan: &mut Plan, slots: usize, exitance: BufferId) -> Result<Self, ExecutorError> {
+        let b = SlotBuffers::new(plan, slots);
+        let mut product = Vec::new();
+        let lit = add_list(plan, &mut product, slots, exitance, ["lit counts", "lit starts", "lit"])?;
         let names = ["visible counts", "visible starts", "seen"];
-        let visible = add_list(plan, &mut product, sizes, b.visible, names)?;
-        product.push(add_product(plan, &b, sizes, &lit, &visible)?);
-        let before = add_spread(plan, &b, sizes, b.before)?;
-        let now = add_spread(plan, &b, sizes, b.now)?;
-        let own = [("before", b.before.into()), ("now", b.now.into()), ("offset", b.offset.into())];
-        let push = FadeParams { count: count.count, ..FadeParams::default() };
-        let fade = add_pass(plan, "method", &table::LOCALMATRIX_FADE, &own, &[], &push, push.count)?;
-        let own = [
-            ("leaf_of", leaf_of),
-            ("now", b.now.into()),
-            ("offset", b.offset.into()),
-            ("irradiance", irradiance.into()),
-        ];
-        let show = add_pass(plan, "method", &table::LOCALMATRIX_SHOW, &own, &[], &count, count.count)?;
+        let visible = add_list(plan, &mut product, slots, b.visible, names)?;
+        product.push(add_product(plan, &b, slots, exitance, &lit, &visible)?);
         let [red, green, blue] = b.planes;
         let updates = [
-            add_update(plan, &b, sizes, red)?,
-            add_update(plan, &b, sizes, green)?,
-            add_update(plan, &b, sizes, blue)?,
+            add_update(plan, &b, slots, red)?,
+            add_update(plan, &b, slots, green)?,
+            add_update(plan, &b, slots, blue)?,
         ];
-        Ok(Self {
-            buffers: b,
-            order,
-            product,
-            before,
-            now,
-            fade,
-            show,
-            updates,
-            lit_starts: lit.starts,
-            is_there: false,
-        })
+        Ok(Self { buffers: b, product, updates, lit_starts: lit.starts })
     }
 
-    /// Changes of the matrix, and irradiance of the patches; milliseconds of the host's part of the changes. Nothing is waited
-    /// for.
+    /// The passes of the product.
+    pub fn product(&self) -> &[PassId] {
+        &self.product
+    }
+
+    /// Irradiance of the slots that hold a patch, W/m²; of the others it has no meaning.
+    pub fn irradiance(&self) -> BufferId {
+        self.buffers.irradiance
+    }
+
+    /// Puts the whole matrix on the device. From then on its changes are recorded, for [`Self::follow`].
     ///
     /// # Errors
-    /// What the device and the matrix say.
-    pub fn frame(
-        &mut self,
+    /// What the device says.
+    pub fn upload(
+        &self,
         executor: &mut (dyn Executor + 'static),
-        matrix: &mut CameraMatrix,
-    ) -> Result<f64, CopyError> {
-        let start = Instant::now();
-        executor.submit_passes(&[self.order])?;
-        let changes = matrix.choose()?;
-        if !self.is_there || matrix.is_at_rest() {
-            // All of it, as it is before the first frame; from then on what changes.
-            matrix.local_mut().matrix_mut().record();
-            matrix.local_mut().matrix_mut().take_updates();
-            self.upload(executor, matrix)?;
-            self.upload_places(executor, matrix)?;
-            let dark = vec![Vec4::ZERO; matrix.order().len()];
-            executor.upload(self.buffers.offset, &dark)?;
-            executor.upload(self.buffers.before, &dark)?;
-            self.is_there = true;
-        }
-        let has_jump = !changes.is_empty();
-        if has_jump {
-            let passes: Vec<PassId> = self.product.iter().copied().chain([self.before]).collect();
-            executor.submit_passes(&passes)?;
-        }
-        matrix.apply(changes)?;
-        let updates = matrix.local_mut().matrix_mut().take_updates();
-        if updates.iter().any(|one| one.rank as usize > ROOM || one.slots.len() > ROOM) {
-            self.upload(executor, matrix)?;
-        } else {
-            for one in &updates {
-                self.update(executor, one)?;
-            }
-        }
-        if has_jump {
-            self.upload_places(executor, matrix)?;
-        }
-        let update_ms = start.elapsed().as_secs_f64() * 1e3;
-        executor.push(self.fade, &matrix.local().fade_params(has_jump))?;
-        let passes: Vec<PassId> = self.product.iter().copied().chain([self.now, self.fade, self.show]).collect();
-        executor.submit_passes(&passes)?;
-        Ok(update_ms)
+        matrix: &mut LocalMatrix,
+    ) -> Result<(), ExecutorError> {
+        matrix.record();
+        matrix.take_updates();
+        self.upload_planes(executor, matrix)?;
+        self.upload_places(executor, matrix)
     }
 
-    /// Patches and merged patches of the last frame that were lit; waits for it.
+    /// Changes the matrix on the device as the host's was since the last time. Where patches came or went, slots hold others:
+    /// [`Self::upload_places`].
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn follow(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        matrix: &mut LocalMatrix,
+    ) -> Result<(), ExecutorError> {
+        let updates = matrix.take_updates();
+        if updates.iter().any(|one| one.rank as usize > ROOM || one.slots.len() > ROOM) {
+            return self.upload_planes(executor, matrix);
+        }
+        updates.iter().try_for_each(|one| self.update(executor, one))
+    }
+
+    /// Puts on the device which slots hold patches, and the roots of their areas.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn upload_places(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        matrix: &LocalMatrix,
+    ) -> Result<(), ExecutorError> {
+        let mut visible = vec![Vec4::ZERO; matrix.slots()];
+        matrix.patches().for_each(|(slot, _)| visible[slot as usize] = Vec4::ONE);
+        executor.upload(self.buffers.sqrt_area, matrix.root())?;
+        executor.upload(self.buffers.visible, &visible)
+    }
+
+    /// Slots that were lit in the last product; waits for it.
     ///
     /// # Errors
     /// What the device says.
@@ -238,28 +154,14 @@ impl MatrixCopy {
         Ok(executor.download_table::<u32>(self.lit_starts)?.last().map_or(0, |&count| count as usize))
     }
 
-    /// The whole matrix.
-    fn upload(&self, executor: &mut (dyn Executor + 'static), matrix: &CameraMatrix) -> Result<(), ExecutorError> {
-        let matrix = matrix.local().matrix();
+    fn upload_planes(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        matrix: &LocalMatrix,
+    ) -> Result<(), ExecutorError> {
         let area = matrix.slots() * matrix.slots();
         let planes = matrix.state().chunks_exact(area);
         self.buffers.planes.iter().zip(planes).try_for_each(|(plane, state)| executor.upload(*plane, state))
-    }
-
-    /// What is in the slots.
-    fn upload_places(
-        &self,
-        executor: &mut (dyn Executor + 'static),
-        matrix: &CameraMatrix,
-    ) -> Result<(), ExecutorError> {
-        let local = matrix.local();
-        let (slot_of, runs) = local.places();
-        let mut visible = vec![Vec4::ZERO; runs.len()];
-        local.matrix().patches().for_each(|(slot, _)| visible[slot as usize] = Vec4::ONE);
-        executor.upload(self.buffers.sqrt_area, local.matrix().root())?;
-        executor.upload(self.buffers.runs, &runs)?;
-        executor.upload(self.buffers.slot_of, &slot_of)?;
-        executor.upload(self.buffers.visible, &visible)
     }
 
     /// An update of the matrix.
@@ -291,25 +193,179 @@ impl MatrixCopy {
     }
 }
 
+/// The matrix on a device, between the leaves of a camera's world.
+pub struct MatrixCopy {
+    slots: SlotMatrix,
+    leaves: LeafBuffers,
+    /// First exitance in the order of the leaves.
+    order: PassId,
+    /// From there to the irradiance of the slots.
+    product: Vec<PassId>,
+    /// Irradiance of the leaves before the matrix changes, and now.
+    before: PassId,
+    now: PassId,
+    fade: PassId,
+    show: PassId,
+    is_there: bool,
+}
+
+/// The buffers between leaves and slots.
+#[derive(Clone, Copy)]
+struct LeafBuffers {
+    runs: BufferId,
+    slot_of: BufferId,
+    offset: BufferId,
+    before: BufferId,
+    now: BufferId,
+    /// Light at the leaves and at the slots.
+    at_leaves: BufferId,
+    mean: BufferId,
+}
+
+impl LeafBuffers {
+    fn new(plan: &mut Plan, slots: usize, leaves: usize) -> Self {
+        Self {
+            runs: plan.storage("runs", 8 * slots as u64),
+            slot_of: plan.storage("slot of", words(leaves)),
+            at_leaves: plan.storage("leaf exitance", rgb_bytes(leaves)),
+            mean: plan.storage("slot exitance", rgb_bytes(slots)),
+            before: plan.storage("before", rgb_bytes(leaves)),
+            now: plan.storage("now", rgb_bytes(leaves)),
+            offset: plan.storage("offset", rgb_bytes(leaves)),
+        }
+    }
+}
+
+impl MatrixCopy {
+    /// Adds the passes between the first exitance of the patches and their irradiance, W/m². They are run by [`Self::frame`].
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn new(
+        plan: &mut Plan,
+        tables: &mut Tables,
+        matrix: &CameraMatrix,
+        source: BufferId,
+        irradiance: BufferId,
+    ) -> Result<Self, ExecutorError> {
+        let order = matrix.order().to_vec();
+        let slot_count = matrix.local().matrix().slots();
+        let leaf_count = order.len();
+        let mut leaf_of = vec![0u32; leaf_count];
+        order.iter().zip(0..).for_each(|(&patch, leaf)| leaf_of[patch as usize] = leaf);
+        let order = tables.owned(plan, "leaf order", order);
+        let scale = tables.owned(plan, "leaf scale", vec![Vec4::ONE; leaf_count]);
+        let area = tables.owned(plan, "leaf area", matrix.local().leaf_area().to_vec());
+        let leaf_of = tables.owned(plan, "leaf of", leaf_of);
+        let b = LeafBuffers::new(plan, slot_count, leaf_count);
+
+        let count = CountParams { count: leaf_count as u32 };
+        let order = reorder(plan, "method", order, scale, source, b.at_leaves, count.count)?;
+        let own = [("runs", b.runs.into()), ("area", area), ("exitance", b.at_leaves.into()), ("light", b.mean.into())];
+        let at_slots = CountParams { count: slot_count as u32 };
+        let mean = add_pass(plan, "method", &table::LOCALMATRIX_MEAN, &own, &[], &at_slots, at_slots.count)?;
+        let slots = SlotMatrix::new(plan, slot_count, b.mean)?;
+        let product = [mean].into_iter().chain(slots.product().iter().copied()).collect();
+        let before = add_spread(plan, &b, slots.irradiance(), leaf_count, b.before)?;
+        let now = add_spread(plan, &b, slots.irradiance(), leaf_count, b.now)?;
+        let own = [("before", b.before.into()), ("now", b.now.into()), ("offset", b.offset.into())];
+        let push = FadeParams { count: count.count, ..FadeParams::default() };
+        let fade = add_pass(plan, "method", &table::LOCALMATRIX_FADE, &own, &[], &push, push.count)?;
+        let own = [
+            ("leaf_of", leaf_of),
+            ("now", b.now.into()),
+            ("offset", b.offset.into()),
+            ("irradiance", irradiance.into()),
+        ];
+        let show = add_pass(plan, "method", &table::LOCALMATRIX_SHOW, &own, &[], &count, count.count)?;
+        Ok(Self { slots, leaves: b, order, product, before, now, fade, show, is_there: false })
+    }
+
+    /// Changes of the matrix, and irradiance of the patches; milliseconds of the host's part of the changes. Nothing is waited
+    /// for.
+    ///
+    /// # Errors
+    /// What the device and the matrix say.
+    pub fn frame(
+        &mut self,
+        executor: &mut (dyn Executor + 'static),
+        matrix: &mut CameraMatrix,
+    ) -> Result<f64, CopyError> {
+        let start = Instant::now();
+        executor.submit_passes(&[self.order])?;
+        let changes = matrix.choose()?;
+        if !self.is_there || matrix.is_at_rest() {
+            // All of it, as it is before the first frame; from then on what changes.
+            self.slots.upload(executor, matrix.local_mut().matrix_mut())?;
+            self.upload_places(executor, matrix)?;
+            let dark = vec![Vec4::ZERO; matrix.order().len()];
+            executor.upload(self.leaves.offset, &dark)?;
+            executor.upload(self.leaves.before, &dark)?;
+            self.is_there = true;
+        }
+        let has_jump = !changes.is_empty();
+        if has_jump {
+            let passes: Vec<PassId> = self.product.iter().copied().chain([self.before]).collect();
+            executor.submit_passes(&passes)?;
+        }
+        matrix.apply(changes)?;
+        self.slots.follow(executor, matrix.local_mut().matrix_mut())?;
+        if has_jump {
+            self.slots.upload_places(executor, matrix.local().matrix())?;
+            self.upload_places(executor, matrix)?;
+        }
+        let update_ms = start.elapsed().as_secs_f64() * 1e3;
+        executor.push(self.fade, &matrix.local().fade_params(has_jump))?;
+        let passes: Vec<PassId> = self.product.iter().copied().chain([self.now, self.fade, self.show]).collect();
+        executor.submit_passes(&passes)?;
+        Ok(update_ms)
+    }
+
+    /// Patches and merged patches of the last frame that were lit; waits for it.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn lit(&self, executor: &mut (dyn Executor + 'static)) -> Result<usize, ExecutorError> {
+        self.slots.lit(executor)
+    }
+
+    /// Which leaves the slots hold.
+    fn upload_places(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        matrix: &CameraMatrix,
+    ) -> Result<(), ExecutorError> {
+        let (slot_of, runs) = matrix.local().places();
+        executor.upload(self.leaves.runs, &runs)?;
+        executor.upload(self.leaves.slot_of, &slot_of)
+    }
+}
+
+/// Lists of slots that are not dark, or that are seen.
+struct SlotList {
+    starts: BufferId,
+    list: BufferId,
+}
+
 /// Adds the passes of a list of slots whose values are not zero.
 fn add_list(
     plan: &mut Plan,
     passes: &mut Vec<PassId>,
-    sizes: Sizes,
+    slots: usize,
     values: BufferId,
     [counts, starts, list]: [&str; 3],
 ) -> Result<SlotList, ExecutorError> {
-    let blocks = sizes.blocks();
+    let blocks = slots.div_ceil(BLOCK as usize);
     let counts = plan.storage(counts, words(blocks));
     let starts = plan.storage(starts, words(blocks + 1));
-    let list = plan.storage(list, words(sizes.slots));
+    let list = plan.storage(list, words(slots));
     let own: [Named; 4] =
         [("values", values.into()), ("counts", counts.into()), ("starts", starts.into()), ("list", list.into())];
-    let push = SlotParams { count: blocks as u32, slots: sizes.slots as u32 };
+    let push = SlotParams { count: blocks as u32, slots: slots as u32 };
     passes.push(add_pass(plan, "method", &table::LOCALMATRIX_COUNT, &own, &[], &push, push.count)?);
     let push = CountParams { count: blocks as u32 + 1 };
     passes.push(add_pass(plan, "method", &table::LOCALMATRIX_START, &own, &[], &push, push.count)?);
-    let push = sizes.at_slots();
+    let push = CountParams { count: slots as u32 };
     passes.push(add_pass(plan, "method", &table::LOCALMATRIX_COMPACT, &own, &[], &push, push.count)?);
     Ok(SlotList { starts, list })
 }
@@ -317,8 +373,9 @@ fn add_list(
 /// Adds the pass of the irradiance of the slots that are seen, from those that are lit.
 fn add_product(
     plan: &mut Plan,
-    b: &Buffers,
-    sizes: Sizes,
+    b: &SlotBuffers,
+    slots: usize,
+    exitance: BufferId,
     lit: &SlotList,
     visible: &SlotList,
 ) -> Result<PassId, ExecutorError> {
@@ -331,30 +388,36 @@ fn add_product(
         ("green", b.planes[1].into()),
         ("blue", b.planes[2].into()),
         ("root", b.sqrt_area.into()),
-        ("light", b.mean.into()),
-        ("irradiance", b.at_slots.into()),
+        ("light", exitance.into()),
+        ("irradiance", b.irradiance.into()),
     ];
-    let push = SlotParams { count: sizes.slots as u32, slots: sizes.slots as u32 };
+    let push = SlotParams { count: slots as u32, slots: slots as u32 };
     add_pass(plan, "method", &table::LOCALMATRIX_PRODUCT, &own, &[], &push, push.count)
 }
 
 /// Adds the pass that takes the irradiance of the slots to the leaves that they stand for.
-fn add_spread(plan: &mut Plan, b: &Buffers, sizes: Sizes, leaves: BufferId) -> Result<PassId, ExecutorError> {
-    let own = [("slot_of", b.slot_of.into()), ("irradiance", b.at_slots.into()), ("leaves", leaves.into())];
-    let push = sizes.at_leaves();
+fn add_spread(
+    plan: &mut Plan,
+    b: &LeafBuffers,
+    irradiance: BufferId,
+    count: usize,
+    leaves: BufferId,
+) -> Result<PassId, ExecutorError> {
+    let own = [("slot_of", b.slot_of.into()), ("irradiance", irradiance.into()), ("leaves", leaves.into())];
+    let push = CountParams { count: count as u32 };
     add_pass(plan, "method", &table::LOCALMATRIX_SPREAD, &own, &[], &push, push.count)
 }
 
 /// Adds the pass of an update of one channel.
-fn add_update(plan: &mut Plan, b: &Buffers, sizes: Sizes, plane: BufferId) -> Result<PassId, ExecutorError> {
+fn add_update(plan: &mut Plan, b: &SlotBuffers, slots: usize, plane: BufferId) -> Result<PassId, ExecutorError> {
     let own = [
         ("vectors", b.vectors.into()),
         ("columns", b.columns.into()),
         ("place", b.place.into()),
         ("plane", plane.into()),
     ];
-    let count = (sizes.slots * sizes.slots / 4) as u32;
-    let push = UpdateParams { count, slots: sizes.slots as u32, ..UpdateParams::default() };
+    let count = (slots * slots / 4) as u32;
+    let push = UpdateParams { count, slots: slots as u32, ..UpdateParams::default() };
     add_pass(plan, "update", &table::LOCALMATRIX_UPDATE, &own, &[], &push, count)
 }
 

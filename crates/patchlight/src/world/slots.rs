@@ -1,0 +1,376 @@
+//! The plan of a frame of a streamed world: direct light at the points of the nodes in the matrix →
+//! their first exitance → the product → pixels. Between the product and the pixels the host spreads
+//! the light of the slots over the levels.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::Vec4;
+use localmatrix::{LitPoint, Local, LocalMatrix, NO_NODE};
+use patches::Lookup;
+use runtime::executor::{DeviceKind, Executor, ExecutorError};
+use runtime::plan::{BufferId, PassId, Plan};
+use runtime::recipe::formfactor::{Surfaces, assemble_source};
+use runtime::recipe::localmatrix::SlotMatrix;
+use runtime::recipe::patches::LookupTables;
+use runtime::recipe::scene::SceneTables;
+use runtime::recipe::{Tables, rgb_bytes};
+use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
+
+use super::bake::POINTS;
+use crate::bake::direct_params;
+use crate::error::Error;
+use crate::stage::direct::{self, DirectLight};
+use crate::stage::shade::{self, Indirect, PixelSettings, Shade, Shot};
+
+/// Shadow rays of a point or pixel to each rectangle light, and to a sky map.
+const AREA_RAYS: u32 = 4;
+const SKY_RAYS: u32 = 8;
+/// Fewest lights that there is room for.
+const LEAST_LIGHTS: usize = 16;
+/// Seed of the shadow rays of nodes.
+const NODE_SEED: u32 = 0;
+
+/// What the plan is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct SlotSettings {
+    /// Slots of the matrix.
+    pub slots: usize,
+    /// Picture size, pixels.
+    pub size: (u32, u32),
+    /// Sub-frames a picture.
+    pub sub_frames: u32,
+}
+
+/// A node that comes into a slot, as light sees it.
+pub struct SlotNode<'a> {
+    /// Emitted exitance and what it reflects of a constant sky, W/m².
+    pub emission: Vec4,
+    /// Where its direct light is measured, at most [`POINTS`].
+    pub points: &'a [LitPoint],
+}
+
+/// A product.
+pub struct Product {
+    /// Irradiance of the slots that hold a node, W/m².
+    pub irradiance: Vec<Vec4>,
+    /// Milliseconds of the host, where it multiplied itself.
+    pub host_ms: f64,
+}
+
+/// Values at the visible points of the first sub-frame, with no value where nothing is seen.
+pub struct Seen {
+    /// Light as it is shown, W/m²; the fourth component is the luminance of the frame before.
+    pub shown: Vec4,
+    /// What it has beyond the light that is to be there, W/m².
+    pub offset: Vec4,
+}
+
+/// The loaded plan.
+pub struct SlotFrame {
+    scene: SceneTables,
+    samples: Samples,
+    /// The matrix on a device; native code multiplies by the host's own.
+    matrix: Option<SlotMatrix>,
+    has_matrix: bool,
+    /// Node of each slot whose points are on the device.
+    nodes: Vec<u32>,
+    pixels: Pixels,
+    bytes: u64,
+}
+
+/// From the points of the nodes to their first exitance.
+struct Samples {
+    points: BufferId,
+    albedo: BufferId,
+    emission: BufferId,
+    source: BufferId,
+    direct: DirectLight,
+    passes: [PassId; 3],
+    /// Number of points.
+    count: u32,
+}
+
+/// From the light of the leaves to pictures.
+struct Pixels {
+    /// Light of the leaves as it is shown, and what of it fades.
+    shown: BufferId,
+    offset: BufferId,
+    offset_seen: BufferId,
+    see_offset: PassId,
+    shade: Shade,
+}
+
+/// How direct light is measured in worlds: the emission of surfaces is in that of the nodes, and so
+/// is a constant sky.
+fn world_params(scene: &Scene) -> DirectParams {
+    DirectParams {
+        emitter_count: 0,
+        area_rays: AREA_RAYS,
+        sky_rays: if samples_sky(scene) { SKY_RAYS } else { 0 },
+        ..direct_params(scene)
+    }
+}
+
+/// The same at the points of nodes.
+fn node_params(scene: &Scene, count: u32) -> DirectParams {
+    DirectParams { count, seed: NODE_SEED, ..world_params(scene) }
+}
+
+fn samples_sky(scene: &Scene) -> bool {
+    scene.lighting.sky.map_width != 0
+}
+
+fn plan_bytes(plan: &Plan) -> u64 {
+    plan.buffers().iter().map(|buffer| buffer.bytes).sum()
+}
+
+impl Samples {
+    /// Adds the passes of `E = emission + Σ_k ρ_k H_d,k / n` over the n points of each slot's node,
+    /// W/m².
+    fn add(
+        plan: &mut Plan,
+        tables: &mut Tables,
+        scene_tables: &SceneTables,
+        scene: &Scene,
+        slots: usize,
+    ) -> Result<Self, ExecutorError> {
+        let count = slots * POINTS;
+        let points = plan.storage("points", (count * size_of::<SurfacePoint>()) as u64);
+        let albedo = plan.storage("point albedo", rgb_bytes(count));
+        let emission = plan.storage("emission", rgb_bytes(slots));
+        let reflected = plan.storage("reflected", rgb_bytes(slots));
+        let source = plan.storage("source", rgb_bytes(slots));
+        let direct = direct::at_points(plan, scene_tables, points.into(), &node_params(scene, count as u32))?;
+        let starts: Vec<u32> = (0..=slots).map(|slot| (slot * POINTS) as u32).collect();
+        let own = [
+            ("points", points.into()),
+            ("offsets", tables.owned(plan, "offsets", starts)),
+            ("direct", direct.irradiance.into()),
+            ("albedo", albedo.into()),
+            ("emission", tables.owned(plan, "no emission", vec![Vec4::ZERO; slots])),
+            ("source", reflected.into()),
+        ];
+        let gather = assemble_source(plan, "direct", &own, slots as u32)?;
+        let sum = Surfaces {
+            count: slots as u32,
+            albedo: tables.owned(plan, "ones", vec![Vec4::ONE; slots]),
+            source: emission.into(),
+            irradiance: reflected.into(),
+            exitance: source.into(),
+        };
+        let add = sum.bounce(plan, "direct")?;
+        let passes = [direct.pass, gather, add];
+        Ok(Self { points, albedo, emission, source, direct, passes, count: count as u32 })
+    }
+
+    fn set(&self, executor: &mut (dyn Executor + 'static), slot: usize, node: &SlotNode) -> Result<(), ExecutorError> {
+        let mut points = [SurfacePoint::default(); POINTS];
+        let mut albedo = [Vec4::ZERO; POINTS];
+        let weight = 1.0 / node.points.len().clamp(1, POINTS) as f32;
+        for (k, point) in node.points.iter().take(POINTS).enumerate() {
+            points[k] = SurfacePoint { position: point.position, patch: NONE, normal: point.normal, weight };
+            albedo[k] = point.albedo.extend(0.0);
+        }
+        let slot_u64 = slot as u64;
+        executor.upload_at(self.points, size_of_val(&points) as u64 * slot_u64, bytemuck::bytes_of(&points))?;
+        executor.upload_at(self.albedo, size_of_val(&albedo) as u64 * slot_u64, bytemuck::bytes_of(&albedo))?;
+        executor.upload_at(self.emission, rgb_bytes(slot), bytemuck::bytes_of(&node.emission))
+    }
+}
+
+impl Pixels {
+    /// Adds the passes of pictures, and of what is left of jumps at the visible points.
+    fn add(
+        plan: &mut Plan,
+        scene_tables: &SceneTables,
+        scene: &Scene,
+        lookup: LookupTables,
+        values: usize,
+        settings: SlotSettings,
+    ) -> Result<Self, ExecutorError> {
+        let shown = plan.storage("shown", rgb_bytes(values));
+        let offset = plan.storage("offset", rgb_bytes(values));
+        let pixels = PixelSettings {
+            size: settings.size,
+            sub_frames: settings.sub_frames,
+            direct: world_params(scene),
+            has_direct_apart: false,
+        };
+        let indirect = Indirect::Patches { lookup, values: shown.into() };
+        let shade = shade::add_pixels(plan, scene_tables, &indirect, &pixels)?;
+        let count = settings.size.0 * settings.size.1;
+        let offset_seen = plan.storage("pixel offset", rgb_bytes(count as usize));
+        let own =
+            [("values", offset.into()), ("points", shade.pixels.points.into()), ("irradiance", offset_seen.into())];
+        let see_offset = lookup.at_points(plan, "shade", &own, count)?;
+        Ok(Self { shown, offset, offset_seen, see_offset, shade })
+    }
+}
+
+impl SlotFrame {
+    /// Makes the plan, loads it and uploads what stays.
+    ///
+    /// # Errors
+    /// A device that is too small.
+    pub fn load(
+        scene: &Scene,
+        lookup: &Arc<Lookup>,
+        settings: SlotSettings,
+        executor: &mut (dyn Executor + 'static),
+    ) -> Result<Self, Error> {
+        let mut plan = Plan::new();
+        let mut tables = Tables::new();
+        let capacity = scene.lighting.lights.len().next_power_of_two().max(LEAST_LIGHTS);
+        let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, capacity);
+        let lookup_tables = LookupTables::new(&mut plan, &mut tables, lookup);
+        let bytes_of_tables = plan_bytes(&plan);
+        let slots = settings.slots;
+        let samples = Samples::add(&mut plan, &mut tables, &scene_tables, scene, slots)?;
+        let on_device = executor.device().kind != DeviceKind::Native;
+        let matrix = on_device.then(|| SlotMatrix::new(&mut plan, slots, samples.source)).transpose()?;
+        let pixels = Pixels::add(&mut plan, &scene_tables, scene, lookup_tables, lookup.values, settings)?;
+        let bytes = plan_bytes(&plan) - bytes_of_tables;
+
+        executor.load(plan)?;
+        tables.upload(executor)?;
+        for buffer in [samples.points, samples.albedo, samples.emission] {
+            executor.clear(buffer)?;
+        }
+        scene_tables.set_sky_and_emission(executor, scene)?;
+        scene_tables.set_lights(executor, &scene.lighting.lights)?;
+        pixels.shade.clear(executor)?;
+        let nodes = vec![NO_NODE; slots];
+        Ok(Self { scene: scene_tables, samples, matrix, has_matrix: false, nodes, pixels, bytes })
+    }
+
+    /// Bytes of the buffers of frames: points, light and pixels, and a copy of the matrix if there
+    /// is one.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Puts the lights on the device; says whether there is room for them.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_lights(&self, executor: &mut (dyn Executor + 'static), scene: &Scene) -> Result<bool, ExecutorError> {
+        let lights: &[Light] = &scene.lighting.lights;
+        if lights.len() > self.scene.light_capacity() {
+            return Ok(false);
+        }
+        self.scene.set_lights(executor, lights)?;
+        executor.push(self.samples.direct.pass, &node_params(scene, self.samples.count))?;
+        Ok(true)
+    }
+
+    /// Puts the nodes that came into slots on the device, as `describe` tells them; says whether
+    /// any came or went.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_nodes<'a>(
+        &mut self,
+        executor: &mut (dyn Executor + 'static),
+        matrix: &LocalMatrix,
+        describe: impl Fn(u32) -> SlotNode<'a>,
+    ) -> Result<bool, ExecutorError> {
+        let mut nodes = vec![NO_NODE; self.nodes.len()];
+        matrix.patches().for_each(|(slot, node)| nodes[slot as usize] = node);
+        let mut has_changes = false;
+        for (slot, &node) in nodes.iter().enumerate() {
+            if self.nodes[slot] == node {
+                continue;
+            }
+            has_changes = true;
+            let own = if node == NO_NODE { SlotNode { emission: Vec4::ZERO, points: &[] } } else { describe(node) };
+            self.samples.set(executor, slot, &own)?;
+        }
+        self.nodes = nodes;
+        Ok(has_changes)
+    }
+
+    /// Submits the passes of the first exitance of the slots.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn find_source(&self, executor: &mut (dyn Executor + 'static)) -> Result<(), ExecutorError> {
+        executor.submit_passes(&self.samples.passes)
+    }
+
+    /// Has the matrix on the device follow the host's; `is_new` where so much has changed that it
+    /// is put there as a whole.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn follow(
+        &mut self,
+        executor: &mut (dyn Executor + 'static),
+        matrix: &mut LocalMatrix,
+        is_new: bool,
+    ) -> Result<(), ExecutorError> {
+        let Some(copy) = &self.matrix else { return Ok(()) };
+        if is_new || !self.has_matrix {
+            self.has_matrix = true;
+            return copy.upload(executor, matrix);
+        }
+        copy.follow(executor, matrix)?;
+        copy.upload_places(executor, matrix)
+    }
+
+    /// Irradiance of the slots that hold a node, W/m²: the product with their first exitance, on
+    /// the device or by the host.
+    ///
+    /// # Errors
+    /// What the device and the matrix say.
+    pub fn irradiance(&self, executor: &mut (dyn Executor + 'static), local: &Local) -> Result<Product, Error> {
+        if let Some(copy) = &self.matrix {
+            executor.submit_passes(copy.product())?;
+            let irradiance = executor.download_table(copy.irradiance())?;
+            return Ok(Product { irradiance, host_ms: 0.0 });
+        }
+        let source: Vec<Vec4> = executor.download_table(self.samples.source)?;
+        let start = Instant::now();
+        let (irradiance, _) = local.slot_product(&source, |_| true)?;
+        Ok(Product { irradiance, host_ms: start.elapsed().as_secs_f64() * 1e3 })
+    }
+
+    /// A picture's sums over its sub-frames, W/m²/sr, and what its first sub-frame sees of the
+    /// light of the leaves.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn shade(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        scene: &Scene,
+        camera: &Camera,
+        [shown, offset]: [&[Vec4]; 2],
+    ) -> Result<(Vec<Vec4>, Vec<Option<Seen>>), ExecutorError> {
+        let pixels = &self.pixels;
+        let shade = &pixels.shade;
+        executor.upload(pixels.shown, shown)?;
+        executor.upload(pixels.offset, offset)?;
+        // The same positions in every frame: what changes in pictures is light.
+        let seeds: Vec<u32> = (0..shade.sub_frames()).collect();
+        let shot = Shot {
+            camera,
+            light_count: scene.lighting.lights.len() as u32,
+            emitter_count: 0,
+            has_sky: samples_sky(scene),
+            seeds: &seeds,
+        };
+        shade.set(executor, &shot)?;
+        let first = shade.first_passes();
+        executor.submit_passes(first)?;
+        executor.submit_passes(&[pixels.see_offset])?;
+        let hits: Vec<scene::Hit> = executor.download_table(shade.pixels.hits)?;
+        let shown: Vec<Vec4> = executor.download_table(shade.pixels.indirect)?;
+        let offset: Vec<Vec4> = executor.download_table(pixels.offset_seen)?;
+        let seen =
+            |((hit, shown), offset): ((&scene::Hit, Vec4), Vec4)| (!hit.is_miss()).then_some(Seen { shown, offset });
+        let seen = hits.iter().zip(shown).zip(offset).map(seen).collect();
+        executor.submit_passes(&shade.passes()[first.len()..])?;
+        Ok((executor.download_table(shade.full)?, seen))
+    }
+}
