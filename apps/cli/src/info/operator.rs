@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use faer::Mat;
 use glam::Vec4;
-use multibounce::{Channels, Tiles, spectral_radius};
+use multibounce::{Channels, LowRank, spectral_radius};
 use serde::Serialize;
 use transport::LinearOperator as _;
 
@@ -86,7 +86,7 @@ struct Ranks {
 }
 
 impl Ranks {
-    fn of(tiles: &Tiles) -> Self {
+    fn of(tiles: &LowRank) -> Self {
         let report = &tiles.report;
         let [empty, sparse, low_rank] = report.tiles;
         let [terms, difference_terms] = report.components;
