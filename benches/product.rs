@@ -14,11 +14,11 @@ use benches::{PRODUCT_SIZES, Stream, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use experiments::Error;
 use experiments::progress::Progress;
-use formfactor::Operator;
 use glam::Vec4;
 use multibounce::BlockCodec;
 use patchlight::render::classic::{Bake, ClassicSettings, ReceiverKind};
 use patchlight::render::operator::{Codec, Feedback, Transport};
+use transport::LinearOperator;
 
 /// Turns of the table: product, stream, product, …
 const TURNS: usize = 15;
@@ -64,7 +64,7 @@ fn measure(criterion: &mut Criterion, group: &str, name: &str, n: usize, bytes: 
     );
 }
 
-fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl Operator, bytes: usize) {
+fn measure_dense(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator, bytes: usize) {
     let n = operator.rows();
     let light = exitance(n, n);
     let mut out = vec![Vec4::ZERO; n];

@@ -13,11 +13,12 @@ use assets::import::{LoadedScene, load, load_or_build};
 use benches::{SEED, Stream, exitance};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::kernel::hemisphere::hemisphere_ray;
-use formfactor::{Csr, HemisphereParams, HitRows, Operator};
+use formfactor::{Csr, HemisphereParams};
 use glam::{IVec4, UVec3, Vec3, Vec4};
 use patches::InterpolationMesh;
 use rayon::prelude::*;
 use scene::{Hit, NONE, Scene, SidePolicy, SurfacePoint, Visibility, find_sides};
+use transport::{HitCounts, LinearOperator};
 
 const SPONZA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes/sponza/sponza.toml");
 /// Receivers.
@@ -92,7 +93,7 @@ fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
 }
 
 /// The rows of the receivers over senders of about the size that [`COLUMNS`] of them have.
-fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitRows {
+fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitCounts {
     let count = receivers.len();
     let offsets: Vec<u32> = (0..=count as u32).collect();
     let p = HemisphereParams {
@@ -111,7 +112,7 @@ fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitRows {
     let trial = |row: usize| (0..TRIAL_RAYS).filter_map(move |ray| place(row, ray * (RAYS / TRIAL_RAYS)));
     let senders = Senders::new(&(0..count).into_par_iter().flat_map_iter(trial).collect::<Vec<_>>());
     println!("senders: {} in cells of {:.3} m", senders.numbers.len(), senders.cell);
-    let mut rows = HitRows::new(senders.numbers.len()).expect("16 bits suffice");
+    let mut rows = HitCounts::new(senders.numbers.len()).expect("16 bits suffice");
     for first in (0..count).step_by(BLOCK) {
         let block = BLOCK.min(count - first);
         let hit =
@@ -127,7 +128,7 @@ fn csr_bytes(csr: &Csr) -> usize {
 }
 
 /// Criterion's figures, then the table's row.
-fn measure(criterion: &mut Criterion, name: &str, operator: &impl Operator, tables: usize) {
+fn measure(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator, tables: usize) {
     let (rows, columns) = (operator.rows(), operator.columns());
     let light = exitance(columns, columns);
     let mut out = vec![Vec4::ZERO; rows];

@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 
 use benches::{SEED, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion};
-use formfactor::Operator;
 use glam::Vec4;
 use gpu_kernels::table::{TEMPORAL_SAMPLE_LISTS, TEMPORAL_SAMPLE_TABLES, TEMPORAL_SUM_LISTS};
 use rayon::prelude::*;
@@ -19,6 +18,7 @@ use runtime::executor::{DeviceChoice, Executor, ExecutorError, open};
 use runtime::plan::{BufferId, Plan, Range};
 use scene::sampling::{hash3, unit};
 use temporal::{AliasTables, Distribution, Packing, RayLists, SampleParams, Settings, SumParams};
+use transport::LinearOperator;
 
 /// The sizes of the thesis's table 1.
 const SIZES: [usize; 4] = [1736, 5485, 8786, 10_422];

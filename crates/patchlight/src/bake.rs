@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use formfactor::{Stop, add_quarter_rows, jacobi};
+use formfactor::{Stop, add_quadrant_rows, jacobi};
 use glam::Vec4;
 use patches::{
     Columns, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
@@ -256,7 +256,7 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
         let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
         let surfaces = mesh.lighting(scene, Columns::Elements, points, &offsets, seed);
         let rays = settings.receiver_rays;
-        add_quarter_rows(rows, &surfaces, rays, &report).map_err(|error| patches::Error::Rows(Box::new(error)))?;
+        add_quadrant_rows(rows, &surfaces, rays, &report).map_err(|error| patches::Error::Rows(Box::new(error)))?;
         Ok(())
     };
     Ok(MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add)?)

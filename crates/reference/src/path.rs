@@ -222,8 +222,8 @@ impl<'a> PathTracer<'a> {
             start(k, &mut sampler).map(|point| pilot(self.scene, point, &mut sampler)).unwrap_or_default()
         };
         // Collected in order: the sums do not depend on the number of threads.
-        let landings: Vec<_> = (0..PILOT_PATHS).into_par_iter().map(path).flatten_iter().collect();
-        SunGuide::new(self.scene, &landings)
+        let hits: Vec<_> = (0..PILOT_PATHS).into_par_iter().map(path).flatten_iter().collect();
+        SunGuide::new(self.scene, &hits)
     }
 
     /// New lit points for sample `sample`.

@@ -37,7 +37,7 @@ pub(crate) struct LitPoint {
 }
 
 /// Where a pilot path was in parallel light: which light, where, and how much it mattered.
-pub(crate) type Landing = (usize, Vec3, f32);
+pub(crate) type SunHit = (usize, Vec3, f32);
 
 /// The distributions of all parallel lights.
 pub(crate) struct SunGuide {
@@ -60,8 +60,8 @@ struct Sun {
 }
 
 impl SunGuide {
-    /// Learns from landings; `None` without parallel light.
-    pub(crate) fn new(scene: &Scene, landings: &[Landing]) -> Option<Self> {
+    /// Learns from hits; `None` without parallel light.
+    pub(crate) fn new(scene: &Scene, hits: &[SunHit]) -> Option<Self> {
         let power = |l: &Light| if l.kind == LIGHT_DIRECTIONAL { luminance(l.color).max(0.0) } else { 0.0 };
         let total: f32 = scene.lighting.lights.iter().map(power).sum();
         if total <= 0.0 {
@@ -74,7 +74,7 @@ impl SunGuide {
             .map(|l| (power(l) > 0.0).then(|| Sun::new(scene, l, power(l) / total)))
             .collect();
         let mut weights = vec![vec![0.0f64; CELLS * CELLS]; suns.len()];
-        for (slot, position, weight) in landings {
+        for (slot, position, weight) in hits {
             if let Some(sun) = &suns[*slot] {
                 weights[*slot][sun.cell_of(*position)] += f64::from(*weight);
             }
@@ -189,9 +189,9 @@ impl Sun {
 }
 
 /// Follows a path from a point and notes where it is in parallel light.
-pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<Landing> {
+pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<SunHit> {
     let geometry = scene.tables();
-    let mut landings = Vec::new();
+    let mut hits = Vec::new();
     let (mut point, mut throughput) = (start, 1.0f32);
     for _ in 0..PILOT_BOUNCES {
         let origin = point.position + point.normal * scene.geometry.ray_offset;
@@ -206,9 +206,9 @@ pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -
         for (slot, light) in scene.lighting.lights.iter().enumerate() {
             let cosine = -point.normal.dot(light.direction);
             if light.kind == LIGHT_DIRECTIONAL && cosine > 0.0 && !scene.occluded(origin, -light.direction, FAR) {
-                landings.push((slot, point.position, throughput * cosine * luminance(light.color) / PI));
+                hits.push((slot, point.position, throughput * cosine * luminance(light.color) / PI));
             }
         }
     }
-    landings
+    hits
 }

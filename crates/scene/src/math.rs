@@ -55,7 +55,7 @@ pub fn ln(x: f32) -> f32 {
 
 /// (sin 2πx, cos 2πx) for x in [0, 1], within 2·10⁻⁷, the same bits on CPU and GPU. Taylor series on an eighth of a turn.
 #[inline]
-pub fn sin_cos_turn(x: f32) -> (f32, f32) {
+pub fn sin_cos_2pi(x: f32) -> (f32, f32) {
     let quarter = floor(4.0 * x + 0.5);
     let y = (x - 0.25 * quarter) * TAU;
     let y2 = y * y;
@@ -132,7 +132,7 @@ mod tests {
     fn polynomials_agree_with_double_precision() {
         for k in 0..=100_000u32 {
             let x = k as f32 / 100_000.0;
-            let (s, c) = super::sin_cos_turn(x);
+            let (s, c) = super::sin_cos_2pi(x);
             let (es, ec) = (f64::from(x) * core::f64::consts::TAU).sin_cos();
             assert!((f64::from(s) - es).abs() < 3e-7 && (f64::from(c) - ec).abs() < 3e-7, "{x}: {s} {c}");
             let angle = super::atan2(s, c);

@@ -407,7 +407,7 @@ fn light_that_chooses_its_weight_follows_and_rests() {
         source
             .iter()
             .enumerate()
-            .map(|(j, e)| *e * (1.2 + scene::math::sin_cos_turn(0.008 * t + 0.159 * j as f32).0))
+            .map(|(j, e)| *e * (1.2 + scene::math::sin_cos_2pi(0.008 * t + 0.159 * j as f32).0))
             .collect()
     };
     let errors = |blend: Blend| {

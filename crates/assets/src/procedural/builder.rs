@@ -171,7 +171,7 @@ pub fn steps(length: f32, edge: f32) -> u32 {
 
 /// (sin, cos) of a share of a full turn, any sign.
 pub fn turn(share: f32) -> (f32, f32) {
-    scene::math::sin_cos_turn(share - share.floor())
+    scene::math::sin_cos_2pi(share - share.floor())
 }
 
 /// One repeat of a pattern in 2 m: along the ground, or along the wall and up.

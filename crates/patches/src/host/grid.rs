@@ -14,7 +14,7 @@ use crate::types::GridShape;
 /// Voxels that a grid may have, empty ones included: the lookup keeps a word for each.
 pub const VOXEL_LIMIT: u64 = 1 << 26;
 /// Pieces of triangles that a grid may hold: 16 bytes each while it is built, 8 after.
-pub const PIECE_LIMIT: u64 = 1 << 26;
+pub const CLIPPED_TRIANGLE_LIMIT: u64 = 1 << 26;
 
 /// Surfaces that fill less than this share of a voxel's mean face do not occupy it.
 const LEAST_SHARE: f64 = 1e-9;
@@ -45,7 +45,7 @@ impl Grid {
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive and finite, [`Error::TooMany`] beyond [`VOXEL_LIMIT`] or
-    /// [`PIECE_LIMIT`], [`Error::NoSamples`] for a scene without area.
+    /// [`CLIPPED_TRIANGLE_LIMIT`], [`Error::NoSamples`] for a scene without area.
     pub fn new(scene: &Scene, edges: Vec3) -> Result<Self, Error> {
         let shape = shape(scene, edges)?;
         let layers = layers(&shape);
@@ -59,7 +59,7 @@ impl Grid {
             .enumerate()
             .fold(Vec::new, |mut pieces, (index, triangle)| {
                 let before = pieces.len();
-                if total.load(Ordering::Relaxed) <= PIECE_LIMIT {
+                if total.load(Ordering::Relaxed) <= CLIPPED_TRIANGLE_LIMIT {
                     cut_triangle(triangle, &layers, |cell, part| {
                         let area = part.area();
                         if area > least {
@@ -76,8 +76,8 @@ impl Grid {
                 a
             });
         let found = total.into_inner();
-        if found > PIECE_LIMIT {
-            return Err(Error::TooMany { name: "pieces of triangles in voxels", found, limit: PIECE_LIMIT });
+        if found > CLIPPED_TRIANGLE_LIMIT {
+            return Err(Error::TooMany { name: "pieces of triangles in voxels", found, limit: CLIPPED_TRIANGLE_LIMIT });
         }
         if pieces.is_empty() {
             return Err(Error::NoSamples);

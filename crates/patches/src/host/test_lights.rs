@@ -119,7 +119,7 @@ fn sun_direction(k: u32) -> Vec3 {
     let (right, up) = frame(-Vec3::Y);
     let (x, turn) = hammersley(k, SUNS, (0, SUNS_SEED));
     let height = 0.4 + 0.5 * x;
-    let (sin, cos) = scene::math::sin_cos_turn(turn);
+    let (sin, cos) = scene::math::sin_cos_2pi(turn);
     (right * cos + up * sin) * scene::math::sqrt(1.0 - height * height) + Vec3::Y * height
 }
 
