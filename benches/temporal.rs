@@ -148,7 +148,7 @@ fn measure_device(
         loaded(executor, &TEMPORAL_SAMPLE_TABLES, &of_tables.collect::<Vec<_>>(), bytes_of(&p), n as u32)?;
         println!("{device}, N {n}, Q {samples}: lists {by_lists:.3} ms, tables {:.3} ms", device_ms(executor)?);
     }
-    let turn: SumParams = Settings::default().turn(n as u32, lists.options(), 0);
+    let rows_to_sum: SumParams = Settings::default().rows_to_sum(n as u32, lists.options(), 0);
     let sum: [(&str, &[u8]); 5] = [
         ("row_start", cast_slice(lists.row_start())),
         ("columns", cast_slice(lists.words())),
@@ -156,8 +156,8 @@ fn measure_device(
         ("exitance", cast_slice(&light)),
         ("irradiance", cast_slice(&out)),
     ];
-    loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&turn), turn.count)?;
-    println!("{device}, N {n}: exact sums of {} rows {:.3} ms", turn.count, device_ms(executor)?);
+    loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&rows_to_sum), rows_to_sum.count)?;
+    println!("{device}, N {n}: exact sums of {} rows {:.3} ms", rows_to_sum.count, device_ms(executor)?);
     Ok(())
 }
 
@@ -235,8 +235,8 @@ fn main() -> Result<(), ExecutorError> {
             let mut frame = 0;
             let ms = measure(&mut criterion, &format!("{name}-sums"), n, || {
                 frame += 1;
-                let turn = settings.turn(n as u32, 0, frame);
-                distribution.sum(&turn, black_box(&light), &mut out).expect("the shapes agree");
+                let rows_to_sum = settings.rows_to_sum(n as u32, 0, frame);
+                distribution.sum(&rows_to_sum, black_box(&light), &mut out).expect("the shapes agree");
             });
             println!("N {n}: {name}, exact sums of a {}th of the rows {ms:.3} ms", settings.refresh);
         }

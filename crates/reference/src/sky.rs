@@ -56,7 +56,7 @@ impl SkyDistribution {
         let (column, share, fx) = pick(&self.columns[row * self.width..(row + 1) * self.width], u.0);
         let (s, c) = sin_cos_2pi((column as f32 + fx) / self.width as f32);
         let (sin, cos) = sin_cos_2pi(0.5 * (row as f32 + fy) / self.height as f32);
-        // The map's middle column is −z: half a turn more changes both signs.
+        // The map's middle column is −z: half a circle more changes both signs.
         (Vec3::new(-sin * s, cos, sin * c), self.density_of(row_share * share, sin))
     }
 

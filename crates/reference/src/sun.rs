@@ -3,7 +3,7 @@
 //! A room lit through an opening has its indirect light from small bright spots that cosine-weighted rays seldom find. So
 //! points are picked on a plane across the light, followed to the first surface, and every path vertex is connected with one
 //! of them; the balance heuristic shares the work with the rays that find the spots by chance. Where on the plane to pick
-//! is learned from pilot paths.
+//! is learned from training paths.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -21,8 +21,8 @@ use crate::sampler::Sampler;
 const CELLS: usize = 64;
 /// Share of the points that ignores what was learned.
 const UNIFORM_SHARE: f64 = 0.1;
-/// Bounces of a pilot path.
-const PILOT_BOUNCES: u32 = 6;
+/// Bounces of a training path.
+const TRAINING_BOUNCES: u32 = 6;
 
 /// A point lit by a parallel light.
 #[derive(Clone, Copy, Default)]
@@ -36,7 +36,7 @@ pub(crate) struct LitPoint {
     pub(crate) density: f32,
 }
 
-/// Where a pilot path was in parallel light: which light, where, and how much it mattered.
+/// Where a training path was in parallel light: which light, where, and how much it mattered.
 pub(crate) type SunHit = (usize, Vec3, f32);
 
 /// The distributions of all parallel lights.
@@ -189,11 +189,11 @@ impl Sun {
 }
 
 /// Follows a path from a point and notes where it is in parallel light.
-pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<SunHit> {
+pub(crate) fn training_path(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<SunHit> {
     let geometry = scene.tables();
     let mut hits = Vec::new();
     let (mut point, mut throughput) = (start, 1.0f32);
-    for _ in 0..PILOT_BOUNCES {
+    for _ in 0..TRAINING_BOUNCES {
         let origin = point.position + point.normal * scene.geometry.ray_offset;
         let direction = cosine_hemisphere(point.normal, sampler.next());
         let hit = scene.closest_before(origin, direction, FAR);

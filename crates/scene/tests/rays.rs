@@ -1,4 +1,4 @@
-//! Rays: the wide host traversal, the kernels' traversal and every triangle in turn must agree.
+//! Rays: the wide host traversal, the kernels' traversal and every triangle one by one must agree.
 
 use std::cell::Cell;
 
