@@ -1,6 +1,7 @@
-//! The product H_r = F_r B of many receivers with few senders: rows of counts of hits beside compressed sparse rows, and
-//! beside the bandwidth with which the same cores read as many bytes. Receivers and hits are those of Sponza (of the
-//! built-in atrium without the shared scenes). The table is measured in turns, so that a busy machine slows all alike.
+//! The product H_r = F_r B of many receivers with few patches: rows of counts of hits beside compressed sparse rows,
+//! and beside the bandwidth with which the same cores read as many bytes. Receivers and hits are those of Sponza (of
+//! the built-in atrium without the shared scenes). The table is measured in rounds, so that a busy machine slows all
+//! alike.
 
 #![allow(missing_docs)]
 
@@ -23,28 +24,28 @@ use transport::{HitCounts, LinearOperator};
 const SPONZA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes/sponza/sponza.toml");
 /// Receivers.
 const ROWS: usize = 160_000;
-/// Senders at most.
+/// Patches at most.
 const COLUMNS: usize = 1 << 16;
 /// Rays of a receiver.
 const RAYS: u32 = 512;
 /// Rows whose hits are in memory at a time.
 const BLOCK: usize = 4096;
-/// Rays of a receiver from which the size of the senders is found.
+/// Rays of a receiver from which the size of the patches is found.
 const TRIAL_RAYS: u32 = 4;
-/// Turns of the table: product, stream, product, …
-const TURNS: usize = 41;
+/// Rounds of the table: product, stream, product, …
+const ROUNDS: usize = 41;
 
-/// Senders: the sides of the surface in the cells of a grid, numbered along a space-filling curve.
-struct Senders {
+/// Patches: the sides of the surface in the cells of a grid, numbered along a space-filling curve.
+struct CellPatches {
     cell: f32,
     numbers: HashMap<IVec4, u32>,
 }
 
-impl Senders {
-    /// The smallest cells with at most [`COLUMNS`] senders among the places that are hit.
+impl CellPatches {
+    /// The smallest cells with at most [`COLUMNS`] patches among the places that are hit.
     fn new(places: &[(Vec3, Vec3)]) -> Self {
         let keys = |cell: f32| {
-            let mut keys: Vec<IVec4> = places.par_iter().map(|place| sender_key(*place, cell)).collect();
+            let mut keys: Vec<IVec4> = places.par_iter().map(|place| patch_key(*place, cell)).collect();
             keys.par_sort_unstable_by_key(|key| (morton(*key), key.w));
             keys.dedup();
             keys
@@ -58,17 +59,17 @@ impl Senders {
     }
 
     fn number(&self, place: (Vec3, Vec3)) -> u32 {
-        self.numbers.get(&sender_key(place, self.cell)).copied().unwrap_or(NONE)
+        self.numbers.get(&patch_key(place, self.cell)).copied().unwrap_or(NONE)
     }
 }
 
 /// The cell of a place, and the axis and side that its normal is nearest to.
-fn sender_key((place, normal): (Vec3, Vec3), cell: f32) -> IVec4 {
+fn patch_key((place, normal): (Vec3, Vec3), cell: f32) -> IVec4 {
     let axis = normal.abs().max_position();
     (place / cell).floor().as_ivec3().extend(2 * axis as i32 + i32::from(normal[axis] > 0.0))
 }
 
-/// Place of a cell on the curve: the bits of its coordinates in turn.
+/// Place of a cell on the curve: the bits of its coordinates, interleaved.
 fn morton(key: IVec4) -> u64 {
     let UVec3 { x, y, z } = (key.truncate() + (1 << 15)).as_uvec3();
     let spread = |value: u32| (0..16).map(|bit| u64::from(value >> bit & 1) << (3 * bit)).sum::<u64>();
@@ -92,7 +93,7 @@ fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     }
 }
 
-/// The rows of the receivers over senders of about the size that [`COLUMNS`] of them have.
+/// The rows of the receivers over patches of about the size that [`COLUMNS`] of them have.
 fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitCounts {
     let count = receivers.len();
     let offsets: Vec<u32> = (0..=count as u32).collect();
@@ -110,13 +111,13 @@ fn rows_of(scene: &Scene, receivers: &[SurfacePoint]) -> HitCounts {
         (!hit.is_miss()).then(|| (scene.tables().position(hit.triangle, hit.u, hit.v), facing()))
     };
     let trial = |row: usize| (0..TRIAL_RAYS).filter_map(move |ray| place(row, ray * (RAYS / TRIAL_RAYS)));
-    let senders = Senders::new(&(0..count).into_par_iter().flat_map_iter(trial).collect::<Vec<_>>());
-    println!("senders: {} in cells of {:.3} m", senders.numbers.len(), senders.cell);
-    let mut rows = HitCounts::new(senders.numbers.len()).expect("16 bits suffice");
+    let patches = CellPatches::new(&(0..count).into_par_iter().flat_map_iter(trial).collect::<Vec<_>>());
+    println!("patches: {} in cells of {:.3} m", patches.numbers.len(), patches.cell);
+    let mut rows = HitCounts::new(patches.numbers.len()).expect("16 bits suffice");
     for first in (0..count).step_by(BLOCK) {
         let block = BLOCK.min(count - first);
         let hit =
-            |k: usize| place(first + k / RAYS as usize, k as u32 % RAYS).map_or(NONE, |place| senders.number(place));
+            |k: usize| place(first + k / RAYS as usize, k as u32 % RAYS).map_or(NONE, |place| patches.number(place));
         let hits: Vec<u32> = (0..block * RAYS as usize).into_par_iter().map(hit).collect();
         rows.push(&hits, &vec![1.0 / RAYS as f32; block]).expect("the shapes agree");
     }
@@ -141,24 +142,24 @@ fn measure(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator
     let mut group = criterion.benchmark_group("receivers/native");
     group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
     group.throughput(Throughput::Bytes(bytes as u64));
-    group.bench_function(BenchmarkId::new(name, rows), |b| b.iter_custom(|turns| (0..turns).map(|_| run()).sum()));
+    group.bench_function(BenchmarkId::new(name, rows), |b| b.iter_custom(|rounds| (0..rounds).map(|_| run()).sum()));
     group.finish();
 
     let mut stream = Stream::new(bytes);
-    let mut turns: Vec<(f64, f64)> =
-        (0..TURNS).map(|_| (1e3 * run().as_secs_f64(), bytes as f64 * 1e-6 / stream.turn())).collect();
-    let mut ratio: Vec<f64> = turns.iter().map(|t| t.1 / t.0).collect();
+    let mut rounds: Vec<(f64, f64)> =
+        (0..ROUNDS).map(|_| (1e3 * run().as_secs_f64(), bytes as f64 * 1e-6 / stream.turn())).collect();
+    let mut ratio: Vec<f64> = rounds.iter().map(|t| t.1 / t.0).collect();
     ratio.sort_by(f64::total_cmp);
-    turns.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let floor = turns.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
-    let (best, median) = (turns[0].0, turns[TURNS / 2].0);
+    rounds.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let floor = rounds.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
+    let (best, median) = (rounds[0].0, rounds[ROUNDS / 2].0);
     println!(
         "receivers/native/{name}/{rows}: {:.1} MB moved, median {median:.2} ms, best {best:.2} ms ({:.1} GB/s), \
          reading them takes {floor:.2} ms ({:.1} GB/s), median of the ratio {:.0} %",
         bytes as f64 * 1e-6,
         bytes as f64 * 1e-6 / best,
         bytes as f64 * 1e-6 / floor,
-        100.0 * ratio[TURNS / 2]
+        100.0 * ratio[ROUNDS / 2]
     );
 }
 

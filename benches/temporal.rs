@@ -28,8 +28,8 @@ const SAMPLES: [u32; 3] = [16, 64, 200];
 /// Entries of a row, and of the list that stands for it.
 const ENTRIES: u32 = 670;
 const LIST: usize = 1024;
-/// Turns of which the best counts.
-const TURNS: usize = 15;
+/// Rounds of which the best counts.
+const ROUNDS: usize = 15;
 
 struct Sparse {
     row_start: Vec<u32>,
@@ -65,7 +65,7 @@ fn rows(n: usize) -> Sparse {
 }
 
 fn best_ms(mut work: impl FnMut()) -> f64 {
-    (0..TURNS).fold(f64::INFINITY, |best, _| {
+    (0..ROUNDS).fold(f64::INFINITY, |best, _| {
         let start = Instant::now();
         work();
         best.min(1e3 * start.elapsed().as_secs_f64())
@@ -105,7 +105,7 @@ fn loaded(
 /// The best of some runs by the device's own clock, ms.
 fn device_ms(executor: &mut dyn Executor) -> Result<f64, ExecutorError> {
     let mut best = f64::INFINITY;
-    for _ in 0..TURNS {
+    for _ in 0..ROUNDS {
         best = best.min(executor.run()?.iter().map(|pass| pass.milliseconds).sum());
     }
     Ok(best)

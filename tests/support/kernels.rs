@@ -549,17 +549,17 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             call(rows, HitsParams { rows, first_quad }, tables)
         }
         "formfactor_gather" | "formfactor_gather_half" => {
-            let (rows, senders) = (71u32, 1031usize);
-            let vectors = senders.div_ceil(4) as u32;
+            let (rows, columns) = (71u32, 1031usize);
+            let vectors = columns.div_ceil(4) as u32;
             let p = GatherParams { rows, vectors, first_row: 3, reserved: 0 };
-            // A row as it is stored: what is beyond the senders is 0.
+            // A row as it is stored: what is beyond the columns is 0.
             let mut factors = vec![0.0f32; (4 * rows * vectors) as usize];
             for row in factors.chunks_mut(4 * vectors as usize) {
-                row[..senders].fill_with(|| r.unit() / senders as f32);
+                row[..columns].fill_with(|| r.unit() / columns as f32);
             }
             let halves: Vec<half::f16> = factors.iter().map(|f| half::f16::from_f32(*f)).collect();
             let mut exitance = r.colors(4 * vectors as usize);
-            exitance[senders..].fill(Vec4::ZERO);
+            exitance[columns..].fill(Vec4::ZERO);
             let tables = vec![
                 if name.ends_with("half") { buffer("factors", &halves) } else { buffer("factors", &factors) },
                 buffer("exitance", &exitance),

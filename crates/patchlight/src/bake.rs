@@ -250,7 +250,7 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
         most: settings.most_receivers.unwrap_or((MOST_RECEIVERS * area / (edge * edge)) as usize),
         seed,
     };
-    // How many there will be is not known: the observer is told the rows of each round.
+    // How many there will be is not known: the observer receives the rows of each round.
     let add = |rows: &mut HitCounts, points: &[SurfacePoint]| {
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
@@ -280,8 +280,8 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
     }
 }
 
-/// Bounces until a uniform source changes no patch by more than the tolerance, and a quarter more for sources that are not
-/// uniform.
+/// Bounces until a uniform source changes no patch by more than the tolerance, and a fourth more for sources that are
+/// not uniform.
 fn enough_bounces(factors: &Csr, albedo: &[Vec4]) -> Result<u32, Error> {
     let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
     let steps = jacobi(factors, &source, albedo, Stop::Tolerance(TOLERANCE))?.iterations;

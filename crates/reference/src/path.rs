@@ -75,7 +75,7 @@ const GROUPS: u32 = 16;
 const BAND_ROWS: usize = 4;
 /// Vertices before Russian roulette begins.
 const SURE_VERTICES: u32 = 2;
-/// Pilot paths that find out where parallel light matters.
+/// Training paths that find out where parallel light matters.
 const TRAINING_PATHS: u32 = 1 << 16;
 /// Least and greatest number of points in parallel light that one sample of a whole picture shares.
 const LIT_POINTS: (u32, u32) = (1 << 10, 1 << 16);

@@ -175,7 +175,7 @@ fn masked_pixels_do_not_count() {
 fn pictures_that_cannot_be_compared_are_refused() {
     let p = test_picture();
     let small = picture(10, 40, |_, _| Vec3::ONE);
-    assert!(matches!(compare_pictures(&p, &small, 1.0, None), Err(Error::SizeMismatch { .. })));
+    assert!(matches!(compare_pictures(&p, &small, 1.0, None), Err(Error::Scene(scene::Error::SizeMismatch { .. }))));
     assert!(matches!(compare_pictures(&small, &small, 1.0, None), Err(Error::TooSmall { least: 11, .. })));
     let mut broken = p.clone();
     broken.pixels[17].y = f32::NAN;

@@ -126,7 +126,7 @@ fn reference_folders() {
     assert_eq!(data.surface_points(0.5)[0].position, Vec3::new(0.5, 1.0, 1.5));
 
     Picture::new(4, 4).write_exr(&folder.path().join("indirect.exr"), Precision::Half).expect("written");
-    assert!(matches!(ReferenceData::load(folder.path()), Err(Error::SizeMismatch { .. })));
+    assert!(matches!(ReferenceData::load(folder.path()), Err(Error::Scene(scene::Error::SizeMismatch { .. }))));
 }
 
 #[test]
