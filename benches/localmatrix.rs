@@ -51,7 +51,7 @@ const WORLD_SLOTS: usize = 1024;
 /// Patches that a row of the world knows to both sides.
 const REACH: usize = 40;
 
-/// A long street: each patch exchanges light with its neighbours.
+/// A long street: each patch sends light to its neighbours.
 fn street() -> Result<Table, Error> {
     let surface = |i: usize| Surface {
         centre: Vec3::new(i as f32 * 0.1, unit(hash3(i as u32, 1, SEED)), 0.0),

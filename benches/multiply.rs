@@ -75,9 +75,9 @@ fn main() {
             let name = if device.device().index.is_some() { "vulkan" } else { "native" };
             println!("{name}: {}", device.device().name);
             group.bench_function(BenchmarkId::new(name, n), |bencher| {
-                bencher.iter_custom(|turns| {
+                bencher.iter_custom(|rounds| {
                     let run = |_| device.run().map_or(0.0, |times| times.iter().map(|pass| pass.milliseconds).sum());
-                    Duration::from_secs_f64((0..turns).map(run).sum::<f64>() * 1e-3)
+                    Duration::from_secs_f64((0..rounds).map(run).sum::<f64>() * 1e-3)
                 });
             });
         }

@@ -27,7 +27,7 @@ const POINTS: u32 = 1 << 17;
 /// Rays from each face of a voxel.
 const FACE_RAYS: u32 = 16;
 /// Samples that are asked where light comes.
-const PILOTS: u32 = 1 << 16;
+const PROBES: u32 = 1 << 16;
 /// Samples of a view cluster.
 const SAMPLES: u32 = 8;
 /// Rays of a row of form factors.
@@ -42,7 +42,7 @@ struct Table {
 }
 
 impl Table {
-    /// The result of a step and its time: the best of as many turns as fit into a quarter of a second.
+    /// The result of a step and its time: the best of as many rounds as fit into 0.25 s.
     fn time<T>(&mut self, step: &'static str, size: impl Fn(&T) -> usize, run: impl Fn() -> T) -> T {
         let all = Instant::now();
         let mut best = f64::INFINITY;
@@ -123,7 +123,7 @@ fn view_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dyn
     let settings = ViewSettings { patches: size, samples: SAMPLES, seed: SEED, ..ViewSettings::default() };
     let count = |set: &Result<PatchSet, _>| set.as_ref().map_or(0, PatchSet::len);
     let set = table.time("view_clusters", count, || {
-        view_clusters(&LitSampler::new(scene, PILOTS, SEED)?, &settings).map(|found| found.set)
+        view_clusters(&LitSampler::new(scene, PROBES, SEED)?, &settings).map(|found| found.set)
     })?;
     let nearest = Nearest::new(&set.samples);
     let mut owners = vec![NONE; set.samples.len()];

@@ -1,6 +1,6 @@
 //! Rays a second of [`Scene`] against obvhs' own traversals, one thread, for the rays of path-traced pictures of Sponza (of
-//! the built-in atrium without the shared scenes). The last table is measured in turns, so that a busy machine slows all
-//! alike.
+//! the built-in atrium without the shared scenes). The last table is measured in rounds, so that a busy machine slows
+//! all alike.
 
 // obvhs speaks Vec3A.
 #![allow(clippy::disallowed_types, missing_docs)]
@@ -128,7 +128,7 @@ fn cast<'a, T>(one: impl Fn(&Ray) -> T + 'a) -> AllRays<'a> {
     })
 }
 
-/// Best of several rounds in turns, million rays a second.
+/// Best of several alternating rounds, million rays a second.
 fn rates(casts: &[Cast], rays: &[Ray]) -> Vec<f64> {
     let mut best = vec![f64::INFINITY; casts.len()];
     for _ in 0..5 {

@@ -99,7 +99,7 @@ fn measure(criterion: &mut Criterion, executor: &mut dyn Executor) -> Result<(),
             group.sample_size(10).warm_up_time(Duration::from_millis(100)).measurement_time(Duration::from_secs(1));
             group.throughput(Throughput::Bytes(bytes as u64));
             group.bench_function(BenchmarkId::new(form.name, n), |b| {
-                b.iter_custom(|turns| {
+                b.iter_custom(|rounds| {
                     let mut sum = 0.0;
                     for _ in 0..turns {
                         match run(executor) {

@@ -16,7 +16,7 @@ use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::sampling::{hash3, unit};
 use transport::LinearOperator;
 
-/// `exchange = 1 + 0.5 * 2` for `count` elements, as a plan with its output and its pass.
+/// `exitance = 1 + 0.5 * 2` for `count` elements, as a plan with its output and its pass.
 fn small_plan(count: u32) -> (Plan, [BufferId; 4], PassId) {
     let mut plan = Plan::new();
     let ids = ["source", "albedo", "irradiance", "exitance"].map(|name| plan.storage(name, u64::from(count) * 16));

@@ -4,7 +4,9 @@
 use std::ops::ControlFlow;
 
 use assets::procedural;
-use firstshot::{Emission, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Texels, Tracer, trace_photons};
+use firstshot::{
+    Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer, trace_photons,
+};
 use formfactor::{Hemisphere, balance, form_factors};
 use glam::{DVec3, Vec3};
 use integration_tests::vulkan;
@@ -21,7 +23,7 @@ fn go_on(_: usize, _: usize) -> ControlFlow<()> {
 }
 
 fn first_shot(scene: &Scene) -> Emission {
-    Emission::first_shot(scene, &PieceSettings::default(), Texels::Mean, true, &go_on).unwrap()
+    Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on).unwrap()
 }
 
 /// Photons on the patches of a subdivision.
@@ -31,7 +33,7 @@ struct OnPatches<'a> {
     scene: &'a Scene,
 }
 
-impl Registry for OnPatches<'_> {
+impl PhotonAccumulator for OnPatches<'_> {
     fn areas(&self) -> &[f32] {
         &self.areas
     }
@@ -118,16 +120,17 @@ fn photons_agree_with_the_operator_of_all_bounces() {
     for (name, patches) in [("cornell", 600), ("office", 1200)] {
         let loaded = procedural::build(name).unwrap();
         let scene = &loaded.scene;
-        // What the operator states: how far that of a quarter of the patches is from it, which is more than its own error.
+        // What the operator states: how far that of a fourth of the patches is from it, which is more than its own
+        // error.
         let (coarse, rough) = by_operator(scene, patches);
         let (fine, irradiance) = by_operator(scene, 4 * patches);
         let expected = on_coarse(scene, &coarse, &fine, &irradiance);
         let areas = coarse.areas();
         let of_operator = difference(&areas, &rough, &expected);
-        let registry = OnPatches { subdivision: &coarse, areas: areas.clone(), scene };
+        let accumulator = OnPatches { subdivision: &coarse, areas: areas.clone(), scene };
         let emission = first_shot(scene);
         let settings = PhotonSettings { error: 0.02, ..PhotonSettings::default() };
-        let mut tracer = Tracer::new(scene, &emission, &registry, settings).unwrap();
+        let mut tracer = Tracer::new(scene, &emission, &accumulator, settings).unwrap();
         assert!(tracer.run(&|_| ControlFlow::Continue(())).unwrap());
         let found = tracer.estimate();
         let (own, stated) = (difference(&areas, &found.irradiance, &expected), found.round.error);
@@ -221,9 +224,9 @@ fn kernels_trace_the_photons_of_the_host() {
     let p = Tracer::new(scene, &emission, &maps, settings).unwrap().params(256);
     let mut passes = PhotonPasses::new(Box::new(executor));
     passes.load(scene, &emission).unwrap();
-    let run = |landings: Vec<firstshot::Landing>| {
+    let run = |hits: Vec<firstshot::PhotonHit>| {
         let mut tracer = Tracer::new(scene, &emission, &maps, settings).unwrap();
-        tracer.register(&p, &landings);
+        tracer.accumulate(&p, &hits);
         tracer.estimate()
     };
     let (ours, theirs) = (run(passes.trace(&p).unwrap()), run(trace_photons(scene, &emission, &p)));

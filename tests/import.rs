@@ -249,11 +249,11 @@ fn the_middle_of_a_sky_map_is_minus_z_and_its_top_is_up() {
             [("a.obj", QUAD.as_bytes()), ("a.mtl", b"newmtl m\n"), ("s.toml", toml.as_bytes()), ("sky.exr", &sky)];
         loaded(&folder(&files), "s.toml")
     };
-    // Column c covers the turns (c .. c + 1)/16 − ½ from −z towards +x; row r the angles (r .. r + 1)·π/8 from +y.
+    // Column c covers the azimuths (c .. c + 1)/16 − ½ from −z towards +x; row r the angles (r .. r + 1)·π/8 from +y.
     let direction = |column: f64, row: f64| {
-        let (turn, down) = ((column + 0.5) / 16.0 * std::f64::consts::TAU, (row + 0.5) / 8.0 * std::f64::consts::PI);
+        let (azimuth, down) = ((column + 0.5) / 16.0 * std::f64::consts::TAU, (row + 0.5) / 8.0 * std::f64::consts::PI);
         let (s, c) = (down.sin(), down.cos());
-        Vec3::new((-turn.sin() * s) as f32, c as f32, (turn.cos() * s) as f32)
+        Vec3::new((-azimuth.sin() * s) as f32, c as f32, (azimuth.cos() * s) as f32)
     };
     for (column, row) in [(8u32, 4u32), (12, 3), (4, 4), (0, 6), (3, 0)] {
         let scene = mark(column, row);

@@ -84,14 +84,14 @@ fn a_field_in_another_place_is_noticed() {
     let resources = module.resources();
     let (ray, stride) = module.buffer_element(resources[0].pointee).unwrap();
     assert_eq!(kernel.bindings[0].kind, BindingKind::Storage { stride });
-    // The fields t_max and direction of a ray exchanged, each at the other's offset.
+    // The fields t_max and direction of a ray swapped, each at the other's offset.
     let mut moved = Module::parse(kernel.spv).unwrap();
     let (t_max, direction) = ((ray, 1, decoration::OFFSET), (ray, 2, decoration::OFFSET));
     assert_eq!((moved.decorations[&t_max], moved.decorations[&direction]), (12, 16));
     moved.decorations.insert(t_max, 24);
     moved.decorations.insert(direction, 12);
     assert_eq!(misplaced(&moved, kernel).0, ["rays"]);
-    // Elements further apart.
+    // Elements at a greater distance.
     let mut wider = Module::parse(kernel.spv).unwrap();
     let (block, members) = wider.type_of(resources[0].pointee);
     assert_eq!(block, op::TYPE_STRUCT);

@@ -100,8 +100,8 @@ fn lights_that_come_and_go_leave_nothing_behind() {
         for _ in 0..60 {
             again = picture(&mut renderer, &loaded, &loaded.scene.lighting);
         }
-        let apart = again.full.mean() / own.full.mean();
-        assert!((apart - Vec3::ONE).abs().max_element() < 2e-3, "{method:?}: {apart}");
+        let ratio = again.full.mean() / own.full.mean();
+        assert!((ratio - Vec3::ONE).abs().max_element() < 2e-3, "{method:?}: {ratio}");
     }
 }
 

@@ -120,10 +120,10 @@ fn both_executors_and_two_runs_give_the_same_light() {
     let Some(vulkan) = vulkan() else { return };
     let is_emulated = vulkan.device().kind == DeviceKind::EmulatedOnCpu;
     let (theirs, ..) = flight(&loaded, &bake, transport, Box::new(vulkan), 12);
-    let apart = ours.iter().zip(&theirs).map(|(a, b)| distance(b, a)).fold(0.0, f32::max);
-    println!("apart by {apart:e}");
+    let difference = ours.iter().zip(&theirs).map(|(a, b)| distance(b, a)).fold(0.0, f32::max);
+    println!("difference {difference:e}");
     // The copy on the device adds vectors one by one, the host in blocks.
-    assert!(apart < if is_emulated { 1e-5 } else { 1e-3 }, "{apart}");
+    assert!(difference < if is_emulated { 1e-5 } else { 1e-3 }, "{difference}");
 }
 
 /// Relative error of the mean radiance of a closed box of uniform emission and albedo, L = Le / (1 − ρ).

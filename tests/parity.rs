@@ -17,7 +17,7 @@ use runtime::plan::{BufferId, Plan, Range};
 use scene::sampling::{hash3, unit};
 use scene::{Hit, Ray};
 
-/// How far a kernel's results may be apart.
+/// How far a kernel's results may differ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Tolerance {
     /// All bits are equal.
@@ -90,11 +90,11 @@ fn difference(ours: &[Vec<u32>], theirs: &[Vec<u32>], tolerance: Tolerance) -> O
             Tolerance::Floats { outliers, .. } => (outliers * a.len() as f64) as usize,
             _ => 0,
         };
-        let apart: Vec<usize> = (0..a.len()).filter(|&k| !near(a[k], b[k])).collect();
-        if apart.len() > allowed {
-            let k = apart[0];
+        let different: Vec<usize> = (0..a.len()).filter(|&k| !near(a[k], b[k])).collect();
+        if different.len() > allowed {
+            let k = different[0];
             let (p, q) = (f32::from_bits(a[k]), f32::from_bits(b[k]));
-            let (count, all) = (apart.len(), a.len());
+            let (count, all) = (different.len(), a.len());
             return Some(format!(
                 "output {buffer}: {count} of {all} words differ, first word {k}: {:#x} ({p}) on the CPU, {:#x} ({q}) on \
                  Vulkan",

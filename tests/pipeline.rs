@@ -134,8 +134,8 @@ fn check_same(a: &Pictures, b: &Pictures) -> Result<(), String> {
         [("full", &a.full, &b.full), ("direct", &a.direct, &b.direct), ("indirect", &a.indirect, &b.indirect)]
     {
         let level = 0.01 * mean(a);
-        let apart = |(x, y): &(&Vec3, &Vec3)| (**x - **y).abs().max_element() > 1e-3 * x.max_element() + 1e-3 * level;
-        let count = a.pixels.iter().zip(&b.pixels).filter(apart).count();
+        let differs = |(x, y): &(&Vec3, &Vec3)| (**x - **y).abs().max_element() > 1e-3 * x.max_element() + 1e-3 * level;
+        let count = a.pixels.iter().zip(&b.pixels).filter(differs).count();
         let ratio = mean(a) / mean(b);
         if count > a.pixels.len() / 100 || (ratio - 1.0).abs() > 1e-3 {
             return Err(format!("{name}: {count} of {} pixels differ, ratio of the means {ratio}", a.pixels.len()));
@@ -227,15 +227,15 @@ fn texture_units_give_the_pictures_that_kernels_do() {
         let Some((kernel, exact)) = render(Decode::Kernel, None) else { return };
         let Some((texture, found)) = render(Decode::Texture, None) else { return };
         let limit = if matches!(codec, BlockCodec::Bc1 | BlockCodec::Bc3) { 1e-2 } else { 1e-5 };
-        let apart = |found: &[Vec3]| {
+        let differs = |found: &[Vec3]| {
             let square = |v: Vec3| f64::from(v.length_squared());
             let wrong: f64 = found.iter().zip(&exact).map(|(a, b)| square(*a - *b)).sum();
             (wrong / exact.iter().map(|h| square(*h)).sum::<f64>()).sqrt()
         };
-        println!("{codec:?}: irradiance {:.1e}, picture {:.1e}", apart(&found), indirect_error(&texture, &kernel));
-        assert!(apart(&found) < limit && f64::from(indirect_error(&texture, &kernel)) < limit, "{codec:?}");
+        println!("{codec:?}: irradiance {:.1e}, picture {:.1e}", differs(&found), indirect_error(&texture, &kernel));
+        assert!(differs(&found) < limit && f64::from(indirect_error(&texture, &kernel)) < limit, "{codec:?}");
         let Some((few, fewer)) = render(Decode::Texture, Some(3)) else { return };
-        assert!(apart(&fewer) > limit && f64::from(indirect_error(&few, &kernel)) > limit, "{codec:?}");
+        assert!(differs(&fewer) > limit && f64::from(indirect_error(&few, &kernel)) > limit, "{codec:?}");
     }
 }
 

@@ -23,9 +23,9 @@ fn room() -> Scene {
 }
 
 /// H_r = F_r B at the receivers of any set.
-fn gathered(scene: &Scene, senders: &Subdivision, set: &dyn ReceiverSet, exitance: &[Vec4]) -> Vec<Vec4> {
+fn gathered(scene: &Scene, subdivision: &Subdivision, set: &dyn ReceiverSet, exitance: &[Vec4]) -> Vec<Vec4> {
     let offsets = set.offsets();
-    let surfaces = senders.surfaces_to(scene, &[], set.points(), &offsets);
+    let surfaces = subdivision.surfaces_to(scene, &[], set.points(), &offsets);
     let mut rows = form_factors(&Hemisphere { rays: 256 }, &surfaces, &|_, _| Proceed::Continue(())).unwrap();
     normalise_rows(&mut rows.factors, &rows.sky_factor).unwrap();
     let rows: Csr = rows.factors.to_csr(0.0).unwrap();
@@ -46,7 +46,7 @@ fn every_set_shows_the_same_light() {
     let scene = room();
     let sides = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
     let settings = SubdivideSettings { size: PatchSize::Count(200), sides: SidePolicy::Front, ..Default::default() };
-    let senders = subdivide(&scene, &settings).unwrap();
+    let subdivision = subdivide(&scene, &settings).unwrap();
     let mesh = InterpolationMesh::new(&scene, &sides, 0.9, 0.1, |_, _| Some(0.3), |_| None).unwrap();
     let map = LightmapTexels::new(&scene, &sides, 0.3, &|_| true).unwrap();
     let size = VolumeSize::Edge(0.4);
@@ -69,7 +69,7 @@ fn every_set_shows_the_same_light() {
         .collect();
     // Irradiance at the same places by each set, exact rows of the places first.
     let by_all = |exitance: &[Vec4]| -> Vec<Vec<f32>> {
-        let of = |set: &dyn ReceiverSet| gathered(&scene, &senders, set, exitance);
+        let of = |set: &dyn ReceiverSet| gathered(&scene, &subdivision, set, exitance);
         let (on_mesh, on_map, in_air) = (of(&mesh), of(&map), of(&volume));
         let interpolate = |&(t, u, v): &(u32, f32, f32)| {
             let hit = scene::Hit { triangle: t, u, v, t: 1.0 };
@@ -83,7 +83,7 @@ fn every_set_shows_the_same_light() {
             )
         };
         [
-            gathered(&scene, &senders, &points, exitance),
+            gathered(&scene, &subdivision, &points, exitance),
             places.iter().map(interpolate).collect(),
             places.iter().map(|&(t, u, v)| map.at(&on_map, t, true, u, v).unwrap()).collect(),
             volume.at_points(&in_air, &points).unwrap(),
@@ -92,11 +92,11 @@ fn every_set_shows_the_same_light() {
         .into()
     };
     // In a furnace all are 1, in all sets.
-    let furnace = by_all(&vec![Vec4::ONE; senders.patches.len()]);
+    let furnace = by_all(&vec![Vec4::ONE; subdivision.patches.len()]);
     assert!(furnace.iter().flatten().all(|h| (h - 1.0).abs() < 1e-4));
     // Light from one wall only: sets differ by what lies between their receivers.
     let wall = |p: &formfactor::Patch| Vec4::splat(if p.normal.x > 0.5 { 1.0 } else { 0.0 });
-    let uneven = by_all(&senders.patches.iter().map(wall).collect::<Vec<_>>());
+    let uneven = by_all(&subdivision.patches.iter().map(wall).collect::<Vec<_>>());
     let mean = uneven[0].iter().sum::<f32>() / points.len() as f32;
     let errors: Vec<f32> = uneven[1..]
         .iter()

@@ -136,7 +136,7 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
                 let error = distance(&mean, rest) / jump;
                 assert!(error < 0.1 && change > 0.0, "{temporal:?}: {error}");
             }
-            // The light of before is told apart.
+            // The light of before is distinguished.
             assert!(left(0) > 0.5);
         }
     }
@@ -155,9 +155,9 @@ fn both_executors_and_two_runs_give_the_same_bits() {
         let Some(vulkan) = vulkan() else { continue };
         let is_emulated = vulkan.device().kind == runtime::executor::DeviceKind::EmulatedOnCpu;
         let (theirs, _) = frames(&loaded, &bake, transport, Box::new(vulkan), 20);
-        let apart = distance(&theirs[20], &ours[20]);
+        let difference = distance(&theirs[20], &ours[20]);
         // Other devices may round divisions otherwise, and then other samples of the light are no other.
-        assert!(if is_emulated { theirs == ours } else { apart < 1e-3 }, "{temporal:?}: {apart}");
+        assert!(if is_emulated { theirs == ours } else { difference < 1e-3 }, "{temporal:?}: {difference}");
     }
 }
 

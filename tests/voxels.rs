@@ -201,8 +201,8 @@ fn check_same(a: &(Pictures, Vec<Vec3>), b: &(Pictures, Vec<Vec3>)) -> Result<()
     for (name, a, b) in [("full", &a.0.full, &b.0.full), ("indirect", &a.0.indirect, &b.0.indirect)] {
         let sum = |p: &reference::Picture| p.pixels.iter().map(|p| luminance(*p)).sum::<f32>();
         let level = 1e-5 * sum(a) / a.pixels.len() as f32;
-        let apart = |(x, y): &(&Vec3, &Vec3)| (**x - **y).abs().max_element() > 1e-3 * x.max_element() + level;
-        let count = a.pixels.iter().zip(&b.pixels).filter(apart).count();
+        let differs = |(x, y): &(&Vec3, &Vec3)| (**x - **y).abs().max_element() > 1e-3 * x.max_element() + level;
+        let count = a.pixels.iter().zip(&b.pixels).filter(differs).count();
         if count > a.pixels.len() / 100 || (sum(a) / sum(b) - 1.0).abs() > 1e-3 {
             return Err(format!("{name}: {count} of {} pixels differ, sums {} {}", a.pixels.len(), sum(a), sum(b)));
         }

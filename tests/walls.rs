@@ -367,8 +367,8 @@ fn shade_points() -> Vec<SurfacePoint> {
     (0..44).map(|k| point(place(k), Vec3::Y)).collect()
 }
 
-/// Patches of 1 m² lie on both sides of a sunbeam that the bake has not seen, facets of a sixth of that less so. Half of the points
-/// are within 6.8 %; where facets gather from patches, within 9.9 %.
+/// Patches of 1 m² lie on both sides of a sunbeam that the bake has not seen, elements of a sixth of that less so.
+/// Half of the points are within 6.8 %; where elements gather from patches, within 9.9 %.
 #[test]
 fn sunbeam_that_the_bake_has_not_seen() {
     let mut build = slit();

@@ -49,7 +49,7 @@ pub struct Pixels {
     pub values: Vec<[f32; 3]>,
 }
 
-/// What a frame shows; streaming worlds do not tell indirect light apart.
+/// What a frame shows; streaming worlds do not separate indirect light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FramePixels {
     pub full: Pixels,

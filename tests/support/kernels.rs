@@ -12,7 +12,7 @@ use ::multibounce::BlockCodec;
 use bytemuck::{Pod, Zeroable};
 use formfactor::kernel::grid::{cell_count, vertex_count};
 use formfactor::kernel::hits::WORD_COUNTS;
-use formfactor::{GatherParams, HemisphereParams, HitRows, HitsParams, ReceiverCell, TriangleGrid};
+use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
@@ -29,6 +29,7 @@ use scene::{
     Camera, DirectParams, Hit, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Material, NONE, Ray,
     Scene, SceneParts, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
+use transport::HitCounts;
 
 /// Bytes on a 16-byte boundary.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -531,7 +532,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let hits: Vec<u32> =
                 (0..rows * rays).map(|k| if k % 2 == 0 { r.below(columns + 9) } else { r.below(4) / 3 }).collect();
             let scales: Vec<f32> = (0..rows).map(|_| r.unit() / rays as f32).collect();
-            let mut rows_of_hits = HitRows::new(columns as usize).expect("few columns");
+            let mut rows_of_hits = HitCounts::new(columns as usize).expect("few columns");
             rows_of_hits.push(&hits, &scales).expect("as many rays for every row");
             // A block of rows: the first are left out, with their quads down to a whole word of counts.
             let skipped = 17;
@@ -548,17 +549,17 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             call(rows, HitsParams { rows, first_quad }, tables)
         }
         "formfactor_gather" | "formfactor_gather_half" => {
-            let (rows, senders) = (71u32, 1031usize);
-            let vectors = senders.div_ceil(4) as u32;
+            let (rows, columns) = (71u32, 1031usize);
+            let vectors = columns.div_ceil(4) as u32;
             let p = GatherParams { rows, vectors, first_row: 3, reserved: 0 };
-            // A row as it is stored: what is beyond the senders is 0.
+            // A row as it is stored: what is beyond the columns is 0.
             let mut factors = vec![0.0f32; (4 * rows * vectors) as usize];
             for row in factors.chunks_mut(4 * vectors as usize) {
-                row[..senders].fill_with(|| r.unit() / senders as f32);
+                row[..columns].fill_with(|| r.unit() / columns as f32);
             }
             let halves: Vec<half::f16> = factors.iter().map(|f| half::f16::from_f32(*f)).collect();
             let mut exitance = r.colors(4 * vectors as usize);
-            exitance[senders..].fill(Vec4::ZERO);
+            exitance[columns..].fill(Vec4::ZERO);
             let tables = vec![
                 if name.ends_with("half") { buffer("factors", &halves) } else { buffer("factors", &factors) },
                 buffer("exitance", &exitance),

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 
-use firstshot::Registry;
+use firstshot::PhotonAccumulator;
 use glam::{Vec2, Vec3};
 use patches::PatchMesh;
 use patchlight::method::firstshot::FirstShot;

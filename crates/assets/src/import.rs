@@ -1,8 +1,8 @@
 //! Scene files in: scene .toml version 1, OBJ with MTL, glTF and GLB, their textures, lights and cameras.
 //!
 //! Everything inside a [`scene::Scene`] is in metres: lengths of files are multiplied by `metres_per_unit`. What can be
-//! repaired is repaired and said in [`LoadedScene::warnings`]; what cannot is an [`ImportError`] that names file, place and
-//! remedy. No input panics.
+//! repaired is repaired and stated in [`LoadedScene::warnings`]; what cannot is an [`ImportError`] that names file,
+//! place and remedy. No input panics.
 
 use std::path::Path;
 use std::time::Instant;

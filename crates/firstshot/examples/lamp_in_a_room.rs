@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use firstshot::{Emission, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Texels, Tracer};
+use firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer};
 use glam::Vec3;
 use scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
 
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ..SceneParts::default()
     })?;
     let go_on = |_, _| ControlFlow::Continue(());
-    let emission = Emission::first_shot(&scene, &PieceSettings::default(), Texels::Mean, true, &go_on)?;
+    let emission = Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?;
     let maps = IlluminationMaps::new(&scene, 0.5)?;
     let mut tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings { error: 0.02, ..Default::default() })?;
     tracer.run(&|_| ControlFlow::Continue(()))?;

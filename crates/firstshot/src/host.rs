@@ -1,16 +1,16 @@
-//! The host side: what photons start from, tracing and registration on all cores.
+//! The host side: what photons start from, tracing and accumulation on all cores.
 
 mod alias;
 mod emission;
+mod light_elements;
 mod maps;
-mod pieces;
 mod trace;
 mod tracer;
 
 pub use alias::alias_table;
 pub use emission::{Emission, Texels};
+pub use light_elements::{LightElement, LightElementSettings, light_elements};
 pub use maps::IlluminationMaps;
-pub use pieces::{Piece, PieceSettings, lit_pieces};
 pub use trace::trace_photons;
-pub use tracer::{Estimate, PhotonSettings, Registry, Round, Sequences, Tracer};
+pub use tracer::{Estimate, PhotonAccumulator, PhotonSettings, Round, Sequences, Tracer};
 pub use transport::Proceed;

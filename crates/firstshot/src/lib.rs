@@ -6,22 +6,25 @@
 //! "An efficient method of illumination computation using a probability distribution function for ray generation", Keldysh
 //! Institute):
 //!
-//! 1. **Pieces** ([`lit_pieces`]): each triangle that a point, spot or parallel light may fall on is split into two, three or
-//!    four until the light in the middle of a piece is the mean of that at its corners; obtuse pieces are cut across their
-//!    longest edge; edges of shadows are refined down to the limits. A piece m of light n has the emission coefficient
-//!    `Φ_mn = S ρ̄ ∫ h` (h the irradiance, ρ̄ of the mean or of the brightest texel).
-//! 2. **Distribution** ([`Emission`]): an alias table over all pieces, emitters, rectangle lights and parts of the sky, by the
-//!    luminance of their power, picks in O(1). With A, B, C at a piece's corners and S = A + B + C the start point is at u from
-//!    `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS`, and v is linear on the section ([`kernel::linear`]).
+//! 1. **Light elements** ([`light_elements`]): each triangle that a point, spot or parallel light may fall on is
+//!    split into two, three or four until the light in the middle of a light element is the mean of that at its
+//!    corners; obtuse elements are cut across their longest edge; edges of shadows are refined down to the limits. An
+//!    element m of light n has the emission coefficient `Φ_mn = S ρ̄ ∫ h` (h the irradiance, ρ̄ of the mean or of the
+//!    brightest texel).
+//! 2. **Distribution** ([`Emission`]): an alias table over all elements, emitters, rectangle lights and parts of the
+//!    sky, by the luminance of their power, picks in O(1). With A, B, C at a light element's corners and S = A + B +
+//!    C the start point is at u from `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS`, and v is linear on the section
+//!    ([`kernel::linear`]).
 //! 3. **Tracing** ([`Tracer`]): cosine-weighted directions, roulette with the chance `lum(ρ∘Φ)/lum(Φ)`, so all photons keep
 //!    one luminance and their colour is in the ratio of the channels. Surfaces are two-sided Lambert; holes let photons
-//!    through. Each landing of reflected light adds to its cell j of a [`Registry`] (illumination maps, or patches):
-//!    `H_j = Φ m_j / S_j`, W/m². Light that comes straight from area lights is direct and not counted, unless asked for.
+//!    through. Each photon hit of reflected light adds to its cell j of a [`PhotonAccumulator`] (illumination maps,
+//!    or patches): `H_j = Φ m_j / S_j`, W/m². Light that comes straight from area lights is direct and not counted,
+//!    unless asked for.
 //!
 //! With shadow rays from the start points (`is_exact`) a photon's flux is that of the light there, `h(x)/h_linear(x)`, and H has
-//! no bias from the table, but for spots of light that all four points of a piece and of the one around it miss; without
-//! them the table is the light, as in Kopylov's method. [`Emission::classical`] sends all photons from the lights, in the same
-//! code.
+//! no bias from the table, but for spots of light that all four points of an element and of the one around it miss;
+//! without them the table is the light, as in Kopylov's method. [`Emission::classical`] sends all photons from the
+//! lights, in the same code.
 //!
 //! The error is known from independent batches, `√(Σ A σ² / Σ A H²)`; [`Tracer::run`] goes on until it is what was asked for.
 //! Numbers come from Sobol's sequence with Owen's scrambling or from a hash; the same seed gives the same bytes for any
@@ -43,7 +46,7 @@
 //! ```
 //! use std::ops::ControlFlow;
 //!
-//! use firstshot::{Emission, IlluminationMaps, PhotonSettings, PieceSettings, Texels, Tracer};
+//! use firstshot::{Emission, IlluminationMaps, PhotonSettings, LightElementSettings, Texels, Tracer};
 //! use glam::Vec3;
 //! use scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
 //!
@@ -57,7 +60,7 @@
 //!     ..SceneParts::default()
 //! })?;
 //! let go_on = |_, _| ControlFlow::Continue(());
-//! let emission = Emission::first_shot(&scene, &PieceSettings::default(), Texels::Mean, true, &go_on)?;
+//! let emission = Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?;
 //! let maps = IlluminationMaps::new(&scene, 0.5)?;
 //! let mut tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings { error: 0.1, ..Default::default() })?;
 //! tracer.run(&|_| ControlFlow::Continue(()))?;

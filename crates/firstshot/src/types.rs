@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
-/// [`Element::kind`]: a piece of a triangle that one light falls on; photons leave it reflected.
+/// [`Element::kind`]: a light element, part of a triangle that one light falls on; photons leave it reflected.
 pub const ELEMENT_LIT: u32 = 0;
 /// [`Element::kind`]: the front of a triangle that shines by itself.
 pub const ELEMENT_EMITTER: u32 = 1;
@@ -21,24 +21,24 @@ pub const ELEMENT_BULB: u32 = 5;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Element {
-    /// Light at the piece's corners (corner, corner + `edge_a`, corner + `edge_b`) over the light's colour: the density of
-    /// start points is linear between them.
+    /// Light at the element's corners (corner, corner + `edge_a`, corner + `edge_b`) over the light's colour: the
+    /// density of start points is linear between them.
     pub values: Vec3,
-    /// Turns emitted light into flux relative to the mean: one over the luminance of what the density stands for.
+    /// Scales emitted light into flux relative to the mean: one over the luminance of what the density stands for.
     pub scale: f32,
-    /// Piece of a triangle: shares (u, v) of its first corner. Sky: least height y and least turn of the directions.
+    /// Light element: shares (u, v) of its first corner. Sky: least height y and least azimuth of the directions.
     pub corner: Vec2,
-    /// Piece: the edge from the first to the second corner, as shares. Sky: extent in height and turn.
+    /// Light element: the edge from the first to the second corner, as shares. Sky: extent in height and azimuth.
     pub edge_a: Vec2,
-    /// Piece: the edge from the first to the third corner.
+    /// Light element: the edge from the first to the third corner.
     pub edge_b: Vec2,
     /// One of the `ELEMENT_` constants.
     pub kind: u32,
-    /// The triangle of a piece or emitter.
+    /// The triangle of an element or emitter.
     pub triangle: u32,
     /// The light, but for emitters and sky.
     pub light: u32,
-    /// 1 where the piece lies on the back of its triangle.
+    /// 1 where the element lies on the back of its triangle.
     pub is_back: u32,
     /// Keeps the size a multiple of 16.
     pub reserved: [u32; 2],
@@ -116,17 +116,17 @@ pub struct Photon {
 }
 const _: () = assert!(size_of::<Photon>() == 48);
 
-/// [`Landing::info`]: on the back of the triangle.
-pub const LANDING_BACK: u32 = 1;
-/// [`Landing::info`]: the photon's first segment ends here.
-pub const LANDING_FIRST: u32 = 2;
-/// [`Landing::info`]: the light was reflected before, so it is indirect.
-pub const LANDING_INDIRECT: u32 = 4;
+/// [`PhotonHit::info`]: on the back of the triangle.
+pub const HIT_BACK: u32 = 1;
+/// [`PhotonHit::info`]: the photon's first segment ends here.
+pub const HIT_FIRST: u32 = 2;
+/// [`PhotonHit::info`]: the light was reflected before, so it is indirect.
+pub const HIT_INDIRECT: u32 = 4;
 
 /// Where a segment of a photon ends.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Landing {
+pub struct PhotonHit {
     /// Flux that arrives, over the mean flux of a photon; zero where there was no photon.
     pub flux: Vec3,
     /// The triangle, or [`scene::NONE`] where the photon left the scene.
@@ -137,10 +137,10 @@ pub struct Landing {
     pub v: f32,
     /// Number of the photon in its dispatch.
     pub photon: u32,
-    /// Any of the `LANDING_` constants.
+    /// Any of the `HIT_` constants.
     pub info: u32,
 }
-const _: () = assert!(size_of::<Landing>() == 32);
+const _: () = assert!(size_of::<PhotonHit>() == 32);
 
 /// Cells of a triangle's illumination map: `divisions²` on the front from `first` on, and as many on the back after them.
 #[repr(C)]
@@ -148,7 +148,7 @@ const _: () = assert!(size_of::<Landing>() == 32);
 pub struct MapGrid {
     /// First cell.
     pub first: u32,
-    /// Pieces along each edge.
+    /// Divisions along each edge.
     pub divisions: u32,
 }
 const _: () = assert!(size_of::<MapGrid>() == 8);

@@ -4,7 +4,9 @@ mod support;
 
 use std::f32::consts::PI;
 
-use firstshot::{Emission, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Texels, lit_pieces};
+use firstshot::{
+    Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, light_elements,
+};
 use glam::{DVec3, Vec2, Vec3};
 use scene::math::luminance;
 use scene::{
@@ -34,8 +36,8 @@ fn a_point_light_over_a_plate_gives_its_solid_angle() {
         let scene = plate(0.5, vec![bulb(Vec3::Y * height)]);
         let expected = 0.5 * f64::from(luminance(COLOR)) * solid_angle(1.0, f64::from(height));
         for exact in [false, true] {
-            // Pieces are linear within a percent, so is their sum.
-            let settings = PieceSettings { tolerance: 0.01, ..PieceSettings::default() };
+            // Light elements are linear within a percent, so is their sum.
+            let settings = LightElementSettings { tolerance: 0.01, ..LightElementSettings::default() };
             let emission = Emission::first_shot(&scene, &settings, Texels::Mean, exact, &go_on).unwrap();
             assert!((emission.power / expected - 1.0).abs() < 0.01, "{height}: {} for {expected}", emission.power);
             let maps = IlluminationMaps::new(&scene, 10.0).unwrap();
@@ -83,12 +85,12 @@ fn parallel_light_and_spots_have_their_power() {
 }
 
 #[test]
-fn pieces_have_the_light_of_the_lamp_and_cover_the_plate() {
+fn light_elements_have_the_light_of_the_lamp_and_cover_the_plate() {
     let scene = plate(0.5, vec![bulb(Vec3::new(0.3, 0.5, 0.2))]);
-    let pieces = lit_pieces(&scene, &PieceSettings::default(), &go_on).unwrap();
-    let area: f32 = pieces.iter().map(|p| p.area).sum();
+    let elements = light_elements(&scene, &LightElementSettings::default(), &go_on).unwrap();
+    let area: f32 = elements.iter().map(|p| p.area).sum();
     assert!((area - 4.0).abs() < 1e-4, "{area}");
-    for p in &pieces {
+    for p in &elements {
         let at = (p.corners[0] + p.corners[1] + p.corners[2]) / 3.0;
         let to = Vec3::new(0.3, 0.5, 0.2) - scene.tables().position(p.triangle, at.x, at.y);
         let expected = to.y / to.length().powi(3);
@@ -98,20 +100,20 @@ fn pieces_have_the_light_of_the_lamp_and_cover_the_plate() {
 
 #[test]
 fn edges_of_shadows_are_refined() {
-    // A board over the plate throws a shadow of a quarter of it.
+    // A board over the plate throws a shadow on a fourth of it.
     let mut triangles = quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, 0).to_vec();
     triangles.extend(quad(Vec3::new(-0.31, 0.5, -0.73), Vec3::Z, Vec3::X, 0));
     let sun = Light { kind: LIGHT_DIRECTIONAL, direction: Vec3::NEG_Y, color: COLOR, ..Light::default() };
     let scene = scene(triangles, vec![grey(0.5)], vec![sun]);
-    let settings = PieceSettings::default();
-    let on_plate = |settings: &PieceSettings| -> f64 {
+    let settings = LightElementSettings::default();
+    let on_plate = |settings: &LightElementSettings| -> f64 {
         let geometry = scene.tables();
-        let pieces = lit_pieces(&scene, settings, &go_on).unwrap();
-        let on_plate = pieces.iter().filter(|p| geometry.position(p.triangle, 0.2, 0.2).y == 0.0);
+        let elements = light_elements(&scene, settings, &go_on).unwrap();
+        let on_plate = elements.iter().filter(|p| geometry.position(p.triangle, 0.2, 0.2).y == 0.0);
         on_plate.map(|p| f64::from(p.mean() * p.area)).sum()
     };
-    let coarse = on_plate(&PieceSettings { depth: 0, ..settings });
-    let fine = on_plate(&PieceSettings { pieces: 1 << 20, depth: 14, ..settings });
+    let coarse = on_plate(&LightElementSettings { depth: 0, ..settings });
+    let fine = on_plate(&LightElementSettings { elements: 1 << 20, depth: 14, ..settings });
     assert!((on_plate(&settings) - 3.0).abs() < 0.02 && (fine - 3.0).abs() < 0.005, "{fine}");
     assert!((coarse - 3.0).abs() > 0.2, "{coarse}");
 }

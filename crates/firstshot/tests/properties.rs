@@ -5,8 +5,8 @@ mod support;
 use std::ops::ControlFlow;
 
 use firstshot::{
-    Emission, Error, IlluminationMaps, PhotonSettings, PieceSettings, Registry, Sequences, Texels, Tracer, lit_pieces,
-    trace_photons,
+    Emission, Error, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Sequences, Texels,
+    Tracer, light_elements, trace_photons,
 };
 use glam::{Vec2, Vec3};
 use scene::{
@@ -78,7 +78,8 @@ fn first_shot_and_classical_photons_agree_for_every_light() {
         let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
         let classical = trace(&scene, &Emission::classical(&scene).unwrap(), &maps, settings);
         for texels in [Texels::Mean, Texels::Bound] {
-            let emission = Emission::first_shot(&scene, &PieceSettings::default(), texels, true, &go_on).unwrap();
+            let emission =
+                Emission::first_shot(&scene, &LightElementSettings::default(), texels, true, &go_on).unwrap();
             let found = trace(&scene, &emission, &maps, settings);
             let (sigma, all) = deviation(&maps, &found, &classical);
             // Errors from 16 batches make the deviation a little more than 1: t with 30 degrees of freedom.
@@ -100,7 +101,7 @@ fn the_table_alone_is_wrong_where_shadow_rays_are_right() {
     let settings = PhotonSettings { batches: 16, ..photons(1 << 19) };
     let scene = room_with_a_window(vec![lights()[0]]);
     let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
-    let coarse = PieceSettings { depth: 1, longest: 10.0, ..PieceSettings::default() };
+    let coarse = LightElementSettings { depth: 1, longest: 10.0, ..LightElementSettings::default() };
     let run = |exact| {
         let emission = Emission::first_shot(&scene, &coarse, Texels::Mean, exact, &go_on).unwrap();
         trace(&scene, &emission, &maps, settings)
@@ -195,7 +196,7 @@ fn sobol_points_need_fewer_photons() {
         let settings = PhotonSettings { sequences, batches: 16, with_direct: true, ..photons(1 << 17) };
         trace(scene, emission, &maps, settings).round.error
     };
-    // Light straight from a lamp has two dimensions, that of many pieces over several reflections has many.
+    // Light straight from a lamp has two dimensions, that of many elements over several reflections has many.
     let black = scene(room(Vec3::ZERO, Vec3::ONE, [0; 6]), vec![grey(0.0)], vec![lights()[0]]);
     let lamp = Emission::classical(&black).unwrap();
     let both = [Sequences::Sobol, Sequences::Random].map(|s| error(&black, &lamp, s));
@@ -255,17 +256,17 @@ fn holes_let_photons_through_and_send_none() {
     let maps = IlluminationMaps::new(&scene, 1.0).unwrap();
     let tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings::default()).unwrap();
     let p = tracer.params(1 << 10);
-    let landings = trace_photons(&scene, &emission, &p);
+    let hits = trace_photons(&scene, &emission, &p);
     let geometry = scene.tables();
-    assert!(landings.iter().filter(|l| l.triangle != scene::NONE).all(|l| !geometry.is_hole(l.triangle, l.u, l.v)));
-    let on_board = |l: &&firstshot::Landing| {
+    assert!(hits.iter().filter(|l| l.triangle != scene::NONE).all(|l| !geometry.is_hole(l.triangle, l.u, l.v)));
+    let on_board = |l: &&firstshot::PhotonHit| {
         l.triangle != scene::NONE && geometry.position(l.triangle, l.u, l.v).cmpgt(Vec3::splat(0.15)).all()
     };
-    assert!(landings.iter().filter(on_board).count() > 10);
-    // Exactly one first landing for each photon that there is, at the same place again.
-    let firsts = landings.iter().filter(|l| l.info & firstshot::LANDING_FIRST != 0).count();
+    assert!(hits.iter().filter(on_board).count() > 10);
+    // Exactly one first photon hit for each photon that there is, at the same place again.
+    let firsts = hits.iter().filter(|l| l.info & firstshot::HIT_FIRST != 0).count();
     assert!(firsts <= p.count as usize && firsts > p.count as usize / 2);
-    assert_eq!(landings, trace_photons(&scene, &emission, &p));
+    assert_eq!(hits, trace_photons(&scene, &emission, &p));
 }
 
 #[test]
@@ -297,11 +298,14 @@ fn bad_settings_are_refused() {
     let scene = room_with_a_window(lights());
     let maps = IlluminationMaps::new(&scene, 1.0).unwrap();
     let setting = |name: &'static str| move |e: &Error| matches!(e, Error::Setting { name: n, .. } if *n == name);
-    let refused = |settings: PieceSettings| lit_pieces(&scene, &settings, &go_on).unwrap_err();
-    assert!(setting("tolerance")(&refused(PieceSettings { tolerance: 0.0, ..PieceSettings::default() })));
-    assert!(setting("longest")(&refused(PieceSettings { longest: f32::NAN, ..PieceSettings::default() })));
-    assert!(setting("pieces")(&refused(PieceSettings { pieces: 0, ..PieceSettings::default() })));
-    assert!(setting("neighbours")(&refused(PieceSettings { neighbours: 0, ..PieceSettings::default() })));
+    let refused = |settings: LightElementSettings| light_elements(&scene, &settings, &go_on).unwrap_err();
+    assert!(setting("tolerance")(&refused(LightElementSettings { tolerance: 0.0, ..LightElementSettings::default() })));
+    assert!(setting("longest")(&refused(LightElementSettings {
+        longest: f32::NAN,
+        ..LightElementSettings::default()
+    })));
+    assert!(setting("elements")(&refused(LightElementSettings { elements: 0, ..LightElementSettings::default() })));
+    assert!(setting("neighbours")(&refused(LightElementSettings { neighbours: 0, ..LightElementSettings::default() })));
     assert!(setting("edge")(&IlluminationMaps::new(&scene, -1.0).unwrap_err()));
     let room = self::scene(room(Vec3::ZERO, Vec3::ONE, [0; 6]), vec![grey(0.5)], Vec::new());
     assert!(matches!(IlluminationMaps::with_divisions(&room, &[1 << 12; 12]), Err(Error::TooMany { .. })));
@@ -311,7 +315,7 @@ fn bad_settings_are_refused() {
     assert!(setting("batches")(&refused(PhotonSettings { batches: 1, ..PhotonSettings::default() })));
     assert!(setting("error")(&refused(PhotonSettings { error: f64::NAN, ..PhotonSettings::default() })));
     assert!(setting("most_photons")(&refused(photons(0))));
-    let stopped = lit_pieces(&scene, &PieceSettings::default(), &|_, _| ControlFlow::Break(()));
+    let stopped = light_elements(&scene, &LightElementSettings::default(), &|_, _| ControlFlow::Break(()));
     assert!(matches!(stopped, Err(Error::Cancelled { .. })));
     assert!(matches!(maps.corner_irradiance(&scene, &[]), Err(Error::Length { .. })));
 }

@@ -1,4 +1,4 @@
-//! Two parallel unit squares one metre apart: their form factor and its closed form, and the light that they exchange.
+//! Two parallel unit squares one metre apart: their form factor and its closed form, and the light between them.
 
 use std::ops::ControlFlow;
 

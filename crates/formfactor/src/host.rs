@@ -18,9 +18,5 @@ pub use estimate::{
 pub use file::{RowFile, RowFileWriter};
 pub use reciprocal::{Reciprocal, reciprocal};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
-pub use sparse::{SparseRows, add_hit_rows, add_quarter_rows, gather_by_rays, sparse_rows};
-// The names that these had here, until all callers take them from `transport`.
-pub use transport::{
-    Csr, Dense, Half, HitCounts as HitRows, LinearOperator as Operator, Owner, Polygon, Proceed, QUADRANTS as QUARTERS,
-    Surfaces, rotational_gradients as turns, widen_half,
-};
+pub use sparse::{SparseRows, add_hit_rows, add_quadrant_rows, gather_by_rays, sparse_rows};
+pub use transport::{Csr, Dense, Half, Owner, Polygon, Proceed, Surfaces, widen_half};

@@ -73,7 +73,7 @@ fn spread(polygon: &Polygon, count: u32, seed: u32) -> Vec<SurfacePoint> {
 
 /// Form factor of a case by an estimator, with real rays against the polygons: the mean of `row_count` independent rows.
 fn estimate(case: &Case, estimator: &dyn Estimator, row_count: u32, point_count: u32) -> f64 {
-    let senders: Vec<Polygon> = case.to.iter().map(|c| Polygon::new(c).unwrap()).collect();
+    let polygons_to: Vec<Polygon> = case.to.iter().map(|c| Polygon::new(c).unwrap()).collect();
     let mut triangles: Vec<Triangle> = case.to.iter().enumerate().flat_map(|(k, c)| fan(c, k as u32)).collect();
     let (rows, points) = match &case.from {
         From::Point(position, normal) => {
@@ -91,14 +91,14 @@ fn estimate(case: &Case, estimator: &dyn Estimator, row_count: u32, point_count:
     let scene =
         Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..SceneParts::default() })
             .unwrap();
-    let patches: Vec<Patch> = senders
+    let patches: Vec<Patch> = polygons_to
         .iter()
         .map(|p| Patch { centroid: p.centroid.as_vec3(), area: p.area as f32, normal: p.normal.as_vec3(), triangle: 0 })
         .collect();
     let offsets: Vec<u32> = (0..=row_count).map(|row| row * (points.len() as u32 / row_count)).collect();
     let surfaces = Surfaces {
         patches: &patches,
-        polygons: &senders,
+        polygons: &polygons_to,
         row_polygons: &rows,
         points: &points,
         offsets: &offsets,
@@ -253,8 +253,8 @@ fn built_in() -> Vec<Case> {
     let expected = 0.5 * (s - (s * s - 4.0 * (y / x) * (y / x)).sqrt());
     cases.push(case("coaxial discs", From::Patch(disc(r1, 0.0, false).remove(0)), disc(r2, h, true), expected));
     // A turned, moved and enlarged pair has the form factor of the plain one.
-    let turn = Quat::from_axis_angle(v(0.48, 0.6, 0.64), 1.1);
-    let moved = |c: Vec<Vec3>| c.iter().map(|&p| turn * p * 7.0 + v(3.0, -20.0, 11.0)).collect::<Vec<_>>();
+    let rotation = Quat::from_axis_angle(v(0.48, 0.6, 0.64), 1.1);
+    let moved = |c: Vec<Vec3>| c.iter().map(|&p| rotation * p * 7.0 + v(3.0, -20.0, 11.0)).collect::<Vec<_>>();
     let expected = perpendicular_rectangles(1.0, 2.0, 1.5);
     let turned = From::Patch(moved(floor(1.0, 1.5)));
     cases.push(case("perpendicular rectangles, turned and enlarged", turned, vec![moved(wall(2.0, 1.5))], expected));
@@ -326,7 +326,7 @@ fn wrong_inputs_fail() {
     let mut far = right();
     far.to[0].iter_mut().for_each(|p| p.z *= 1.02);
     assert_eq!(check(&[far]).len(), 3);
-    // The back of the sender.
+    // The back of the source patch.
     let mut back = right();
     back.to[0].reverse();
     assert_eq!(check(&[back]).len(), 3);

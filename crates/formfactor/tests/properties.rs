@@ -11,11 +11,12 @@ use patches::{
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
 use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv, find_sides};
+use transport::LinearOperator as _;
 
 /// The inside of a box, scaled, turned and moved, with a lid or without, and a tilted sheet in it that both sides see.
-fn room(scale: f32, turn: Quat, lid: bool) -> Scene {
+fn room(scale: f32, rotation: Quat, lid: bool) -> Scene {
     let size = Vec3::new(2.0, 1.5, 1.0);
-    let place = |p: Vec3| turn * ((p - 0.5 * size) * scale);
+    let place = |p: Vec3| rotation * ((p - 0.5 * size) * scale);
     let mut triangles = Vec::new();
     let mut quad = |p: Vec3, a: Vec3, b: Vec3| {
         let (o, a1, b1) = (place(p), place(p + a) - place(p), place(p + b) - place(p));

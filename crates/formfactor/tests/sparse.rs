@@ -1,6 +1,6 @@
 //! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
 
-use formfactor::{Error, add_hit_rows, add_quarter_rows, gather_by_rays, sparse_rows};
+use formfactor::{Error, add_hit_rows, add_quadrant_rows, gather_by_rays, sparse_rows};
 use glam::{Vec3, Vec4};
 use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use scene::sampling::{hash3, unit};
@@ -77,7 +77,7 @@ fn three_forms_of_the_same_rows() {
 }
 
 #[test]
-fn quarters_add_up_and_turn_with_the_normal() {
+fn quadrants_add_up_and_rotate_with_the_normal() {
     let scene = open_box();
     let subdivision = cut(&scene);
     let (points, offsets) = receivers(130);
@@ -87,37 +87,37 @@ fn quarters_add_up_and_turn_with_the_normal() {
     let light: Vec<Vec4> = subdivision.patches.iter().map(|p| shine(p.centroid)).collect();
     let gathered = gather_by_rays(&surfaces, 4096, &light, &on).unwrap();
     let mut rows = HitCounts::new(light.len()).unwrap();
-    add_quarter_rows(&mut rows, &surfaces, 4096, &on).unwrap();
+    add_quadrant_rows(&mut rows, &surfaces, 4096, &on).unwrap();
     assert_eq!(rows.rows(), QUADRANTS * points.len());
-    let mut quarters = vec![Vec4::ZERO; rows.rows()];
-    rows.apply(&light, &mut quarters).unwrap();
-    let sums: Vec<Vec4> = quarters.chunks(QUADRANTS).map(|q| q.iter().sum()).collect();
+    let mut quadrants = vec![Vec4::ZERO; rows.rows()];
+    rows.apply(&light, &mut quadrants).unwrap();
+    let sums: Vec<Vec4> = quadrants.chunks(QUADRANTS).map(|q| q.iter().sum()).collect();
     assert!(worst(&sums, &gathered) < 1e-4, "{}", worst(&sums, &gathered));
 
-    // Those in the middle, where light is even over a quarter, turned by 17 degrees: what is left of the error of not turning,
-    // and of turning the other way.
-    let turned: Vec<SurfacePoint> =
+    // Those in the middle, where light is even over a quadrant, rotated by 17 degrees: what is left of the error of
+    // not rotating, and of turning the other way.
+    let rotated: Vec<SurfacePoint> =
         points.iter().map(|p| SurfacePoint { normal: (p.normal + 0.3 * Vec3::X).normalize(), ..*p }).collect();
     let truth = gather_by_rays(
-        &Surfaces { points: &turned, ..subdivision.surfaces_to(&scene, &[], &turned, &offsets) },
+        &Surfaces { points: &rotated, ..subdivision.surfaces_to(&scene, &[], &rotated, &offsets) },
         4096,
         &light,
         &on,
     )
     .unwrap();
     let error = |sign: f32| -> f32 {
-        let each = points.iter().zip(&turned).zip(quarters.chunks(QUADRANTS)).zip(&truth);
+        let each = points.iter().zip(&rotated).zip(quadrants.chunks(QUADRANTS)).zip(&truth);
         let middle = each.filter(|(((p, _), _), _)| (p.position - Vec3::new(0.5, 0.0, 0.5)).abs().max_element() < 0.2);
         middle
-            .map(|(((from, to), quarters), truth)| {
+            .map(|(((from, to), quadrants), truth)| {
                 let t = rotational_gradients(from.normal).map(|t| 1.0 + sign * t.dot(to.normal - from.normal));
-                let found: Vec4 = quarters.iter().zip(t).map(|(h, t)| *h * t).sum();
+                let found: Vec4 = quadrants.iter().zip(t).map(|(h, t)| *h * t).sum();
                 (found - *truth).abs().max_element()
             })
             .sum()
     };
     let (right, none, wrong) = (error(1.0), error(0.0), error(-1.0));
-    println!("turned {right}, not turned {none}, turned the wrong way {wrong}");
+    println!("rotated {right}, not rotated {none}, rotated the wrong way {wrong}");
     assert!(right < 0.5 * none && wrong > 1.5 * none, "{right} {none} {wrong}");
 }
 

@@ -1,7 +1,7 @@
 //! Kernels of photons that start where lights fall first.
 
 use ::firstshot::kernel::{segment, start};
-use ::firstshot::{AliasEntry, Element, Landing, Photon, PhotonParams};
+use ::firstshot::{AliasEntry, Element, Photon, PhotonHit, PhotonParams};
 use ::scene::kernel::bvh;
 use ::scene::{Light, Rgb, Sky};
 use glam::Vec3;
@@ -26,19 +26,19 @@ kernels! {
     }
 
     /// The next segment of every photon: where it lands, and the photon as it goes on:
-    /// [`segment::land`], [`segment::reflect`]. An element is a photon.
+    /// [`segment::photon_hit`], [`segment::reflect`]. An element is a photon.
     FIRSTSHOT_SEGMENT = "firstshot_segment"(p: PhotonParams) for k in 0..count {
         geometry: GeometryTables,
         photons: update [Photon],
-        landings: write [Landing],
+        photon_hits: write [PhotonHit],
     } invocation {
         let photon = photons[k as usize];
-        let mut landing = segment::NO_LANDING;
+        let mut photon_hit = segment::NO_PHOTON_HIT;
         if photon.flux != Vec3::ZERO {
             let hit = bvh::closest_hit(&geometry, photon.origin, photon.direction, bvh::FAR);
-            landing = segment::land(&geometry, k, &photon, hit);
+            photon_hit = segment::photon_hit(&geometry, k, &photon, hit);
             photons[k as usize] = segment::reflect(&geometry, p, k, &photon, hit);
         }
-        landings[k as usize] = landing;
+        photon_hits[k as usize] = photon_hit;
     } host crate::host::firstshot::segment;
 }

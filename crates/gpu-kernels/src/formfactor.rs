@@ -43,7 +43,7 @@ kernels! {
 
     /// Dense product of a block of rows: a workgroup shares the columns of four rows
     /// ([`product::gather_lane`]) and adds its lanes up in a tree. An element is a row. `exitance`
-    /// holds `4 · vectors` elements, finite beyond the senders.
+    /// holds `4 · vectors` elements, finite beyond the columns.
     FORMFACTOR_GATHER = "formfactor_gather"(p: GatherParams)
     for group of ROWS_TOGETHER in 0..rows, lane, shared: [Vec4; 256] {
         factors: read [Vec4],
@@ -88,7 +88,7 @@ kernels! {
         product::gather_row_sparse(k, row_start, columns, values, exitance)
     } host crate::host::formfactor::gather_csr;
 
-    /// Product with rows of counts of hits (`formfactor::HitRows`): [`hits::gather_row_hits`]. An
+    /// Product with rows of counts of hits (`transport::HitCounts`): [`hits::gather_row_hits`]. An
     /// element is a row.
     FORMFACTOR_GATHER_HITS = "formfactor_gather_hits"(p: HitsParams) for k in 0..rows {
         row_start: read [u32],

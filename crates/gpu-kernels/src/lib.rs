@@ -12,9 +12,9 @@
 //! - Descriptor set 0; a binding's number is its place in [`table::Kernel::bindings`]. Buffers need one element at least, and
 //!   a written buffer is bound once. Push constants are plain structures: [`params`], and the `Params` of the method crates.
 //! - A dispatch covers a number of *elements* (rays, points, pixels, rows …), the same as in the push constants;
-//!   [`table::Kernel::groups`] turns it into workgroups. They have 64 invocations in x. Beyond 65,535 workgroups a dispatch
-//!   goes on in y: element = x + y · (64 · groups in x).
-//! - Dense products take four rows together, rows of whole vectors of four factors (zeros beyond the senders), and
+//!   [`table::Kernel::groups`] converts it to workgroups. They have 64 invocations in x. Beyond 65,535 workgroups a
+//!   dispatch goes on in y: element = x + y · (64 · groups in x).
+//! - Dense products take four rows together, rows of whole vectors of four factors (zeros beyond the columns), and
 //!   `4 · vectors` finite entries of B. A matrix beyond `maxStorageBufferRange` is bound in blocks of rows:
 //!   `GatherParams::first_row` says where the block's rows go. `formfactor_gather` and `_half` share the columns of four rows
 //!   among a workgroup, with coalesced loads.

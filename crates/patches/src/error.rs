@@ -40,7 +40,7 @@ pub enum Error {
         /// What it must be.
         rule: &'static str,
     },
-    /// More voxels, pieces, samples or patches than can be numbered.
+    /// More voxels, clipped triangles, samples or patches than can be numbered.
     #[error("{found} {name}; at most {limit} are possible")]
     TooMany {
         /// What there are too many of.

@@ -21,7 +21,7 @@ mod volume;
 
 pub use axis::{AxisWeights, axis_patches};
 pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
-pub use grid::{Grid, PIECE_LIMIT, VOXEL_LIMIT};
+pub use grid::{CLIPPED_TRIANGLE_LIMIT, Grid, VOXEL_LIMIT};
 pub use interpolation_mesh::InterpolationMesh;
 pub use lightmap::{LIGHTMAP_LIMIT, LightmapTexels};
 pub use lit::LitSampler;

@@ -1,5 +1,5 @@
 #![no_std]
-//! Virtual patches: any mesh as a few thousand senders of light, with no hand-made proxy.
+//! Virtual patches: any mesh as a few thousand patches that send light, with no hand-made proxy.
 //!
 //! A [`Grid`] of voxels cuts the triangles of a scene; empty voxels are dropped. [`sample_voxels`] casts rays from
 //! Hammersley's points on the six faces of each voxel, inside the voxel only. What they meet are samples: position, normal

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A point of a surface that stands for a piece of it, on one side.
+/// A point of a surface that stands for a part of it, on one side.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Sample {
@@ -33,7 +33,7 @@ pub struct Member {
 }
 const _: () = assert!(size_of::<Member>() == 8);
 
-/// Samples taken together as one sender (and, for [T 5]'s own receivers, receiver) of light.
+/// Samples taken together as one source patch (and, for [T 5]'s own receivers, receiver) of light.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VirtualPatch {

@@ -1,4 +1,4 @@
-//! The lookup: constants stay, linear fields nearly so, walls and floors keep light apart.
+//! The lookup: constants stay, linear fields nearly so, walls and floors separate light.
 
 mod support;
 

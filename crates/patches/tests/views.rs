@@ -160,7 +160,7 @@ fn threads_change_no_byte_and_the_seed_does() {
 
 #[test]
 fn pilots_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
-    // A yard whose floor is of layers, all together twenty times thinner than pilots are apart.
+    // A yard whose floor is of layers, all together twenty times thinner than the distance of probe samples.
     let mut mesh = Mesh::default();
     mesh.cuboid(Vec3::new(-40.0, -0.09, -40.0), Vec3::new(40.0, 0.0, 40.0), false);
     for layer in 1..9 {

@@ -1,5 +1,5 @@
-//! The voxel volume: constants stay, linear fields too, walls keep rooms apart, and both outputs against closed forms and
-//! integrals over hemispheres.
+//! The voxel volume: constants stay, linear fields too, walls keep rooms separate, and both outputs against closed
+//! forms and integrals over hemispheres.
 
 mod support;
 
@@ -73,7 +73,7 @@ fn a_linear_field_is_reproduced_inside() {
     let mut shifted = volume.clone();
     shifted.params.shape.origin.x += 0.01;
     assert!(worst(&shifted).into_iter().all(|e| e > 1e-3));
-    // Up to the walls it is followed to three quarters of a voxel.
+    // Up to the walls it is followed to 0.75 of a voxel.
     for k in 0..2000 {
         let p = random(k, Vec3::splat(0.03), Vec3::splat(7.97));
         let found = volume.at(&cubes, p.position, p.normal).unwrap().truncate();
@@ -89,8 +89,8 @@ fn room_of(place: Vec3) -> Option<bool> {
 
 #[test]
 fn a_dark_room_stays_dark_behind_a_wall_without_thickness() {
-    for (edge, turn) in [(0.5, 0.0), (0.41, 0.0), (0.7, 0.0), (0.5, 0.3), (0.37, 0.7)] {
-        let rotation = Quat::from_axis_angle(Vec3::new(0.3, 0.9, 0.2).normalize(), turn);
+    for (edge, angle) in [(0.5, 0.0), (0.41, 0.0), (0.7, 0.0), (0.5, 0.3), (0.37, 0.7)] {
+        let rotation = Quat::from_axis_angle(Vec3::new(0.3, 0.9, 0.2).normalize(), angle);
         let mut mesh = two_rooms();
         for t in &mut mesh.triangles {
             (t.corner, t.edge_a, t.edge_b) = (rotation * t.corner, rotation * t.edge_a, rotation * t.edge_b);
@@ -135,11 +135,11 @@ fn a_dark_room_stays_dark_behind_a_wall_without_thickness() {
         for dark in [true, false] {
             let ((kept, share), (open, open_share)) = (leak(true, dark), leak(false, dark));
             println!(
-                "edge {edge} m, turned by {turn}: greatest leak {kept:e}, above 0.001 at {share:.5} of the points; without \
+                "edge {edge} m, rotated by {angle}: greatest leak {kept:e}, above 0.001 at {share:.5} of the points; without \
                  walls {open}, {open_share:.3}"
             );
             // Walls across the grid: in a corner that no ray comes near to, a probe outside may be taken for one inside.
-            assert!(if turn == 0.0 { kept < 1e-3 } else { share < 0.003 }, "{kept} {share}");
+            assert!(if angle == 0.0 { kept < 1e-3 } else { share < 0.003 }, "{kept} {share}");
             assert!(open > 0.3 && open_share > 0.1, "{open} {open_share}");
         }
     }

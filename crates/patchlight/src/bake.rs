@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use formfactor::{Stop, add_quarter_rows, jacobi};
+use formfactor::{Stop, add_quadrant_rows, jacobi};
 use glam::Vec4;
 use patches::{
     Columns, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
@@ -250,13 +250,13 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
         most: settings.most_receivers.unwrap_or((MOST_RECEIVERS * area / (edge * edge)) as usize),
         seed,
     };
-    // How many there will be is not known: the observer is told the rows of each round.
+    // How many there will be is not known: the observer receives the rows of each round.
     let add = |rows: &mut HitCounts, points: &[SurfacePoint]| {
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
         let surfaces = mesh.lighting(scene, Columns::Elements, points, &offsets, seed);
         let rays = settings.receiver_rays;
-        add_quarter_rows(rows, &surfaces, rays, &report).map_err(|error| patches::Error::Rows(Box::new(error)))?;
+        add_quadrant_rows(rows, &surfaces, rays, &report).map_err(|error| patches::Error::Rows(Box::new(error)))?;
         Ok(())
     };
     Ok(MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add)?)
@@ -280,8 +280,8 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
     }
 }
 
-/// Bounces until a uniform source changes no patch by more than the tolerance, and a quarter more for sources that are not
-/// uniform.
+/// Bounces until a uniform source changes no patch by more than the tolerance, and a fourth more for sources that are
+/// not uniform.
 fn enough_bounces(factors: &Csr, albedo: &[Vec4]) -> Result<u32, Error> {
     let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
     let steps = jacobi(factors, &source, albedo, Stop::Tolerance(TOLERANCE))?.iterations;

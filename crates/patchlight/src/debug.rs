@@ -170,7 +170,7 @@ fn axis_colour(normal: Vec3) -> Vec3 {
 struct Shown {
     /// The receiver with the greatest weight, or [`NONE`].
     receiver: u32,
-    /// Vertices round it: the same for all of a cell's piece.
+    /// Vertices round it: the same everywhere in a part of a cell.
     cell: [u32; 3],
 }
 

@@ -145,7 +145,7 @@ pub struct Preparation<'a> {
     pub build: &'a Build,
     /// Where the camera is at first, m.
     pub eye: glam::Vec3,
-    /// Is told how far the work is.
+    /// Receives how far the work is.
     pub observer: &'a dyn Observer,
 }
 

@@ -2,10 +2,10 @@
 
 use transport::{Observer, Phase, Proceed, Steps};
 
-/// What functions of the method crates are told their progress by.
+/// What functions of the method crates report their progress to.
 pub type Report<'a> = dyn Fn(usize, usize) -> Proceed + Sync + 'a;
 
-/// Runs a phase; the observer is told its beginning, its steps and its end.
+/// Runs a phase; the observer receives its beginning, its steps and its end.
 pub fn run_phase<T>(observer: &dyn Observer, phase: Phase, work: impl FnOnce(&Report) -> T) -> T {
     Steps::new(observer, phase).run(work)
 }

@@ -317,8 +317,8 @@ impl Renderer {
     }
 
     /// Pictures of the bake and of the last update's light in it, as a camera sees them: patches, elements, the axes of their
-    /// normals, E and H of the patches (H of all bounces but the last where receivers are apart), and where receivers are on
-    /// the mesh, they and their distances. `stops` is the exposure of the scene's pictures.
+    /// normals, E and H of the patches (H of all bounces but the last where receivers are not patches), and where
+    /// receivers are on the mesh, they and their distances. `stops` is the exposure of the scene's pictures.
     ///
     /// # Errors
     /// What the device says.

@@ -45,7 +45,7 @@ impl ReferenceData {
     /// Reads a folder.
     ///
     /// # Errors
-    /// Names the file that is missing or damaged; [`Error::SizeMismatch`] when the pictures disagree.
+    /// Names the file that is missing or damaged; [`scene::Error::SizeMismatch`] when the pictures disagree.
     pub fn load(folder: &Path) -> Result<Self, Error> {
         let optional = |name: &str| {
             let path = folder.join(name);

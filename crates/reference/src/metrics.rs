@@ -166,7 +166,7 @@ pub fn compare_points(ours: &[Vec3], reference: &[Vec3]) -> Result<PointErrors, 
 /// red where ours is brighter, blue where it is darker, full colour at ± `range`. To be shown without exposure.
 ///
 /// # Errors
-/// [`Error::SizeMismatch`].
+/// [`scene::Error::SizeMismatch`].
 pub fn difference_picture(ours: &Picture, reference: &Picture, range: f32) -> Result<Picture, Error> {
     let least = (DARK_POINT as f32 * luminance(reference.mean())).max(f32::MIN_POSITIVE);
     let picture = ours.combine(reference, |o, r| {
@@ -182,7 +182,7 @@ pub fn difference_picture(ours: &Picture, reference: &Picture, range: f32) -> Re
 /// exposure.
 ///
 /// # Errors
-/// [`Error::SizeMismatch`].
+/// [`scene::Error::SizeMismatch`].
 pub fn flip_picture(ours: &Picture, reference: &Picture, scale: f32) -> Result<Picture, Error> {
     ours.check_size(reference)?;
     let colours = flip_values(ours, reference, scale).apply_color_lut(&nv_flip::magma_lut()).to_vec();

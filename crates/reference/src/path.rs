@@ -24,7 +24,7 @@ use crate::accumulation::Accumulation;
 use crate::error::Error;
 use crate::sampler::Sampler;
 use crate::sky::SkyDistribution;
-use crate::sun::{LitPoint, SunGuide, pilot};
+use crate::sun::{LitPoint, SunGuide, training_path};
 
 /// How light of emissive triangles, of a sky map and of spots in parallel light is found. All agree in the mean; the others exist to show that.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -75,8 +75,8 @@ const GROUPS: u32 = 16;
 const BAND_ROWS: usize = 4;
 /// Vertices before Russian roulette begins.
 const SURE_VERTICES: u32 = 2;
-/// Pilot paths that find out where parallel light matters.
-const PILOT_PATHS: u32 = 1 << 16;
+/// Training paths that find out where parallel light matters.
+const TRAINING_PATHS: u32 = 1 << 16;
 /// Least and greatest number of points in parallel light that one sample of a whole picture shares.
 const LIT_POINTS: (u32, u32) = (1 << 10, 1 << 16);
 
@@ -219,11 +219,11 @@ impl<'a> PathTracer<'a> {
         let seed = hash3(settings.seed, 0, 0x7069_6c6f);
         let path = |k: u32| {
             let mut sampler = Sampler::new(k, 0, seed);
-            start(k, &mut sampler).map(|point| pilot(self.scene, point, &mut sampler)).unwrap_or_default()
+            start(k, &mut sampler).map(|point| training_path(self.scene, point, &mut sampler)).unwrap_or_default()
         };
         // Collected in order: the sums do not depend on the number of threads.
-        let landings: Vec<_> = (0..PILOT_PATHS).into_par_iter().map(path).flatten_iter().collect();
-        SunGuide::new(self.scene, &landings)
+        let hits: Vec<_> = (0..TRAINING_PATHS).into_par_iter().map(path).flatten_iter().collect();
+        SunGuide::new(self.scene, &hits)
     }
 
     /// New lit points for sample `sample`.

@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use scene::Lights;
-use scene::math::{acos, atan2, luminance, sin_cos_turn};
+use scene::math::{acos, atan2, luminance, sin_cos_2pi};
 
 /// Distribution over the texels of a sky map: luminance, averaged over 3 × 3 texels so that it is positive wherever the
 /// bilinear value is, times the solid angle.
@@ -54,9 +54,9 @@ impl SkyDistribution {
     pub(crate) fn sample(&self, u: (f32, f32)) -> (Vec3, f32) {
         let (row, row_share, fy) = pick(&self.rows, u.1);
         let (column, share, fx) = pick(&self.columns[row * self.width..(row + 1) * self.width], u.0);
-        let (s, c) = sin_cos_turn((column as f32 + fx) / self.width as f32);
-        let (sin, cos) = sin_cos_turn(0.5 * (row as f32 + fy) / self.height as f32);
-        // The map's middle column is −z: half a turn more changes both signs.
+        let (s, c) = sin_cos_2pi((column as f32 + fx) / self.width as f32);
+        let (sin, cos) = sin_cos_2pi(0.5 * (row as f32 + fy) / self.height as f32);
+        // The map's middle column is −z: half a circle more changes both signs.
         (Vec3::new(-sin * s, cos, sin * c), self.density_of(row_share * share, sin))
     }
 

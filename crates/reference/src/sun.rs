@@ -3,7 +3,7 @@
 //! A room lit through an opening has its indirect light from small bright spots that cosine-weighted rays seldom find. So
 //! points are picked on a plane across the light, followed to the first surface, and every path vertex is connected with one
 //! of them; the balance heuristic shares the work with the rays that find the spots by chance. Where on the plane to pick
-//! is learned from pilot paths.
+//! is learned from training paths.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -21,8 +21,8 @@ use crate::sampler::Sampler;
 const CELLS: usize = 64;
 /// Share of the points that ignores what was learned.
 const UNIFORM_SHARE: f64 = 0.1;
-/// Bounces of a pilot path.
-const PILOT_BOUNCES: u32 = 6;
+/// Bounces of a training path.
+const TRAINING_BOUNCES: u32 = 6;
 
 /// A point lit by a parallel light.
 #[derive(Clone, Copy, Default)]
@@ -36,8 +36,8 @@ pub(crate) struct LitPoint {
     pub(crate) density: f32,
 }
 
-/// Where a pilot path was in parallel light: which light, where, and how much it mattered.
-pub(crate) type Landing = (usize, Vec3, f32);
+/// Where a training path was in parallel light: which light, where, and how much it mattered.
+pub(crate) type SunHit = (usize, Vec3, f32);
 
 /// The distributions of all parallel lights.
 pub(crate) struct SunGuide {
@@ -60,8 +60,8 @@ struct Sun {
 }
 
 impl SunGuide {
-    /// Learns from landings; `None` without parallel light.
-    pub(crate) fn new(scene: &Scene, landings: &[Landing]) -> Option<Self> {
+    /// Learns from hits; `None` without parallel light.
+    pub(crate) fn new(scene: &Scene, hits: &[SunHit]) -> Option<Self> {
         let power = |l: &Light| if l.kind == LIGHT_DIRECTIONAL { luminance(l.color).max(0.0) } else { 0.0 };
         let total: f32 = scene.lighting.lights.iter().map(power).sum();
         if total <= 0.0 {
@@ -74,7 +74,7 @@ impl SunGuide {
             .map(|l| (power(l) > 0.0).then(|| Sun::new(scene, l, power(l) / total)))
             .collect();
         let mut weights = vec![vec![0.0f64; CELLS * CELLS]; suns.len()];
-        for (slot, position, weight) in landings {
+        for (slot, position, weight) in hits {
             if let Some(sun) = &suns[*slot] {
                 weights[*slot][sun.cell_of(*position)] += f64::from(*weight);
             }
@@ -189,11 +189,11 @@ impl Sun {
 }
 
 /// Follows a path from a point and notes where it is in parallel light.
-pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<Landing> {
+pub(crate) fn training_path(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -> Vec<SunHit> {
     let geometry = scene.tables();
-    let mut landings = Vec::new();
+    let mut hits = Vec::new();
     let (mut point, mut throughput) = (start, 1.0f32);
-    for _ in 0..PILOT_BOUNCES {
+    for _ in 0..TRAINING_BOUNCES {
         let origin = point.position + point.normal * scene.geometry.ray_offset;
         let direction = cosine_hemisphere(point.normal, sampler.next());
         let hit = scene.closest_before(origin, direction, FAR);
@@ -206,9 +206,9 @@ pub(crate) fn pilot(scene: &Scene, start: SurfacePoint, sampler: &mut Sampler) -
         for (slot, light) in scene.lighting.lights.iter().enumerate() {
             let cosine = -point.normal.dot(light.direction);
             if light.kind == LIGHT_DIRECTIONAL && cosine > 0.0 && !scene.occluded(origin, -light.direction, FAR) {
-                landings.push((slot, point.position, throughput * cosine * luminance(light.color) / PI));
+                hits.push((slot, point.position, throughput * cosine * luminance(light.color) / PI));
             }
         }
     }
-    landings
+    hits
 }

@@ -7,7 +7,7 @@
 //! voxel that agrees best with its normal.
 //!
 //! What it cannot do is its lesson: rooms shrink by about a voxel, slanted walls become stairs with 3/2 of the area, gaps
-//! below a voxel close, and both sides of a thing thinner than a voxel move apart.
+//! below a voxel close, and both sides of a thing thinner than a voxel move away from each other.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -23,8 +23,8 @@ pub const VOXEL_LIMIT: u64 = 1 << 31;
 const LEAST_SHARE: f64 = 1e-9;
 /// Room between the scene and the grid's outside, in voxel edges.
 const MARGIN: f64 = 1e-3;
-/// Points by which a piece with holes or with a picture of its emission is measured.
-const PIECE_POINTS: u32 = 16;
+/// Points by which a clipped triangle with holes or with a picture of its emission is measured.
+const CLIPPED_POINTS: u32 = 16;
 /// Parts that face a side count alone if they hold this share of the voxel's surface.
 const FACING_SHARE: f64 = 1e-6;
 /// Directions of the faces of a voxel: axis and sign.
@@ -80,7 +80,7 @@ pub struct VoxelProxy {
 }
 
 /// The part of a triangle in a voxel.
-struct Piece {
+struct ClippedTriangle {
     voxel: u64,
     centroid: Vec3,
     normal: Vec3,
@@ -92,32 +92,32 @@ struct Piece {
 
 impl VoxelProxy {
     /// The faces of cubic voxels with this edge, m, in a grid that is centred on the scene. On all cores; time and memory
-    /// grow with triangles + pieces.
+    /// grow with triangles + clipped triangles.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive and finite, or so small that there are more voxels than
     /// [`VOXEL_LIMIT`]; [`Error::Scene`] for a scene without area.
     pub fn new(scene: &Scene, edge: f32) -> Result<Self, Error> {
         let layers = layers(scene, edge)?;
-        let mut pieces = pieces(scene, &layers);
+        let mut clipped = clipped_triangles(scene, &layers);
         // Stable: within a voxel in the order of the triangles.
-        pieces.sort_by_key(|p| p.voxel);
+        clipped.sort_by_key(|p| p.voxel);
         let mut proxy = Self {
             scene: scene.clone(),
             faces: Vec::new(),
             edge,
             layers,
-            occupied: pieces.iter().map(|p| p.voxel).collect(),
+            occupied: clipped.iter().map(|p| p.voxel).collect(),
             sides: Vec::new(),
         };
         proxy.occupied.dedup();
-        for group in pieces.chunk_by(|a, b| a.voxel == b.voxel) {
+        for group in clipped.chunk_by(|a, b| a.voxel == b.voxel) {
             proxy.add_voxel(group);
         }
         let area = f64::from(edge) * f64::from(edge);
-        for piece in pieces.iter().filter(|p| p.radiance != Vec3::ZERO) {
-            if let Some(face) = proxy.face_at(piece.centroid, piece.normal) {
-                proxy.faces[face as usize].radiance += piece.radiance * (piece.area / area) as f32;
+        for triangle in clipped.iter().filter(|p| p.radiance != Vec3::ZERO) {
+            if let Some(face) = proxy.face_at(triangle.centroid, triangle.normal) {
+                proxy.faces[face as usize].radiance += triangle.radiance * (triangle.area / area) as f32;
             }
         }
         proxy.scene = proxy.geometry(scene)?;
@@ -149,9 +149,9 @@ impl VoxelProxy {
                 break;
             }
             *(if ratio > 1.0 { &mut small } else { &mut large }) = edge;
-            let guess = edge * ratio.sqrt().clamp(1.0 / MOST_STEP, MOST_STEP);
-            let inside = guess > small * 1.000_1 && guess < large * 0.999_9;
-            edge = if inside { guess } else { (small * large).sqrt() };
+            let estimate = edge * ratio.sqrt().clamp(1.0 / MOST_STEP, MOST_STEP);
+            let inside = estimate > small * 1.000_1 && estimate < large * 0.999_9;
+            edge = if inside { estimate } else { (small * large).sqrt() };
         }
         // At least one grid was made.
         best.map(|(_, proxy)| proxy).ok_or(Error::Scene(scene::Error::NoTriangles))
@@ -264,11 +264,11 @@ impl VoxelProxy {
         Ok(weights.iter().map(|&(face, weight)| values[face as usize] * weight).sum())
     }
 
-    /// Adds the faces of the voxel that these pieces are in.
-    fn add_voxel(&mut self, pieces: &[Piece]) {
-        let voxel = coordinates(&self.layers, pieces[0].voxel);
+    /// Adds the faces of the voxel that these clipped triangles are in.
+    fn add_voxel(&mut self, clipped: &[ClippedTriangle]) {
+        let voxel = coordinates(&self.layers, clipped[0].voxel);
         let mut faces = [NONE; 6];
-        let area: f64 = pieces.iter().map(|p| p.area).sum();
+        let area: f64 = clipped.iter().map(|p| p.area).sum();
         for (side, &(axis, sign)) in SIDES.iter().enumerate() {
             let mut beyond = voxel.map(i64::from);
             beyond[axis] += sign as i64;
@@ -277,9 +277,9 @@ impl VoxelProxy {
             }
             let mut normal = Vec3::ZERO;
             normal[axis] = sign;
-            let mean = |weight: &dyn Fn(&Piece) -> f64| {
-                let total: f64 = pieces.iter().map(weight).sum();
-                let sum: DVec3 = pieces.iter().map(|p| p.albedo.as_dvec3() * weight(p)).sum();
+            let mean = |weight: &dyn Fn(&ClippedTriangle) -> f64| {
+                let total: f64 = clipped.iter().map(weight).sum();
+                let sum: DVec3 = clipped.iter().map(|p| p.albedo.as_dvec3() * weight(p)).sum();
                 (total, (sum / total).as_vec3())
             };
             let (facing, albedo) = mean(&|p| p.area * f64::from(p.normal.dot(normal).max(0.0)).powi(2));
@@ -380,7 +380,7 @@ fn layers(scene: &Scene, edge: f32) -> Result<[Layers; 3], Error> {
 }
 
 /// What lies in each voxel, triangle by triangle.
-fn pieces(scene: &Scene, layers: &[Layers; 3]) -> Vec<Piece> {
+fn clipped_triangles(scene: &Scene, layers: &[Layers; 3]) -> Vec<ClippedTriangle> {
     let geometry = scene.tables();
     let least = LEAST_SHARE * layers[0].edge * layers[0].edge;
     (0..scene.geometry.triangles.len() as u32)
@@ -395,7 +395,7 @@ fn pieces(scene: &Scene, layers: &[Layers; 3]) -> Vec<Piece> {
                 let (share, radiance) = measure(scene, triangle, part);
                 let (area, centroid) = (whole * f64::from(share), part.centroid().as_vec3());
                 if area > least {
-                    own.push(Piece {
+                    own.push(ClippedTriangle {
                         voxel: number(layers, cell),
                         centroid,
                         normal: geometry.normal(triangle),
@@ -410,7 +410,7 @@ fn pieces(scene: &Scene, layers: &[Layers; 3]) -> Vec<Piece> {
         .collect()
 }
 
-/// Share of a piece that is no hole, and the mean radiance of that share.
+/// Share of a clipped triangle that is no hole, and the mean radiance of that share.
 fn measure(scene: &Scene, triangle: u32, part: &Polygon) -> (f32, Vec3) {
     let material = &scene.materials[scene.geometry.triangles[triangle as usize].material as usize];
     if material.mask_texture == NONE && material.radiance_texture == NONE {
@@ -418,12 +418,12 @@ fn measure(scene: &Scene, triangle: u32, part: &Polygon) -> (f32, Vec3) {
     }
     let geometry = scene.tables();
     let (mut count, mut radiance) = (0.0, Vec3::ZERO);
-    for k in 0..PIECE_POINTS {
-        let (u, v) = scene.shares(triangle, part.point(hammersley(k, PIECE_POINTS, (0, 0))).as_vec3());
+    for k in 0..CLIPPED_POINTS {
+        let (u, v) = scene.shares(triangle, part.point(hammersley(k, CLIPPED_POINTS, (0, 0))).as_vec3());
         if !geometry.is_hole(triangle, u, v) {
             count += 1.0;
             radiance += geometry.radiance(triangle, u, v);
         }
     }
-    (count / PIECE_POINTS as f32, radiance / count.max(1.0))
+    (count / CLIPPED_POINTS as f32, radiance / count.max(1.0))
 }

@@ -152,7 +152,7 @@ fn shadow_rays_bounces_and_both_agree() {
             assert!(worst < 5.0, "{name} {strategy:?}: {worst}");
         }
     }
-    // The same comparison tells reflectances of 0.7 and 0.75 apart.
+    // The same comparison distinguishes reflectances of 0.7 and 0.75.
     for wrong in [room, sunny_room].map(|scene| {
         worst_deviation(
             &irradiance(&scene(0.7), Strategy::Both, 1, 1 << 15),

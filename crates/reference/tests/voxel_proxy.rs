@@ -110,7 +110,7 @@ fn emission_keeps_its_power_and_its_side() {
 
 #[test]
 fn reflectance_is_the_mean_of_the_voxel() {
-    // Three voxels of 0.4 from −0.1 on; red up to 0.4, a quarter of the middle one, green from there.
+    // Three voxels of 0.4 from −0.1 on; red up to 0.4, a fourth of the middle one, green from there.
     let mut b = Builder::default();
     let (red, green) = (Vec3::new(0.8, 0.0, 0.0), Vec3::new(0.0, 0.6, 0.0));
     let materials = [red, green].map(|albedo| b.material(albedo, Vec3::ZERO));

@@ -55,7 +55,7 @@ pub fn rgb_bytes(count: usize) -> u64 {
     (count * size_of::<Vec4>()) as u64
 }
 
-/// Rows that begin at bytes at which ranges of a buffer may begin are so many apart.
+/// Rows that begin at bytes at which ranges of a buffer may begin have this distance.
 fn row_step(row_bytes: u64) -> usize {
     (RANGE_ALIGNMENT >> row_bytes.trailing_zeros().min(RANGE_ALIGNMENT.trailing_zeros())) as usize
 }

@@ -1,4 +1,4 @@
-//! Scalar maths of the kernel bodies. What the GPU computes differently (rust-gpu turns `libm` calls into GLSL.std.450
+//! Scalar maths of the kernel bodies. What the GPU computes differently (rust-gpu maps `libm` calls to GLSL.std.450
 //! instructions) is a polynomial of our own here, so that CPU and GPU give the same bits.
 
 use core::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -53,15 +53,16 @@ pub fn ln(x: f32) -> f32 {
     libm::logf(x)
 }
 
-/// (sin 2πx, cos 2πx) for x in [0, 1], within 2·10⁻⁷, the same bits on CPU and GPU. Taylor series on an eighth of a turn.
+/// (sin 2πx, cos 2πx) for x in [0, 1], within 2·10⁻⁷, the same bits on CPU and GPU. Taylor series on an eighth of a
+/// circle.
 #[inline]
-pub fn sin_cos_turn(x: f32) -> (f32, f32) {
-    let quarter = floor(4.0 * x + 0.5);
-    let y = (x - 0.25 * quarter) * TAU;
+pub fn sin_cos_2pi(x: f32) -> (f32, f32) {
+    let quadrant = floor(4.0 * x + 0.5);
+    let y = (x - 0.25 * quadrant) * TAU;
     let y2 = y * y;
     let s = y * (1.0 + y2 * (-1.0 / 6.0 + y2 * (1.0 / 120.0 + y2 * (-1.0 / 5040.0 + y2 * (1.0 / 362_880.0)))));
     let c = 1.0 + y2 * (-0.5 + y2 * (1.0 / 24.0 + y2 * (-1.0 / 720.0 + y2 * (1.0 / 40_320.0))));
-    let q = quarter as u32 & 3;
+    let q = quadrant as u32 & 3;
     if q == 0 {
         (s, c)
     } else if q == 1 {
@@ -132,12 +133,12 @@ mod tests {
     fn polynomials_agree_with_double_precision() {
         for k in 0..=100_000u32 {
             let x = k as f32 / 100_000.0;
-            let (s, c) = super::sin_cos_turn(x);
+            let (s, c) = super::sin_cos_2pi(x);
             let (es, ec) = (f64::from(x) * core::f64::consts::TAU).sin_cos();
             assert!((f64::from(s) - es).abs() < 3e-7 && (f64::from(c) - ec).abs() < 3e-7, "{x}: {s} {c}");
             let angle = super::atan2(s, c);
             let expected = f64::from(s).atan2(f64::from(c));
-            // Half a turn is the same angle with either sign.
+            // Half a circle is the same angle with either sign.
             let difference = (f64::from(angle) - expected).abs();
             assert!(difference.min((difference - core::f64::consts::TAU).abs()) < 8e-7, "{x}: {angle} {expected}");
             let cosine = 2.0 * x - 1.0;

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::math::{sin_cos_turn, sqrt};
+use crate::math::{sin_cos_2pi, sqrt};
 
 /// PCG-RXS-M-XS hash of one word (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering").
 #[inline]
@@ -102,7 +102,7 @@ pub fn frame(n: Vec3) -> (Vec3, Vec3) {
 #[inline]
 pub fn cosine_hemisphere(n: Vec3, u: (f32, f32)) -> Vec3 {
     let r = sqrt(u.0);
-    let (s, c) = sin_cos_turn(u.1);
+    let (s, c) = sin_cos_2pi(u.1);
     let (t, b) = frame(n);
     // Never exactly in the plane: a ray along the surface it starts from is no use to anybody.
     let z = sqrt(1.0 - u.0);
@@ -130,7 +130,7 @@ mod tests {
     fn frames_are_orthonormal_and_right_handed() {
         for k in 0..10_000 {
             let z = 2.0 * unit(hash3(k, 0, 1)) - 1.0;
-            let (s, c) = sin_cos_turn(unit(hash3(k, 1, 1)));
+            let (s, c) = sin_cos_2pi(unit(hash3(k, 1, 1)));
             let r = sqrt(1.0 - z * z);
             let n = Vec3::new(r * c, r * s, z);
             let (t, b) = frame(n);

@@ -66,8 +66,8 @@ fn parallel_point_and_spot_lights() {
 fn corner_factor(a: f32, b: f32, c: f32) -> f32 {
     let (x, y) = (a / c, b / c);
     let (sx, sy) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
-    let turn = |p: f32, q: f32| f64::from(p).atan2(f64::from(q)) as f32;
-    (x / sx * turn(y, sx) + y / sy * turn(x, sy)) / (2.0 * PI)
+    let angle = |p: f32, q: f32| f64::from(p).atan2(f64::from(q)) as f32;
+    (x / sx * angle(y, sx) + y / sy * angle(x, sy)) / (2.0 * PI)
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use scene::math::floor;
 use scene::sampling::hash;
 
-/// Numbers of every magnitude and sign, and those where rounding turns over.
+/// Numbers of every magnitude and sign, and those where rounding changes.
 fn numbers() -> impl Iterator<Item = f32> {
     let special = [0.0, -0.0, 0.5, -0.5, 1.0, -1.0, 8_388_607.5, -8_388_607.5, 8_388_608.0, 3e9, -3e9, f32::INFINITY];
     (0..200_000).map(|k| f32::from_bits(hash(k))).filter(|x| !x.is_nan()).chain(special)

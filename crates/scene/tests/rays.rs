@@ -1,10 +1,10 @@
-//! Rays: the wide host traversal, the kernels' traversal and every triangle in turn must agree.
+//! Rays: the wide host traversal, the kernels' traversal and every triangle one by one must agree.
 
 use std::cell::Cell;
 
 use glam::{Vec2, Vec3};
 use scene::kernel::bvh::{FAR, any_hit, closest_hit, intersect_triangle};
-use scene::math::sin_cos_turn;
+use scene::math::sin_cos_2pi;
 use scene::sampling::{hash3, unit};
 use scene::{Hit, Material, NONE, Occluder, Scene, SceneParts, Texture, Triangle, TriangleUv};
 
@@ -117,7 +117,7 @@ fn the_last_occluder_changes_no_answer() {
         for k in 0..4000 {
             // A walk in small steps, so that the same triangle is in the way again and again.
             let t = k as f32 / 4000.0;
-            let (s, c) = sin_cos_turn(5.0 * t);
+            let (s, c) = sin_cos_2pi(5.0 * t);
             let origin = Vec3::new(4.0 * t, 1.0 + s, 2.0 + c);
             let blocked = brute_force(scene, origin, lamp - origin).t < 1.0;
             assert_eq!(scene.occluded_again(origin, lamp - origin, 1.0, &last), blocked, "ray {k}");

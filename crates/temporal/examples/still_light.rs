@@ -18,7 +18,7 @@ fn main() -> Result<(), Error> {
         lists.apply(&exitance, &mut exact)?;
         exitance = (0..n).map(|i| source[i] + albedo[i] * exact[i]).collect();
     }
-    let apart = |a: &[Vec4], b: &[Vec4]| {
+    let distance = |a: &[Vec4], b: &[Vec4]| {
         let squares: f32 = a.iter().zip(b).map(|(a, b)| (*a - *b).truncate().length_squared()).sum();
         (squares / exact.iter().map(|h| h.truncate().length_squared()).sum::<f32>()).sqrt()
     };
@@ -31,8 +31,9 @@ fn main() -> Result<(), Error> {
         a.advance(&lists, &source, &albedo, &on)?;
         b.advance(&lists, &source, &albedo, &off)?;
         if u32::is_power_of_two(frame) {
-            let of =
-                |state: &State, before: &[Vec4]| (apart(&state.irradiance, &exact), apart(&state.irradiance, before));
+            let of = |state: &State, before: &[Vec4]| {
+                (distance(&state.irradiance, &exact), distance(&state.irradiance, before))
+            };
             println!("{frame:4} {:.1e} {:.1e}", of(&a, &before.0).0, of(&a, &before.0).1);
             println!("     {:.1e} {:.1e}", of(&b, &before.1).0, of(&b, &before.1).1);
         }

@@ -12,7 +12,7 @@
 //!
 //! [`Settings`] choose what a frame does, each by itself:
 //! - `control_variate` samples only what has changed, `H ← H + F̂ (B_t − B_{t−1})`, so still light has no noise at all. A share of the
-//!   rows is summed exactly in each frame in turn, so that errors of the increments do not pile up.
+//!   rows is summed exactly in each frame, one share after another, so that errors of the increments do not pile up.
 //! - `blend` is w, or follows from the variance of the samples and from how fast the light changes: it falls to 0 where
 //!   the light jumps.
 //! - `rotated` takes the points of a lattice, shifted by one random number a row and by the golden section from frame to frame.

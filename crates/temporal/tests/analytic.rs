@@ -69,7 +69,7 @@ fn tables_by_hand() {
 }
 
 #[test]
-fn splitting_finds_partners_by_bisection() {
+fn splitting_finds_second_entries_by_bisection() {
     // Light 0, 2, 3 lack 65,536 − 10,000, − 60,000 and − 6,144 − 40,000; heavy 1 and 4.
     let weights = [10_000, 120_000, 60_000, 25_536, 112_144];
     let (row_start, mut scan) = ([0, 5], [glam::UVec2::ZERO; 5]);
@@ -122,7 +122,7 @@ fn fixed_weights_follow_the_geometric_series() {
     for k in 1..20 {
         state.advance(&lists, &[Vec4::splat(3.0)], &[Vec4::ZERO], &auto).unwrap();
         assert!((state.irradiance[0].x - 3.0).abs() < 1e-5);
-        // By a quarter in the beginning, by half where it averages four, the most here.
+        // By a fourth in the beginning, by half where it averages four, the most here.
         let frames = [0.25, 0.516, 0.798, 1.098, 1.416][k.min(5) as usize - 1];
         let frames = if k < 6 {
             frames
@@ -177,20 +177,21 @@ fn colours_keep_luminance_and_the_rows_channels() {
 }
 
 #[test]
-fn turns_sum_every_row_once() {
+fn exact_sums_take_every_row_once() {
     for (rows, refresh) in [(10, 4), (7, 7), (5, 9), (1000, 16), (1, 1)] {
         let settings = Settings { refresh, ..Settings::default() };
         let mut seen = vec![0; rows as usize];
         for frame in 100 * refresh..101 * refresh {
-            let turn = settings.turn(rows, 0, frame);
-            (0..turn.count).for_each(|k| seen[temporal::kernel::sample::summed_row(k, &turn) as usize] += 1);
+            let rows_to_sum = settings.rows_to_sum(rows, 0, frame);
+            (0..rows_to_sum.count)
+                .for_each(|k| seen[temporal::kernel::sample::summed_row(k, &rows_to_sum) as usize] += 1);
         }
         assert!(seen.iter().all(|&count| count >= 1), "{rows} {refresh}: {seen:?}");
         assert!(seen.iter().sum::<u32>() < rows + refresh);
     }
-    assert_eq!(Settings { refresh: 0, ..Settings::default() }.turn(10, 0, 3).count, 0);
-    assert_eq!(Settings { control_variate: false, ..Settings::default() }.turn(10, 0, 3).count, 0);
-    assert_eq!(Settings::default().turn(0, 0, 3).first, 0);
+    assert_eq!(Settings { refresh: 0, ..Settings::default() }.rows_to_sum(10, 0, 3).count, 0);
+    assert_eq!(Settings { control_variate: false, ..Settings::default() }.rows_to_sum(10, 0, 3).count, 0);
+    assert_eq!(Settings::default().rows_to_sum(0, 0, 3).first, 0);
 }
 
 #[test]

@@ -257,7 +257,7 @@ fn at_rest(rows: &dyn Distribution, source: &[Vec4], albedo: &[Vec4]) -> Vec<Vec
 }
 
 /// Relative L2 distance.
-fn apart(found: &[Vec4], expected: &[Vec4]) -> f32 {
+fn distance(found: &[Vec4], expected: &[Vec4]) -> f32 {
     let length = |v: Vec3| v.length_squared();
     let squares: f32 = found.iter().zip(expected).map(|(a, b)| length((*a - *b).truncate())).sum();
     (squares / expected.iter().map(|b| length(b.truncate())).sum::<f32>()).sqrt()
@@ -284,7 +284,7 @@ fn still_light_has_no_noise_at_all_with_the_control_variate() {
                     last_change = frame;
                 }
             }
-            let error = apart(&state.irradiance, &rest);
+            let error = distance(&state.irradiance, &rest);
             println!("{samples} samples: last change in frame {last_change}, error {error:.1e}");
             assert!(last_change < 1000 && error < 3e-5, "{samples}: {last_change} {error}");
             // What is not still moves again.
@@ -297,7 +297,7 @@ fn still_light_has_no_noise_at_all_with_the_control_variate() {
             rows.advance(&mut state, &source, &albedo, &noisy);
             let before = state.irradiance.clone();
             rows.advance(&mut state, &source, &albedo, &noisy);
-            assert!(apart(&state.irradiance, &before) > 1e-3);
+            assert!(distance(&state.irradiance, &before) > 1e-3);
         }
     }
 }
@@ -330,7 +330,7 @@ fn errors_of_increments_do_not_pile_up() {
             state.advance(&rows, if frame % 4 < 2 { &source } else { &moved }, &albedo, &settings).unwrap();
         }
         (0..64).for_each(|_| state.advance(&rows, &source, &albedo, &settings).unwrap());
-        apart(&state.irradiance, &at_rest(&rows, &source, &albedo))
+        distance(&state.irradiance, &at_rest(&rows, &source, &albedo))
     };
     let (with, without) = (after(16), after(0));
     println!("error {with:.1e} with exact sums, {without:.1e} without");
@@ -387,7 +387,7 @@ fn a_step_of_the_light_arrives_within_eight_frames() {
         (0..8).for_each(|_| state.advance(&rows, &bright, &albedo, settings).unwrap());
         // Of the whole light, and row by row but for noise.
         let share = (whole(&state.irradiance) - whole(&from)) / (whole(&to) - whole(&from));
-        (share, apart(&state.irradiance, &to) / apart(&from, &to))
+        (share, distance(&state.irradiance, &to) / distance(&from, &to))
     };
     for settings in &settings {
         let (share, left) = response(settings);
@@ -407,7 +407,7 @@ fn light_that_chooses_its_weight_follows_and_rests() {
         source
             .iter()
             .enumerate()
-            .map(|(j, e)| *e * (1.2 + scene::math::sin_cos_turn(0.008 * t + 0.159 * j as f32).0))
+            .map(|(j, e)| *e * (1.2 + scene::math::sin_cos_2pi(0.008 * t + 0.159 * j as f32).0))
             .collect()
     };
     let errors = |blend: Blend| {
@@ -418,7 +418,7 @@ fn light_that_chooses_its_weight_follows_and_rests() {
             let now = at((frame as f32).min(200.0));
             state.advance(&rows, &now, &black, &settings).unwrap();
             rows.apply(&now, &mut exact).unwrap();
-            let error = apart(&state.irradiance, &exact);
+            let error = distance(&state.irradiance, &exact);
             match frame {
                 50..200 => mean[0] += error / 150.0,
                 300.. => mean[1] += error / 100.0,

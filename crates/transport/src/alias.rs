@@ -13,7 +13,7 @@ use core::ops::{Sub, SubAssign};
 /// `shares[k]` is what entry k has, `full` what a slot holds; their sum should be `n · full`. On
 /// return, `shares` holds what was left of each. `stacked` names all entries once, in the order in
 /// which they are put on the stacks of light and heavy ones; the last on a stack comes first.
-/// `fill(light, kept, heavy)` is told each pair: the slot of `light` keeps the share `kept` for
+/// `fill(light, kept, heavy)` receives each pair: the slot of `light` keeps the share `kept` for
 /// itself, and `heavy` has the rest. An entry that is never named as `light` has a whole slot.
 ///
 /// Returns the light entries for which nothing heavy was left: none but for rounding.

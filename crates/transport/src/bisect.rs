@@ -15,11 +15,11 @@ pub struct Part<V> {
     /// Number of the first of the two parts that it is cut into, the other one follows; `None` for
     /// a leaf.
     pub first_child: Option<usize>,
-    /// What `visit` said of it.
+    /// The answer of `visit`.
     pub value: V,
 }
 
-/// A part whose turn has not come: where it begins in the list, and its items.
+/// A part that is not yet visited: where it begins in the list, and its items.
 type Open<'a, T> = (usize, &'a mut [T]);
 
 /// Bisects a list from the top down. `visit(part)` brings the items of a part into order, and says

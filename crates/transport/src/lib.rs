@@ -8,7 +8,7 @@
 //! - [`LinearOperator`], `y = A x` for RGB vectors, whatever stores A: [`Dense`], [`Half`] (half
 //!   precision), [`Csr`] (compressed sparse rows), [`HitCounts`] (rows as counts of ray hits), and
 //!   [`FnOperator`] for any function;
-//! - [`Patch`], [`Polygon`] and [`Surfaces`], what exchanges light, and the regular grid on each
+//! - [`Patch`], [`Polygon`] and [`Surfaces`], what light passes between, and the regular grid on each
 //!   triangle ([`TriangleGrid`], [`kernel::grid`]) that numbers patches and interpolates receivers;
 //! - [`Permutation`], an order of rows or columns, [`bisect`], the top-down bisection that finds
 //!   orders in which neighbours are alike, and [`spatial_order`], one of surface points;

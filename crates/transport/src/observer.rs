@@ -96,7 +96,7 @@ impl Observer for Silent {
     }
 }
 
-/// The steps of one phase, told to an observer.
+/// The steps of one phase, reported to an observer.
 #[derive(Clone, Copy)]
 pub struct Steps<'a> {
     observer: &'a dyn Observer,
@@ -114,7 +114,7 @@ impl<'a> Steps<'a> {
         self.phase
     }
 
-    /// Who is told.
+    /// Receives the steps.
     pub fn observer(&self) -> &'a dyn Observer {
         self.observer
     }
@@ -127,7 +127,7 @@ impl<'a> Steps<'a> {
     /// Runs the whole phase: tells its begin, hands `work` the callback `(done, total)` that
     /// functions of this library take, and tells its end, whatever came of it.
     ///
-    /// The answer to the begin is left to the next callback; the end is told as one step of one,
+    /// The answer to the begin is left to the next callback; the end is reported as one step of one,
     /// because only `work` knows how many there were.
     pub fn run<T>(&self, work: impl FnOnce(&(dyn Fn(usize, usize) -> Proceed + Sync)) -> T) -> T {
         let _ = self.report(0, 1);

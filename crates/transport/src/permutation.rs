@@ -47,7 +47,7 @@ impl Permutation {
         Ok(Self { order, place })
     }
 
-    /// Exchanges what is at two places; both must be there.
+    /// Swaps what is at two places; both must be there.
     pub fn swap(&mut self, a: usize, b: usize) {
         self.order.swap(a, b);
         self.place[self.order[a] as usize] = a as u32;

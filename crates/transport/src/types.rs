@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A flat piece of one side of a surface.
+/// A flat part of one side of a surface.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Patch {
@@ -27,7 +27,7 @@ pub struct TriangleGrid {
     pub front: u32,
     /// First entry of the back side, or [`scene::NONE`].
     pub back: u32,
-    /// Pieces along each edge, ≥ 1.
+    /// Divisions along each edge, ≥ 1.
     pub divisions: u32,
     /// Keeps the size a multiple of 16.
     pub reserved: u32,
@@ -41,7 +41,7 @@ const _: () = assert!(size_of::<TriangleGrid>() == 16);
 pub struct ReceiverCell {
     /// First of its (divisions + 1)(divisions + 2)/2 vertices.
     pub first: u32,
-    /// Pieces along each edge, ≥ 1.
+    /// Divisions along each edge, ≥ 1.
     pub divisions: u32,
 }
 const _: () = assert!(size_of::<ReceiverCell>() == 8);
@@ -52,7 +52,7 @@ const _: () = assert!(size_of::<ReceiverCell>() == 8);
 pub struct GatherParams {
     /// Rows of the block that is bound.
     pub rows: u32,
-    /// Vectors of four factors in a row: the number of senders / 4, rounded up; what is beyond the senders is 0.
+    /// Vectors of four factors in a row: the number of columns / 4, rounded up; what is beyond the columns is 0.
     pub vectors: u32,
     /// Place of the block's first row in the result.
     pub first_row: u32,

@@ -136,27 +136,27 @@ fn paired_entries_have_their_weights() {
     }
 }
 
-/// Writes down what it is told, and stops at so many steps.
+/// Writes down what is reported, and stops at so many steps.
 struct Recorder {
-    told: Mutex<Vec<(&'static str, u64, u64)>>,
+    reported: Mutex<Vec<(&'static str, u64, u64)>>,
     stop_at: u64,
 }
 
 impl Observer for Recorder {
     fn progress(&self, phase: Phase, done: u64, total: u64) -> Proceed {
-        self.told.lock().unwrap().push((phase.name(), done, total));
+        self.reported.lock().unwrap().push((phase.name(), done, total));
         if done >= self.stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 
 #[test]
 fn a_phase_has_a_begin_and_an_end() {
-    let observer = Recorder { told: Mutex::default(), stop_at: 3 };
+    let observer = Recorder { reported: Mutex::default(), stop_at: 3 };
     let last = Steps::new(&observer, Phase::TABLES).run(|progress| (0..5).find(|&step| progress(step, 5).is_break()));
     assert_eq!(last, Some(3));
-    let told = observer.told.into_inner().unwrap();
+    let reported = observer.reported.into_inner().unwrap();
     let steps = [(0, 1), (0, 5), (1, 5), (2, 5), (3, 5), (1, 1)];
-    assert_eq!(told, steps.map(|(done, total)| ("tables", done, total)));
+    assert_eq!(reported, steps.map(|(done, total)| ("tables", done, total)));
     assert!(Silent.progress(Phase::TABLES, 9, 9).is_continue());
     assert_eq!(format!("[{:8}]", Phase::MAPS), "[maps    ]");
 }

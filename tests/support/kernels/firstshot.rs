@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use firstshot::{Emission, Landing, Photon, PhotonParams, PieceSettings, SEQUENCE_SOBOL, Texels};
+use firstshot::{Emission, LightElementSettings, Photon, PhotonHit, PhotonParams, SEQUENCE_SOBOL, Texels};
 use glam::Vec3;
 use scene::Scene;
 
@@ -12,7 +12,7 @@ use super::{Random, Tables, buffer, call, room};
 const PHOTONS: u32 = 700;
 
 pub(super) fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
-    let settings = PieceSettings { pieces: 2000, longest: 0.2, ..PieceSettings::default() };
+    let settings = LightElementSettings { elements: 2000, longest: 0.2, ..LightElementSettings::default() };
     let go_on = |_, _| ControlFlow::Continue(());
     // Both ways to shoot together have all kinds of elements.
     let mut emission = Emission::first_shot(scene, &settings, Texels::Bound, true, &go_on).expect("lights shine");
@@ -48,7 +48,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec
             reserved: 0,
         };
         let photons: Vec<Photon> = (0..PHOTONS).map(photon).collect();
-        vec![buffer("photons", &photons), room::<Landing>("landings", PHOTONS as usize)]
+        vec![buffer("photons", &photons), room::<PhotonHit>("photon_hits", PHOTONS as usize)]
     };
     call(PHOTONS, p, tables)
 }

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use firstshot::kernel::segment::reflect;
 use firstshot::kernel::start::{Sources, start_photon};
 use firstshot::{
-    Emission, Estimate, IlluminationMaps, PhotonParams, PhotonSettings, PieceSettings, Registry, Round, Sequences,
-    Texels, Tracer, trace_photons,
+    Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonParams, PhotonSettings, Round,
+    Sequences, Texels, Tracer, trace_photons,
 };
 use glam::Vec3;
 use obvhs::BvhBuildParams;
@@ -22,7 +22,7 @@ use obvhs::ray::RayHit;
 use obvhs::rt_triangle::RtTriangle;
 use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
-use scene::math::{luminance, sin_cos_turn};
+use scene::math::{luminance, sin_cos_2pi};
 use scene::sampling::{hammersley, hash3};
 use scene::{LIGHT_POINT, LIGHT_SPOT, Light, Scene, Sky};
 use serde::Serialize;
@@ -242,7 +242,7 @@ impl VoxelMaps {
     }
 }
 
-impl Registry for VoxelMaps {
+impl PhotonAccumulator for VoxelMaps {
     fn areas(&self) -> &[f32] {
         self.maps.areas()
     }
@@ -265,7 +265,7 @@ fn lamps(loaded: &LoadedScene) -> Vec<Light> {
     while lamps.len() < LIGHTS as usize && number < 64 * LIGHTS {
         let (x, y) = hammersley(number * 7 % (64 * LIGHTS), 64 * LIGHTS, (hash3(1, 0, 0), hash3(2, 0, 0)));
         number += 1;
-        let (s, c) = sin_cos_turn(x);
+        let (s, c) = sin_cos_2pi(x);
         let z = 1.0 - 2.0 * y;
         let r = (1.0 - z * z).max(0.0).sqrt();
         let direction = Vec3::new(r * s, z, r * c);
@@ -358,8 +358,8 @@ fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
     let go_on = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     Ok(match way {
         Way::Classical => Emission::classical(scene)?,
-        Way::Exact => Emission::first_shot(scene, &PieceSettings::default(), Texels::Mean, true, &go_on)?,
-        Way::Table => Emission::first_shot(scene, &PieceSettings::table_alone(), Texels::Mean, false, &go_on)?,
+        Way::Exact => Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?,
+        Way::Table => Emission::first_shot(scene, &LightElementSettings::table_alone(), Texels::Mean, false, &go_on)?,
     })
 }
 

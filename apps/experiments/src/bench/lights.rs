@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::Vec3;
-use scene::math::sin_cos_turn;
+use scene::math::sin_cos_2pi;
 use scene::{LIGHT_DIRECTIONAL, Light, Scene};
 
 use assets::import::{Animation, LoadedScene};
@@ -33,7 +33,7 @@ pub fn other_lights(loaded: &LoadedScene) -> Vec<(String, Vec<Light>)> {
 }
 
 fn other_sun(loaded: &LoadedScene, turn: f32, height: f32) -> (String, Vec<Light>) {
-    let (up, along) = sin_cos_turn(height / 360.0);
+    let (up, along) = sin_cos_2pi(height / 360.0);
     let mut lights = loaded.scene.lighting.lights.clone();
     if lights.is_empty() {
         let color = sky_irradiance(&loaded.scene) * SUN_OVER_SKY;
@@ -41,7 +41,7 @@ fn other_sun(loaded: &LoadedScene, turn: f32, height: f32) -> (String, Vec<Light
     }
     for light in lights.iter_mut().filter(|light| light.kind == LIGHT_DIRECTIONAL) {
         let own = scene::math::atan2(light.direction.z, light.direction.x) / (2.0 * PI);
-        let (z, x) = sin_cos_turn(own + turn / 360.0);
+        let (z, x) = sin_cos_2pi(own + turn / 360.0);
         light.direction = Vec3::new(along * x, -up, along * z);
     }
     (format!("sun turned by {turn}°, {height}° high"), lights)

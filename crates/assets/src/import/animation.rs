@@ -106,8 +106,8 @@ impl Animation {
         }
         for (k, light) in animation.lights.iter().enumerate() {
             let (target, values) = if light.kind == LIGHT_DIRECTIONAL {
-                let turn = |degrees: f32| turn_about_y(light.direction, degrees);
-                (Target::LightDirection(k), [turn(-25.0), turn(-8.0), turn(8.0), turn(25.0)])
+                let rotated = |degrees: f32| rotate_about_y(light.direction, degrees);
+                (Target::LightDirection(k), [rotated(-25.0), rotated(-8.0), rotated(8.0), rotated(25.0)])
             } else {
                 let step = |share: f32| light.position + along * share;
                 (Target::LightPosition(k), [step(-1.0 / 6.0), step(1.0 / 6.0), step(1.0 / 12.0), step(-1.0 / 6.0)])
@@ -142,9 +142,9 @@ impl Animation {
         let (low, high) = scene.scene.geometry.bounds;
         let (centre, half) = (0.5 * (low + high), 0.25 * (high - low));
         let at = |k: u32| {
-            // A whole turn in 64 straight pieces.
-            let turn = f64::from(k) / f64::from(CIRCLE) * std::f64::consts::TAU;
-            Vec3::new(half.x * turn.cos() as f32, 0.0, half.z * turn.sin() as f32)
+            // A whole circle in 64 straight parts.
+            let angle = f64::from(k) / f64::from(CIRCLE) * std::f64::consts::TAU;
+            Vec3::new(half.x * angle.cos() as f32, 0.0, half.z * angle.sin() as f32)
         };
         let eye = |k: u32| Vec3::new(centre.x, inside(scene).y, centre.z) + at(k);
         let target = |k: u32| eye(k) + at(k);
@@ -185,7 +185,7 @@ fn inside(scene: &LoadedScene) -> Vec3 {
     scene.view.eye.clamp(low + margin, high - margin)
 }
 
-/// Straight pieces of a circle.
+/// Straight parts of a circle.
 const CIRCLE: u32 = 64;
 
 /// A point light at the upper third of the scene as bright as all its emitters together, at least enough to be seen.
@@ -202,9 +202,9 @@ fn travelling_light(scene: &LoadedScene) -> Light {
     Light { kind: LIGHT_POINT, position, color, ..Light::default() }
 }
 
-fn turn_about_y(v: Vec3, degrees: f32) -> Vec3 {
-    let turn = f64::from(degrees).to_radians();
-    let (s, c) = (turn.sin() as f32, turn.cos() as f32);
+fn rotate_about_y(v: Vec3, degrees: f32) -> Vec3 {
+    let angle = f64::from(degrees).to_radians();
+    let (s, c) = (angle.sin() as f32, angle.cos() as f32);
     Vec3::new(c * v.x + s * v.z, v.y, c * v.z - s * v.x)
 }
 
@@ -225,9 +225,9 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_keeps_length_and_height() {
+    fn a_rotation_keeps_length_and_height() {
         let v = Vec3::new(0.3, -0.8, 0.5);
-        let w = turn_about_y(v, 90.0);
+        let w = rotate_about_y(v, 90.0);
         assert!((w - Vec3::new(0.5, -0.8, -0.3)).length() < 1e-6);
     }
 }

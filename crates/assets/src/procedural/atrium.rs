@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
-use super::builder::{ALL_SIDES, Blocks, Builder, STANDING, steps, turn};
+use super::builder::{ALL_SIDES, Blocks, Builder, STANDING, sin_cos, steps};
 use super::{Built, pattern};
 use crate::import::draft::MaterialDraft;
 use crate::import::pictures::Source;
@@ -110,9 +110,9 @@ fn assemble(edge: f32) -> Builder {
     b.object("canopy");
     let (width, length) = (3.0, Z[3] - Z[2] - 0.4);
     let grid = (steps(width, edge).max(3), steps(length, edge).max(10));
-    let sag = |t: f32| 0.7 * turn(0.5 * t).0;
+    let sag = |t: f32| 0.7 * sin_cos(0.5 * t).0;
     let at = |s: f32, t: f32| {
-        Vec3::new(13.0 + width * s, 7.3 - sag(t) + 0.04 * turn(3.0 * s + t).0, Z[3] - 0.2 - length * t)
+        Vec3::new(13.0 + width * s, 7.3 - sag(t) + 0.04 * sin_cos(3.0 * s + t).0, Z[3] - 0.2 - length * t)
     };
     b.sheet(m.cloth[0], grid, at, |s, t| Vec2::new(s * width, t * length));
     b
@@ -222,7 +222,7 @@ fn arch(b: &mut Builder, material: u32, side: &Side, (start, end): (f32, f32), (
         if share >= 1.0 {
             return (right, spring);
         }
-        let (sin, cos) = turn(0.5 * share);
+        let (sin, cos) = sin_cos(0.5 * share);
         (centre - radius * cos, spring + radius * sin)
     };
     let uv = |p: (f32, f32)| Vec2::new(p.0, p.1) * 0.5;
@@ -260,7 +260,7 @@ fn cloths(b: &mut Builder, m: &Materials, side: &Side, edge: f32) {
         let grid = (steps(width, edge).max(2 * folds as u32), steps(height, edge).max(2));
         let at = |s: f32, t: f32| {
             // Folds fade towards the rod.
-            let wave = amplitude * (1.0 - 0.6 * t) * turn(folds * s + 0.1 * t).0;
+            let wave = amplitude * (1.0 - 0.6 * t) * sin_cos(folds * s + 0.1 * t).0;
             side.at(from + width * s, low + height * t, depth + wave)
         };
         b.sheet(material, grid, at, |s, t| Vec2::new(s * width, t * height));

@@ -117,9 +117,9 @@ impl Builder {
 
     /// An upright tube of `sides` quads round, `rows` high, front outside, without lids.
     pub fn tube(&mut self, material: u32, foot: Vec3, height: f32, radius: f32, (sides, rows): (u32, u32)) {
-        // s runs against the turn, so that the front is outside.
+        // s runs against the angle, so that the front is outside.
         let at = |s: f32, t: f32| {
-            let (sin, cos) = turn(-s);
+            let (sin, cos) = sin_cos(-s);
             foot + Vec3::new(radius * cos, height * t, radius * sin)
         };
         let (round, height_uv) = (std::f32::consts::PI * radius, 0.5 * height);
@@ -169,9 +169,9 @@ pub fn steps(length: f32, edge: f32) -> u32 {
     ((length / edge).ceil() as u32).max(1)
 }
 
-/// (sin, cos) of a share of a full turn, any sign.
-pub fn turn(share: f32) -> (f32, f32) {
-    scene::math::sin_cos_turn(share - share.floor())
+/// (sin, cos) of a share of a full circle, any sign.
+pub fn sin_cos(share: f32) -> (f32, f32) {
+    scene::math::sin_cos_2pi(share - share.floor())
 }
 
 /// One repeat of a pattern in 2 m: along the ground, or along the wall and up.

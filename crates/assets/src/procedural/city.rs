@@ -38,7 +38,7 @@ const TOP: f32 = 24.0 - ROAD;
 /// Corners of the four houses of a lot, m.
 const HOUSES: [(f32, f32); 4] = [(1.0, 1.0), (25.0, 1.0), (1.0, 27.0), (25.0, 27.0)];
 
-/// Their storeys, in turns: lots have about as many triangles each.
+/// Their storeys, repeated: lots have about as many triangles each.
 const STOREYS: [u32; 4] = [3, 4, 5, 5];
 
 /// Random numbers of one thing, always the same.
@@ -231,11 +231,11 @@ pub fn build(triangles: usize) -> Result<Built, lights::Fault> {
 /// A lot with its four houses; returns its trees.
 fn build_lot(b: &mut Builder, m: &Materials, number: u32, at: Vec2, detail: Detail) -> Vec<street::Tree> {
     let mut dice = Dice::new(number, 1);
-    let turn = dice.pick(STOREYS.len());
+    let first_storeys = dice.pick(STOREYS.len());
     for (k, (x, z)) in HOUSES.into_iter().enumerate() {
         let house = House {
             corner: Vec3::new(at.x + x, 0.0, at.y + z),
-            storeys: STOREYS[(k + turn) % STOREYS.len()],
+            storeys: STOREYS[(k + first_storeys) % STOREYS.len()],
             facade: m.facade[dice.pick(m.facade.len())],
             number: 4 * number + k as u32,
             detail,

@@ -6,21 +6,21 @@ use std::vec::Vec;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene::kernel::light::{sky_radiance, spot_falloff};
-use scene::math::{luminance, sin_cos_turn};
+use scene::math::{luminance, sin_cos_2pi};
 use scene::sampling::uniform_triangle;
 use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Scene};
 
 use super::Proceed;
 use super::alias::alias_table;
-use super::pieces::{Piece, PieceSettings, lit_pieces};
+use super::light_elements::{LightElement, LightElementSettings, light_elements};
 use crate::error::Error;
 use crate::kernel::start::area_across;
 use crate::types::*;
 
-/// Least density on a piece, over the greatest light known on it or around it: with a shadow ray from each start point, what
-/// is not known is found nevertheless.
+/// Least density on a light element, over the greatest light known on it or around it: with a shadow ray from each
+/// start point, what is not known is found nevertheless.
 const LEAST_DENSITY: f32 = 0.1;
-/// Parts of the sky by height and turn, and places of each along both at which its power is measured.
+/// Parts of the sky by height and azimuth, and places of each along both at which its power is measured.
 const SKY_PARTS: (u32, u32) = (32, 64);
 const SKY_PLACES: u32 = 4;
 /// Reflectance that a texture's mean is not below: filtering may lose what single texels have.
@@ -30,7 +30,7 @@ const MOST_ELEMENTS: usize = 1 << 21;
 /// Steps by which the box of the scene is larger than the scene.
 const MARGIN: f32 = 4.0;
 
-/// What stands for the reflectance of a textured piece in the distribution.
+/// What stands for the reflectance of a textured light element in the distribution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Texels {
     /// The mean texel; photons carry the ratio of their own.
@@ -85,8 +85,9 @@ fn entry_box(scene: &Scene) -> (Vec3, Vec3) {
 }
 
 impl Emission {
-    /// First shot: photons of point, spot and parallel lights start, already reflected, from the pieces of triangles that
-    /// the lights fall on ([`lit_pieces`]); those of emitters, rectangle lights and the sky from these.
+    /// First shot: photons of point, spot and parallel lights start, already reflected, from the adaptive light
+    /// elements that the lights fall on ([`light_elements`]); those of emitters, rectangle lights and the sky from
+    /// these.
     ///
     /// With `is_exact`, a shadow ray from each start point finds its light, and the estimate has no bias from the table;
     /// without, the table's light is taken as it is (Kopylov).
@@ -95,24 +96,29 @@ impl Emission {
     /// [`Error::Setting`], [`Error::TooMany`], [`Error::Cancelled`].
     pub fn first_shot(
         scene: &Scene,
-        settings: &PieceSettings,
+        settings: &LightElementSettings,
         texels: Texels,
         is_exact: bool,
         progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
     ) -> Result<Self, Error> {
-        let pieces = lit_pieces(scene, settings, progress)?;
-        Self::of_pieces(scene, &pieces, texels, is_exact)
+        let light_elements = light_elements(scene, settings, progress)?;
+        Self::of_light_elements(scene, &light_elements, texels, is_exact)
     }
 
-    /// First shot from pieces that are known.
+    /// First shot from light elements that are known.
     ///
     /// # Errors
     /// [`Error::TooMany`].
-    pub fn of_pieces(scene: &Scene, pieces: &[Piece], texels: Texels, is_exact: bool) -> Result<Self, Error> {
+    pub fn of_light_elements(
+        scene: &Scene,
+        light_elements: &[LightElement],
+        texels: Texels,
+        is_exact: bool,
+    ) -> Result<Self, Error> {
         let brightest = Brightest::new(scene, texels);
-        let element = |piece: &Piece| lit_element(scene, piece, &brightest, is_exact);
+        let element = |light_element: &LightElement| lit_element(scene, light_element, &brightest, is_exact);
         let mut elements = Elements::default();
-        let found: Vec<(Element, f64)> = pieces.par_iter().map(element).collect();
+        let found: Vec<(Element, f64)> = light_elements.par_iter().map(element).collect();
         found.into_iter().for_each(|(element, power)| elements.add(element, power));
         add_areas(scene, &mut elements);
         let exact = if is_exact { FLAG_EXACT } else { 0 };
@@ -162,34 +168,36 @@ impl Emission {
     }
 }
 
-/// Emission coefficient of a piece: `S · mean(h) · lum(ρ̄∘color)`, S its area, h the light over the light's colour.
-fn lit_element(scene: &Scene, piece: &Piece, brightest: &Brightest, is_exact: bool) -> (Element, f64) {
-    let color = scene.lighting.lights[piece.light as usize].color;
-    let albedo = brightest.of(scene, piece).unwrap_or(piece.albedo);
-    let textured =
-        scene.materials[scene.geometry.triangles[piece.triangle as usize].material as usize].albedo_texture != NONE;
+/// Emission coefficient of a light element: `S · mean(h) · lum(ρ̄∘color)`, S its area, h the light over the light's
+/// colour.
+fn lit_element(scene: &Scene, light_element: &LightElement, brightest: &Brightest, is_exact: bool) -> (Element, f64) {
+    let color = scene.lighting.lights[light_element.light as usize].color;
+    let albedo = brightest.of(scene, light_element).unwrap_or(light_element.albedo);
+    let textured = scene.materials[scene.geometry.triangles[light_element.triangle as usize].material as usize]
+        .albedo_texture
+        != NONE;
     let least = if textured { LEAST_ALBEDO * luminance(color) } else { 0.0 };
     let reflected = luminance(albedo * color).max(least);
-    let mut values = Vec3::from(piece.values);
+    let mut values = Vec3::from(light_element.values);
     if is_exact {
         // Of starts that may be hidden, each with a chance, the square root of the chance makes the variance least.
-        let least = LEAST_DENSITY * piece.top().max(piece.around);
-        values = values.max(Vec3::splat(least)) / piece.seen.sqrt();
+        let least = LEAST_DENSITY * light_element.top().max(light_element.around);
+        values = values.max(Vec3::splat(least)) / light_element.seen.sqrt();
     }
     let element = Element {
         values,
         scale: 1.0 / reflected,
-        corner: piece.corners[0],
-        edge_a: piece.corners[1] - piece.corners[0],
-        edge_b: piece.corners[2] - piece.corners[0],
+        corner: light_element.corners[0],
+        edge_a: light_element.corners[1] - light_element.corners[0],
+        edge_b: light_element.corners[2] - light_element.corners[0],
         kind: ELEMENT_LIT,
-        triangle: piece.triangle,
-        light: piece.light,
-        is_back: u32::from(piece.is_back),
+        triangle: light_element.triangle,
+        light: light_element.light,
+        is_back: u32::from(light_element.is_back),
         reserved: [0; 2],
     };
     let mean = f64::from(values.x) + f64::from(values.y) + f64::from(values.z);
-    (element, f64::from(piece.area) * mean / 3.0 * f64::from(reflected))
+    (element, f64::from(light_element.area) * mean / 3.0 * f64::from(reflected))
 }
 
 /// Emitters, rectangle lights and the sky.
@@ -222,8 +230,8 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
             let mut mean = 0.0f32;
             for k in 0..SKY_PLACES * SKY_PLACES {
                 let step = |n: u32| (n as f32 + 0.5) / SKY_PLACES as f32;
-                let (z, turn) = (corner.x + size.x * step(k / SKY_PLACES), corner.y + size.y * step(k % SKY_PLACES));
-                let (s, c) = sin_cos_turn(turn);
+                let (z, azimuth) = (corner.x + size.x * step(k / SKY_PLACES), corner.y + size.y * step(k % SKY_PLACES));
+                let (s, c) = sin_cos_2pi(azimuth);
                 let r = (1.0 - z * z).max(0.0).sqrt();
                 let towards = Vec3::new(r * s, z, -r * c);
                 let light = sky_radiance(&lights.sky, lights.sky_map, towards).max(Vec3::ZERO);
@@ -239,7 +247,7 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
     }
 }
 
-/// The brightest texel under pieces.
+/// The brightest texel under light elements.
 struct Brightest {
     /// Greatest reflectance of each texture, channel by channel; none unless asked for.
     whole: Option<Vec<Vec3>>,
@@ -254,19 +262,20 @@ impl Brightest {
         Self { whole: (texels == Texels::Bound).then(|| scene.geometry.textures.par_iter().map(greatest).collect()) }
     }
 
-    /// Greatest reflectance under a piece, channel by channel; nothing for plain surfaces and without the bound.
-    fn of(&self, scene: &Scene, piece: &Piece) -> Option<Vec3> {
+    /// Greatest reflectance under a light element, channel by channel; nothing for plain surfaces and without the
+    /// bound.
+    fn of(&self, scene: &Scene, light_element: &LightElement) -> Option<Vec3> {
         let whole = self.whole.as_ref()?;
-        let material = &scene.materials[scene.geometry.triangles[piece.triangle as usize].material as usize];
+        let material = &scene.materials[scene.geometry.triangles[light_element.triangle as usize].material as usize];
         let texture = scene.geometry.textures.get(material.albedo_texture as usize)?;
         let geometry = scene.tables();
         let size = Vec2::new(texture.width as f32, texture.height as f32);
         // In texels, row 0 on top; a filtered place reaches one texel further.
         let at = |c: Vec2| {
-            let uv = geometry.texture_coordinate(piece.triangle, c.x, c.y);
+            let uv = geometry.texture_coordinate(light_element.triangle, c.x, c.y);
             Vec2::new(uv.x, 1.0 - uv.y) * size
         };
-        let (a, b, c) = (at(piece.corners[0]), at(piece.corners[1]), at(piece.corners[2]));
+        let (a, b, c) = (at(light_element.corners[0]), at(light_element.corners[1]), at(light_element.corners[2]));
         let (low, high) = (a.min(b).min(c).floor() - 1.0, a.max(b).max(c).ceil() + 1.0);
         let extent = high - low;
         if !extent.is_finite() || extent.x >= size.x || extent.y >= size.y {

@@ -7,12 +7,12 @@ use hashbrown::HashMap;
 use scene::sampling::{hash3, unit};
 use scene::{NONE, Scene};
 
-use super::tracer::Registry;
+use super::tracer::PhotonAccumulator;
 use crate::error::{Error, check_length, check_setting};
 use crate::kernel::map::{cell_at, cell_corners};
 use crate::types::MapGrid;
 
-/// Most pieces along an edge of a triangle.
+/// Most divisions along an edge of a triangle.
 const MOST_DIVISIONS: f32 = 1024.0;
 /// Most cells.
 const MOST_CELLS: u64 = 1 << 26;
@@ -40,7 +40,7 @@ impl IlluminationMaps {
         Self::with_divisions(scene, &(0..scene.geometry.triangles.len() as u32).map(divisions).collect::<Vec<u32>>())
     }
 
-    /// Grids with so many pieces along the edges of each triangle. The area of a cell is without its holes.
+    /// Grids with so many divisions along the edges of each triangle. The area of a cell is without its holes.
     ///
     /// # Errors
     /// [`Error::Length`] unless there is a number for each triangle, [`Error::TooMany`] beyond 2²⁶ cells.
@@ -156,7 +156,7 @@ impl IlluminationMaps {
     }
 }
 
-impl Registry for IlluminationMaps {
+impl PhotonAccumulator for IlluminationMaps {
     fn areas(&self) -> &[f32] {
         &self.areas
     }

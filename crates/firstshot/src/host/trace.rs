@@ -9,17 +9,17 @@ use scene::kernel::bvh::FAR;
 use scene::{Occluder, Scene};
 
 use super::emission::Emission;
-use crate::kernel::segment::{land, reflect};
+use crate::kernel::segment::{photon_hit, reflect};
 use crate::kernel::sequence::Sequence;
 use crate::kernel::start::{Sources, pick, start_from};
-use crate::types::{Landing, PhotonParams};
+use crate::types::{PhotonHit, PhotonParams};
 
 /// Photons that one task follows.
 const CHUNK: usize = 512;
 
 /// Where the photons of a dispatch land, photon by photon, segment by segment: what the kernels `firstshot_start` and
 /// `firstshot_segment` give, in another order.
-pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Vec<Landing> {
+pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Vec<PhotonHit> {
     if emission.is_dark() {
         return Vec::new();
     }
@@ -34,18 +34,18 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
         let last = Cell::new(Occluder::default());
         let occluded =
             |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded_again(origin, direction, t_max, &last);
-        let mut landings = Vec::with_capacity(3 * CHUNK);
+        let mut hits = Vec::with_capacity(3 * CHUNK);
         for &(chosen, k) in chunk {
             let element = emission.elements[chosen as usize];
             let mut photon = start_from(&geometry, &sources, p, element, k, occluded);
             while photon.flux != Vec3::ZERO {
                 let hit = scene.closest_before(photon.origin, photon.direction, FAR);
-                landings.push(land(&geometry, k, &photon, hit));
+                hits.push(photon_hit(&geometry, k, &photon, hit));
                 photon = reflect(&geometry, p, k, &photon, hit);
             }
         }
-        landings
+        hits
     };
-    let parts: Vec<Vec<Landing>> = order.par_chunks(CHUNK).map(chunk).collect();
+    let parts: Vec<Vec<PhotonHit>> = order.par_chunks(CHUNK).map(chunk).collect();
     parts.concat()
 }

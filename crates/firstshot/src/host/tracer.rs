@@ -1,4 +1,4 @@
-//! Rounds of photons, registered and judged by independent batches, until the error is what was asked for.
+//! Rounds of photons, accumulated and judged by independent batches, until the error is what was asked for.
 
 use std::vec;
 use std::vec::Vec;
@@ -14,8 +14,8 @@ use super::trace::trace_photons;
 use crate::error::{Error, check_length, check_setting};
 use crate::types::*;
 
-/// Where photons are registered: cells of illumination maps, patches, or what else owns places of surfaces.
-pub trait Registry: Sync {
+/// Which cell a photon hits: cells of illumination maps, patches, or what else owns places of surfaces.
+pub trait PhotonAccumulator: Sync {
     /// Areas of the cells, m².
     fn areas(&self) -> &[f32];
     /// The cell that owns the place (u, v) on a side of a triangle, or [`NONE`].
@@ -71,9 +71,9 @@ impl Default for PhotonSettings {
 
 /// Photons of each batch in the first round.
 const FIRST_ROUND: u32 = 1 << 9;
-/// Photons of all batches in a round at most: their landings are in memory together.
+/// Photons of all batches in a round at most: their photon hits are in memory together.
 const MOST_ROUND: u32 = 1 << 18;
-/// Photons of a batch that its numbers tell apart.
+/// Photons of a batch that its numbers distinguish.
 const MOST_BATCH: u64 = 1 << 31;
 
 /// What one round asks for, and what is known after it.
@@ -81,7 +81,7 @@ const MOST_BATCH: u64 = 1 << 31;
 pub struct Round {
     /// Photons so far.
     pub photons: u64,
-    /// Landings on cells so far.
+    /// Photon hits on cells so far.
     pub registered: u64,
     /// Segments so far, those that leave the scene included.
     pub segments: u64,
@@ -120,7 +120,7 @@ struct Totals {
 
 /// A run of photons that can be continued.
 pub struct Tracer<'a> {
-    registry: &'a dyn Registry,
+    accumulator: &'a dyn PhotonAccumulator,
     scene: &'a Scene,
     emission: &'a Emission,
     settings: PhotonSettings,
@@ -141,19 +141,19 @@ impl<'a> Tracer<'a> {
     pub fn new(
         scene: &'a Scene,
         emission: &'a Emission,
-        registry: &'a dyn Registry,
+        accumulator: &'a dyn PhotonAccumulator,
         settings: PhotonSettings,
     ) -> Result<Self, Error> {
-        let cells = registry.areas().len();
+        let cells = accumulator.areas().len();
         let PhotonSettings { error, batches, most_photons, .. } = settings;
         check_setting("error", error, "0 or positive", error >= 0.0)?;
         check_setting("batches", f64::from(batches), "2 to 64", (2..=64).contains(&batches))?;
         check_setting("most_photons", most_photons as f64, "at least 1", most_photons > 0)?;
-        if !registry.groups().is_empty() {
-            check_length("groups", cells, registry.groups().len())?;
+        if !accumulator.groups().is_empty() {
+            check_length("groups", cells, accumulator.groups().len())?;
         }
         let totals = Totals { cells: vec![[0.0; 3]; cells], ..Totals::default() };
-        let (groups, areas) = (registry.groups(), registry.areas());
+        let (groups, areas) = (accumulator.groups(), accumulator.areas());
         let group_areas = if groups.is_empty() {
             areas.iter().map(|&area| f64::from(area)).collect()
         } else {
@@ -165,7 +165,7 @@ impl<'a> Tracer<'a> {
             sums
         };
         let batches = vec![vec![0.0; group_areas.len()]; batches as usize];
-        Ok(Self { registry, scene, emission, settings, totals, batches, group_areas, per_batch: 0 })
+        Ok(Self { accumulator, scene, emission, settings, totals, batches, group_areas, per_batch: 0 })
     }
 
     /// Another error to go on to.
@@ -182,21 +182,21 @@ impl<'a> Tracer<'a> {
     /// it was not stopped.
     ///
     /// # Errors
-    /// [`Error::TooMany`] for batches that no sequence can tell apart.
+    /// [`Error::TooMany`] for batches that no sequence can distinguish.
     pub fn run(&mut self, progress: &dyn Fn(&Round) -> Proceed) -> Result<bool, Error> {
         let (scene, emission) = (self.scene, self.emission);
         self.run_with(progress, |p| Ok::<_, Error>(trace_photons(scene, emission, p)))
     }
 
-    /// [`Tracer::run`] with photons that are traced by somebody else, on a GPU perhaps: `trace` gives the landings of a
-    /// dispatch, in any order that does not depend on chance.
+    /// [`Tracer::run`] with photons that are traced by somebody else, on a GPU perhaps: `trace` gives the photon hits
+    /// of a dispatch, in any order that does not depend on chance.
     ///
     /// # Errors
     /// As [`Tracer::run`], and what `trace` gives.
     pub fn run_with<E: From<Error>>(
         &mut self,
         progress: &dyn Fn(&Round) -> Proceed,
-        mut trace: impl FnMut(&PhotonParams) -> Result<Vec<Landing>, E>,
+        mut trace: impl FnMut(&PhotonParams) -> Result<Vec<PhotonHit>, E>,
     ) -> Result<bool, E> {
         if self.emission.is_dark() {
             return Ok(true);
@@ -210,8 +210,8 @@ impl<'a> Tracer<'a> {
         while self.per_batch < most && round.error > self.settings.error {
             let count = self.next_round(&round).min(most - self.per_batch) as u32;
             let p = self.params(count);
-            let landings = trace(&p)?;
-            self.register(&p, &landings);
+            let hits = trace(&p)?;
+            self.accumulate(&p, &hits);
             round = self.round();
             if progress(&round).is_break() {
                 return Ok(false);
@@ -255,27 +255,27 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Adds the landings of a dispatch in their order, so no sum depends on the number of threads.
-    pub fn register(&mut self, p: &PhotonParams, landings: &[Landing]) {
-        let (registry, with_direct) = (self.registry, self.settings.with_direct);
-        let cell = |landing: &Landing| {
-            let is_counted = with_direct || landing.info & LANDING_INDIRECT != 0;
-            if is_counted && landing.triangle != NONE && landing.flux != Vec3::ZERO {
-                registry.cell(landing.triangle, landing.u, landing.v, landing.info & LANDING_BACK != 0)
+    /// Adds the photon hits of a dispatch in their order, so no sum depends on the number of threads.
+    pub fn accumulate(&mut self, p: &PhotonParams, hits: &[PhotonHit]) {
+        let (accumulator, with_direct) = (self.accumulator, self.settings.with_direct);
+        let cell = |hit: &PhotonHit| {
+            let is_counted = with_direct || hit.info & HIT_INDIRECT != 0;
+            if is_counted && hit.triangle != NONE && hit.flux != Vec3::ZERO {
+                accumulator.cell(hit.triangle, hit.u, hit.v, hit.info & HIT_BACK != 0)
             } else {
                 NONE
             }
         };
-        let cells: Vec<u32> = landings.par_iter().with_min_len(256).map(cell).collect();
-        let groups = registry.groups();
-        for (landing, cell) in landings.iter().zip(cells) {
-            if !self.totals.add(landing, cell, with_direct) {
+        let cells: Vec<u32> = hits.par_iter().with_min_len(256).map(cell).collect();
+        let groups = accumulator.groups();
+        for (hit, cell) in hits.iter().zip(cells) {
+            if !self.totals.add(hit, cell, with_direct) {
                 continue;
             }
             let group = if groups.is_empty() { cell } else { groups[cell as usize] };
-            let batch = self.batches.get_mut((landing.photon / p.per_batch) as usize);
+            let batch = self.batches.get_mut((hit.photon / p.per_batch) as usize);
             if let Some(sum) = batch.and_then(|batch| batch.get_mut(group as usize)) {
-                *sum += luminance(landing.flux);
+                *sum += luminance(hit.flux);
             }
         }
         self.per_batch += u64::from(p.per_batch);
@@ -322,7 +322,7 @@ impl<'a> Tracer<'a> {
             if area > 0.0 { (unit_of_batch / area * self.mean_and_variance(k).1.sqrt()) as f32 } else { 0.0 }
         };
         Estimate {
-            irradiance: self.totals.cells.par_iter().zip(self.registry.areas()).map(cell).collect(),
+            irradiance: self.totals.cells.par_iter().zip(self.accumulator.areas()).map(cell).collect(),
             error: (0..self.group_areas.len()).into_par_iter().map(error).collect(),
             round: self.round(),
             emitted: self.totals.emitted * unit,
@@ -347,28 +347,28 @@ fn mean_and_variance(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64
 }
 
 impl Totals {
-    /// Adds a landing; whether a cell took it.
-    fn add(&mut self, landing: &Landing, cell: u32, with_direct: bool) -> bool {
-        if landing.flux == Vec3::ZERO {
+    /// Adds a photon hit; whether a cell took it.
+    fn add(&mut self, hit: &PhotonHit, cell: u32, with_direct: bool) -> bool {
+        if hit.flux == Vec3::ZERO {
             return false;
         }
-        let flux = landing.flux.as_dvec3();
+        let flux = hit.flux.as_dvec3();
         self.segments += 1;
-        if landing.info & LANDING_FIRST != 0 {
+        if hit.info & HIT_FIRST != 0 {
             self.emitted += flux;
         }
-        if landing.triangle == NONE {
+        if hit.triangle == NONE {
             self.escaped += flux;
             return false;
         }
-        if landing.info & LANDING_INDIRECT == 0 && !with_direct {
+        if hit.info & HIT_INDIRECT == 0 && !with_direct {
             return false;
         }
         let Some(sum) = self.cells.get_mut(cell as usize) else {
             self.unowned += flux;
             return false;
         };
-        let more = landing.flux.to_array();
+        let more = hit.flux.to_array();
         sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         self.registered += 1;
         true

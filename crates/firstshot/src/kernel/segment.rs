@@ -8,21 +8,21 @@ use scene::{GeometryTables, Hit, NONE};
 use super::sequence::Sequence;
 use crate::types::*;
 
-/// A landing of no photon.
-pub const NO_LANDING: Landing =
-    Landing { flux: Vec3::ZERO, triangle: NONE, u: 0.0, v: 0.0, photon: 0, info: LANDING_INDIRECT };
+/// The hit of no photon.
+pub const NO_PHOTON_HIT: PhotonHit =
+    PhotonHit { flux: Vec3::ZERO, triangle: NONE, u: 0.0, v: 0.0, photon: 0, info: HIT_INDIRECT };
 
-/// The landing of photon `k` of a dispatch at what its segment met.
+/// The hit of photon `k` of a dispatch at what its segment met.
 #[inline]
-pub fn land(g: &GeometryTables, k: u32, photon: &Photon, hit: Hit) -> Landing {
-    let mut info = if photon.reflections > 0 { LANDING_INDIRECT } else { 0 };
+pub fn photon_hit(g: &GeometryTables, k: u32, photon: &Photon, hit: Hit) -> PhotonHit {
+    let mut info = if photon.reflections > 0 { HIT_INDIRECT } else { 0 };
     if photon.segments == 0 {
-        info |= LANDING_FIRST;
+        info |= HIT_FIRST;
     }
     if hit.triangle != NONE && g.normal(hit.triangle).dot(photon.direction) > 0.0 {
-        info |= LANDING_BACK;
+        info |= HIT_BACK;
     }
-    Landing { flux: photon.flux, triangle: hit.triangle, u: hit.u, v: hit.v, photon: k, info }
+    PhotonHit { flux: photon.flux, triangle: hit.triangle, u: hit.u, v: hit.v, photon: k, info }
 }
 
 /// The photon after what it met: it survives with the chance `lum(ρ∘Φ)/lum(Φ)`, so its luminance stays, and leaves the side

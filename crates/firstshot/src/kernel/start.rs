@@ -4,7 +4,7 @@ use core::f32::consts::TAU;
 
 use glam::{Vec3, Vec4};
 use scene::kernel::light::{sky_radiance, spot_falloff, unoccluded};
-use scene::math::{abs, luminance, sin_cos_turn, sqrt};
+use scene::math::{abs, luminance, sin_cos_2pi, sqrt};
 use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit, wide_product};
 use scene::{GeometryTables, LIGHT_SPOT, Light, Sky};
 
@@ -60,20 +60,20 @@ fn enter_box(p: &PhotonParams, direction: Vec3, x: f32, y: f32) -> Vec3 {
     }
 }
 
-/// Unit direction at the height `z` along `axis` and a turn round it.
+/// Unit direction at the height `z` along `axis` and an azimuth round it, in [0, 1].
 #[inline]
-fn on_sphere(axis: Vec3, z: f32, turn: f32) -> Vec3 {
-    let (s, c) = sin_cos_turn(turn);
+fn on_sphere(axis: Vec3, z: f32, azimuth: f32) -> Vec3 {
+    let (s, c) = sin_cos_2pi(azimuth);
     let inside = 1.0 - z * z;
     let r = sqrt(if inside > 0.0 { inside } else { 0.0 });
     let (a, b) = frame(axis);
     a * (r * c) + b * (r * s) + axis * z
 }
 
-/// A photon of light that falls on a piece of a triangle, reflected there:
+/// A photon of light that falls on a light element, reflected there:
 /// `flux = ρ(x)∘color · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour.
 #[inline]
-fn start_on_piece(
+fn start_on_light_element(
     g: &GeometryTables,
     sources: &Sources,
     p: &PhotonParams,
@@ -145,7 +145,7 @@ fn leave_bulb(light: &Light, e: &Element, w: &StartWords) -> (Vec3, Vec3) {
     (on_sphere(axis, z, unit(w.way.1)), light.color * (falloff * (1.0 - least) * TAU * e.scale))
 }
 
-/// Photon `k` of a dispatch as it leaves its element. Its flux is zero where it turns out that no light leaves there.
+/// Photon `k` of a dispatch as it leaves its element. Its flux is zero where no light leaves there.
 #[inline]
 pub fn start_photon(
     g: &GeometryTables,
@@ -172,7 +172,7 @@ pub fn start_from(
 ) -> Photon {
     let w = Sequence::of(p, k).start();
     if e.kind == ELEMENT_LIT {
-        return start_on_piece(g, sources, p, &e, &w, occluded);
+        return start_on_light_element(g, sources, p, &e, &w, occluded);
     }
     if e.kind == ELEMENT_EMITTER || e.kind == ELEMENT_RECT {
         return start_on_emitter(g, sources, p, &e, &w);
@@ -185,9 +185,9 @@ pub fn start_from(
     } else {
         let light;
         if e.kind == ELEMENT_SKY {
-            // Heights and turns have equal solid angles in equal areas.
-            let (z, turn) = (e.corner.x + e.edge_a.x * unit(w.way.0), e.corner.y + e.edge_a.y * unit(w.way.1));
-            let (s, c) = sin_cos_turn(turn);
+            // Heights and azimuths have equal solid angles in equal areas.
+            let (z, azimuth) = (e.corner.x + e.edge_a.x * unit(w.way.0), e.corner.y + e.edge_a.y * unit(w.way.1));
+            let (s, c) = sin_cos_2pi(azimuth);
             let inside = 1.0 - z * z;
             let r = sqrt(if inside > 0.0 { inside } else { 0.0 });
             let towards = Vec3::new(r * s, z, -r * c);

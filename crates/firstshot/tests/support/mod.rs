@@ -3,7 +3,7 @@
 
 use std::ops::ControlFlow;
 
-use firstshot::{Emission, Estimate, PhotonSettings, PieceSettings, Registry, Texels, Tracer};
+use firstshot::{Emission, Estimate, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer};
 use glam::Vec3;
 use scene::{Light, Material, Scene, SceneParts, Triangle, TriangleUv};
 
@@ -42,12 +42,17 @@ pub fn go_on(_: usize, _: usize) -> ControlFlow<()> {
 }
 
 pub fn first_shot(scene: &Scene) -> Emission {
-    Emission::first_shot(scene, &PieceSettings::default(), Texels::Mean, true, &go_on).unwrap()
+    Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on).unwrap()
 }
 
 /// All photons, whatever the error.
-pub fn trace(scene: &Scene, emission: &Emission, registry: &dyn Registry, settings: PhotonSettings) -> Estimate {
-    let mut tracer = Tracer::new(scene, emission, registry, PhotonSettings { error: 0.0, ..settings }).unwrap();
+pub fn trace(
+    scene: &Scene,
+    emission: &Emission,
+    accumulator: &dyn PhotonAccumulator,
+    settings: PhotonSettings,
+) -> Estimate {
+    let mut tracer = Tracer::new(scene, emission, accumulator, PhotonSettings { error: 0.0, ..settings }).unwrap();
     assert!(tracer.run(&|_| ControlFlow::Continue(())).unwrap());
     tracer.estimate()
 }

@@ -7,12 +7,12 @@ use glam::DVec3;
 use transport::Polygon;
 
 use super::contour::contour;
-use super::triangle::{quarter, triangle_area};
+use super::triangle::{four_parts, triangle_area};
 
-/// Depth to which a triangle of the receiving patch is split towards a near sender.
+/// Depth to which a triangle of the receiving patch is split towards a near source.
 const DEEPEST: u32 = 5;
 
-/// Beyond this many radii a sender is sampled by area, nearer by solid angle.
+/// Beyond this many radii a source is sampled by area, nearer by solid angle.
 const FAR_RADII: f64 = 3.0;
 
 /// All pairs of points are used up to a distance of this many radii (squared) of both patches, fewer beyond.
@@ -74,39 +74,39 @@ fn spherical_triangle_point(a: DVec3, b: DVec3, c: DVec3, omega: f64, x: f64, y:
     b * z + (d - b * d.dot(b)).normalize_or_zero() * (1.0 - z * z).max(0.0).sqrt()
 }
 
-/// Estimate of the form factor of the point to the sender by one direction or point (x, y in the unit square):
+/// Estimate of the form factor of the point to the source by one direction or point (x, y in the unit square):
 /// `cosθ cosθ'/(π r²)` over the density of the choice, 0 when the point chosen is hidden.
-fn sample_sender(
+fn sample_source(
     point: DVec3,
     normal: DVec3,
-    sender: &Polygon,
+    source: &Polygon,
     near: bool,
     x: f64,
     y: f64,
     visible: &impl Fn(DVec3, DVec3) -> bool,
 ) -> f64 {
     if !near {
-        let target = polygon_point(sender, x, y);
+        let target = polygon_point(source, x, y);
         let to = target - point;
         let squared = to.length_squared();
-        let (here, there) = (to.dot(normal), -to.dot(sender.normal));
+        let (here, there) = (to.dot(normal), -to.dot(source.normal));
         let seen = here > 0.0 && there > 0.0 && visible(point, target);
-        return if seen { sender.area * here * there / (PI * squared * squared) } else { 0.0 };
+        return if seen { source.area * here * there / (PI * squared * squared) } else { 0.0 };
     }
     let unit = |p: DVec3| (p - point).normalize_or_zero();
-    let total: f64 = sender.fan().map(|[a, b, c]| solid_angle(unit(a), unit(b), unit(c))).sum();
+    let total: f64 = source.fan().map(|[a, b, c]| solid_angle(unit(a), unit(b), unit(c))).sum();
     let mut rest = x * total;
-    let last = sender.corners().len() - 3;
-    for (k, [a, b, c]) in sender.fan().enumerate() {
+    let last = source.corners().len() - 3;
+    for (k, [a, b, c]) in source.fan().enumerate() {
         let (ua, ub, uc) = (unit(a), unit(b), unit(c));
         let omega = solid_angle(ua, ub, uc);
         if (rest < omega || k == last) && omega > 0.0 {
             let direction = spherical_triangle_point(ua, ub, uc, omega, (rest / omega).min(1.0), y);
-            let (here, there) = (direction.dot(normal), -direction.dot(sender.normal));
+            let (here, there) = (direction.dot(normal), -direction.dot(source.normal));
             if here <= 0.0 || there <= 0.0 {
                 return 0.0;
             }
-            let target = point + direction * ((point - a).dot(sender.normal) / there);
+            let target = point + direction * ((point - a).dot(source.normal) / there);
             return if visible(point, target) { total * here / PI } else { 0.0 };
         }
         rest -= omega;
@@ -114,11 +114,12 @@ fn sample_sender(
     0.0
 }
 
-/// Form factor of a patch to another by pairs of points. `receiver` and `sender` are cut at each other's planes, `area` is
-/// the whole area of the receiving patch; at most about `samples` pairs, fewer the farther the patches are apart.
+/// Form factor of a patch to another by pairs of points. `receiver` and `source` are cut at each other's planes,
+/// `area` is the whole area of the receiving patch; at most about `samples` pairs, fewer the farther the patches are
+/// apart.
 pub(super) fn patch_to_patch(
     receiver: &Polygon,
-    sender: &Polygon,
+    source: &Polygon,
     area: f64,
     samples: u32,
     shift: [f64; 4],
@@ -126,19 +127,19 @@ pub(super) fn patch_to_patch(
 ) -> f64 {
     let mut leaves = Vec::new();
     for t in receiver.fan() {
-        split(t, sender, DEEPEST, &mut leaves);
+        split(t, source, DEEPEST, &mut leaves);
     }
     // Pairs go where the unoccluded energy is; a small even share keeps every leaf sampled.
     let mut expected: Vec<f64> = leaves
         .iter()
-        .map(|&t| triangle_area(t) * contour((t[0] + t[1] + t[2]) / 3.0, receiver.normal, sender))
+        .map(|&t| triangle_area(t) * contour((t[0] + t[1] + t[2]) / 3.0, receiver.normal, source))
         .collect();
     let floor = 0.02 * expected.iter().sum::<f64>() / receiver.area;
     for (e, &t) in expected.iter_mut().zip(&leaves) {
         *e += (floor + f64::MIN_POSITIVE) * triangle_area(t);
     }
     let total: f64 = expected.iter().sum();
-    let ratio = (receiver.radius + sender.radius) / receiver.centroid.distance(sender.centroid).max(f64::MIN_POSITIVE);
+    let ratio = (receiver.radius + source.radius) / receiver.centroid.distance(source.centroid).max(f64::MIN_POSITIVE);
     let pairs = (f64::from(samples) * (PAIRS_NEARBY * ratio * ratio).min(1.0)).max(4.0);
     let (mut sum, mut k) = (0.0, 0u64);
     let mut owed = 0.0;
@@ -147,11 +148,11 @@ pub(super) fn patch_to_patch(
         let count = (owed as u64).max(1);
         owed -= count as f64;
         let centre = (t[0] + t[1] + t[2]) / 3.0;
-        let near = sender.distance(centre) < FAR_RADII * sender.radius;
+        let near = source.distance(centre) < FAR_RADII * source.radius;
         let mut leaf = 0.0;
         for _ in 0..count {
             let x = recurrence(k, shift);
-            leaf += sample_sender(triangle_point(t, x[0], x[1]), receiver.normal, sender, near, x[2], x[3], visible);
+            leaf += sample_source(triangle_point(t, x[0], x[1]), receiver.normal, source, near, x[2], x[3], visible);
             k += 1;
         }
         sum += leaf / count as f64 * triangle_area(t);
@@ -159,36 +160,36 @@ pub(super) fn patch_to_patch(
     sum / area
 }
 
-/// Form factor of a point to a patch, the sender cut at the point's horizon.
+/// Form factor of a point to a patch, the source cut at the point's horizon.
 pub(super) fn point_to_patch(
     point: DVec3,
     normal: DVec3,
-    sender: &Polygon,
+    source: &Polygon,
     samples: u32,
     shift: [f64; 4],
     visible: &impl Fn(DVec3, DVec3) -> bool,
 ) -> f64 {
-    let distance = sender.distance(point);
-    let near = distance < FAR_RADII * sender.radius;
-    let ratio = sender.radius / distance.max(f64::MIN_POSITIVE);
+    let distance = source.distance(point);
+    let near = distance < FAR_RADII * source.radius;
+    let ratio = source.radius / distance.max(f64::MIN_POSITIVE);
     let count = (f64::from(samples) * (PAIRS_NEARBY * ratio * ratio).min(1.0)).max(4.0) as u64;
     let mut sum = 0.0;
     for k in 0..count {
         let y = recurrence(k, shift)[0];
         let x = (shift[3] + (k as f64 + 0.5) / count as f64).fract();
-        sum += sample_sender(point, normal, sender, near, x, y, visible);
+        sum += sample_source(point, normal, source, near, x, y, visible);
     }
     sum / count as f64
 }
 
-fn split(t: [DVec3; 3], sender: &Polygon, depth: u32, leaves: &mut Vec<[DVec3; 3]>) {
+fn split(t: [DVec3; 3], source: &Polygon, depth: u32, leaves: &mut Vec<[DVec3; 3]>) {
     let centre = (t[0] + t[1] + t[2]) / 3.0;
     let radius = t.iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
-    if depth == 0 || sender.distance(centre) > 1.5 * radius {
+    if depth == 0 || source.distance(centre) > 1.5 * radius {
         leaves.push(t);
         return;
     }
-    for part in quarter(t) {
-        split(part, sender, depth - 1, leaves);
+    for part in four_parts(t) {
+        split(part, source, depth - 1, leaves);
     }
 }

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 use glam::DVec3;
 use transport::Polygon;
 
-use super::triangle::{quarter, triangle_area};
+use super::triangle::{four_parts, triangle_area};
 
 /// Cubature of degree 5 on a triangle (Radon 1948): barycentric coordinates (one coordinate, the other two equal) and weights.
 const RADON: [(f64, f64); 3] = [
@@ -47,10 +47,10 @@ pub(super) fn contour(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
 }
 
 /// Form factor of a patch to another, without occlusion: the mean of [`contour`] over the patch by adaptive cubature.
-/// `receiver` and `sender` are already cut at each other's planes, `area` is the whole area of the receiving patch.
-pub(super) fn patch_to_patch(receiver: &Polygon, sender: &Polygon, area: f64) -> f64 {
-    let value = |p: DVec3| contour(p, receiver.normal, sender);
-    let far = receiver.centroid.distance(sender.centroid) > 6.0 * (receiver.radius + sender.radius);
+/// `receiver` and `source` are already cut at each other's planes, `area` is the whole area of the receiving patch.
+pub(super) fn patch_to_patch(receiver: &Polygon, source: &Polygon, area: f64) -> f64 {
+    let value = |p: DVec3| contour(p, receiver.normal, source);
+    let far = receiver.centroid.distance(source.centroid) > 6.0 * (receiver.radius + source.radius);
     let coarse: f64 = receiver.fan().map(|t| cubature(t, &value)).sum();
     if far {
         return coarse / area;
@@ -72,12 +72,12 @@ fn cubature(t: [DVec3; 3], value: &impl Fn(DVec3) -> f64) -> f64 {
 }
 
 fn refine(t: [DVec3; 3], whole: f64, tolerance: f64, depth: u32, value: &impl Fn(DVec3) -> f64) -> f64 {
-    let parts = quarter(t);
+    let parts = four_parts(t);
     let values = parts.map(|part| cubature(part, value));
     let sum: f64 = values.iter().sum();
     if (sum - whole).abs() <= tolerance || depth == 0 {
         return sum;
     }
-    // Errors of neighbours have different signs: half the tolerance for a quarter of the area keeps the sum in bounds.
+    // Errors of neighbours have different signs: half the tolerance for a fourth of the area keeps the sum in bounds.
     (0..4).map(|k| refine(parts[k], values[k], 0.5 * tolerance, depth - 1, value)).sum()
 }

@@ -242,19 +242,19 @@ impl Estimator for AreaToArea {
     fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
         let points = s.row_points(row);
         for (j, out) in factors.iter_mut().enumerate() {
-            let sender = &s.polygons[j];
+            let source = &s.polygons[j];
             let shift = shift(s, row, j);
             *out = match s.row_polygons.get(row) {
                 Some(receiver) => {
-                    let (Some(r), Some(t)) = cut(receiver, sender) else { continue };
-                    let visible = |a: DVec3, b: DVec3| sees(s, a, receiver.normal, b, sender.normal);
+                    let (Some(r), Some(t)) = cut(receiver, source) else { continue };
+                    let visible = |a: DVec3, b: DVec3| sees(s, a, receiver.normal, b, source.normal);
                     area::patch_to_patch(&r, &t, receiver.area, self.samples, shift, &visible) as f32
                 }
                 None => {
                     let each = (self.samples / points.len() as u32).max(1);
                     weighted(points, |position, normal| {
-                        let Some(part) = sender.clip(position, normal) else { return 0.0 };
-                        let visible = |a: DVec3, b: DVec3| sees(s, a, normal, b, sender.normal);
+                        let Some(part) = source.clip(position, normal) else { return 0.0 };
+                        let visible = |a: DVec3, b: DVec3| sees(s, a, normal, b, source.normal);
                         area::point_to_patch(position, normal, &part, each, shift, &visible)
                     })
                 }
@@ -291,21 +291,21 @@ impl Estimator for PointToPoint {
 impl Contour {
     /// Share of the light between two surfaces that is not blocked, from weighted shadow rays.
     fn visible_share(&self, s: &Surfaces, row: usize, j: usize, point: impl Fn(f64, f64) -> (DVec3, DVec3)) -> f64 {
-        let sender = &s.polygons[j];
+        let source = &s.polygons[j];
         let shift = shift(s, row, j);
         let (mut seen, mut all) = (0.0, 0.0);
         for k in 0..self.shadow_rays {
             let x = area::recurrence(u64::from(k), shift);
             let (from, normal) = point(x[0], x[1]);
-            let to = area::polygon_point(sender, x[2], x[3]);
-            let (here, there) = ((to - from).dot(normal), (from - to).dot(sender.normal));
+            let to = area::polygon_point(source, x[2], x[3]);
+            let (here, there) = ((to - from).dot(normal), (from - to).dot(source.normal));
             if here <= 0.0 || there <= 0.0 {
                 continue;
             }
             let squared = (to - from).length_squared();
-            let weight = here * there / (squared * (core::f64::consts::PI * squared + sender.area));
+            let weight = here * there / (squared * (core::f64::consts::PI * squared + source.area));
             all += weight;
-            if sees(s, from, normal, to, sender.normal) {
+            if sees(s, from, normal, to, source.normal) {
                 seen += weight;
             }
         }
@@ -323,10 +323,10 @@ impl Estimator for Contour {
     fn row(&self, s: &Surfaces, row: usize, factors: &mut [f32]) -> (f32, f32) {
         let points = s.row_points(row);
         for (j, out) in factors.iter_mut().enumerate() {
-            let sender = &s.polygons[j];
+            let source = &s.polygons[j];
             *out = match s.row_polygons.get(row) {
                 Some(receiver) => {
-                    let (Some(r), Some(t)) = cut(receiver, sender) else { continue };
+                    let (Some(r), Some(t)) = cut(receiver, source) else { continue };
                     let whole = contour::patch_to_patch(&r, &t, receiver.area);
                     let point = |x, y| (area::polygon_point(&r, x, y), r.normal);
                     (whole * self.visible_share(s, row, j, point)) as f32
@@ -336,7 +336,7 @@ impl Estimator for Contour {
                         let p = points[((x * points.len() as f64) as usize).min(points.len() - 1)];
                         (p.position.as_dvec3(), p.normal.as_dvec3())
                     });
-                    let whole = weighted(points, |p, n| contour::point_to_polygon(p, n, sender));
+                    let whole = weighted(points, |p, n| contour::point_to_polygon(p, n, source));
                     (f64::from(whole) * share) as f32
                 }
             };
@@ -346,12 +346,12 @@ impl Estimator for Contour {
 }
 
 /// Both polygons without what lies behind the other's plane.
-fn cut(receiver: &Polygon, sender: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
-    let r = receiver.clip(sender.centroid, sender.normal);
+fn cut(receiver: &Polygon, source: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
+    let r = receiver.clip(source.centroid, source.normal);
     if r.is_none() {
         return (None, None);
     }
-    (r, sender.clip(receiver.centroid, receiver.normal))
+    (r, source.clip(receiver.centroid, receiver.normal))
 }
 
 /// Mean over the points of a row by their weights.

@@ -1,4 +1,4 @@
-//! Sparse rows of form factors by rays: for many receivers or many senders, where dense rows would not fit.
+//! Sparse rows of form factors by rays: for many receivers or many patches, where dense rows would not fit.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -86,12 +86,13 @@ pub fn add_hit_rows(
     add_rows(rows, surfaces, (rays, 1), &hits, progress)
 }
 
-/// As [`add_hit_rows`], with [`QUADRANTS`] rows instead of one: the hits in each quarter of the hemisphere round the normal of
-/// the row's first point, as [`transport::rotational_gradients`] has them. Sky factors are those of the quarters.
+/// As [`add_hit_rows`], with [`QUADRANTS`] rows instead of one: the hits in each quadrant of the hemisphere round the
+/// normal of the row's first point, as [`transport::rotational_gradients`] has them. Sky factors are those of the
+/// quadrants.
 ///
 /// # Errors
 /// As [`add_hit_rows`].
-pub fn add_quarter_rows(
+pub fn add_quadrant_rows(
     rows: &mut HitCounts,
     surfaces: &Surfaces,
     rays: u32,
@@ -101,7 +102,7 @@ pub fn add_quarter_rows(
     let hits = |row: usize| {
         let mut hits = std::vec![NONE; QUADRANTS * order.len()];
         let found = quadrant_hits(surfaces, row, &order);
-        found.into_iter().enumerate().for_each(|(k, (column, quarter))| hits[quarter * order.len() + k] = column);
+        found.into_iter().enumerate().for_each(|(k, (column, quadrant))| hits[quadrant * order.len() + k] = column);
         hits
     };
     add_rows(rows, surfaces, (rays, QUADRANTS), &hits, progress)
@@ -155,7 +156,7 @@ pub fn gather_by_rays(
     Ok(Watch::new(total, progress).tasks(0..total, task)?.concat())
 }
 
-/// Runs tasks of [`TASK_ROWS`] rows on all cores until it is told to stop.
+/// Runs tasks of [`TASK_ROWS`] rows on all cores until `progress` says to stop.
 struct Watch<'a> {
     total: usize,
     progress: &'a (dyn Fn(usize, usize) -> Proceed + Sync),

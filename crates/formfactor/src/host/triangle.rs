@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// The four like parts of a triangle.
-pub(super) fn quarter(t: [DVec3; 3]) -> [[DVec3; 3]; 4] {
+pub(super) fn four_parts(t: [DVec3; 3]) -> [[DVec3; 3]; 4] {
     let [a, b, c] = t;
     let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]

@@ -1,7 +1,7 @@
 //! Keeps the compilers of the drivers from rewriting float arithmetic.
 
-/// Decorates the result of every float operation `NoContraction`. Without it spirv-opt and the drivers turn `a*b + a*c`
-/// into `a*(b + c)`, and CPU and GPU differ by up to 10⁻³ under cancellation.
+/// Decorates the result of every float operation `NoContraction`. Without it spirv-opt and the drivers rewrite `a*b +
+/// a*c` into `a*(b + c)`, and CPU and GPU differ by up to 10⁻³ under cancellation.
 pub fn forbid_contraction(words: &[u32]) -> Vec<u32> {
     const HEADER: usize = 5;
     const DECORATE: u32 = 71;

@@ -1,7 +1,7 @@
 //! Host forms of the kernels of photons.
 
 use ::firstshot::kernel::segment;
-use ::firstshot::{Landing, Photon, PhotonParams};
+use ::firstshot::{Photon, PhotonHit, PhotonParams};
 use ::scene::GeometryTables;
 use ::scene::kernel::bvh;
 use glam::Vec3;
@@ -11,7 +11,7 @@ use super::{HostCall, HostError};
 use crate::table::Kernel;
 
 pub(crate) fn segment(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let (p, [nodes, triangles, uvs, materials, textures, texels, photons, landings]) =
+    let (p, [nodes, triangles, uvs, materials, textures, texels, photons, photon_hits]) =
         call.parts::<PhotonParams, 8>(kernel)?;
     let n = p.count as usize;
     let geometry = GeometryTables {
@@ -22,12 +22,12 @@ pub(crate) fn segment(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
         textures: textures.read(0)?,
         texels: texels.read(0)?,
     };
-    let (photons, landings) = (photons.write::<Photon>(n)?, landings.write::<Landing>(n)?);
-    photons.par_iter_mut().zip(landings).with_min_len(32).enumerate().for_each(|(k, (photon, landing))| {
-        *landing = segment::NO_LANDING;
+    let (photons, photon_hits) = (photons.write::<Photon>(n)?, photon_hits.write::<PhotonHit>(n)?);
+    photons.par_iter_mut().zip(photon_hits).with_min_len(32).enumerate().for_each(|(k, (photon, photon_hit))| {
+        *photon_hit = segment::NO_PHOTON_HIT;
         if photon.flux != Vec3::ZERO {
             let hit = bvh::closest_hit(&geometry, photon.origin, photon.direction, bvh::FAR);
-            *landing = segment::land(&geometry, k as u32, photon, hit);
+            *photon_hit = segment::photon_hit(&geometry, k as u32, photon, hit);
             *photon = segment::reflect(&geometry, &p, k as u32, photon, hit);
         }
     });

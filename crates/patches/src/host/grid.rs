@@ -13,8 +13,8 @@ use crate::types::GridShape;
 
 /// Voxels that a grid may have, empty ones included: the lookup keeps a word for each.
 pub const VOXEL_LIMIT: u64 = 1 << 26;
-/// Pieces of triangles that a grid may hold: 16 bytes each while it is built, 8 after.
-pub const PIECE_LIMIT: u64 = 1 << 26;
+/// Clipped triangles that a grid may hold: 16 bytes each while it is built, 8 after.
+pub const CLIPPED_TRIANGLE_LIMIT: u64 = 1 << 26;
 
 /// Surfaces that fill less than this share of a voxel's mean face do not occupy it.
 const LEAST_SHARE: f64 = 1e-9;
@@ -41,60 +41,60 @@ pub struct Grid {
 
 impl Grid {
     /// Cuts the triangles of a scene at voxels with these edges, m. The grid is centred on the scene. On all cores;
-    /// time and memory grow with triangles + pieces.
+    /// time and memory grow with triangles + clipped triangles.
     ///
     /// # Errors
     /// [`Error::Setting`] for an edge that is not positive and finite, [`Error::TooMany`] beyond [`VOXEL_LIMIT`] or
-    /// [`PIECE_LIMIT`], [`Error::NoSamples`] for a scene without area.
+    /// [`CLIPPED_TRIANGLE_LIMIT`], [`Error::NoSamples`] for a scene without area.
     pub fn new(scene: &Scene, edges: Vec3) -> Result<Self, Error> {
         let shape = shape(scene, edges)?;
         let layers = layers(&shape);
         let e = edges.as_dvec3();
         let least = LEAST_SHARE * (e.x * e.y + e.y * e.z + e.z * e.x) / 3.0;
         let total = AtomicU64::new(0);
-        let mut pieces: Vec<(u64, f32)> = scene
+        let mut clipped: Vec<(u64, f32)> = scene
             .geometry
             .triangles
             .par_iter()
             .enumerate()
-            .fold(Vec::new, |mut pieces, (index, triangle)| {
-                let before = pieces.len();
-                if total.load(Ordering::Relaxed) <= PIECE_LIMIT {
+            .fold(Vec::new, |mut clipped, (index, triangle)| {
+                let before = clipped.len();
+                if total.load(Ordering::Relaxed) <= CLIPPED_TRIANGLE_LIMIT {
                     cut_triangle(triangle, &layers, |cell, part| {
                         let area = part.area();
                         if area > least {
                             let voxel = u64::from(shape.voxel_at(UVec3::from_array(cell)));
-                            pieces.push((voxel << 32 | index as u64, area as f32));
+                            clipped.push((voxel << 32 | index as u64, area as f32));
                         }
                     });
                 }
-                total.fetch_add((pieces.len() - before) as u64, Ordering::Relaxed);
-                pieces
+                total.fetch_add((clipped.len() - before) as u64, Ordering::Relaxed);
+                clipped
             })
             .reduce(Vec::new, |mut a, mut b| {
                 a.append(&mut b);
                 a
             });
         let found = total.into_inner();
-        if found > PIECE_LIMIT {
-            return Err(Error::TooMany { name: "pieces of triangles in voxels", found, limit: PIECE_LIMIT });
+        if found > CLIPPED_TRIANGLE_LIMIT {
+            return Err(Error::TooMany { name: "clipped triangles in voxels", found, limit: CLIPPED_TRIANGLE_LIMIT });
         }
-        if pieces.is_empty() {
+        if clipped.is_empty() {
             return Err(Error::NoSamples);
         }
         // Keys are distinct, so the order does not depend on who found what first.
-        pieces.par_sort_unstable_by_key(|&(key, _)| key);
+        clipped.par_sort_unstable_by_key(|&(key, _)| key);
         let (mut occupied, mut offsets) = (Vec::new(), Vec::new());
-        for (index, &(key, _)) in pieces.iter().enumerate() {
+        for (index, &(key, _)) in clipped.iter().enumerate() {
             let voxel = (key >> 32) as u32;
             if occupied.last() != Some(&voxel) {
                 occupied.push(voxel);
                 offsets.push(index as u32);
             }
         }
-        offsets.push(pieces.len() as u32);
-        let triangles = pieces.iter().map(|&(key, _)| key as u32).collect();
-        let areas = pieces.iter().map(|&(_, area)| area).collect();
+        offsets.push(clipped.len() as u32);
+        let triangles = clipped.iter().map(|&(key, _)| key as u32).collect();
+        let areas = clipped.iter().map(|&(_, area)| area).collect();
         Ok(Self { shape, occupied, offsets, triangles, areas })
     }
 
@@ -147,9 +147,9 @@ impl Grid {
             if is_near && large < small * LEAST_BRACKET {
                 break;
             }
-            let guess = edge * ratio.sqrt();
-            let inside = guess > small * 1.000_1 && guess < large * 0.999_9;
-            edge = if inside { guess } else { (small * large).sqrt() };
+            let estimate = edge * ratio.sqrt();
+            let inside = estimate > small * 1.000_1 && estimate < large * 0.999_9;
+            edge = if inside { estimate } else { (small * large).sqrt() };
         }
         best.map(|(_, grid)| grid).ok_or(Error::TooMany { name: "voxels", found: VOXEL_LIMIT + 1, limit: VOXEL_LIMIT })
     }
@@ -165,7 +165,7 @@ impl Grid {
     }
 
     /// Triangles of the occupied voxel in place `slot`, rising, and their areas inside it, m². Needs `slot < len()`.
-    pub fn pieces(&self, slot: usize) -> (&[u32], &[f32]) {
+    pub fn clipped_triangles(&self, slot: usize) -> (&[u32], &[f32]) {
         let range = self.offsets[slot] as usize..self.offsets[slot + 1] as usize;
         (&self.triangles[range.clone()], &self.areas[range])
     }
@@ -182,7 +182,7 @@ impl Grid {
     }
 
     /// The part of a triangle that lies in a voxel; the whole triangle if rounding leaves nothing.
-    pub(super) fn piece(&self, scene: &Scene, voxel: u32, triangle: u32) -> Polygon {
+    pub(super) fn clipped_triangle(&self, scene: &Scene, voxel: u32, triangle: u32) -> Polygon {
         let t = &scene.geometry.triangles[triangle as usize];
         let part = cut_to_cell(t, &layers(&self.shape), self.shape.coordinates(voxel).to_array());
         if part.corners().is_empty() { Polygon::of_triangle(t) } else { part }

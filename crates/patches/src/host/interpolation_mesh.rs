@@ -23,7 +23,7 @@ const MOST_OFFSET: f32 = 0.1;
 const INWARDS: f32 = 0.05;
 /// Sides whose places are looked for together.
 const BLOCK_SIDES: usize = 1 << 14;
-/// Most pieces along the edge of a cell.
+/// Most divisions along the edge of a cell.
 const MOST_WITHIN: f32 = 32.0;
 
 /// Points at which irradiance is wanted: the vertices of a grid on each triangle, those that lie together merged.

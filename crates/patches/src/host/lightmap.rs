@@ -93,13 +93,13 @@ impl LightmapTexels {
                 set.texels[at as usize] = first + receiver;
             }
             set.points.extend(filled.points.into_iter().zip(first..).map(|(p, patch)| SurfacePoint { patch, ..p }));
-            for piece in &chart.pieces {
+            for part in &chart.triangles {
                 let corner = |c: Vec2| {
                     let at = Vec2::new(place[0] as f32, place[1] as f32) + 1.0 + c / texel;
                     at / Vec2::new(params.width as f32, params.height as f32)
                 };
-                let [a, b, c] = piece.corners.map(corner);
-                set.sides[piece.triangle as usize][usize::from(!chart.front)] = set.uvs.len() as u32;
+                let [a, b, c] = part.corners.map(corner);
+                set.sides[part.triangle as usize][usize::from(!chart.front)] = set.uvs.len() as u32;
                 set.uvs.push(TriangleUv { corner: a, corner_a: b, corner_b: c });
             }
         }
@@ -148,7 +148,7 @@ impl ReceiverSet for LightmapTexels {
 }
 
 /// A triangle in the plane of its chart.
-struct Piece {
+struct ChartTriangle {
     triangle: u32,
     /// Corners, m, from the chart's least coordinates on.
     corners: [Vec2; 3],
@@ -157,7 +157,7 @@ struct Piece {
 /// Triangles that share a rectangle of the atlas.
 struct Chart {
     front: bool,
-    pieces: Vec<Piece>,
+    triangles: Vec<ChartTriangle>,
     /// Texels with the border, as numbers that may exceed every limit.
     size: Vec2,
 }
@@ -171,17 +171,17 @@ struct Filled {
 
 /// The charts of all sides, in the order of their first triangles.
 fn charts(scene: &Scene, sides: &[Sides], texel: f32) -> Vec<Chart> {
-    let partners = pair_up(scene, sides);
+    let others = pair_up(scene, sides);
     let mut charts = Vec::new();
     for (triangle, &side) in sides.iter().enumerate() {
-        let partner = partners[triangle];
+        let other = others[triangle];
         // A pair is made once, from its first triangle; triangles without area never.
-        if partner.is_some_and(|p| p < triangle) || !has_area(scene, triangle) {
+        if other.is_some_and(|p| p < triangle) || !has_area(scene, triangle) {
             continue;
         }
         for front in [true, false] {
             if if front { side.front } else { side.back } {
-                charts.push(chart(scene, triangle, partner, front, texel));
+                charts.push(chart(scene, triangle, other, front, texel));
             }
         }
     }
@@ -228,21 +228,21 @@ fn pair_up(scene: &Scene, sides: &[Sides]) -> Vec<Option<usize>> {
         })
         .collect();
     pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-    let mut partners = std::vec![None; sides.len()];
+    let mut others = std::vec![None; sides.len()];
     for (_, a, b) in pairs {
-        if partners[a].is_none() && partners[b].is_none() && a != b {
-            (partners[a], partners[b]) = (Some(b), Some(a));
+        if others[a].is_none() && others[b].is_none() && a != b {
+            (others[a], others[b]) = (Some(b), Some(a));
         }
     }
-    partners
+    others
 }
 
-fn chart(scene: &Scene, triangle: usize, partner: Option<usize>, front: bool, texel: f32) -> Chart {
+fn chart(scene: &Scene, triangle: usize, other: Option<usize>, front: bool, texel: f32) -> Chart {
     let own = corners(scene, triangle);
     let all: Vec<(u32, [Vec3; 3])> =
-        [Some(triangle), partner].into_iter().flatten().map(|t| (t as u32, corners(scene, t))).collect();
+        [Some(triangle), other].into_iter().flatten().map(|t| (t as u32, corners(scene, t))).collect();
     let normal = scene.tables().normal(triangle as u32);
-    // Along each edge of the first triangle in turn: the rectangle with the least area.
+    // Along each edge of the first triangle: the rectangle with the least area.
     let frames = (0..3).map(|k| {
         let along = (own[(k + 1) % 3] - own[k]).normalize_or_zero();
         let across = normal.cross(along);
@@ -260,7 +260,7 @@ fn chart(scene: &Scene, triangle: usize, partner: Option<usize>, front: bool, te
     let flat = |p: Vec3| Vec2::new((p - origin).dot(along), (p - origin).dot(across));
     Chart {
         front,
-        pieces: all.iter().map(|&(triangle, c)| Piece { triangle, corners: c.map(flat) }).collect(),
+        triangles: all.iter().map(|&(triangle, c)| ChartTriangle { triangle, corners: c.map(flat) }).collect(),
         size: (extent / texel).ceil() + 2.0,
     }
 }
@@ -278,18 +278,18 @@ impl Chart {
         let mut points = Vec::new();
         for (k, entry) in texels.iter_mut().enumerate() {
             let middle = Vec2::new((k as u32 % width) as f32 - 0.5, (k as u32 / width) as f32 - 0.5) * texel;
-            let nearest = (self.pieces.iter())
-                .map(|piece| (nearest_place(piece.corners, middle, INSET * texel), piece))
+            let nearest = (self.triangles.iter())
+                .map(|part| (nearest_place(part.corners, middle, INSET * texel), part))
                 .min_by(|a, b| a.0.distance_squared(middle).total_cmp(&b.0.distance_squared(middle)));
-            let Some((place, piece)) = nearest.filter(|n| n.0.distance(middle) <= (REACH + INSET) * texel) else {
+            let Some((place, part)) = nearest.filter(|n| n.0.distance(middle) <= (REACH + INSET) * texel) else {
                 continue;
             };
             // On the triangle itself: the planes of the two may differ by a little.
-            let [a, b, c] = piece.corners;
+            let [a, b, c] = part.corners;
             let double = (b - a).perp_dot(c - a);
             let (u, v) = ((place - a).perp_dot(c - a) / double, (b - a).perp_dot(place - a) / double);
-            let position = geometry.position(piece.triangle, u, v);
-            let normal = geometry.normal(piece.triangle);
+            let position = geometry.position(part.triangle, u, v);
+            let normal = geometry.normal(part.triangle);
             let normal = if self.front { normal } else { -normal };
             let point = SurfacePoint { position, patch: NONE, normal, weight: 1.0 };
             if is_lit(&point) {
@@ -312,10 +312,10 @@ fn nearest_place(corners: [Vec2; 3], place: Vec2, inset: f32) -> Vec2 {
     let radius = (b - a).perp_dot(c - a).abs() / perimeter;
     let share = if radius > 0.0 { (inset / radius).min(0.5) } else { 0.5 };
     let corners = corners.map(|p| p.lerp(middle, share));
-    let turn = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).signum();
+    let orientation = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).signum();
     let is_inside = (0..3).all(|k| {
         let (p, q) = (corners[k], corners[(k + 1) % 3]);
-        (q - p).perp_dot(place - p) * turn >= 0.0
+        (q - p).perp_dot(place - p) * orientation >= 0.0
     });
     if is_inside {
         return place;

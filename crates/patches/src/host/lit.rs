@@ -15,49 +15,62 @@ use crate::types::Sample;
 const RAYS: u32 = 16;
 /// Candidates for a sample, at most.
 const MOST_CANDIDATES: f64 = 30.0;
-const LEAST_PILOTS: u32 = 8192;
-/// A candidate takes the answer of pilots that agree: as many as there are, up to this many, within this many of their edges.
+const LEAST_PROBES: u32 = 8192;
+/// A candidate takes the answer of probe samples that agree: as many as there are, up to this many, within this many
+/// of their edges.
 const NEIGHBOURS: usize = 4;
-/// Walks of a candidate near which pilots do not agree: one that is left out by mistake has neighbours.
+/// Walks of a candidate near which probe samples do not agree: one that is left out by mistake has neighbours.
 const WALKS: u32 = 3;
 const MOST_DISTANCE: f32 = 3.0;
-/// The nearest of pilots that say no is no further than this.
+/// The nearest of probe samples that say no is no further than this.
 const DARK_DISTANCE: f32 = 1.0;
 
 /// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
-/// or that see no geometry. A few pilots are asked by random walks; where they agree, candidates take their answer.
+/// or that see no geometry. A few probe samples are tested by random walks; where they agree, candidates take their
+/// answer.
 #[derive(Clone)]
 pub struct LitSampler<'a> {
     scene: &'a Scene,
-    /// Whether light comes to each pilot, and where they are.
+    /// Whether light comes to each probe sample, and where they are.
     lit: Vec<bool>,
     nearest: Nearest,
     total_area: f64,
     lit_area: f64,
-    /// Dark pilots are believed up to this distance, in their edges.
+    /// Dark probe samples are believed up to this distance, in their edges.
     dark_distance: f32,
 }
 
 impl<'a> LitSampler<'a> {
-    /// Asks about `pilots` samples, and at least 8192.
+    /// Asks about `probe_samples` samples, and at least 8192.
     ///
     /// # Errors
     /// [`Error::NoSamples`] when light comes to none of them.
-    pub fn new(scene: &'a Scene, pilots: u32, seed: u32) -> Result<Self, Error> {
+    pub fn new(scene: &'a Scene, probe_samples: u32, seed: u32) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
-        let pilots = equal_area_samples(scene, pilots.max(LEAST_PILOTS), seed);
-        let lit: Vec<bool> =
-            pilots.par_iter().enumerate().map(|(k, s)| takes_part(scene, s, k as u32, POINT_WALKS, seed)).collect();
-        let lit_area = pilots.iter().zip(&lit).filter(|(_, lit)| **lit).map(|(s, _)| f64::from(s.area)).sum();
+        let probe_samples = equal_area_samples(scene, probe_samples.max(LEAST_PROBES), seed);
+        let lit: Vec<bool> = probe_samples
+            .par_iter()
+            .enumerate()
+            .map(|(k, s)| takes_part(scene, s, k as u32, POINT_WALKS, seed))
+            .collect();
+        let lit_area = probe_samples.iter().zip(&lit).filter(|(_, lit)| **lit).map(|(s, _)| f64::from(s.area)).sum();
         if lit_area == 0.0 {
             return Err(Error::NoSamples);
         }
-        let total_area = pilots.iter().map(|s| f64::from(s.area)).sum();
-        Ok(Self { scene, nearest: Nearest::new(&pilots), lit, total_area, lit_area, dark_distance: DARK_DISTANCE })
+        let total_area = probe_samples.iter().map(|s| f64::from(s.area)).sum();
+        Ok(Self {
+            scene,
+            nearest: Nearest::new(&probe_samples),
+            lit,
+            total_area,
+            lit_area,
+            dark_distance: DARK_DISTANCE,
+        })
     }
 
-    /// Believes pilots that no light comes to only up to so many metres off. In a scene so large that its pilots are further apart than its floors
-    /// are thick, those inside of a floor would speak for the room above it. What is dark then takes walks of its own.
+    /// Believes probe samples that no light comes to only up to so many metres off. In a scene so large that its probes lie
+    /// further from each other than its floors are thick, those inside of a floor would speak for the room above it.
+    /// What is dark then takes walks of its own.
     #[must_use]
     pub fn dark_within(mut self, metres: f32) -> Self {
         let edge = scene::math::sqrt((self.total_area / self.lit.len() as f64) as f32);
@@ -101,12 +114,12 @@ impl<'a> LitSampler<'a> {
         self.takes_part(sample, hash3(x, y, z), seed)
     }
 
-    /// The answer of the pilots where they agree, else of walks with random numbers of their own.
+    /// The answer of the probe samples where they agree, else of walks with random numbers of their own.
     fn takes_part(&self, sample: &Sample, index: u32, seed: u32) -> bool {
         self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, index, WALKS, seed))
     }
 
-    /// Whether light comes to a sample, where the pilots round it agree.
+    /// Whether light comes to a sample, where the probe samples round it agree.
     fn verdict(&self, sample: &Sample) -> Option<bool> {
         let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
         match near[..found].iter().filter(|&&(k, _)| self.lit[k as usize]).count() {

@@ -93,10 +93,10 @@ impl Lookup {
         // Voxel by voxel, dark ones behind the others.
         let mut order: Vec<(u32, u32)> = (0..count).map(|k| (patch(k).voxel, k as u32)).collect();
         order.sort_unstable();
-        let is_apart = |&d: &u32| !has_like(shape, &order, &patch, &dark(d as usize), limit);
-        let apart: Vec<u32> = (0..dark_count as u32).into_par_iter().filter(is_apart).collect();
-        let values = count + usize::from(!apart.is_empty());
-        order.extend(apart.iter().map(|&d| (dark(d as usize).voxel, count as u32 + d)));
+        let is_separate = |&d: &u32| !has_like(shape, &order, &patch, &dark(d as usize), limit);
+        let separate: Vec<u32> = (0..dark_count as u32).into_par_iter().filter(is_separate).collect();
+        let values = count + usize::from(!separate.is_empty());
+        order.extend(separate.iter().map(|&d| (dark(d as usize).voxel, count as u32 + d)));
         order.sort_unstable();
         let (mut cells, mut offsets) = (std::vec![u32::MAX; voxels], Vec::new());
         let mut entries = Vec::with_capacity(order.len());

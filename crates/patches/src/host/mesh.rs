@@ -1,4 +1,4 @@
-//! The surface of a scene as patches, whatever they are made of: pieces of triangles, clusters of
+//! The surface of a scene as patches, whatever they are made of: parts of triangles, clusters of
 //! samples, or the samples of voxels.
 
 mod build;
@@ -24,7 +24,7 @@ pub const MOST_PATCHES: usize = 65_535;
 /// What patches are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PatchKind {
-    /// Triangles cut into similar pieces.
+    /// Triangles cut into similar parts.
     Polygon,
     /// Samples of the surface clustered by what they see: any mesh, in as many patches as wanted.
     #[default]
@@ -180,7 +180,7 @@ impl PatchMesh {
         if self.cells.is_empty() || cell == NONE { cell } else { self.cells[cell as usize] }
     }
 
-    /// Pieces along the edges of each triangle in which elements are looked up.
+    /// Divisions of the edges of each triangle in which elements are looked up.
     pub fn divisions(&self) -> Vec<u32> {
         self.grids.iter().map(|grid| grid.divisions).collect()
     }

@@ -6,7 +6,7 @@ use std::vec::Vec;
 
 use crate::types::Sample;
 
-/// A turn of the normal by 60° counts as much as this many sample edges.
+/// A rotation of the normal by 60° counts as much as this many sample edges.
 const NORMAL_EDGES: f32 = 4.0;
 /// What is added to the square of the distance along the normal, so that it counts four times: sheets may be near.
 const OFFSET: f32 = 15.0;
@@ -145,9 +145,9 @@ impl Nearest {
                         let starts = &self.starts[number as usize];
                         for k in starts[cell] as usize..starts[cell + 1] as usize {
                             let (there, its) = self.places[k];
-                            let turn = NORMAL_EDGES * NORMAL_EDGES * normal.distance_squared(its);
+                            let rotation = NORMAL_EDGES * NORMAL_EDGES * normal.distance_squared(its);
                             let (way, off) = (there - position, normal.dot(there - position));
-                            let squared = (way.length_squared() + OFFSET * off * off) * edges * edges + turn;
+                            let squared = (way.length_squared() + OFFSET * off * off) * edges * edges + rotation;
                             if squared < best[last].1 {
                                 found = (found + 1).min(best.len());
                                 let mut at = last;

@@ -125,7 +125,7 @@ impl PatchSet {
     }
 }
 
-/// The patch of one group; turns the members' weights into shares of its area.
+/// The patch of one group; converts the members' weights to shares of its area.
 fn mean_patch(samples: &[Sample], members: &mut [Member], voxel: u32) -> VirtualPatch {
     let (mut area, mut position, mut normal, mut albedo) = (0.0, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
     for member in members.iter() {

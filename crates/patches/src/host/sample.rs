@@ -156,7 +156,7 @@ struct VoxelSamples {
 #[derive(Clone, Copy)]
 struct Met {
     /// Place of the triangle among the voxel's.
-    piece: u32,
+    clipped: u32,
     /// Whether it was seen from behind.
     back: bool,
     kept: bool,
@@ -185,7 +185,7 @@ fn sample_voxel<K: Fn(&Sample) -> bool>(
     settings: &SampleSettings,
     keep: &K,
 ) -> VoxelSamples {
-    let (triangles, areas) = grid.pieces(slot);
+    let (triangles, areas) = grid.clipped_triangles(slot);
     let mut voxel = Voxel {
         scene,
         grid,
@@ -197,32 +197,32 @@ fn sample_voxel<K: Fn(&Sample) -> bool>(
     };
     voxel.leave_holes_out();
     let mut met = voxel.cast_rays(settings);
-    met.sort_by_key(|m| (m.piece, m.back));
+    met.sort_by_key(|m| (m.clipped, m.back));
 
     // Samples of each side of each triangle, and whether it was met at all.
     let mut counts = std::vec![[0u32; 2]; triangles.len()];
     let mut seen = std::vec![false; triangles.len()];
     for m in &met {
-        seen[m.piece as usize] = true;
-        counts[m.piece as usize][usize::from(m.back)] += u32::from(m.kept);
+        seen[m.clipped as usize] = true;
+        counts[m.clipped as usize][usize::from(m.back)] += u32::from(m.kept);
     }
     for (count, &area) in counts.iter().zip(&voxel.areas) {
         voxel.report.surface_area += f64::from(area) * count.iter().filter(|&&c| c > 0).count() as f64;
     }
     voxel.report.refused = met.iter().filter(|m| !m.kept).count() as u64;
     for m in met.iter_mut().filter(|m| m.kept) {
-        let count = counts[m.piece as usize][usize::from(m.back)];
+        let count = counts[m.clipped as usize][usize::from(m.back)];
         m.sample.area = match settings.rule {
-            AreaRule::Clipped => voxel.areas[m.piece as usize] / count as f32,
+            AreaRule::Clipped => voxel.areas[m.clipped as usize] / count as f32,
             AreaRule::Projected => m.projected,
             AreaRule::Thesis => 0.0,
         };
     }
     let mut forced = Vec::new();
     if settings.rule == AreaRule::Clipped {
-        for (piece, seen) in seen.into_iter().enumerate() {
-            if !seen && voxel.areas[piece] > 0.0 {
-                voxel.donate(piece, &counts, &mut met, &mut forced);
+        for (clipped, seen) in seen.into_iter().enumerate() {
+            if !seen && voxel.areas[clipped] > 0.0 {
+                voxel.donate(clipped, &counts, &mut met, &mut forced);
             }
         }
     }
@@ -234,22 +234,22 @@ fn sample_voxel<K: Fn(&Sample) -> bool>(
 impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
     /// Scales the areas of masked triangles by the share of points that are no holes.
     fn leave_holes_out(&mut self) {
-        for piece in 0..self.triangles.len() {
-            if self.is_masked(piece) {
-                self.areas[piece] *= self.opaque_points(piece).count() as f32 / MASK_POINTS as f32;
+        for clipped in 0..self.triangles.len() {
+            if self.is_masked(clipped) {
+                self.areas[clipped] *= self.opaque_points(clipped).count() as f32 / MASK_POINTS as f32;
             }
         }
     }
 
-    fn is_masked(&self, piece: usize) -> bool {
-        let t = &self.scene.geometry.triangles[self.triangles[piece] as usize];
+    fn is_masked(&self, clipped: usize) -> bool {
+        let t = &self.scene.geometry.triangles[self.triangles[clipped] as usize];
         self.scene.materials[t.material as usize].mask_texture != NONE
     }
 
     /// Those of 128 points of a triangle's part in the voxel that are no holes.
-    fn opaque_points(&self, piece: usize) -> impl Iterator<Item = Vec3> {
-        let triangle = self.triangles[piece];
-        let part = self.grid.piece(self.scene, self.number, triangle);
+    fn opaque_points(&self, clipped: usize) -> impl Iterator<Item = Vec3> {
+        let triangle = self.triangles[clipped];
+        let part = self.grid.clipped_triangle(self.scene, self.number, triangle);
         let geometry = self.scene.tables();
         // Shifted, as a picture may repeat in step with the points.
         let shift = (hash3(self.number, triangle, 1), hash3(self.number, triangle, 2));
@@ -303,7 +303,7 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
 
     /// The sample of a hit; none for a triangle just outside the face, which belongs to the neighbour.
     fn meet(&mut self, hit: &Hit, direction: Vec3, cell: f32) -> Option<Met> {
-        let piece = self.triangles.binary_search(&hit.triangle).ok()?;
+        let clipped = self.triangles.binary_search(&hit.triangle).ok()?;
         let geometry = self.scene.tables();
         let front = geometry.normal(hit.triangle);
         let cosine = front.dot(direction);
@@ -311,9 +311,9 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
             return None;
         }
         // A mask that hardly lets anything be seen was seen nevertheless.
-        if self.areas[piece] == 0.0 {
-            self.areas[piece] =
-                self.grid.piece(self.scene, self.number, hit.triangle).area() as f32 / MASK_POINTS as f32;
+        if self.areas[clipped] == 0.0 {
+            self.areas[clipped] =
+                self.grid.clipped_triangle(self.scene, self.number, hit.triangle).area() as f32 / MASK_POINTS as f32;
         }
         let back = cosine > 0.0;
         let sample = Sample {
@@ -322,17 +322,17 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
             triangle: hit.triangle,
             ..Sample::default()
         };
-        Some(Met { piece: piece as u32, back, kept: (self.keep)(&sample), projected: cell * cosine.abs(), sample })
+        Some(Met { clipped: clipped as u32, back, kept: (self.keep)(&sample), projected: cell * cosine.abs(), sample })
     }
 
     /// Gives the area of a triangle that no ray met to samples of the voxel, or makes samples of it.
-    fn donate(&mut self, piece: usize, counts: &[[u32; 2]], met: &mut [Met], forced: &mut Vec<Sample>) {
-        let (triangle, area) = (self.triangles[piece], self.areas[piece]);
-        let centre = self.grid.piece(self.scene, self.number, triangle).centroid().as_vec3();
+    fn donate(&mut self, clipped: usize, counts: &[[u32; 2]], met: &mut [Met], forced: &mut Vec<Sample>) {
+        let (triangle, area) = (self.triangles[clipped], self.areas[clipped]);
+        let centre = self.grid.clipped_triangle(self.scene, self.number, triangle).centroid().as_vec3();
         let normal = self.scene.tables().normal(triangle);
         let Some(neighbour) = nearest(met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {
             // The centre may be a hole.
-            let position = if self.is_masked(piece) { self.opaque_points(piece).next() } else { None };
+            let position = if self.is_masked(clipped) { self.opaque_points(clipped).next() } else { None };
             let position = position.unwrap_or(centre);
             for normal in [normal, -normal] {
                 let sample = Sample { position, area, normal, triangle, ..Sample::default() };
@@ -346,7 +346,7 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
         };
         let neighbour = met[neighbour];
         for back in [false, true] {
-            if counts[neighbour.piece as usize][usize::from(back)] == 0 {
+            if counts[neighbour.clipped as usize][usize::from(back)] == 0 {
                 continue;
             }
             let side = if back == neighbour.back { neighbour.sample.normal } else { -neighbour.sample.normal };

@@ -12,7 +12,7 @@ use transport::{Patch, Polygon, Surfaces, TriangleGrid, check_length};
 
 use crate::error::Error;
 
-/// Most pieces along an edge.
+/// Most divisions along an edge.
 pub(super) const MOST_DIVISIONS: u32 = 4096;
 /// Most patches or receivers: the last two indices stand for the sky and for lost hits, and words must count them.
 const MOST_ENTRIES: u64 = 1 << 31;
@@ -67,7 +67,7 @@ pub(super) fn triangle_area(scene: &Scene, triangle: usize) -> f32 {
     0.5 * t.edge_a.cross(t.edge_b).length()
 }
 
-fn pieces(ratio: f32) -> u32 {
+fn edge_divisions(ratio: f32) -> u32 {
     (scene::math::sqrt(ratio) * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
 }
 
@@ -85,7 +85,7 @@ pub(super) fn check_positive(name: &'static str, value: f32) -> Result<(), Error
 /// [`transport::Error::Setting`] for an area that is not positive.
 pub fn divisions_for_area(scene: &Scene, area: f32) -> Result<Vec<u32>, Error> {
     check_positive("area", area)?;
-    Ok((0..scene.geometry.triangles.len()).map(|t| pieces(triangle_area(scene, t) / area)).collect())
+    Ok((0..scene.geometry.triangles.len()).map(|t| edge_divisions(triangle_area(scene, t) / area)).collect())
 }
 
 fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {

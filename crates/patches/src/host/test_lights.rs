@@ -117,9 +117,9 @@ fn direct_irradiance(scene: &Scene, points: &[SurfacePoint], direct: &DirectPara
 /// Unit direction to a sun among the test lights: they are spread over the sky, none very low.
 fn sun_direction(k: u32) -> Vec3 {
     let (right, up) = frame(-Vec3::Y);
-    let (x, turn) = hammersley(k, SUNS, (0, SUNS_SEED));
+    let (x, azimuth) = hammersley(k, SUNS, (0, SUNS_SEED));
     let height = 0.4 + 0.5 * x;
-    let (sin, cos) = scene::math::sin_cos_turn(turn);
+    let (sin, cos) = scene::math::sin_cos_2pi(azimuth);
     (right * cos + up * sin) * scene::math::sqrt(1.0 - height * height) + Vec3::Y * height
 }
 

@@ -164,9 +164,9 @@ fn add_light(scene: &Scene, samples: &[Sample], features: &mut [Features], seed:
     let (right, up) = frame(-Vec3::Y);
     for k in 0..OTHER_SUNS {
         // Spread over the sky, none very low.
-        let (x, turn) = hammersley(k, OTHER_SUNS, (0, hash3(seed, 0, 0)));
+        let (x, azimuth) = hammersley(k, OTHER_SUNS, (0, hash3(seed, 0, 0)));
         let height = 0.35 + 0.6 * x;
-        let (s, c) = scene::math::sin_cos_turn(turn);
+        let (s, c) = scene::math::sin_cos_2pi(azimuth);
         let across = scene::math::sqrt(1.0 - height * height);
         let to_sun = (right * c + up * s) * across + Vec3::Y * height;
         let light = (points.par_iter())

@@ -54,14 +54,15 @@ impl Default for VolumeSettings {
 
 /// A regular grid of probes over a scene's bounds, one in the middle of each voxel, each with six receivers: the normals
 /// +x, −x, +y, −y, +z, −z. Irradiance at the receivers, in their order, is a volume of ambient cubes: `cubes[6 i + side]`
-/// belongs to probe i. [`VoxelVolume::at`] interpolates them; [`VoxelVolume::harmonics`] turns them into spherical
+/// belongs to probe i. [`VoxelVolume::at`] interpolates them; [`VoxelVolume::harmonics`] converts them to spherical
 /// harmonics of degree 1.
 ///
 /// A probe that touches a surface, or to none of whose sides light comes, is left out and takes no part. A point does not
 /// take light from probes that it does not see, judged by the planes of the surfaces that rays from each probe to the 26
-/// voxels round it met ([`crate::kernel::volume`]): walls without thickness along the grid keep rooms apart wherever each
-/// room has probes in sight; of walls across the grid, corners that no ray comes near to may take light from outside (0.2 %
-/// of places in tests). A closed space smaller than the voxels has no probe, and takes the light of the nearest.
+/// voxels round it met ([`crate::kernel::volume`]): walls without thickness along the grid keep rooms separate
+/// wherever each room has probes in sight; of walls across the grid, corners that no ray comes near to may take light
+/// from outside (0.2 % of places in tests). A closed space smaller than the voxels has no probe, and takes the light
+/// of the nearest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelVolume {
     /// Grid and settings.

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use ::firstshot::{
-    Emission, Estimate, IlluminationMaps, PhotonSettings, PieceSettings, Proceed, Registry, Round, Texels, Tracer,
+    Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Proceed, Round,
+    Texels, Tracer,
 };
 use glam::{Vec2, Vec3, Vec4};
 use patches::PatchMesh;
@@ -55,7 +56,7 @@ pub struct PatchMaps {
     patches: Vec<u32>,
 }
 
-impl Registry for PatchMaps {
+impl PhotonAccumulator for PatchMaps {
     fn areas(&self) -> &[f32] {
         self.maps.areas()
     }
@@ -167,7 +168,7 @@ impl FirstShot {
     fn trace(&mut self, scene: &Scene, report: &(dyn Fn(usize, usize) -> Proceed + Sync)) -> Result<(), Error> {
         // The adaptive light elements are a small part of the work.
         let elements = |done: usize, total: usize| report(done, 10 * total);
-        let emission = Emission::first_shot(scene, &PieceSettings::default(), Texels::Mean, true, &elements)?;
+        let emission = Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &elements)?;
         self.element_bytes = emission.bytes();
         let settings = PhotonSettings {
             error: self.settings.error,

@@ -180,7 +180,7 @@ impl Panels<'_> {
 }
 
 /// The symmetric operators for red, green and blue, on a device where the build says so; on the host, with a note, when nobody
-/// asked for a device that turns out too small.
+/// asked for a device that is too small.
 fn bounces_on(
     factors: &SymmetricFactors,
     albedo: &[Vec4],

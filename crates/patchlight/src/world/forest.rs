@@ -288,7 +288,7 @@ fn find_grid(scene: &Scene, settings: &WorldSettings) -> Result<Grid, Error> {
 fn sides(scene: &Scene, grid: &Grid) -> usize {
     let geometry = scene.tables();
     let count = |slot: usize| {
-        let bits = grid.pieces(slot).0.iter().fold(0u32, |bits, &t| bits | 1 << axis_of(geometry.normal(t)));
+        let bits = grid.clipped_triangles(slot).0.iter().fold(0u32, |bits, &t| bits | 1 << axis_of(geometry.normal(t)));
         bits.count_ones() as usize
     };
     (0..grid.len()).into_par_iter().map(count).sum()

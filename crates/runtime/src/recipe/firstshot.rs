@@ -1,6 +1,6 @@
 //! Recipe of `firstshot`: photons by the kernels of a device, one start and one segment, run until no photon is left.
 
-use firstshot::{Emission, Landing, Photon, PhotonParams};
+use firstshot::{Emission, Photon, PhotonHit, PhotonParams};
 use glam::Vec3;
 use gpu_kernels::table;
 use scene::{NONE, Scene};
@@ -46,12 +46,12 @@ impl PhotonPasses {
         let mut tables = Tables::new();
         let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
         let photons = plan.storage("photons", u64::from(MOST_PHOTONS) * size_of::<Photon>() as u64);
-        let hits = plan.storage("photon hits", u64::from(MOST_PHOTONS) * size_of::<Landing>() as u64);
+        let hits = plan.storage("photon hits", u64::from(MOST_PHOTONS) * size_of::<PhotonHit>() as u64);
         let own: [Named; 4] = [
             tables.named(&mut plan, "alias", emission.alias.clone()),
             tables.named(&mut plan, "elements", emission.elements.clone()),
             ("photons", Range::from(photons)),
-            ("landings", Range::from(hits)),
+            ("photon_hits", Range::from(hits)),
         ];
         let params = PhotonParams { count: MOST_PHOTONS, per_batch: 1, ..PhotonParams::default() };
         let shared = scene_tables.bindings();
@@ -70,17 +70,17 @@ impl PhotonPasses {
     ///
     /// # Errors
     /// More photons than that, and what the device says.
-    pub fn trace(&mut self, p: &PhotonParams) -> Result<Vec<Landing>, ExecutorError> {
+    pub fn trace(&mut self, p: &PhotonParams) -> Result<Vec<PhotonHit>, ExecutorError> {
         let Some(Loaded { start, segment, hits }) = self.loaded else { return Ok(Vec::new()) };
         for pass in [start, segment] {
             self.executor.push(pass, p)?;
             self.executor.set_elements(pass, p.count)?;
         }
         self.executor.run_passes(&[start])?;
-        let mut all: Vec<Landing> = Vec::new();
+        let mut all: Vec<PhotonHit> = Vec::new();
         for _ in 0..MOST_SEGMENTS {
             self.executor.run_passes(&[segment])?;
-            let found: Vec<Landing> = self.executor.download_table(hits)?;
+            let found: Vec<PhotonHit> = self.executor.download_table(hits)?;
             let before = all.len();
             all.extend(found[..p.count as usize].iter().filter(|hit| hit.flux != Vec3::ZERO).copied());
             if all[before..].iter().all(|hit| hit.triangle == NONE) {

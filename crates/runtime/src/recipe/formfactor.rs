@@ -119,8 +119,8 @@ pub fn assemble_source(
     add_pass(plan, pass, &table::FORMFACTOR_ASSEMBLE_SOURCE, bindings, &[], &count, elements)
 }
 
-/// Adds the pass that takes values at interpolation points to the pixels: each pixel's is linear in the piece of the cell
-/// of the triangle that it sees. Bindings: `hits`, `points`, `triangles`, `grids`, `receiver_cells`, `vertices`,
+/// Adds the pass that takes values at interpolation points to the pixels: each pixel's is linear in the part of the
+/// cell of the triangle that it sees. Bindings: `hits`, `points`, `triangles`, `grids`, `receiver_cells`, `vertices`,
 /// `values`, `irradiance`.
 ///
 /// # Errors

@@ -84,8 +84,8 @@ struct Block {
 }
 
 impl SampledPasses {
-    /// Adds the passes of a frame: changes, samples, and exact sums of the rows whose turn it is; a binding shows at most
-    /// `range` bytes.
+    /// Adds the passes of a frame: changes, samples, and exact sums of the rows that this frame refreshes; a binding
+    /// shows at most `range` bytes.
     ///
     /// # Errors
     /// Buffers that are too short.
@@ -144,9 +144,9 @@ impl SampledPasses {
             let params = self.settings.params(block.rows, self.options, frame);
             let sample = SampleParams { first_row: block.first_row, first_entry: block.first_entry, ..params };
             executor.push(block.sample, &sample)?;
-            let turn = self.settings.turn(block.rows, self.options, frame);
-            executor.push(block.sum, &SumParams { first_entry: block.first_entry, ..turn })?;
-            executor.set_elements(block.sum, turn.count)?;
+            let rows_to_sum = self.settings.rows_to_sum(block.rows, self.options, frame);
+            executor.push(block.sum, &SumParams { first_entry: block.first_entry, ..rows_to_sum })?;
+            executor.set_elements(block.sum, rows_to_sum.count)?;
         }
         Ok(())
     }
@@ -174,7 +174,7 @@ fn add_change(plan: &mut Plan, level: &SampledRows, seen: BufferId) -> Result<(B
     Ok((change, passes))
 }
 
-/// Adds the passes of some rows: samples, and sums of those whose turn it is.
+/// Adds the passes of some rows: samples, and sums of those that this frame refreshes.
 fn add_block(
     plan: &mut Plan,
     level: &SampledRows,
@@ -188,7 +188,7 @@ fn add_block(
     let (mut bound, first_entry) = entries.block(own.clone());
     bound.push(("irradiance", level.irradiance.range(rgb_bytes(own.start), rgb_bytes(own.len()))));
     let sample = SampleParams { first_row, first_entry, ..level.settings.params(rows, options, 0) };
-    let sum = SumParams { first_entry, ..level.settings.turn(rows, options, 0) };
+    let sum = SumParams { first_entry, ..level.settings.rows_to_sum(rows, options, 0) };
     let [sample_kernel, sum_kernel] = entries.kernels;
     let sample = add_pass(plan, level.pass, sample_kernel, &bound, light, &sample, rows)?;
     let sum = add_pass(plan, level.pass, sum_kernel, &bound, light, &sum, sum.count)?;

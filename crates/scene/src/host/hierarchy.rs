@@ -9,9 +9,9 @@ use obvhs::ploc::PlocBuilder;
 
 use crate::types::{BvhNode, Triangle};
 
-/// Passes of PLOC that look for partners in a small neighbourhood only: none. Scenes of regular parts have many boxes at one place of
-/// the space-filling curve, and pairs that such passes make badly stay: with 3 passes, as obvhs has it, rays in the procedural scenes
-/// take 2 to 4 times as long.
+/// Passes of PLOC that look for neighbours to merge in a small neighbourhood only: none. Scenes of regular parts have
+/// many boxes at one place of the space-filling curve, and pairs that such passes make badly stay: with 3 passes, as
+/// obvhs has it, rays in the procedural scenes take 2 to 4 times as long.
 const SEARCH_DEPTH: usize = 0;
 
 /// A binary hierarchy whose leaves fill packets of four.

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::kernel::shade::encode_srgb;
 use crate::math::{clamp, ln, luminance};
 
-/// Linear Rec.709 RGB, row by row from the top: radiance in W/m²/sr unless said otherwise.
+/// Linear Rec.709 RGB, row by row from the top: radiance in W/m²/sr unless stated otherwise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Columns.

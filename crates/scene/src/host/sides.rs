@@ -1,4 +1,4 @@
-//! Which sides of the triangles take part in the exchange of light.
+//! Which sides of the triangles take part in light transport.
 
 use std::vec;
 use std::vec::Vec;
@@ -62,8 +62,8 @@ fn takes_part(scene: &Scene, triangle: u32, normal: Vec3) -> bool {
     let (mut sees, mut lit) = (false, false);
     for k in 0..WALKS {
         let (u, v) = uniform_triangle(hammersley(k, WALKS, (key(0), key(1))));
-        let turn = hammersley(k.reverse_bits() >> 27, WALKS, (key(2), key(3)));
-        let direction = cosine_hemisphere(normal, turn);
+        let xi = hammersley(k.reverse_bits() >> 27, WALKS, (key(2), key(3)));
+        let direction = cosine_hemisphere(normal, xi);
         let hit = scene.closest(geometry.position(triangle, u, v) + normal * scene.geometry.ray_offset, direction);
         // A surface that touches closes the side.
         if !hit.is_miss() && hit.t <= 4.0 * scene.geometry.ray_offset {
@@ -85,8 +85,8 @@ pub const POINT_WALKS: u32 = 8;
 /// many random walks as in [`find_sides`].
 pub fn is_open(scene: &Scene, point: &SurfacePoint, walks: u32, seed: u32) -> bool {
     (0..walks).any(|k| {
-        let turn = hammersley(k, walks, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
-        let direction = cosine_hemisphere(point.normal, turn);
+        let xi = hammersley(k, walks, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
+        let direction = cosine_hemisphere(point.normal, xi);
         let hit = scene.closest(point.position + point.normal * scene.geometry.ray_offset, direction);
         (hit.is_miss() || hit.t > 4.0 * scene.geometry.ray_offset)
             && finds_light(scene, hit, direction, hash3(seed, k, 2))

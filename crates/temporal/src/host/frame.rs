@@ -103,7 +103,7 @@ impl Settings {
     }
 
     /// Which rows of a block are summed exactly in a frame: all of them once in `refresh` frames.
-    pub fn turn(&self, rows: u32, options: u32, frame: u32) -> SumParams {
+    pub fn rows_to_sum(&self, rows: u32, options: u32, frame: u32) -> SumParams {
         let count = self.summed(rows);
         let first = (u64::from(frame) * u64::from(count)).checked_rem(u64::from(rows)).unwrap_or(0) as u32;
         SumParams { count, rows, first, first_entry: 0, options }
@@ -215,8 +215,8 @@ impl State {
         let count = rows.rows() as u32;
         let p = settings.params(count, rows.options(), self.frame);
         rows.sample(&p, &self.exitance, &self.change, &mut self.irradiance)?;
-        let turn = settings.turn(count, rows.options(), self.frame);
-        rows.sum(&turn, &self.exitance, &mut self.irradiance)?;
+        let rows_to_sum = settings.rows_to_sum(count, rows.options(), self.frame);
+        rows.sum(&rows_to_sum, &self.exitance, &mut self.irradiance)?;
         self.frame = self.frame.wrapping_add(1);
         Ok(())
     }

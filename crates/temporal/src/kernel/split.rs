@@ -2,8 +2,8 @@
 //!
 //! Weights are whole numbers whose sum is [`PARTS`] times their count. Light entries (below [`PARTS`]) are filled one after
 //! the other by heavy ones, in order; a heavy one that falls below is filled by the next. With prefix sums of what the light ones lack and
-//! the heavy ones have too much, each slot finds its own partner by bisection: [`scan_row`] makes the sums, row by row,
-//! [`pack_entry`] the slots, all at once.
+//! the heavy ones have too much, each slot finds its own second entry by bisection: [`scan_row`] makes the sums, row
+//! by row, [`pack_entry`] the slots, all at once.
 
 use glam::UVec2;
 

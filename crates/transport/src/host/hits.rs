@@ -194,10 +194,10 @@ impl Row {
         let mut row = Self::default();
         for count in (1..=MOST_COUNT).rev() {
             let class = core::mem::take(&mut left[count]);
-            let fours = class.chunks_exact(FOUR);
-            let rest = fours.remainder();
-            for four in fours {
-                row.add([four[0], four[1], four[2], four[3]], count * STEPS);
+            let groups = class.chunks_exact(FOUR);
+            let rest = groups.remainder();
+            for group in groups {
+                row.add([group[0], group[1], group[2], group[3]], count * STEPS);
             }
             // Up to three columns without company join those of the next lower count, and come again with the difference;
             // where none is near, they fill quads by standing in them repeatedly.

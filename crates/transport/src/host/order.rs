@@ -23,7 +23,7 @@ const DIMENSIONS: usize = 10;
 /// cut at a multiple of it. `order[p]` is the point at place p.
 ///
 /// Features are positions, m; normals, of which a right angle counts like the distance of
-/// neighbours on a square sheet as wide as the whole: enough to tell the sides of a sheet apart,
+/// neighbours on a square sheet as wide as the whole: enough to distinguish the sides of a sheet,
 /// and no more, because walls of one corner see the same; and, unless `visible` is empty, the mean
 /// visible point and the ambient occlusion, `visible[i] = Σ_j F_ij (p_j, 1)`, whose w is the share
 /// of the hemisphere that meets geometry.
@@ -143,14 +143,14 @@ mod tests {
         let positions: Vec<Vec3> = (0..n).map(|i| Vec3::X * i as f32).collect();
         let seen = |i: usize| (positions[i], if i.is_multiple_of(2) { 1.0 } else { 0.1 });
         let seen: Vec<Vec4> = (0..n).map(seen).map(|(p, cover)| (cover * p).extend(cover)).collect();
-        let halves = |seen: &[Vec4]| {
+        let side_counts = |seen: &[Vec4]| {
             let order = spatial_order(&positions, &vec![Vec3::Z; n], seen, MULTIPLE);
             let (first, second) = order.split_at(n / 2);
             [first, second].map(|half| half.iter().filter(|&&i| i.is_multiple_of(2)).count())
         };
-        assert_eq!(halves(&[]), [n / 4; 2]);
+        assert_eq!(side_counts(&[]), [n / 4; 2]);
         // Neighbours are 16 apart where the whole is 256 wide: sight counts 172.
-        let parts = halves(&seen);
+        let parts = side_counts(&seen);
         assert!(parts.iter().all(|&even| !(n / 8..=3 * n / 8).contains(&even)), "{parts:?}");
     }
 }

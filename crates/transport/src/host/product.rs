@@ -15,7 +15,7 @@ const ROWS: usize = 4;
 /// Rows one task works through: enough to hide the cost of starting it, few enough to keep all cores busy to the end.
 const TASK_ROWS: usize = 8 * ROWS;
 
-/// Red, green and blue apart, so that vector lanes run along a row of F.
+/// Planar RGB, so that vector lanes run along a row of F.
 struct Planes([Vec<f32>; 3]);
 
 impl Planes {

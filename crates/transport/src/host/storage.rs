@@ -77,8 +77,8 @@ impl Dense {
         let mut words = vec![0u32; self.rows * width];
         if self.columns > 0 {
             words.par_chunks_mut(width).zip(self.values.par_chunks(self.columns)).for_each(|(words, row)| {
-                let halves: &mut [f16] = bytemuck::cast_slice_mut(words);
-                halves[..row.len()].convert_from_f32_slice(row);
+                let half_words: &mut [f16] = bytemuck::cast_slice_mut(words);
+                half_words[..row.len()].convert_from_f32_slice(row);
                 for word in words {
                     *word = u32::from_le(*word);
                 }

@@ -1,4 +1,4 @@
-//! Who exchanges light with whom.
+//! Which patches send light to which rows.
 
 use std::boxed::Box;
 
@@ -11,7 +11,7 @@ use crate::types::Patch;
 /// Finds the patch that owns a hit of a ray in a direction, or [`scene::NONE`].
 pub type Owner<'a> = Box<dyn Fn(&Hit, Vec3) -> u32 + Sync + 'a>;
 
-/// Who exchanges light with whom. Columns are patches; rows are the same patches or any points.
+/// Which patches send light to which rows. Columns are patches; rows are the same patches or any points.
 pub struct Surfaces<'a> {
     /// The patches that send.
     pub patches: &'a [Patch],

@@ -6,13 +6,13 @@ use scene::{Hit, NONE, SurfacePoint, Triangle};
 
 use crate::types::{ReceiverCell, TriangleGrid};
 
-/// Number of cells of a grid with `divisions` pieces along each edge.
+/// Number of cells of a grid with `divisions` divisions of each edge.
 #[inline]
 pub fn cell_count(divisions: u32) -> u32 {
     divisions * divisions
 }
 
-/// Number of vertices of a grid with `divisions` pieces along each edge.
+/// Number of vertices of a grid with `divisions` divisions of each edge.
 #[inline]
 pub fn vertex_count(divisions: u32) -> u32 {
     (divisions + 1) * (divisions + 2) / 2

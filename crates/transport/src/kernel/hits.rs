@@ -1,5 +1,6 @@
 //! The product H = F B with rows that are counts of hits, one row an invocation. Rows come from rays, so their factors are
-//! small integers times one scale a row: columns that were hit equally often stand in fours (quads), with one count each.
+//! small integers times one scale a row: columns that were hit equally often stand in groups of four, with one count
+//! each.
 
 use glam::{UVec2, Vec4};
 

@@ -24,7 +24,7 @@ pub fn packed_row_words(n: u32) -> u32 {
     n.div_ceil(2)
 }
 
-/// Irradiance of row `i` from half-precision factors, W/m². `unpack` turns a word into its lower and upper half.
+/// Irradiance of row `i` from half-precision factors, W/m². `unpack` splits a word into its lower and upper half.
 ///
 /// Shapes: `packed[rows · packed_row_words(n)]`, the last upper half of odd rows is 0; `exitance[n]`. Needs `i < rows`.
 #[inline]
@@ -68,8 +68,8 @@ pub struct RowSums {
 }
 
 impl RowSums {
-    /// Adds the light from four senders: `a += Σ_k F_ak B_k` and so on, in the order of k. The factors of a row to the four
-    /// senders are one vector, `exitance` is that of the four senders.
+    /// Adds the light from four columns: `a += Σ_k F_ak B_k` and so on, in the order of k. The factors of a row to
+    /// the four columns are one vector, `exitance` is that of the four columns.
     #[inline]
     pub fn add(self, a: Vec4, b: Vec4, c: Vec4, d: Vec4, exitance: (Vec4, Vec4, Vec4, Vec4)) -> Self {
         let (p, q, r, s) = (exitance.0.truncate(), exitance.1.truncate(), exitance.2.truncate(), exitance.3.truncate());
@@ -89,7 +89,8 @@ pub fn combine(sum: Vec4, other: Vec4) -> Vec4 {
 }
 
 /// What one of [`LANES`] lanes adds up for four rows from packed-vector storage: the vectors `lane, lane + 64, …` of each
-/// row (a vector is four senders). `factors(row, vector)` and `exitance(sender)` load; `rows` are clamped row numbers.
+/// row (a vector is four columns). `factors(row, vector)` and `exitance(column)` load; `rows` are clamped row
+/// numbers.
 #[inline]
 pub fn gather_lane(
     first_row: u32,

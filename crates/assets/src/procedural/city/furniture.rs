@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 
 use super::house::{CORRIDOR, HALF, STOREY};
 use super::{Detail, Dice, Materials};
-use crate::procedural::builder::{ALL_SIDES, Builder, STANDING, UPRIGHT, turn};
+use crate::procedural::builder::{ALL_SIDES, Builder, STANDING, UPRIGHT, sin_cos};
 
 /// Parts go so far into each other.
 const OVERLAP: f32 = 0.004;
@@ -49,7 +49,7 @@ impl Room {
 pub fn turned(b: &mut Builder, material: u32, foot: Vec3, outline: &[(f32, f32)], sides: u32) {
     for pair in outline.windows(2) {
         let at = |s: f32, t: f32| {
-            let (sin, cos) = turn(-s);
+            let (sin, cos) = sin_cos(-s);
             let (radius, y) = (pair[0].0 + (pair[1].0 - pair[0].0) * t, pair[0].1 + (pair[1].1 - pair[0].1) * t);
             foot + Vec3::new(radius * cos, y, radius * sin)
         };
@@ -124,7 +124,7 @@ fn curtains(b: &mut Builder, m: &Materials, dice: &mut Dice, r: &Room) {
     for (u, width) in [(0.62, 0.4), (2.38, 0.4), (3.12, 0.4), (4.88, 0.4)] {
         let folds = dice.between(4.0, 7.0);
         let at = |s: f32, t: f32| {
-            let wave = 0.025 * turn(folds * s).0 * (1.3 - 0.3 * t);
+            let wave = 0.025 * sin_cos(folds * s).0 * (1.3 - 0.3 * t);
             r.at([u + width * s, 0.15 + 2.3 * t, 0.17 + wave])
         };
         b.sheet(cloth, (40, 6), at, Vec2::new);
@@ -191,7 +191,7 @@ fn plant(b: &mut Builder, m: &Materials, dice: &mut Dice, foot: Vec3, leaves: u3
     turned(b, m.ceramic, foot, &pot, 24);
     for k in 0..leaves {
         let (around, high) = (dice.throw(), dice.between(0.3, 1.3));
-        let (sin, cos) = turn(around);
+        let (sin, cos) = sin_cos(around);
         let out = Vec3::new(cos, 0.0, sin);
         let stem = foot + Vec3::Y * (0.27 + 0.5 * high) + out * dice.between(0.02, 0.12);
         let tip = stem + out * dice.between(0.12, 0.3) + Vec3::Y * dice.between(-0.05, 0.25);
@@ -243,7 +243,7 @@ fn vase() -> Vec<(f32, f32)> {
     (0..=14)
         .map(|k| {
             let t = k as f32 / 14.0;
-            (0.035 + 0.05 * turn(0.46 * t).0 * (1.0 - 0.4 * t), 0.002 + 0.28 * t)
+            (0.035 + 0.05 * sin_cos(0.46 * t).0 * (1.0 - 0.4 * t), 0.002 + 0.28 * t)
         })
         .collect()
 }

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::{Detail, Dice, LANES, LOT, Materials, PAVEMENT, ROAD, STREET};
-use crate::procedural::builder::{ALL_SIDES, Builder, STANDING, UPRIGHT, steps, turn};
+use crate::procedural::builder::{ALL_SIDES, Builder, STANDING, UPRIGHT, sin_cos, steps};
 
 /// Width of a pavement beside a lot.
 const BESIDE: f32 = 0.5 * (STREET - LANES);
@@ -126,7 +126,7 @@ fn tree(b: &mut Builder, m: &Materials, dice: &mut Dice, at: Vec2, detail: Detai
 
 fn on_sphere(dice: &mut Dice) -> Vec3 {
     let y = dice.between(-1.0, 1.0);
-    let (sin, cos) = turn(dice.throw());
+    let (sin, cos) = sin_cos(dice.throw());
     let across = (1.0 - y * y).max(0.0).sqrt();
     Vec3::new(across * cos, y, across * sin)
 }
@@ -181,7 +181,7 @@ fn car(b: &mut Builder, m: &Materials, foot: Vec3, along: Vec3, paint: u32, fine
     let (cut, half) = (if fine { 12 } else { 1 }, 0.84);
     for pair in outline.windows(2) {
         let point = |s: f32, t: f32| {
-            let bulge = 0.04 * turn(0.5 * s).0;
+            let bulge = 0.04 * sin_cos(0.5 * s).0;
             let (x, y) = (pair[0].0 + (pair[1].0 - pair[0].0) * t, pair[0].1 + (pair[1].1 - pair[0].1) * t);
             at(x, y + bulge, half * (2.0 * s - 1.0))
         };
@@ -205,7 +205,7 @@ fn car(b: &mut Builder, m: &Materials, foot: Vec3, along: Vec3, paint: u32, fine
             wheel(b, m, at(x, 0.31, z), along, across * 0.18, 0.31, if fine { 36 } else { 8 });
             if fine {
                 for k in 0..5 {
-                    let (sin, cos) = turn(0.2 * k as f32);
+                    let (sin, cos) = sin_cos(0.2 * k as f32);
                     let hub = at(x + 0.12 * cos, 0.31 + 0.12 * sin, if z < 0.0 { z - 0.004 } else { z + 0.184 });
                     let bolt = Vec3::splat(0.008);
                     b.cuboid(m.metal, hub - bolt, hub + bolt, ALL_SIDES);
@@ -218,7 +218,7 @@ fn car(b: &mut Builder, m: &Materials, foot: Vec3, along: Vec3, paint: u32, fine
 /// A disc with a tread, its axle along `axle`.
 fn wheel(b: &mut Builder, m: &Materials, hub: Vec3, along: Vec3, axle: Vec3, radius: f32, sides: u32) {
     let rim = |s: f32| {
-        let (sin, cos) = turn(s);
+        let (sin, cos) = sin_cos(s);
         (along * cos + Vec3::Y * sin) * radius
     };
     b.sheet(m.dark, (sides, 2), |s, t| hub + rim(s) + axle * t, Vec2::new);
@@ -271,7 +271,7 @@ fn bicycle(b: &mut Builder, m: &Materials, at: Vec2) {
     let hubs = [foot + Vec3::new(0.0, radius, 0.0), foot + Vec3::new(0.0, radius, -1.05)];
     for hub in hubs {
         let rim = |k: f32| {
-            let (sin, cos) = turn(k / 32.0);
+            let (sin, cos) = sin_cos(k / 32.0);
             hub + Vec3::new(0.0, radius * sin, radius * cos)
         };
         for k in 0..32 {

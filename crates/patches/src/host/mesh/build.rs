@@ -27,12 +27,12 @@ use crate::types::{Member, Sample, VirtualPatch};
 const POLYGON_POINTS: u32 = 16;
 /// Cells along an element's edge: how finely triangles are looked up.
 const CELLS: f32 = 1.5;
-/// Most pieces along an edge of a triangle.
+/// Most divisions along an edge of a triangle.
 const MOST_DIVISIONS: f32 = 1024.0;
 /// Patches that are not cut into elements are looked up as finely as if each had so many, up to
-/// [`MOST_PIECES`] in all.
-const PIECES: usize = 6;
-const MOST_PIECES: usize = 1 << 16;
+/// [`MOST_LOOKUP_CELLS`] in all.
+const LOOKUP_CELLS: usize = 6;
+const MOST_LOOKUP_CELLS: usize = 1 << 16;
 /// Probe samples, which are asked whether light reaches them: for each patch, and at least and at
 /// most in all.
 const PROBES: usize = 6;
@@ -74,7 +74,7 @@ impl PatchMesh {
         }
     }
 
-    /// Triangles cut into similar pieces, which are patches and elements at once.
+    /// Triangles cut into similar parts, which are patches and elements at once.
     fn of_polygons(scene: &Scene, count: usize, seed: u32) -> Result<Self, Error> {
         let mut settings = SubdivideSettings {
             size: PatchSize::Count(count as u32),
@@ -139,8 +139,8 @@ impl PatchMesh {
     ) -> Result<Self, Error> {
         let points = ElementPoints::new(&elements);
         let area: f64 = elements.patches.iter().map(|e| f64::from(e.area)).sum();
-        let pieces = elements.len().max((PIECES * patches.len()).min(MOST_PIECES));
-        let grids = lookup_grids(scene, scene::math::sqrt((area / pieces as f64) as f32))?;
+        let lookup_cells = elements.len().max((LOOKUP_CELLS * patches.len()).min(MOST_LOOKUP_CELLS));
+        let grids = lookup_grids(scene, scene::math::sqrt((area / lookup_cells as f64) as f32))?;
         let sample_edge = scene::math::sqrt((area / elements.samples.len() as f64) as f32);
         let cells = cell_elements(scene, &grids, &elements.samples, &points.owner, sample_edge);
         Ok(Self {
@@ -161,7 +161,7 @@ impl PatchMesh {
     }
 }
 
-/// A virtual patch as one that exchanges light.
+/// A virtual patch as one that light passes between.
 fn patch(p: &VirtualPatch) -> Patch {
     Patch { centroid: p.position, area: p.area, normal: p.normal, triangle: NONE }
 }
@@ -181,8 +181,8 @@ fn lookup_grids(scene: &Scene, edge: f32) -> Result<Vec<TriangleGrid>, Error> {
     let triangles = scene.geometry.triangles.len();
     let mut divisions = Vec::with_capacity(triangles);
     for triangle in 0..triangles as u32 {
-        let pieces = (scene.longest_edge(triangle) * CELLS / edge).ceil();
-        divisions.push(pieces.clamp(1.0, MOST_DIVISIONS) as u32);
+        let along_edge = (scene.longest_edge(triangle) * CELLS / edge).ceil();
+        divisions.push(along_edge.clamp(1.0, MOST_DIVISIONS) as u32);
     }
     cell_grids(&vec![Sides { front: true, back: true }; triangles], &divisions)
 }

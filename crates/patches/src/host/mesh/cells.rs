@@ -203,9 +203,9 @@ mod tests {
             for (cell, &CellPlace { middle, first }) in (0..).zip(&cells) {
                 let (p, q, r) = cell_corners(n, cell);
                 assert!(middle.distance((p + q + r) / 3.0) < 1e-5, "cell {cell} of {n}: {middle}");
-                let apart = middle - cells[first as usize].middle;
-                let apart = (a * apart.x + b * apart.y).length() / longest;
-                assert!(first <= cell && apart * n as f32 <= 0.5f32.sqrt() + 1e-3, "cell {cell} of {n}: {apart}");
+                let offset = middle - cells[first as usize].middle;
+                let distance = (a * offset.x + b * offset.y).length() / longest;
+                assert!(first <= cell && distance * n as f32 <= 0.5f32.sqrt() + 1e-3, "cell {cell} of {n}: {distance}");
             }
             cells.iter().zip(0..).filter(|(c, k)| c.first == *k).count()
         };

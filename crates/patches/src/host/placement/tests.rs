@@ -95,7 +95,7 @@ fn smoothing_takes_noise_and_leaves_slopes() {
     let raw: Vec<Vec<Entry>> = samples().map(|(k, _)| vec![(k as u32, 1.0)]).collect();
     let (before, after) = (error(&estimates, &raw), error(&estimates, &field.smoothing(&estimates)));
     assert!(after[0] < 0.75 * before[0] && after[1] < 0.75 * before[1], "{before:?} to {after:?}");
-    // Told that noise is twenty times as great, it blurs the step.
+    // Given that noise is twenty times as great, it blurs the step.
     let wrong = with(20.0 * 20.0 * 0.2 * 0.2 / 12.0);
     let blurred = error(&wrong, &field.smoothing(&wrong));
     assert!(blurred[1] > before[1], "{blurred:?}");

@@ -1,4 +1,5 @@
-//! Adaptive direct illumination: each triangle that a light may fall on is split until the light is linear on its pieces.
+//! Adaptive direct illumination: each triangle that a light may fall on is split into light elements until the light
+//! is linear on each.
 
 use std::cell::Cell;
 use std::ops::Range;
@@ -18,21 +19,22 @@ use crate::error::{Error, check_setting};
 const INWARDS: f32 = 1e-3;
 /// Triangles of one step of progress.
 const BLOCK: usize = 256;
-/// What the light of a piece counts for on its dark parts.
+/// What the light of an element counts for on its dark parts.
 const AROUND: f32 = 0.25;
 /// Shadow rays that neighbours share.
 const LOOKS: usize = 4;
 
 /// How finely light on triangles is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PieceSettings {
-    /// A piece is split unless the light in its middle is the mean of that at its corners, within this share of the greatest.
+pub struct LightElementSettings {
+    /// An element is split unless the light in its middle is the mean of that at its corners, within this share of
+    /// the greatest.
     pub tolerance: f32,
     /// Most splits of a triangle in a row.
     pub depth: u32,
     /// Nothing with less than one over this of the power that all lights would have, were nothing in the way, is looked at more
     /// closely: at most a few times as many shadow rays.
-    pub pieces: u32,
+    pub elements: u32,
     /// Longest edge that is not split, dark or not: what is smaller may be missed. A share of the scene's diagonal.
     pub longest: f32,
     /// Most triangles with less than that power that share four shadow rays with their neighbours in the hierarchy; with 1 each has
@@ -40,23 +42,24 @@ pub struct PieceSettings {
     pub neighbours: u32,
 }
 
-impl Default for PieceSettings {
-    /// 5 %, 10 splits, 2¹⁸ pieces, 1/32 of the diagonal, 8 neighbours: for start points that look for their light themselves.
+impl Default for LightElementSettings {
+    /// 5 %, 10 splits, 2¹⁸ elements, 1/32 of the diagonal, 8 neighbours: for start points that look for their light
+    /// themselves.
     fn default() -> Self {
-        Self { tolerance: 0.05, depth: 10, pieces: 1 << 18, longest: 1.0 / 32.0, neighbours: 8 }
+        Self { tolerance: 0.05, depth: 10, elements: 1 << 18, longest: 1.0 / 32.0, neighbours: 8 }
     }
 }
 
-impl PieceSettings {
-    /// For photons that take the table's light as it is (Kopylov): 2¹⁷ pieces, nothing shared.
+impl LightElementSettings {
+    /// For photons that take the table's light as it is (Kopylov): 2¹⁷ elements, nothing shared.
     pub fn table_alone() -> Self {
-        Self { pieces: 1 << 17, longest: 1.0 / 128.0, neighbours: 1, ..Self::default() }
+        Self { elements: 1 << 17, longest: 1.0 / 128.0, neighbours: 1, ..Self::default() }
     }
 }
 
-/// A piece of a triangle and the light of one lamp on it.
+/// An adaptive light element: a part of a triangle, and the light of one lamp on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Piece {
+pub struct LightElement {
     /// The triangle.
     pub triangle: u32,
     /// The light.
@@ -69,15 +72,15 @@ pub struct Piece {
     pub values: [f32; 3],
     /// The same in the middle.
     pub middle: f32,
-    /// A quarter of the greatest light of the piece that this one was split from, or what neighbours of its group let expect; 0 for
-    /// other triangles.
+    /// A fourth of the greatest light of the element that this one was split from, or what neighbours of its group
+    /// let expect; 0 for other triangles.
     pub around: f32,
     /// Area, m².
     pub area: f32,
     /// Mean reflectance.
     pub albedo: Vec3,
-    /// Share of the shadow rays of its group that reach the light, which the values hold already; 1 for pieces that have their own,
-    /// and where none does.
+    /// Share of the shadow rays of its group that reach the light, which the values hold already; 1 for elements that
+    /// have their own, and where none does.
     pub seen: f32,
 }
 
@@ -90,9 +93,9 @@ fn inwards(at: Vec2) -> Vec2 {
     at + (Vec2::splat(1.0 / 3.0) - at) * INWARDS
 }
 
-/// A piece that may be cut further.
+/// An element that may be cut further.
 struct Cut {
-    piece: Piece,
+    element: LightElement,
     /// Power that it would reflect for each unit of the light's colour, were it white and nothing in the way of its middle.
     potential: f32,
 }
@@ -156,24 +159,25 @@ impl<'a> Side<'a> {
         arrival.share > 0.0 && !self.scene.occluded_again(origin, arrival.to_light, arrival.t_max, &self.last)
     }
 
-    /// The same at a corner of a piece, which may lie on the edge of the triangle.
+    /// The same at a corner of an element, which may lie on the edge of the triangle.
     fn light_at_corner(&self, at: Vec2) -> f32 {
         self.light_at(inwards(at))
     }
 
-    fn piece(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, albedo: Vec3) -> Cut {
+    fn element(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, albedo: Vec3) -> Cut {
         let (origin, arrival) = self.arrival((corners[0] + corners[1] + corners[2]) / 3.0);
         let middle = if self.is_lit(origin, &arrival) { arrival.share } else { 0.0 };
         let share = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
         let area = share * self.area;
         let (triangle, light, is_back) = (self.triangle, self.light, self.is_back());
-        let piece = Piece { triangle, light, is_back, corners, values, middle, around, area, albedo, seen: 1.0 };
-        Cut { piece, potential: area * arrival.share }
+        let element =
+            LightElement { triangle, light, is_back, corners, values, middle, around, area, albedo, seen: 1.0 };
+        Cut { element, potential: area * arrival.share }
     }
 
-    /// The triangle as a piece, with this light in its corners.
+    /// The triangle as an element, with this light in its corners.
     fn whole(&self, albedo: Vec3) -> Cut {
-        self.piece(WHOLE, WHOLE.map(|at| self.light_at_corner(at)), 0.0, albedo)
+        self.element(WHOLE, WHOLE.map(|at| self.light_at_corner(at)), 0.0, albedo)
     }
 
     /// Squared lengths of the edges opposite to the corners, m².
@@ -186,15 +190,15 @@ impl<'a> Side<'a> {
         self.edges_squared(corners).iter().any(|&squared| squared > longest * longest)
     }
 
-    /// Two, three or four children: an obtuse piece is cut across its longest edge, another across those of its edges on
-    /// which light is not linear; across all where that is so in its middle only.
-    fn split(&self, piece: &Piece, tolerance: f32, children: &mut Vec<Cut>) {
-        let (c, v) = (piece.corners, piece.values);
+    /// Two, three or four children: an obtuse element is cut across its longest edge, another across those of its
+    /// edges on which light is not linear; across all where that is so in its middle only.
+    fn split(&self, element: &LightElement, tolerance: f32, children: &mut Vec<Cut>) {
+        let (c, v) = (element.corners, element.values);
         let squared = self.edges_squared(&c);
         let longest = (0..3).max_by(|&a, &b| squared[a].total_cmp(&squared[b])).unwrap_or(0);
-        let top = piece.top();
+        let top = element.top();
         let half = |k: usize| (c[(k + 1) % 3] + c[(k + 2) % 3]) * 0.5;
-        let mut add = |corners, values| children.push(self.piece(corners, values, AROUND * top, piece.albedo));
+        let mut add = |corners, values| children.push(self.element(corners, values, AROUND * top, element.albedo));
         // The two children of a cut across the edge opposite to corner k.
         let mut in_two = |k: usize, at: Vec2, value: f32| {
             let (a, b) = ((k + 1) % 3, (k + 2) % 3);
@@ -242,13 +246,13 @@ impl<'a> Side<'a> {
     }
 }
 
-impl Piece {
+impl LightElement {
     /// The greatest known light, over the light's colour.
     pub fn top(&self) -> f32 {
         self.values.iter().copied().fold(self.middle, f32::max)
     }
 
-    /// Mean of the corners: that of the piece where light is linear.
+    /// Mean of the corners: that of the element where light is linear.
     pub fn mean(&self) -> f32 {
         (self.values[0] + self.values[1] + self.values[2]) / 3.0
     }
@@ -258,28 +262,28 @@ impl Piece {
     }
 }
 
-/// When pieces of a side are split.
+/// When elements of a side are split.
 struct Refining<'s, 'a> {
     side: &'s Side<'a>,
     tolerance: f32,
-    /// Least potential of a piece that matters.
+    /// Least potential of an element that matters.
     least: f32,
     /// Longest edge, m.
     longest: f32,
 }
 
 impl Refining<'_, '_> {
-    /// Adds the leaves of a piece that may be split `levels` times more; whether that is the piece as a whole. A piece that
-    /// matters is split to look for shadows, or for light, but stays whole where there are none.
-    fn refine(&self, cut: Cut, levels: u32, leaves: &mut Vec<Piece>) -> bool {
-        let Cut { piece, potential } = cut;
-        let (side, top) = (self.side, piece.top());
-        let is_even = piece.is_linear(self.tolerance);
+    /// Adds the leaves of an element that may be split `levels` times more; whether that is the element as a whole.
+    /// An element that matters is split to look for shadows, or for light, but stays whole where there are none.
+    fn refine(&self, cut: Cut, levels: u32, leaves: &mut Vec<LightElement>) -> bool {
+        let Cut { element, potential } = cut;
+        let (side, top) = (self.side, element.top());
+        let is_even = element.is_linear(self.tolerance);
         let before = leaves.len();
         let mut is_whole = true;
-        if levels > 0 && (potential > self.least || side.is_longer(&piece.corners, self.longest)) {
+        if levels > 0 && (potential > self.least || side.is_longer(&element.corners, self.longest)) {
             let mut children = Vec::with_capacity(4);
-            side.split(&piece, self.tolerance, &mut children);
+            side.split(&element, self.tolerance, &mut children);
             for child in children {
                 is_whole &= self.refine(child, levels - 1, leaves);
             }
@@ -288,8 +292,8 @@ impl Refining<'_, '_> {
                 leaves.truncate(before);
             }
         }
-        if is_whole && top.max(piece.around) > 0.0 {
-            leaves.push(piece);
+        if is_whole && top.max(element.around) > 0.0 {
+            leaves.push(element);
         }
         is_whole && is_even
     }
@@ -356,10 +360,10 @@ impl Group {
     }
 }
 
-/// Finds the pieces of one light on a block of triangles.
+/// Finds the elements of one light on a block of triangles.
 struct Search<'a> {
     scene: &'a Scene,
-    settings: PieceSettings,
+    settings: LightElementSettings,
     wholes: &'a [Whole],
     /// Light in the middle of each triangle, were nothing in the way, light by light; negative where it falls on the back.
     open: &'a [f32],
@@ -369,8 +373,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Pieces of light `n` on a block.
-    fn pieces(&self, n: usize, block: Range<usize>) -> Vec<Piece> {
+    /// Elements of light `n` on a block.
+    fn elements(&self, n: usize, block: Range<usize>) -> Vec<LightElement> {
         let Self { scene, settings, wholes, least, .. } = *self;
         let (light, longest) = (self.lights[n], settings.longest * scene.diagonal());
         let color = scene.lighting.lights[light as usize].color;
@@ -397,7 +401,7 @@ impl Search<'_> {
             let mut leaves = Vec::new();
             let refining = Refining { side: &side, tolerance: settings.tolerance, least, longest };
             refining.refine(side.whole(albedo), settings.depth, &mut leaves);
-            let of_texture = |leaf: &mut Piece| leaf.albedo = mean_albedo(scene, leaf);
+            let of_texture = |leaf: &mut LightElement| leaf.albedo = mean_albedo(scene, leaf);
             leaves.iter_mut().filter(|leaf| leaf.corners != WHOLE).for_each(of_texture);
             leaves
         };
@@ -419,37 +423,48 @@ impl Search<'_> {
                     let (middle, around) = (open * group.seen, open * around);
                     let seen = if group.seen > 0.0 { group.seen } else { 1.0 };
                     let corners = WHOLE;
-                    found.push(Piece { triangle, light, is_back, corners, values, middle, around, area, albedo, seen });
+                    found.push(LightElement {
+                        triangle,
+                        light,
+                        is_back,
+                        corners,
+                        values,
+                        middle,
+                        around,
+                        area,
+                        albedo,
+                        seen,
+                    });
                 }
             }
         }
-        found.sort_by_key(|piece| piece.triangle);
+        found.sort_by_key(|element| element.triangle);
         found
     }
 }
 
-/// Mean reflectance of a piece.
-fn mean_albedo(scene: &Scene, piece: &Piece) -> Vec3 {
-    let at = (piece.corners[0] + piece.corners[1] + piece.corners[2]) / 3.0;
-    scene.filtered_albedo(piece.triangle, scene.tables().position(piece.triangle, at.x, at.y), piece.area)
+/// Mean reflectance of an element.
+fn mean_albedo(scene: &Scene, element: &LightElement) -> Vec3 {
+    let at = (element.corners[0] + element.corners[1] + element.corners[2]) / 3.0;
+    scene.filtered_albedo(element.triangle, scene.tables().position(element.triangle, at.x, at.y), element.area)
 }
 
-/// The pieces that each point-like light falls on, light by light, in the order of the triangles. Pieces on which all is
-/// dark are there only where light fell on the piece that they were split from, or on neighbours.
+/// The elements that each point-like light falls on, light by light, in the order of the triangles. Elements on which
+/// all is dark are there only where light fell on the element that they were split from, or on neighbours.
 ///
-/// Kopylov's algorithm 1: a piece is split until the light in its middle is the mean of that at its corners; edges of
-/// shadows are split down to the limits. Triangles that are small already share shadow rays with their neighbours.
+/// Kopylov's algorithm 1: an element is split until the light in its middle is the mean of that at its corners; edges
+/// of shadows are split down to the limits. Triangles that are small already share shadow rays with their neighbours.
 ///
 /// # Errors
 /// [`Error::Setting`], [`Error::Cancelled`].
-pub fn lit_pieces(
+pub fn light_elements(
     scene: &Scene,
-    settings: &PieceSettings,
+    settings: &LightElementSettings,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-) -> Result<Vec<Piece>, Error> {
-    let PieceSettings { tolerance, depth: _, pieces, longest, neighbours } = *settings;
+) -> Result<Vec<LightElement>, Error> {
+    let LightElementSettings { tolerance, depth: _, elements, longest, neighbours } = *settings;
     check_setting("tolerance", f64::from(tolerance), "positive", tolerance > 0.0)?;
-    check_setting("pieces", f64::from(pieces), "at least 1", pieces > 0)?;
+    check_setting("elements", f64::from(elements), "at least 1", elements > 0)?;
     check_setting("longest", f64::from(longest), "positive", longest > 0.0)?;
     check_setting("neighbours", f64::from(neighbours), "at least 1", neighbours > 0)?;
     let shines = |&k: &u32| {
@@ -477,7 +492,7 @@ pub fn lit_pieces(
         lights.iter().zip(&open[t * lights.len()..]).map(of).sum()
     };
     let powers: Vec<f64> = (0..triangles).into_par_iter().map(power).collect();
-    let least = (powers.iter().sum::<f64>() / f64::from(pieces)) as f32;
+    let least = (powers.iter().sum::<f64>() / f64::from(elements)) as f32;
 
     let search = Search { scene, settings: *settings, wholes: &wholes, open: &open, lights: &lights, least };
     let blocks = triangles.div_ceil(BLOCK);
@@ -485,10 +500,10 @@ pub fn lit_pieces(
     let done = AtomicUsize::new(0);
     let task = |k: usize| {
         let first = k % blocks * BLOCK;
-        let found = search.pieces(k / blocks, first..(first + BLOCK).min(triangles));
+        let found = search.elements(k / blocks, first..(first + BLOCK).min(triangles));
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         if progress(done, total).is_break() { Err(Error::Cancelled { done, total }) } else { Ok(found) }
     };
-    let found: Vec<Vec<Piece>> = (0..total).into_par_iter().map(task).collect::<Result<_, Error>>()?;
+    let found: Vec<Vec<LightElement>> = (0..total).into_par_iter().map(task).collect::<Result<_, Error>>()?;
     Ok(found.concat())
 }
