@@ -101,7 +101,7 @@ fn measure(criterion: &mut Criterion, executor: &mut dyn Executor) -> Result<(),
             group.bench_function(BenchmarkId::new(form.name, n), |b| {
                 b.iter_custom(|rounds| {
                     let mut sum = 0.0;
-                    for _ in 0..turns {
+                    for _ in 0..rounds {
                         match run(executor) {
                             Ok(milliseconds) => {
                                 sum += milliseconds;
