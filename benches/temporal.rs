@@ -136,7 +136,7 @@ fn measure_device(
         loaded(executor, &TEMPORAL_SAMPLE_TABLES, &of_tables.collect::<Vec<_>>(), bytes_of(&p), n as u32)?;
         println!("{device}, N {n}, Q {samples}: lists {by_lists:.3} ms, tables {:.3} ms", device_ms(executor)?);
     }
-    let turn: SumParams = Settings::default().turn(n as u32, lists.options(), 0);
+    let turn: SumParams = Settings::default().rows_to_sum(n as u32, lists.options(), 0);
     let sum: [(&str, &[u8]); 5] = [
         ("row_start", cast_slice(lists.row_start())),
         ("columns", cast_slice(lists.words())),
@@ -241,7 +241,7 @@ fn measure_samples(criterion: &mut Criterion, name: &str, n: usize, distribution
     let mut frame = 0;
     let ms = measure(criterion, &format!("{name}-sums"), n, || {
         frame += 1;
-        let turn = settings.turn(n as u32, 0, frame);
+        let turn = settings.rows_to_sum(n as u32, 0, frame);
         distribution.sum(&turn, black_box(&light), &mut out).expect("the shapes agree");
     });
     println!("N {n}: {name}, exact sums of a {}th of the rows {ms:.3} ms", settings.refresh);
