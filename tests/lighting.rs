@@ -115,7 +115,8 @@ fn sky_and_emission_change_as_if_the_renderer_had_begun_with_them() {
     let mut glowing = loaded.scene.lighting.clone();
     glowing.emission = loaded.scene.materials.iter().map(|m| m.radiance).collect();
     glowing.emission[0] = Vec3::new(5.0, 1.0, 0.2);
-    let mut devices: Vec<fn() -> Option<Box<dyn Executor>>> = vec![|| Some(Box::new(Cpu::new()))];
+    type Open = fn() -> Option<Box<dyn Executor>>;
+    let mut devices: Vec<Open> = vec![|| Some(Box::new(Cpu::new()))];
     devices.push(|| Some(Box::new(vulkan()?)));
     for device in devices {
         let Some(executor) = device() else { continue };

@@ -303,7 +303,7 @@ fn clusters_carry_the_light_that_polygons_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, patches: PatchKind| {
         let settings = Setup { patches, ..settings(600) };
-        let mut classic = settings.renderer(&loaded, cpu()).unwrap();
+        let mut classic = settings.renderer(loaded, cpu()).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         mean(&classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect)
     };

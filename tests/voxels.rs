@@ -125,7 +125,7 @@ fn patches_that_receive_take_every_bounce() {
 fn patches_of_voxels_carry_the_light_that_clusters_do() {
     let loaded = procedural::build("cornell").unwrap();
     let light = |loaded: &LoadedScene, settings: Setup| {
-        let mut classic = settings.renderer(&loaded, cpu()).unwrap();
+        let mut classic = settings.renderer(loaded, cpu()).unwrap();
         let camera = loaded.view.camera(SIZE.0, SIZE.1);
         let picture = classic.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>()

@@ -1,31 +1,22 @@
 //! Light on a device of the caller's: its command buffers and fences, two frames in flight, no wait in between.
 #![allow(unsafe_code, reason = "Vulkan's own calls")]
 
-use std::error::Error;
-use std::sync::Arc;
-
 use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
 use runtime::vulkan::ash::{Entry, vk};
 use runtime::vulkan::{API_VERSION, BorrowedDevice, EnabledFeatures, Vulkan, enable_features};
+use std::sync::Arc;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     let loaded = assets::load_or_build("cornell")?;
-    let settings = BakeSettings { patch_count: 300, ..BakeSettings::default() };
-    let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
-    let render = RenderSettings { size: (16, 16), sub_frames: 1, ..RenderSettings::default() };
+    let bake = Bake::build(&loaded.scene, &BakeSettings { patch_count: 300, ..BakeSettings::default() }, &Silent)?;
     // SAFETY: handles live until the end; each command buffer is waited for by its fence before it is recorded again.
     unsafe {
         let entry = Entry::load()?;
-        let application = vk::ApplicationInfo::default().api_version(API_VERSION);
-        let instance =
-            entry.create_instance(&vk::InstanceCreateInfo::default().application_info(&application), None)?;
-        let Some(&physical_device) = instance.enumerate_physical_devices()?.first() else {
-            println!("no Vulkan device: nothing to show");
-            return Ok(());
-        };
-        let supported = instance.get_physical_device_features(physical_device);
+        let app = vk::ApplicationInfo::default().api_version(API_VERSION);
+        let instance = entry.create_instance(&vk::InstanceCreateInfo::default().application_info(&app), None)?;
+        let physical_device = *instance.enumerate_physical_devices()?.first().ok_or("no Vulkan device")?;
         let (mut features, mut vulkan_1_2) = Default::default();
-        enable_features(&supported, &mut features, &mut vulkan_1_2);
+        enable_features(&instance.get_physical_device_features(physical_device), &mut features, &mut vulkan_1_2);
         let enabled = EnabledFeatures::of(&features, &vulkan_1_2);
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
         let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features);
@@ -37,19 +28,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         let commands = device.allocate_command_buffers(&two)?;
         let signalled = vk::FenceCreateInfo::default().flags(vk::FenceCreateFlags::SIGNALED);
         let fences = [device.create_fence(&signalled, None)?, device.create_fence(&signalled, None)?];
-
-        let ours = BorrowedDevice {
-            instance: instance.clone(),
-            physical_device,
-            device: device.clone(),
-            queue_family: 0,
-            queue,
-            enabled,
-        };
-        let mut renderer = Renderer::new(bake, Box::new(Vulkan::borrow(ours)?), &render, &Silent)?;
+        let ours = BorrowedDevice { instance, physical_device, device, queue_family: 0, queue, enabled };
+        let vulkan = Box::new(Vulkan::borrow(ours.clone())?);
+        let (instance, device) = (ours.instance, ours.device);
+        let mut renderer = Renderer::new(Arc::new(bake), vulkan, &RenderSettings::default(), &Silent)?;
         let (camera, mut lighting) = (loaded.view.camera(16, 16), loaded.scene.lighting.clone());
-        for frame in 0..6 {
-            let slot = frame % 2;
+        for slot in [0, 1, 0, 1, 0, 1] {
             device.wait_for_fences(&fences[slot..=slot], true, u64::MAX)?;
             device.reset_fences(&fences[slot..=slot])?;
             device.begin_command_buffer(commands[slot], &vk::CommandBufferBeginInfo::default())?;

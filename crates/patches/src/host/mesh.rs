@@ -141,9 +141,12 @@ impl PatchMesh {
     pub fn source(&self, direct: &[Vec3]) -> Vec<Vec4> {
         let mut elements = Vec::with_capacity(self.elements.len());
         for range in self.offsets.windows(2) {
+            let own = range[0] as usize..range[1] as usize;
             let mut sum = Vec4::ZERO;
-            for k in range[0] as usize..range[1] as usize {
-                sum += self.point_albedo[k] * direct[k].extend(0.0) * self.points[k].weight;
+            for (point, (albedo, direct)) in
+                self.points[own.clone()].iter().zip(self.point_albedo[own.clone()].iter().zip(&direct[own]))
+            {
+                sum += albedo * direct.extend(0.0) * point.weight;
             }
             elements.push(sum);
         }

@@ -161,9 +161,12 @@ fn settled_exitance(
 fn element_source(mesh: &PatchMesh, irradiance: &[Vec4]) -> Vec<Vec4> {
     let mut source = Vec::with_capacity(mesh.elements.len());
     for range in mesh.offsets.windows(2) {
+        let own = range[0] as usize..range[1] as usize;
         let mut sum = Vec4::ZERO;
-        for k in range[0] as usize..range[1] as usize {
-            sum += irradiance[k] * (mesh.points[k].weight * grey(&mesh.point_albedo[k]));
+        for (point, (albedo, irradiance)) in
+            mesh.points[own.clone()].iter().zip(mesh.point_albedo[own.clone()].iter().zip(&irradiance[own]))
+        {
+            sum += irradiance * (point.weight * grey(albedo));
         }
         source.push(sum);
     }

@@ -248,7 +248,7 @@ impl Method for TemporalMethod {
     fn report(&self) -> MethodReport {
         let parts = [("tables", &self.patches), ("elements", &self.elements), ("receivers", &self.receivers)];
         let parts = parts.into_iter().filter_map(|(name, rows)| Some((name, rows.as_ref()?)));
-        let bytes = parts.map(|(name, rows)| (name.to_owned(), rows.distribution().bytes() as u64)).collect();
+        let bytes = parts.map(|(name, rows)| (name.to_owned(), rows.distribution().bytes())).collect();
         MethodReport { bytes, ..MethodReport::default() }
     }
 

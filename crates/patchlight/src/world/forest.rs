@@ -126,7 +126,7 @@ impl Forest {
             let (name, found, limit) = ("patches", drafts.len() as u64, MOST_PATCHES as u64);
             return Err(Error::TooManyVoxels { name, found, limit });
         }
-        let mut world = Self::forest(shape, drafts, dark);
+        let mut world = Self::assemble(shape, drafts, dark);
         world.extra.emission = world.share_out_emitters(scene);
         check_memory("patches", memory_limit)?;
         Ok(world)
@@ -144,7 +144,7 @@ impl Forest {
 
     /// Leaves in the order of their trees: first the block of voxels of a tree, then the axis, then those outdoors before those indoors, then
     /// Morton's order; so the children of a node follow each other on every level.
-    fn forest(shape: GridShape, mut drafts: Vec<Draft>, dark: Vec<DarkPatch>) -> Self {
+    fn assemble(shape: GridShape, mut drafts: Vec<Draft>, dark: Vec<DarkPatch>) -> Self {
         let levels = levels(&shape, &drafts);
         drafts.par_iter_mut().for_each(|d| d.key = key(&shape, d.voxel, axis_of(d.node.normal), d.indoors, levels));
         drafts.sort_by(|a, b| {
