@@ -208,7 +208,7 @@ pub fn order_errors(
 }
 
 /// Pictures of an operator without compression: in the order of the patches and, where the operator
-/// has one, in its own, and of what is lost. Grey tells the power of ten, from [`DECADES`] below
+/// has one, in its own, and of what is lost. Grey tells the power of ten, from five powers of ten below
 /// the greatest pixel; each pixel is a mean.
 ///
 /// # Errors
