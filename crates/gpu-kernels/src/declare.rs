@@ -170,7 +170,7 @@ macro_rules! kernel {
     ) => {
         kernel! {
             @bind $head $callable $numbers [
-                nodes: read [::scene::BvhNode; 1],
+                nodes: hierarchy,
                 triangles: read [::scene::Triangle; 1],
                 uvs: read [::scene::TriangleUv; 1],
                 materials: read [::scene::Material; 1],
@@ -179,8 +179,14 @@ macro_rules! kernel {
                 $($rest)*
             ] $params $rows $names $reads $writes $arguments [
                 $($made)*
-                let $geometry =
-                    ::scene::GeometryTables { nodes, triangles, uvs, materials, textures, texels };
+                let $geometry = ::scene::GeometryTables {
+                    hierarchy: nodes.into(),
+                    triangles,
+                    uvs,
+                    materials,
+                    textures,
+                    texels,
+                };
             ]
         }
     };
@@ -198,6 +204,29 @@ macro_rules! kernel {
                 $($made)*
                 let $lights = ::scene::Lights { lights, emitters, sky: sky[0], sky_map };
             ]
+        }
+    };
+    (@bind $head:tt $callable:tt
+        [$number:tt $($numbers:tt)*] [$b:ident: hierarchy, $($rest:tt)*]
+        [$($params:tt)*] [$($rows:tt)*] [$($names:tt)*] [$($reads:tt)*] $writes:tt
+        [$($arguments:tt)*] $made:tt
+    ) => {
+        kernel! {
+            @bind $head $callable [$($numbers)*] [$($rest)*]
+            [
+                $($params)*
+                #[spirv(storage_buffer, descriptor_set = 0, binding = $number)]
+                $b: &[::scene::BvhNode],
+            ]
+            [
+                $($rows)*
+                crate::table::buffer::<::scene::BvhNode>(stringify!($b), crate::table::Access::Read),
+            ]
+            [$($names)* $b,]
+            [$($reads)* let $b = $b.hierarchy()?;]
+            $writes
+            [$($arguments)* $b.read::<::scene::BvhNode>(0)?,]
+            $made
         }
     };
     (@bind $head:tt $callable:tt

@@ -10,8 +10,10 @@ pub(crate) mod patches;
 pub(crate) mod temporal;
 pub(crate) mod tiles;
 
+use std::any::Any;
 use std::vec::Vec;
 
+use ::scene::{BvhNode, Geometry, Hierarchy};
 use bytemuck::{AnyBitPattern, Pod};
 use rayon::prelude::*;
 
@@ -22,6 +24,8 @@ use crate::table::{Access, BindingKind, ImageFormat, Kernel};
 pub enum HostBinding<'a> {
     /// A buffer that is read.
     Read(&'a [u8]),
+    /// A buffer that is read, and what its bytes are a part of: with a [`Geometry`], rays take its own hierarchy.
+    Part(&'a [u8], &'a (dyn Any + Send + Sync)),
     /// A buffer that is written, or read and written.
     Write(&'a mut [u8]),
     /// A sampled image: rows of texels, or of blocks, from the top, without gaps.
@@ -146,7 +150,7 @@ impl<'a> HostCall<'_, 'a> {
                 (BindingKind::Storage { .. }, _) => "a buffer to write",
             };
             let found = match given {
-                HostBinding::Read(_) => "a buffer to read",
+                HostBinding::Read(_) | HostBinding::Part(..) => "a buffer to read",
                 HostBinding::Write(_) => "a buffer to write",
                 HostBinding::Image { .. } => "an image",
             };
@@ -192,7 +196,7 @@ impl<'s> Bound<'s, '_> {
     /// The elements, at least `needed` of them.
     pub(crate) fn read<T: AnyBitPattern>(self, needed: usize) -> Result<&'s [T], HostError> {
         let bytes: &'s [u8] = match self.data {
-            HostBinding::Read(bytes) => bytes,
+            HostBinding::Read(bytes) | HostBinding::Part(bytes, _) => bytes,
             HostBinding::Write(bytes) => bytes,
             HostBinding::Image { texels, .. } => texels,
         };
@@ -200,6 +204,16 @@ impl<'s> Bound<'s, '_> {
         let elements: &[T] = bytemuck::try_cast_slice(bytes).map_err(|_| layout)?;
         long_enough(self.name, elements.len(), needed)?;
         Ok(elements)
+    }
+
+    /// The hierarchy, that of the host where the nodes are a part of a [`Geometry`].
+    pub(crate) fn hierarchy(self) -> Result<Hierarchy<'s>, HostError> {
+        if let HostBinding::Part(_, owner) = *self.data
+            && let Some(geometry) = owner.downcast_ref::<Geometry>()
+        {
+            return Ok(geometry.hierarchy());
+        }
+        Ok(self.read::<BvhNode>(1)?.into())
     }
 
     /// Whether the image has at least so many texels each way.

@@ -131,13 +131,17 @@ fn borrow<'a>(graph: &Graph, pass: &Pass, memory: &'a mut [Block]) -> Vec<HostBi
         if here.iter().all(|(_, b)| !b.writes) {
             block.make_ready();
             let bytes = block.bytes();
+            let owner = block.shared.as_ref().and_then(|table| table.owner());
             for (k, bound) in here {
                 let part = &bytes[bound.offset as usize..(bound.offset + bound.bytes) as usize];
                 lent[k] = Some(match graph.plan().buffers()[bound.buffer.0].kind {
                     BufferKind::Image { format, width, height } => {
                         HostBinding::Image { format, width, height, texels: part }
                     }
-                    _ => HostBinding::Read(part),
+                    _ => match owner {
+                        Some(owner) if part.len() == bytes.len() => HostBinding::Part(part, owner),
+                        _ => HostBinding::Read(part),
+                    },
                 });
             }
             continue;

@@ -11,6 +11,8 @@ mod scene;
 mod sides;
 mod wide;
 
+pub(crate) use wide::WideBvh;
+
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use lighting::Lighting;
 pub use picture::{Picture, scale_to_stops, stops_to_scale};

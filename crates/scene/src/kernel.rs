@@ -9,4 +9,4 @@ pub mod light;
 pub mod shade;
 pub mod texture;
 
-pub use bvh::GeometryTables;
+pub use bvh::{GeometryTables, Hierarchy};

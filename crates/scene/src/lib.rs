@@ -42,7 +42,7 @@ pub mod types;
 pub mod host;
 
 pub use error::Error;
-pub use kernel::GeometryTables;
+pub use kernel::{GeometryTables, Hierarchy};
 pub use kernel::light::Lights;
 pub use types::*;
 

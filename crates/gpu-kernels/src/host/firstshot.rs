@@ -15,7 +15,7 @@ pub(crate) fn segment(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostEr
         call.parts::<PhotonParams, 8>(kernel)?;
     let n = p.count as usize;
     let geometry = GeometryTables {
-        nodes: nodes.read(1)?,
+        hierarchy: nodes.hierarchy()?,
         triangles: triangles.read(1)?,
         uvs: uvs.read(1)?,
         materials: materials.read(1)?,

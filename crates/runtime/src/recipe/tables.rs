@@ -1,5 +1,6 @@
 //! Tables that stay on the device from frame to frame.
 
+use std::any::Any;
 use std::sync::Arc;
 
 use bytemuck::{Pod, cast_slice};
@@ -12,6 +13,11 @@ use crate::recipe::Named;
 pub trait Table: Send + Sync {
     /// The bytes, always the same ones.
     fn bytes(&self) -> &[u8];
+
+    /// What the bytes are a part of, if that is of use to native code.
+    fn owner(&self) -> Option<&(dyn Any + Send + Sync)> {
+        None
+    }
 }
 
 impl<T: Pod + Send + Sync> Table for Vec<T> {
@@ -26,9 +32,13 @@ struct Part<O, T> {
     part: fn(&O) -> &[T],
 }
 
-impl<O: Send + Sync, T: Pod> Table for Part<O, T> {
+impl<O: Send + Sync + 'static, T: Pod> Table for Part<O, T> {
     fn bytes(&self) -> &[u8] {
         cast_slice((self.part)(&self.owner))
+    }
+
+    fn owner(&self) -> Option<&(dyn Any + Send + Sync)> {
+        Some(&*self.owner)
     }
 }
 

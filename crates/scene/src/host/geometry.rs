@@ -12,7 +12,7 @@ use super::wide::WideBvh;
 use crate::Visibility;
 use crate::error::Error;
 use crate::kernel::GeometryTables;
-use crate::kernel::bvh::{FAR, STACK_SIZE};
+use crate::kernel::bvh::{FAR, Hierarchy, STACK_SIZE};
 use crate::types::*;
 
 /// Triangles with their hierarchy, materials and textures: what never changes, shared by all
@@ -93,13 +93,18 @@ impl Geometry {
     /// [`Geometry::tables`] with other materials, `[materials]`.
     pub(super) fn tables_with<'a>(&'a self, materials: &'a [Material]) -> GeometryTables<'a> {
         GeometryTables {
-            nodes: &self.nodes,
+            hierarchy: Hierarchy::from(&self.nodes[..]),
             triangles: &self.triangles,
             uvs: &self.uvs,
             materials,
             textures: &self.textures,
             texels: &self.texels,
         }
+    }
+
+    /// The hierarchy with that of the host: kernels' bodies that run on the host find the same hits sooner with it.
+    pub fn hierarchy(&self) -> Hierarchy<'_> {
+        Hierarchy { nodes: &self.nodes, wide: Some(&self.wide) }
     }
 
     /// Length of the bounds' diagonal, m.

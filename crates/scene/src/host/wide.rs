@@ -43,7 +43,7 @@ struct Packet {
 
 /// The hierarchy eight wide.
 #[derive(Clone, Debug)]
-pub(super) struct WideBvh {
+pub struct WideBvh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
 }
@@ -122,7 +122,7 @@ impl WideBvh {
     /// Folds a binary hierarchy over triangles in its leaf order: an inner child with the largest box is replaced by its
     /// two children until there are eight. Nothing when the result would be too deep for the traversal stack. Triangles that
     /// are not `masked` have no holes.
-    pub(super) fn new(nodes: &[BvhNode], triangles: &[Triangle], masked: impl Fn(&Triangle) -> bool) -> Option<Self> {
+    pub(crate) fn new(nodes: &[BvhNode], triangles: &[Triangle], masked: impl Fn(&Triangle) -> bool) -> Option<Self> {
         // The packets take most of a scene's memory: no room for more of them than there are.
         let packets = nodes.iter().map(|node| node.prim_count.div_ceil(4) as usize).sum();
         let mut wide = Self { nodes: Vec::new(), packets: Vec::with_capacity(packets) };
@@ -193,7 +193,7 @@ impl WideBvh {
     /// Whether anything is in the way in (0, t_max) that `is_hole(triangle, u, v)` does not let pass. The packet `last` is asked
     /// first, if there is one; it becomes the one that is in the way.
     #[inline]
-    pub(super) fn occluded_again(
+    pub(crate) fn occluded_again(
         &self,
         origin: Vec3,
         direction: Vec3,
@@ -222,7 +222,7 @@ impl WideBvh {
 
     /// The nearest triangle in (0, t_max), or any one when `ANY`, that `is_hole(triangle, u, v)` does not let pass.
     #[inline]
-    pub(super) fn traverse<const ANY: bool>(
+    pub(crate) fn traverse<const ANY: bool>(
         &self,
         origin: Vec3,
         direction: Vec3,

@@ -12,11 +12,33 @@ pub const STACK_SIZE: usize = 64;
 /// A distance beyond every scene: `t_max` of a ray without an end.
 pub const FAR: f32 = 1e30;
 
+/// The hierarchy of a scene's triangles.
+#[derive(Clone, Copy, Debug)]
+pub struct Hierarchy<'a> {
+    /// Nodes of the binary hierarchy, root first.
+    pub nodes: &'a [BvhNode],
+    /// The same eight wide, where the host has it: rays go through this one then, with the same results.
+    #[cfg(feature = "std")]
+    pub(crate) wide: Option<&'a crate::host::WideBvh>,
+}
+
+impl<'a> From<&'a [BvhNode]> for Hierarchy<'a> {
+    /// The binary hierarchy alone.
+    #[inline]
+    fn from(nodes: &'a [BvhNode]) -> Self {
+        Self {
+            nodes,
+            #[cfg(feature = "std")]
+            wide: None,
+        }
+    }
+}
+
 /// What a ray needs to know of a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct GeometryTables<'a> {
-    /// Hierarchy, root first.
-    pub nodes: &'a [BvhNode],
+    /// Hierarchy.
+    pub hierarchy: Hierarchy<'a>,
     /// Triangles in leaf order.
     pub triangles: &'a [Triangle],
     /// Texture coordinates of each triangle.
@@ -165,12 +187,21 @@ fn intersect_leaf(g: &GeometryTables, node: &BvhNode, origin: Vec3, direction: V
 /// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through.
 #[inline]
 pub fn closest_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
+    #[cfg(feature = "std")]
+    if let Some(wide) = g.hierarchy.wide {
+        return wide.traverse::<false>(origin, direction, t_max, |triangle, u, v| g.is_hole(triangle, u, v));
+    }
     traverse(g, origin, direction, t_max, false)
 }
 
 /// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
 #[inline]
 pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+    #[cfg(feature = "std")]
+    if let Some(wide) = g.hierarchy.wide {
+        let is_hole = |triangle, u, v| g.is_hole(triangle, u, v);
+        return wide.traverse::<true>(origin, direction, t_max, is_hole).triangle != NONE;
+    }
     traverse(g, origin, direction, t_max, true).triangle != NONE
 }
 
@@ -180,7 +211,8 @@ fn traverse(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, stop_
     let inverse = Vec3::new(safe_inverse(direction.x), safe_inverse(direction.y), safe_inverse(direction.z));
     let mut stack = [0u32; STACK_SIZE];
     let mut depth = 0usize;
-    let root = g.nodes[0];
+    let nodes = g.hierarchy.nodes;
+    let root = nodes[0];
     let mut children = root.first_index;
     let mut active = enter_box(&root, origin, inverse) < t_max;
     if active && root.prim_count > 0 {
@@ -188,8 +220,8 @@ fn traverse(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, stop_
         active = false;
     }
     while active {
-        let mut near = g.nodes[children as usize];
-        let mut far = g.nodes[children as usize + 1];
+        let mut near = nodes[children as usize];
+        let mut far = nodes[children as usize + 1];
         let mut near_t = enter_box(&near, origin, inverse);
         let mut far_t = enter_box(&far, origin, inverse);
         if near_t > far_t {
