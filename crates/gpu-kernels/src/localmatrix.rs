@@ -58,7 +58,7 @@ kernels! {
         red: read [f32],
         green: read [f32],
         blue: read [f32],
-        root: read [f32],
+        sqrt_area: read [f32],
         light: read [Rgb],
         irradiance: write [Rgb],
     } invocation {
@@ -67,7 +67,7 @@ kernels! {
         // Invocations beyond the visible slots have nothing to sum; each slot is named once.
         let lit_count = if k < visible_starts[end] { lit_starts[end] } else { 0 };
         irradiance[slot as usize] =
-            kernel::gather(slot, p.slots, lit_count, lit, red, green, blue, root, light);
+            kernel::gather(slot, p.slots, lit_count, lit, red, green, blue, sqrt_area, light);
     } host crate::host::localmatrix::product;
 
     /// Irradiance of each leaf from that of the slots, W/m²: [`kernel::spread`]. An element is a
@@ -107,12 +107,12 @@ kernels! {
     LOCALMATRIX_UPDATE = "localmatrix_update"(p: UpdateParams) for k in 0..count {
         vectors: read [f32],
         columns: read [f32],
-        place: read [u32],
+        new_column: read [u32],
         plane: update [f32],
     } invocation {
         let at = 4 * k as usize;
         let old = Vec4::new(plane[at], plane[at + 1], plane[at + 2], plane[at + 3]);
-        let new = kernel::update(k, p, vectors, columns, place, old);
+        let new = kernel::update(k, p, vectors, columns, new_column, old);
         plane[at] = new.x;
         plane[at + 1] = new.y;
         plane[at + 2] = new.z;

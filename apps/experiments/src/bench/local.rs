@@ -20,7 +20,7 @@ use crate::sequence::{distance, flicker, pass_ms};
 use crate::summary::PassTimes;
 use assets::import::LoadedScene;
 use patchlight::method::LocalSettings;
-use patchlight::method::local::white;
+use patchlight::method::local::display_white;
 use patchlight::operator::Codec;
 use patchlight::{Bake, MethodSettings, RenderSettings, Renderer};
 use scene::Camera;
@@ -171,8 +171,8 @@ impl Measuring<'_> {
         }
         let patches = bake.mesh.patches.len();
         for slots in SLOTS.into_iter().filter(|slots| *slots < patches) {
-            let white = white(loaded.exposure_stops);
-            let method = MethodSettings::Local(LocalSettings { slots, white, ..LocalSettings::DEFAULT });
+            let display_white = display_white(loaded.exposure_stops);
+            let method = MethodSettings::Local(LocalSettings { slots, display_white, ..LocalSettings::DEFAULT });
             for (path, name) in PATHS {
                 let mut light = self.load(&bake, method, progress)?;
                 if path == CameraPath::Fly
