@@ -12,8 +12,8 @@ pub const KEPT: u32 = u32::MAX;
 
 /// Irradiance at a slot from some lit slots, `H_i = Σ_j T̂_ij √a_j E_j / √a_i`, W/m²; the fourth component is 0.
 ///
-/// Shapes: `lit[lit_count]` names slots; `red`, `green` and `blue` hold the planes of T̂, `[slots · slots]`; `sqrt_area[slots]` holds √a, m;
-/// `exitance[slots]`, W/m². Needs `slot < slots`.
+/// Shapes: `lit[lit_count]` names slots; `red`, `green` and `blue` hold the planes of T̂, `[slots · slots]`;
+/// `sqrt_area[slots]` holds √a, m; `exitance[slots]`, W/m². Needs `slot < slots`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn gather(
@@ -104,9 +104,9 @@ pub fn compact(place: u32, slots: u32, starts: &[u32], values: &[Vec4]) -> u32 {
 
 /// Four entries of a plane of T̂ after an update: `T̂_ij + sign · Σ_k r_ki r_kj`, or what a slot whose column is new has there.
 ///
-/// Shapes: one invocation for four columns of a row, `[slots · slots / 4]`; `vectors[rank · slots]` and `columns[new · slots]` from where the
-/// parameters say; `new_column[slots]` names the column of each slot that is new, or [`KEPT`]; `old` are the entries so far. Needs a multiple of 4
-/// slots.
+/// Shapes: one invocation for four columns of a row, `[slots · slots / 4]`; `vectors[rank · slots]` and
+/// `columns[new · slots]` from where the parameters say; `new_column[slots]` names the column of each slot that is new,
+/// or [`KEPT`]; `old` are the entries so far. Needs a multiple of 4 slots.
 #[inline]
 pub fn update(
     invocation: u32,

@@ -37,8 +37,8 @@ pub struct LocalSettings {
     pub hysteresis: f32,
     /// Frames over which light goes over to that of other nodes; its jump shrinks by `1 / fade` a frame. 1 for at once.
     pub fade: u32,
-    /// Display white, the irradiance that is displayed as white, W/m²: jumps shrink so slowly that no displayed value changes by more than two 255ths in a
-    /// frame. Infinite where values are not displayed.
+    /// Display white, the irradiance that is displayed as white, W/m²: jumps shrink so slowly that no displayed value
+    /// changes by more than two 255ths in a frame. Infinite where values are not displayed.
     pub display_white: f32,
     /// Relative residual above which all columns are refreshed.
     pub tolerance: f32,
@@ -144,10 +144,11 @@ impl Step {
 
 /// All bounces of light in a world of any size, between the nodes that stand for it about a camera.
 ///
-/// The nodes in the matrix are a *cut* of the world's forest, at most M nodes, fine where their apparent size from the predicted camera
-/// path is large and coarse elsewhere. A node gives way to its descendants, and they to it, exactly and as a whole, so that each part of the world is
-/// in the matrix once; where there are more roots than slots, those of the least apparent size leave as ghosts. Light shines from the mean
-/// exitance of a node and arrives at all of its patches alike.
+/// The nodes in the matrix are a *cut* of the world's forest, at most M nodes, fine where their apparent size from the
+/// predicted camera path is large and coarse elsewhere. A node gives way to its descendants, and they to it, exactly
+/// and as a whole, so that each part of the world is in the matrix once; where there are more roots than slots, those
+/// of the least apparent size leave as ghosts. Light shines from the mean exitance of a node and arrives at all of its
+/// patches alike.
 ///
 /// Each frame either [`Self::frame`], or its parts: [`Self::choose`], [`Self::apply`], [`Self::product`].
 #[derive(Clone, Debug)]
