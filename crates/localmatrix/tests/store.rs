@@ -296,7 +296,7 @@ fn what_is_no_bake_is_refused_with_the_reason() {
         bytes[116..120].copy_from_slice(&sum.to_le_bytes());
     };
     for (words, change) in [
-        (["it is empty", "patchlight bake"], &(|b: &mut Vec<u8>| b.clear()) as &dyn Fn(&mut Vec<u8>)),
+        (["it is empty", "bake the scene"], &(|b: &mut Vec<u8>| b.clear()) as &dyn Fn(&mut Vec<u8>)),
         (["does not begin as one", "a.bake"], &|b: &mut Vec<u8>| b[0] = b'X'),
         (["version 2", "version 1"], &|b: &mut Vec<u8>| b[8] = 2),
         (["the header", "checksum"], &|b: &mut Vec<u8>| b[20] ^= 1),
