@@ -30,7 +30,7 @@ const _: () = assert!(size_of::<PermuteInParams>() == 8);
 pub struct MultiplyVtParams {
     /// Red and blue of both chroma axes.
     pub chroma_axes: Vec4,
-    /// Number of parts of runs.
+    /// Number of invocations: those of all runs.
     pub count: u32,
     /// Keeps the size a multiple of 16.
     pub reserved: [u32; 3],

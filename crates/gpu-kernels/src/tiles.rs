@@ -1,5 +1,5 @@
-//! Kernels of the product with a low-rank operator: the exitance permuted and quantised, its product
-//! with Vᵀ, that requantised, its product with U, and the dense and sparse parts.
+//! Kernels of the product with a low-rank operator: the exitance permuted and quantised, its
+//! product with Vᵀ, that requantised, its product with U, and the dense and sparse parts.
 
 use ::multibounce::kernel::tiles;
 use ::multibounce::{PackedGroup, SubBlock};
@@ -9,9 +9,10 @@ use glam::{UVec2, UVec4, Vec4};
 use crate::params::{CountParams, MultiplyVtParams, PermuteInParams};
 
 kernels! {
-    /// Exitance in the order of tiles, times √a: [`tiles::permute_in`]. An element is a permuted
-    /// index, of whole blocks.
-    MULTIBOUNCE_TILES_PERMUTE_IN = "multibounce_tiles_permute_in"(p: PermuteInParams) for k in 0..count {
+    /// Exitance in the order of tiles, times √a: [`tiles::permute_in`]. An invocation takes a
+    /// permuted index, of whole blocks.
+    MULTIBOUNCE_TILES_PERMUTE_IN = "multibounce_tiles_permute_in"(p: PermuteInParams)
+    for k in 0..count {
         order: read [u32],
         sqrt_area: read [f32],
         exitance: read [Rgb],
@@ -20,8 +21,8 @@ kernels! {
         tiles::permute_in(k, p.patches, order, sqrt_area, exitance)
     } host crate::host::tiles::permute_in;
 
-    /// Quantised exitance of the blocks of tiles: [`tiles::quantise`]. An element is four lanes of a
-    /// block.
+    /// Quantised exitance of the blocks of tiles: [`tiles::quantise`]. An invocation takes four
+    /// lanes of a block.
     MULTIBOUNCE_TILES_QUANTISE = "multibounce_tiles_quantise"(p: CountParams) for k in 0..count {
         ordered: read [Rgb],
         light: write [u32],
@@ -29,9 +30,10 @@ kernels! {
         tiles::quantise(k, ordered, light);
     } host crate::host::tiles::quantise;
 
-    /// Sums of the vectors of tiles (`multibounce::LowRank`): [`tiles::multiply_vt`]. An element is a
-    /// part of a run, four packed groups at most.
-    MULTIBOUNCE_TILES_MULTIPLY_VT = "multibounce_tiles_multiply_vt"(p: MultiplyVtParams) for k in 0..count {
+    /// Sums of the vectors of tiles (`multibounce::LowRank`): [`tiles::multiply_vt`]. An invocation
+    /// takes a part of a run, four packed groups at most.
+    MULTIBOUNCE_TILES_MULTIPLY_VT = "multibounce_tiles_multiply_vt"(p: MultiplyVtParams)
+    for k in 0..count {
         runs: read [u32],
         groups: read [PackedGroup],
         words: read [UVec4],
@@ -41,7 +43,8 @@ kernels! {
     } invocation {
         let (group, count) = tiles::groups_of(k, runs);
         if count > 0 {
-            let sixteen = tiles::multiply_vt(group, count, p.chroma_axes, groups, words, scales, light);
+            let axes = p.chroma_axes;
+            let sixteen = tiles::multiply_vt(group, count, axes, groups, words, scales, light);
             let first = (tiles::GROUP_VECTORS * group) as usize;
             sums[first] = sixteen[0];
             sums[first + 1] = sixteen[1];
@@ -68,9 +71,10 @@ kernels! {
         }
     } host crate::host::tiles::multiply_vt;
 
-    /// Quantised factors of the vectors of tiles: [`tiles::requantise`]. An element is a run of packed
-    /// groups.
-    MULTIBOUNCE_TILES_REQUANTISE = "multibounce_tiles_requantise"(p: CountParams) for k in 0..count {
+    /// Quantised factors of the vectors of tiles: [`tiles::requantise`]. An invocation takes a run
+    /// of packed groups.
+    MULTIBOUNCE_TILES_REQUANTISE = "multibounce_tiles_requantise"(p: CountParams)
+    for k in 0..count {
         runs: read [u32],
         paired: read [UVec4],
         sums: read [Rgb],
@@ -80,8 +84,9 @@ kernels! {
     } host crate::host::tiles::requantise;
 
     /// Rows of the tiles, those of a block's splits one after another: [`tiles::multiply_u`]. An
-    /// element is two lanes of a split of a block: a row of each of their parts.
-    MULTIBOUNCE_TILES_MULTIPLY_U = "multibounce_tiles_multiply_u"(p: CountParams) for k in 0..count {
+    /// invocation takes two lanes of a split of a block: a row of each of their parts.
+    MULTIBOUNCE_TILES_MULTIPLY_U = "multibounce_tiles_multiply_u"(p: CountParams)
+    for k in 0..count {
         run_start: read [u32],
         runs: read [u32],
         groups: read [PackedGroup],
@@ -108,9 +113,11 @@ kernels! {
         rows[tiles::row_at(k, 7) as usize + 1] = rows_of[15];
     } host crate::host::tiles::multiply_u;
 
-    /// Rows of the dense sub-blocks and of the sparse residual of tiles: [`tiles::dense_sparse`]. An
-    /// element is eight permuted indices. `ordered` covers every index that entries can name.
-    MULTIBOUNCE_TILES_DENSE_SPARSE = "multibounce_tiles_dense_sparse"(p: CountParams) for k in 0..count {
+    /// Rows of the dense sub-blocks and of the sparse residual of tiles: [`tiles::dense_sparse`].
+    /// An invocation takes eight permuted indices. `ordered` covers every index that entries can
+    /// name.
+    MULTIBOUNCE_TILES_DENSE_SPARSE = "multibounce_tiles_dense_sparse"(p: CountParams)
+    for k in 0..count {
         sub_block_start: read [u32],
         sub_blocks: read [SubBlock],
         sub_block_words: read [UVec4],
@@ -122,7 +129,8 @@ kernels! {
         dense_sparse: write [Rgb],
     } invocation {
         let eight = tiles::dense_sparse(
-            k, sub_block_start, sub_blocks, sub_block_words, light, row_start, entries, steps, ordered,
+            k, sub_block_start, sub_blocks, sub_block_words, light, row_start, entries, steps,
+            ordered,
         );
         let first = 8 * k as usize;
         dense_sparse[first] = eight[0];
@@ -135,9 +143,10 @@ kernels! {
         dense_sparse[first + 7] = eight[7];
     } host crate::host::tiles::dense_sparse;
 
-    /// Irradiance of the patches from the rows of tiles, W/m²: [`tiles::permute_out`]. An element is a
-    /// patch.
-    MULTIBOUNCE_TILES_PERMUTE_OUT = "multibounce_tiles_permute_out"(p: CountParams) for k in 0..count {
+    /// Irradiance of the patches from the rows of tiles, W/m²: [`tiles::permute_out`]. An
+    /// invocation takes a patch.
+    MULTIBOUNCE_TILES_PERMUTE_OUT = "multibounce_tiles_permute_out"(p: CountParams)
+    for k in 0..count {
         permuted_index: read [u32],
         sqrt_area: read [f32],
         rows: read [Rgb],

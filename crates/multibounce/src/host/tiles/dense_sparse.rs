@@ -75,7 +75,7 @@ pub(super) fn dense_sparse_block(
         let (edge, mut planes) = (block * PARTS as usize + part, [[0.0; LANE_COUNT]; 3]);
         let own = tables.sub_block_start[edge] as usize..tables.sub_block_start[edge + 1] as usize;
         let words = &tables.sub_block_words.as_chunks::<{ SUB_BLOCK_WORDS as usize }>().0[own.clone()];
-        dispatch(DenseBlocks { sub_blocks: &tables.sub_blocks[own], words, light, planes: &mut planes });
+        dispatch(DenseSubBlocks { sub_blocks: &tables.sub_blocks[own], words, light, planes: &mut planes });
         for (r, row) in rows.iter_mut().enumerate() {
             *row = Vec4::new(planes[0][r], planes[1][r], planes[2][r], 0.0);
         }
@@ -84,14 +84,14 @@ pub(super) fn dense_sparse_block(
 }
 
 /// Rows of the sub-blocks of one part.
-struct DenseBlocks<'a> {
+struct DenseSubBlocks<'a> {
     sub_blocks: &'a [SubBlock],
     words: &'a [[u32; SUB_BLOCK_WORDS as usize]],
     light: &'a [[u32; LIGHT_WORDS as usize]],
     planes: &'a mut [[f32; LANE_COUNT]; 3],
 }
 
-impl WithLanes for DenseBlocks<'_> {
+impl WithLanes for DenseSubBlocks<'_> {
     #[inline(always)]
     fn with<L: Lanes>(self, l: L) {
         for (sub_block, words) in self.sub_blocks.iter().zip(self.words) {

@@ -5,7 +5,7 @@ use std::vec::Vec;
 use glam::Vec4;
 use transport::{Proceed, check_length, check_setting};
 
-use super::reduce::{DenseBlock, EDGE, Part, SIDE, Term};
+use super::reduce::{DenseSubBlock, EDGE, Part, SIDE, Term};
 use super::symmetric::SymmetricTiles;
 use super::{
     ColumnVectors, LowRank, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS, TileReport, TileSide, TileSource, permuted_indices,
@@ -143,7 +143,7 @@ impl LowRank {
         let Encoded { at, parts, rows: entries, error, .. } = made;
         let is_symmetric = self.is_symmetric();
         let mut report = TileReport::default();
-        let sub_blocks = DenseBlocks::pack(&at, &parts, self.blocks() * PARTS as usize, is_symmetric);
+        let sub_blocks = DenseSubBlocks::pack(&at, &parts, self.blocks() * PARTS as usize, is_symmetric);
         // Vectors of the blocks: rank-1 term, side, channels and bits.
         let mut of_rows: Vec<Vec<Vector>> = vec![Vec::new(); self.blocks()];
         let mut of_columns: Vec<Vec<Vector>> = vec![Vec::new(); self.column_blocks()];
@@ -360,18 +360,18 @@ impl Rows {
 }
 
 /// The dense sub-blocks of all rows, edge by edge.
-struct DenseBlocks {
+struct DenseSubBlocks {
     pub start: Vec<u32>,
     pub sub_blocks: Vec<SubBlock>,
     pub words: Vec<u32>,
 }
 
-impl DenseBlocks {
+impl DenseSubBlocks {
     /// With `is_mirrored`, tiles above the diagonal also stand below it.
     pub fn pack(tiles: &[(usize, usize)], parts: &[Part], edges: usize, is_mirrored: bool) -> Self {
         let mut given: Vec<Vec<(SubBlock, Vec<u32>)>> = vec![Vec::new(); edges];
         for (&(i, j), part) in tiles.iter().zip(parts) {
-            for DenseBlock { at, step, values } in &part.sub_blocks {
+            for DenseSubBlock { at, step, values } in &part.sub_blocks {
                 let (r, c) = (i * SIDE / EDGE + at.0, j * SIDE / EDGE + at.1);
                 let words = |element: &dyn Fn(usize, usize) -> i8| -> Vec<u32> {
                     let byte = |columns: usize, lane: usize, k: usize| {

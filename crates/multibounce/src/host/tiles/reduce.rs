@@ -71,7 +71,7 @@ pub(super) struct Term {
 }
 
 /// A dense sub-block of a tile: [`EDGE`] rows and columns.
-pub(super) struct DenseBlock {
+pub(super) struct DenseSubBlock {
     /// First row and column, in edges.
     pub at: (usize, usize),
     pub step: f32,
@@ -85,7 +85,7 @@ pub(super) struct Part {
     pub terms: Vec<Term>,
     /// Row and column in the tile, value.
     pub entries: Vec<(u8, u8, f32)>,
-    pub sub_blocks: Vec<DenseBlock>,
+    pub sub_blocks: Vec<DenseSubBlock>,
     /// Squared error of each channel, both sides of the diagonal.
     pub error: [f64; 3],
 }
@@ -274,7 +274,7 @@ fn take(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color
 }
 
 /// Takes sub-blocks that cost less than their greatest entries would.
-fn take_sub_blocks(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<DenseBlock>) {
+fn take_sub_blocks(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<DenseSubBlock>) {
     for at in (0..SIDE / EDGE).flat_map(|i| (0..SIDE / EDGE).map(move |j| (i, j))) {
         let (mut most, mut sparse) = (0.0f32, 0.0);
         for c in 0..EDGE {
@@ -298,7 +298,7 @@ fn take_sub_blocks(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<DenseBlock>
                 values[r * EDGE + c] = steps as i8;
             }
         }
-        out.push(DenseBlock { at, step, values });
+        out.push(DenseSubBlock { at, step, values });
     }
 }
 

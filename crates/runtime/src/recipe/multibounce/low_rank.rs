@@ -116,9 +116,9 @@ impl LowRankTables {
         add_pass(plan, pass, &table::MULTIBOUNCE_TILES_PERMUTE_IN, &own, columns, &permute_in, from)?;
         let lanes = from / TILE * U32X4S;
         add_pass(plan, pass, &table::MULTIBOUNCE_TILES_QUANTISE, &own, columns, &count(lanes), lanes)?;
-        let parts = RUN_INVOCATIONS * self.counts.column_runs;
-        let multiply_vt = MultiplyVtParams { chroma_axes: self.chroma_axes, count: parts, reserved: [0; 3] };
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_MULTIPLY_VT, &own, columns, &multiply_vt, parts)?;
+        let invocations = RUN_INVOCATIONS * self.counts.column_runs;
+        let multiply_vt = MultiplyVtParams { chroma_axes: self.chroma_axes, count: invocations, reserved: [0; 3] };
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_MULTIPLY_VT, &own, columns, &multiply_vt, invocations)?;
 
         let rows = &self.rows;
         let runs = self.counts.row_runs;
