@@ -1,7 +1,7 @@
 //! The product H_r = F_r B of many receivers with few patches: rows of counts of hits beside
 //! compressed sparse rows, and beside the bandwidth with which the same cores read as many bytes.
 //! Receivers and hits are those of Sponza (of the built-in atrium without the shared scenes). The
-//! table alternates between them, so that a busy machine slows all alike.
+//! table is measured alternately, so that a busy machine slows all alike.
 
 #![allow(missing_docs)]
 
@@ -69,7 +69,7 @@ fn patch_key((place, normal): (Vec3, Vec3), cell: f32) -> IVec4 {
     (place / cell).floor().as_ivec3().extend(2 * axis as i32 + i32::from(normal[axis] > 0.0))
 }
 
-/// Place of a cell on the curve: the interleaved bits of its coordinates.
+/// Position of a cell on the curve: the bits of its coordinates, interleaved.
 fn morton(key: IVec4) -> u64 {
     let UVec3 { x, y, z } = (key.truncate() + (1 << 15)).as_uvec3();
     let spread = |value: u32| (0..16).map(|bit| u64::from(value >> bit & 1) << (3 * bit)).sum::<u64>();
@@ -147,7 +147,7 @@ fn measure(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator
 
     let mut stream = Stream::new(bytes);
     let mut rounds: Vec<(f64, f64)> =
-        (0..ROUNDS).map(|_| (1e3 * run().as_secs_f64(), bytes as f64 * 1e-6 / stream.turn())).collect();
+        (0..ROUNDS).map(|_| (1e3 * run().as_secs_f64(), bytes as f64 * 1e-6 / stream.round())).collect();
     let mut ratio: Vec<f64> = rounds.iter().map(|t| t.1 / t.0).collect();
     ratio.sort_by(f64::total_cmp);
     rounds.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -219,7 +219,7 @@ impl Receivers<'_> {
         };
         let receivers = TileSide { area, order: &order };
         let patches = TileSide { area: &self.subject.factors.area, order: &self.subject.factors.order };
-        let source = TileSource::Rows { rows: &sparse, receivers, senders: patches };
+        let source = TileSource::Rows { rows: &sparse, receivers, patches };
         let made = self.subject.progress.phase("compress", |report| LowRank::encode(source, epsilon, &report));
         Ok(made?)
     }
