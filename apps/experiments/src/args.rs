@@ -67,7 +67,7 @@ pub enum Animate {
 /// Kinds of patches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Patches {
-    /// Triangles cut into like pieces.
+    /// Triangles cut into like parts.
     Polygon,
     /// Samples of the surface gathered by what they see: any mesh in as many patches as wanted.
     Cluster,
