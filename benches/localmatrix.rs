@@ -48,7 +48,7 @@ fn entering(patch: u32, rows: &[Row]) -> Entering<'_> {
 /// Patches of a world, and slots for it.
 const WORLD: usize = 8192;
 const WORLD_SLOTS: usize = 1024;
-/// Patches that a row of the world knows to both sides.
+/// Patches to each side that a row of the world has form factors to.
 const REACH: usize = 40;
 
 /// A long street: each patch sends light to its neighbours.
@@ -79,7 +79,7 @@ fn steps(criterion: &mut Criterion) -> Result<(), Error> {
     for changes in [16, 64] {
         let settings = LocalSettings { slots: WORLD_SLOTS, changes, ..LocalSettings::default() };
         let mut local = Local::new(localmatrix::World::nodes(&world), settings)?;
-        let view = |x: f32| View { eye: Vec3::X * x, ahead: Vec3::X * x };
+        let view = |x: f32| View { eye: Vec3::X * x, predicted: Vec3::X * x };
         local.settle(&mut world, view(100.0), &|_| true)?;
         let mut step = 0;
         group.bench_function(BenchmarkId::new("step", changes), |bench| {
@@ -112,7 +112,11 @@ fn main() -> Result<(), Error> {
             group.throughput(Throughput::Bytes(3 * state));
             group.bench_function(BenchmarkId::new("enter", count), |bench| {
                 let fresh = || matrix.clone();
-                bench.iter_batched_ref(fresh, |matrix| matrix.add(&some).expect("room is free"), BatchSize::LargeInput);
+                bench.iter_batched_ref(
+                    fresh,
+                    |matrix| matrix.add(&some).expect("slots are free"),
+                    BatchSize::LargeInput,
+                );
             });
         }
         group.throughput(Throughput::Bytes(2 * state));

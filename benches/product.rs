@@ -1,6 +1,6 @@
 //! Products as native code: of the operators of all bounces of the built-in atrium and, with the shared scenes, of Sponza,
 //! however they are stored, and of dense matrices. Each row says how fast its bytes are read beside the bandwidth with which
-//! the same cores read as many; the floor is the time that these would take. Measured in turns, so that a busy machine slows
+//! the same cores read as many; the floor is the time that these would take. Measured alternately, so that a busy machine slows
 //! both alike.
 
 #![allow(missing_docs)]
@@ -24,8 +24,8 @@ use patchlight::{Bake, BakeSettings, ReceiverKind};
 use runtime::cpu::Cpu;
 use transport::LinearOperator;
 
-/// Turns of the table: product, stream, product, …
-const TURNS: usize = 15;
+/// Rounds of the table: product, stream, product, …
+const ROUNDS: usize = 15;
 
 /// More than four times the last-level cache of large servers.
 const OUT_OF_CACHE: usize = 1100 << 20;
@@ -48,16 +48,16 @@ fn measure(criterion: &mut Criterion, group: &str, name: &str, n: usize, bytes: 
     let mut benches = criterion.benchmark_group(group);
     benches.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
     benches.throughput(Throughput::Bytes(bytes as u64));
-    benches.bench_function(BenchmarkId::new(name, n), |b| b.iter_custom(|turns| (0..turns).map(|_| run()).sum()));
+    benches.bench_function(BenchmarkId::new(name, n), |b| b.iter_custom(|rounds| (0..rounds).map(|_| run()).sum()));
     benches.finish();
 
     let mut stream = Stream::new(bytes);
     let mut pairs: Vec<(f64, f64)> =
-        (0..TURNS).map(|_| (bytes as f64 * 1e-9 / run().as_secs_f64(), stream.turn())).collect();
+        (0..ROUNDS).map(|_| (bytes as f64 * 1e-9 / run().as_secs_f64(), stream.round())).collect();
     let best = |take: fn(&(f64, f64)) -> f64, pairs: &[(f64, f64)]| pairs.iter().map(take).fold(0.0, f64::max);
     let (product, read) = (best(|p| p.0, &pairs), best(|p| p.1, &pairs));
     pairs.sort_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)));
-    let median = pairs[TURNS / 2].0 / pairs[TURNS / 2].1;
+    let median = pairs[ROUNDS / 2].0 / pairs[ROUNDS / 2].1;
     let megabytes = bytes as f64 * 1e-6;
     println!(
         "{group}/{name}/{n}: {megabytes:.2} MB in {:.3} ms, floor {:.3} ms: {product:.1} GB/s, stream of as much {read:.1} GB/s, \

@@ -1,7 +1,7 @@
 //! The product H_r = F_r B of many receivers with few patches: rows of counts of hits beside
 //! compressed sparse rows, and beside the bandwidth with which the same cores read as many bytes.
 //! Receivers and hits are those of Sponza (of the built-in atrium without the shared scenes). The
-//! table is measured in turns, so that a busy machine slows all alike.
+//! table is measured alternately, so that a busy machine slows all alike.
 
 #![allow(missing_docs)]
 
@@ -32,8 +32,8 @@ const RAYS: u32 = 512;
 const BLOCK: usize = 4096;
 /// Rays of a receiver from which the size of the patches is found.
 const TRIAL_RAYS: u32 = 4;
-/// Turns of the table: product, stream, product, …
-const TURNS: usize = 41;
+/// Rounds of the table: product, stream, product, …
+const ROUNDS: usize = 41;
 
 /// Patches: the sides of the surface in the cells of a grid, numbered along a space-filling curve.
 struct Patches {
@@ -69,7 +69,7 @@ fn patch_key((place, normal): (Vec3, Vec3), cell: f32) -> IVec4 {
     (place / cell).floor().as_ivec3().extend(2 * axis as i32 + i32::from(normal[axis] > 0.0))
 }
 
-/// Place of a cell on the curve: the bits of its coordinates in turn.
+/// Position of a cell on the curve: the bits of its coordinates, interleaved.
 fn morton(key: IVec4) -> u64 {
     let UVec3 { x, y, z } = (key.truncate() + (1 << 15)).as_uvec3();
     let spread = |value: u32| (0..16).map(|bit| u64::from(value >> bit & 1) << (3 * bit)).sum::<u64>();
@@ -142,24 +142,24 @@ fn measure(criterion: &mut Criterion, name: &str, operator: &impl LinearOperator
     let mut group = criterion.benchmark_group("receivers/native");
     group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
     group.throughput(Throughput::Bytes(bytes as u64));
-    group.bench_function(BenchmarkId::new(name, rows), |b| b.iter_custom(|turns| (0..turns).map(|_| run()).sum()));
+    group.bench_function(BenchmarkId::new(name, rows), |b| b.iter_custom(|rounds| (0..rounds).map(|_| run()).sum()));
     group.finish();
 
     let mut stream = Stream::new(bytes);
-    let mut turns: Vec<(f64, f64)> =
-        (0..TURNS).map(|_| (1e3 * run().as_secs_f64(), bytes as f64 * 1e-6 / stream.turn())).collect();
-    let mut ratio: Vec<f64> = turns.iter().map(|t| t.1 / t.0).collect();
+    let mut rounds: Vec<(f64, f64)> =
+        (0..ROUNDS).map(|_| (1e3 * run().as_secs_f64(), bytes as f64 * 1e-6 / stream.round())).collect();
+    let mut ratio: Vec<f64> = rounds.iter().map(|t| t.1 / t.0).collect();
     ratio.sort_by(f64::total_cmp);
-    turns.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let floor = turns.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
-    let (best, median) = (turns[0].0, turns[TURNS / 2].0);
+    rounds.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let floor = rounds.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
+    let (best, median) = (rounds[0].0, rounds[ROUNDS / 2].0);
     println!(
         "receivers/native/{name}/{rows}: {:.1} MB moved, median {median:.2} ms, best {best:.2} ms ({:.1} GB/s), \
          reading them takes {floor:.2} ms ({:.1} GB/s), median of the ratio {:.0} %",
         bytes as f64 * 1e-6,
         bytes as f64 * 1e-6 / best,
         bytes as f64 * 1e-6 / floor,
-        100.0 * ratio[TURNS / 2]
+        100.0 * ratio[ROUNDS / 2]
     );
 }
 

@@ -28,8 +28,8 @@ const SAMPLES: [u32; 3] = [16, 64, 200];
 /// Entries of a row, and of the list that stands for it.
 const ENTRIES: u32 = 670;
 const LIST: usize = 1024;
-/// Turns of which the best counts.
-const TURNS: usize = 15;
+/// Rounds of which the best counts.
+const ROUNDS: usize = 15;
 
 fn rows(n: usize) -> Csr {
     let rows: Vec<Vec<(u32, f32)>> = (0..n as u32).into_par_iter().map(|i| row(i, n)).collect();
@@ -52,7 +52,7 @@ fn row(i: u32, n: usize) -> Vec<(u32, f32)> {
 }
 
 fn best_ms(mut work: impl FnMut()) -> f64 {
-    (0..TURNS).fold(f64::INFINITY, |best, _| {
+    (0..ROUNDS).fold(f64::INFINITY, |best, _| {
         let start = Instant::now();
         work();
         best.min(1e3 * start.elapsed().as_secs_f64())
@@ -92,7 +92,7 @@ fn loaded(
 /// The best of some runs by the device's own clock, ms.
 fn device_ms(executor: &mut dyn Executor) -> Result<f64, ExecutorError> {
     let mut best = f64::INFINITY;
-    for _ in 0..TURNS {
+    for _ in 0..ROUNDS {
         best = best.min(executor.run()?.iter().map(|pass| pass.milliseconds).sum());
     }
     Ok(best)
@@ -136,7 +136,7 @@ fn measure_device(
         loaded(executor, &TEMPORAL_SAMPLE_TABLES, &of_tables.collect::<Vec<_>>(), bytes_of(&p), n as u32)?;
         println!("{device}, N {n}, Q {samples}: lists {by_lists:.3} ms, tables {:.3} ms", device_ms(executor)?);
     }
-    let turn: SumParams = Settings::default().rows_to_sum(n as u32, lists.options(), 0);
+    let params: SumParams = Settings::default().rows_to_sum(n as u32, lists.options(), 0);
     let sum: [(&str, &[u8]); 5] = [
         ("row_start", cast_slice(lists.row_start())),
         ("columns", cast_slice(lists.words())),
@@ -144,8 +144,8 @@ fn measure_device(
         ("exitance", cast_slice(&light)),
         ("irradiance", cast_slice(&out)),
     ];
-    loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&turn), turn.count)?;
-    println!("{device}, N {n}: exact sums of {} rows {:.3} ms", turn.count, device_ms(executor)?);
+    loaded(executor, &TEMPORAL_SUM_LISTS, &sum, bytes_of(&params), params.count)?;
+    println!("{device}, N {n}: exact sums of {} rows {:.3} ms", params.count, device_ms(executor)?);
     Ok(())
 }
 
@@ -218,7 +218,7 @@ fn alias_tables(n: usize, rows: &Csr, packing: Packing) -> (AliasTables, f64) {
     (tables.expect("rows are valid"), 1e3 * start.elapsed().as_secs_f64())
 }
 
-/// Sampled frames, and the exact sums of those rows that come in turn.
+/// Sampled frames, and the exact sums of the rows that a frame sums.
 fn measure_samples(criterion: &mut Criterion, name: &str, n: usize, distribution: &dyn Distribution) {
     let light = exitance(n, n);
     let mut out = vec![Vec4::ZERO; n];
@@ -241,8 +241,8 @@ fn measure_samples(criterion: &mut Criterion, name: &str, n: usize, distribution
     let mut frame = 0;
     let ms = measure(criterion, &format!("{name}-sums"), n, || {
         frame += 1;
-        let turn = settings.rows_to_sum(n as u32, 0, frame);
-        distribution.sum(&turn, black_box(&light), &mut out).expect("the shapes agree");
+        let params = settings.rows_to_sum(n as u32, 0, frame);
+        distribution.sum(&params, black_box(&light), &mut out).expect("the shapes agree");
     });
     println!("N {n}: {name}, exact sums of a {}th of the rows {ms:.3} ms", settings.refresh);
 }

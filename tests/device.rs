@@ -359,7 +359,8 @@ fn cleared_buffers_and_pictures_are_zeros_and_later_uploads_stay() {
     }
 }
 
-/// Operators from 300 senders to 421 receivers, in tiles of everything: components of 4 and 8 bits, squares, single entries.
+/// Operators from 300 patches to 421 receivers, in tiles of everything: rank-1 terms of 4 and 8 bits, dense sub-blocks, sparse
+/// residual.
 #[test]
 fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let random = |a: usize, b: usize, c: u32| unit(hash3(a as u32, b as u32, c));
@@ -372,11 +373,11 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     let line =
         |n: usize| halving_order(&(0..n).map(|i| Vec3::X * i as f32).collect::<Vec<_>>(), &vec![Vec3::Z; n], &[]);
     let area: Vec<f32> = (0..300).map(|j| 0.2 + random(j, 0, 1)).collect();
-    let (order, sender_order) = (line(421), line(300));
+    let (order, patch_order) = (line(421), line(300));
     let receivers = TileSide { area: &[1.0; 421], order: &order };
-    let senders = TileSide { area: &area, order: &sender_order };
+    let patches = TileSide { area: &area, order: &patch_order };
     let tiles =
-        LowRank::encode(TileSource::Rows { rows: &rows, receivers, senders }, 0.02, &|_, _| Proceed::Continue(()))
+        LowRank::encode(TileSource::Rows { rows: &rows, receivers, patches }, 0.02, &|_, _| Proceed::Continue(()))
             .unwrap();
     let light: Vec<Vec4> =
         (0..300).map(|j| Vec4::new(random(j, 0, 9), random(j, 1, 9), random(j, 2, 9), 0.0)).collect();

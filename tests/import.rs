@@ -56,7 +56,7 @@ fn loaded(folder: &TempDir, name: &str) -> LoadedScene {
     load(&folder.path().join(name)).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Fewer than a thousandth apart: the READMEs give four digits.
+/// A difference of less than a thousandth: the READMEs give four digits.
 fn assert_near(found: f64, expected: f64) {
     assert!((found / expected - 1.0).abs() < 1e-3, "{found} where {expected} is expected");
 }

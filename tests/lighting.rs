@@ -75,7 +75,7 @@ fn lights_beyond_those_of_the_bake_are_not_dropped() {
     let bake = setup.bake(&loaded).unwrap();
     let mut renderer = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
     let one = picture(&mut renderer, &loaded, &loaded.scene.lighting);
-    // Far more than there was room for.
+    // Far more than fitted.
     let many = picture(&mut renderer, &loaded, &lamps(&loaded, 40));
     // Not of the whole picture: of lamps before each other the camera sees the nearest alone, a 40th as bright.
     let share = many.indirect.mean() / one.indirect.mean();

@@ -16,7 +16,7 @@ use tempfile::TempDir;
 const SIZE: (u32, u32) = (48, 32);
 /// Frames of the whole flight, of which the tests show the first.
 const FLIGHT_FRAMES: f32 = 24.0;
-/// More lights than there is room for at first.
+/// More lights than fit at first.
 const MANY_LIGHTS: usize = 20;
 
 /// A scene and its bake.
@@ -40,7 +40,7 @@ impl World {
     fn stream(&self, executor: Box<dyn Executor>) -> Streamed {
         let settings = StreamSettings {
             local: LocalSettings { slots: 64, changes: 16, ..LocalSettings::default() },
-            look_ahead: 0.0,
+            predicted_frames: 0.0,
             at_rest: true,
             cache: 1 << 20,
             sub_frames: 2,
@@ -92,16 +92,16 @@ fn a_device_shows_what_native_code_shows() {
             let (picture, frame) = world.frame(&mut streamed, 3 * number, &lights);
             assert_eq!((frame.nodes, &frame.step), (expected_frame.nodes, &expected_frame.step));
             came += if number > 0 { frame.step.entered } else { 0 };
-            let apart = distance(&picture, &expected);
-            println!("{scene}, frame {number}: {apart:.1e} apart, {} nodes came", frame.step.entered);
-            assert!(apart < 1e-4, "{scene}, frame {number}: {apart}");
+            let error = distance(&picture, &expected);
+            println!("{scene}, frame {number}: an error of {error:.1e}, {} nodes came", frame.step.entered);
+            assert!(error < 1e-4, "{scene}, frame {number}: {error}");
         }
         assert!(came > 0 || scene != "city:125000", "a flight that changes nothing shows nothing");
     }
 }
 
 #[test]
-fn more_lights_than_there_was_room_for_shine_at_once() {
+fn more_lights_than_fitted_shine_at_once() {
     let world = World::new("city:125000");
     let lights = world.lights(MANY_LIGHTS);
     let mut grown = world.stream(cpu());

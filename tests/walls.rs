@@ -385,7 +385,7 @@ fn sunbeam_that_the_bake_has_not_seen() {
     assert!(check(&mut ours).is_err(), "another sun goes unnoticed");
 }
 
-/// Two sheets of 1 m, 1 cm apart, in a room with a lamp on either side; their rim is closed, or not.
+/// Two sheets of 1 m with 1 cm between them, in a room with a lamp on either side; their rim is closed, or not.
 fn sheets(is_closed: bool) -> Build {
     let mut b = Build::new();
     let (corner, x, y, gap) = (vec3(-0.5, 0.8, 0.0), Vec3::X, Vec3::Y, 0.01 * Vec3::Z);

@@ -254,7 +254,7 @@ pub fn fly_city(loaded: &LoadedScene, file: &Path) -> Vec<FramePixels> {
     let settings = StreamSettings {
         local: LocalSettings { slots: 64, changes: 16, ..LocalSettings::default() },
         // Rows ahead of the camera come when the disk has them.
-        look_ahead: 0.0,
+        predicted_frames: 0.0,
         at_rest: true,
         cache: CITY_CACHE,
         sub_frames: SUB_FRAMES,

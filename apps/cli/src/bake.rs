@@ -47,7 +47,7 @@ pub struct Bake {
     pub part: Option<Part>,
 }
 
-/// Join the parts of a bake into one file: the same bytes as a bake in one piece.
+/// Join the parts of a bake into one file: the same bytes as those of a whole bake.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Example:\n  patchlight merge part-*.bake -o city.bake")]
 pub struct Merge {

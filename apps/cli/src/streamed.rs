@@ -123,10 +123,10 @@ fn stream_settings(args: &Render, stops: f32) -> StreamSettings {
             slots: options.slots,
             changes: options.budget,
             fade: options.fade,
-            white: options.white,
+            display_white: options.display_white,
             ..LocalSettings::default()
         },
-        look_ahead: options.look_ahead,
+        predicted_frames: options.predicted_frames,
         at_rest: options.at_rest,
         cache: CACHE,
         sub_frames: args.spp.unwrap_or(SUB_FRAMES),

@@ -56,7 +56,7 @@ pub enum Animate {
     /// Along the scene's own path, or a made-up one; the camera too.
     #[default]
     Path,
-    /// Only suns turn, the camera rests.
+    /// Only suns move, the camera rests.
     Sun,
     /// They jump at a third of the frames, and back at two thirds; the camera rests.
     Jump,
@@ -67,7 +67,7 @@ pub enum Animate {
 /// Kinds of patches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Patches {
-    /// Triangles cut into like pieces.
+    /// Triangles cut into like parts.
     Polygon,
     /// Samples of the surface gathered by what they see: any mesh in as many patches as wanted.
     Cluster,
@@ -255,7 +255,7 @@ pub enum Blocks {
     None,
     /// Half a byte an entry.
     Bc1,
-    /// A byte an entry: brightness apart from colour.
+    /// A byte an entry: brightness separate from colour.
     Bc3,
     /// A byte an entry: half-precision colours.
     Bc6h,

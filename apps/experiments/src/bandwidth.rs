@@ -7,13 +7,13 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 /// Bandwidth of reading, GB/s (10⁹ bytes a second): all cores add up `bytes` bytes with the widest vectors they have, the
-/// best of `turns` turns. A size that fits into the last cache gives the cache's bandwidth.
-pub fn stream_gb_s(bytes: usize, turns: usize) -> f64 {
+/// best of `rounds` rounds. A size that fits into the last cache gives the cache's bandwidth.
+pub fn stream_gb_s(bytes: usize, rounds: usize) -> f64 {
     let mut stream = Stream::new(bytes);
-    (0..turns).map(|_| stream.turn()).fold(0.0, f64::max)
+    (0..rounds).map(|_| stream.round()).fold(0.0, f64::max)
 }
 
-/// A buffer to read from, so that a bandwidth can be taken in turns with something else.
+/// A buffer to read from, so that a bandwidth can be measured alternately with something else.
 pub struct Stream {
     words: Vec<u64>,
     sum: u64,
@@ -27,7 +27,7 @@ impl Stream {
     }
 
     /// Reads the buffer once: GB/s.
-    pub fn turn(&mut self) -> f64 {
+    pub fn round(&mut self) -> f64 {
         let arch = Arch::new();
         let start = Instant::now();
         // Blocks of 1 MiB: long runs for the prefetcher, many enough for all cores.

@@ -36,7 +36,7 @@ const COUNTS: [u32; 5] = [1000, 2000, 5000, 10_000, 20_000];
 const KINDS: [Patches; 3] = [Patches::Voxel, Patches::Axis, Patches::Cluster];
 /// Bytes that are read to measure the bandwidth, more than caches hold, and how often.
 const STREAM_BYTES: usize = 256 << 20;
-const STREAM_TURNS: usize = 3;
+const STREAM_ROUNDS: usize = 3;
 
 /// What the numbers were measured on.
 #[derive(Serialize)]
@@ -230,7 +230,7 @@ impl Machine {
         }
         let device = executor.device();
         let gpu = (device.kind != DeviceKind::Native).then(|| device.name.clone());
-        let stream_gb_s = stream_gb_s(STREAM_BYTES, STREAM_TURNS);
+        let stream_gb_s = stream_gb_s(STREAM_BYTES, STREAM_ROUNDS);
         Ok(Self { cpu: runtime::cpu::processor_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
     }
 }

@@ -112,6 +112,7 @@ fn hint(error: &patchlight::Error) -> Option<String> {
         Library::TooManyVoxels { .. } => "a larger --voxel-size, or a smaller --patch-count",
         Library::MemoryLimit { .. } => "--memory-limit, or a larger --voxel-size",
         Library::Patches(error) => return patches_hint(error).map(str::to_owned),
+        Library::Bake(error) | Library::Local(localmatrix::Error::Bake(error)) => return bake_hint(error),
         _ => return None,
     };
     Some(options.to_owned())
@@ -125,6 +126,15 @@ fn patches_hint(error: &patches::Error) -> Option<&'static str> {
         patches::Error::TooMany { .. } | patches::Error::Shared(transport::Error::TooMany { .. }) => {
             Some("a larger --voxel-size, or a smaller --patch-count")
         }
+        _ => None,
+    }
+}
+
+fn bake_hint(error: &localmatrix::BakeError) -> Option<String> {
+    match error {
+        localmatrix::BakeError::NotABake { .. } => Some("patchlight bake SCENE -o FILE".to_owned()),
+        localmatrix::BakeError::Kind { .. } => Some("patchlight merge PART... -o FILE".to_owned()),
+        localmatrix::BakeError::MissingParts { parts, .. } => Some(format!("--part K/{parts}")),
         _ => None,
     }
 }
@@ -161,6 +171,8 @@ mod tests {
         assert!(error.to_string().contains("card") && error.to_string().contains("--decode kernel"), "{error}");
         let memory = patchlight::Error::OperatorMemory { patches: 1, needed: 2.0, available: 1.0, instead: "feedback" };
         assert!(with_hint(&memory).contains("--method feedback") && with_hint(&memory).contains("--patch-count"));
+        let parts = Error::from(localmatrix::BakeError::MissingParts { parts: 3, missing: vec![2] });
+        assert!(parts.to_string().contains("--part K/3"), "{parts}");
     }
 
     #[test]

@@ -66,7 +66,7 @@ impl<'a> ProxyRadiosity<'a> {
         Ok(Self { scene, proxy, light, patches, seed })
     }
 
-    /// Faces that exchange light.
+    /// Faces that take part in radiosity.
     pub fn patch_count(&self) -> usize {
         self.patches
     }
@@ -144,7 +144,7 @@ fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
     Ok(Some(Scene::new(parts).map_err(reference::Error::from)?))
 }
 
-/// The faces that take part in the exchange of light: the patch of each face, or [`NONE`], and how many there are.
+/// The faces that take part in radiosity: the patch of each face, or [`NONE`], and how many there are.
 fn patches_of(proxy: &VoxelProxy) -> (Vec<u32>, usize) {
     let sides = find_sides(&proxy.scene, SidePolicy::Lit);
     let mut takes_part = vec![false; proxy.faces.len()];

@@ -67,7 +67,7 @@ pub struct Plot {
     pub unit: String,
     /// What x is.
     pub x: String,
-    /// Whether equal ratios are equally far apart, x > 0 and y > 0; else y begins at zero.
+    /// Whether equal ratios have equal distances, x > 0 and y > 0; else y begins at zero.
     pub logarithmic: bool,
     /// The lines.
     pub series: Vec<Series>,
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_logarithmic_plot_has_equal_ratios_equally_far_apart() {
+    fn a_logarithmic_plot_has_equal_distances_for_equal_ratios() {
         let svg = line().svg();
         assert!(svg.contains("xmlns=") && svg.contains(">1000<"), "{svg}");
         let line = svg.split("polyline points=\"").nth(1).unwrap().split('"').next().unwrap();

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! kernels! {
-//!     /// Exitance of every patch after a bounce, W/m²: [`product::bounce`]. An element is a patch.
+//!     /// Exitance of every patch after a bounce, W/m²: [`product::bounce`]. One invocation
+//!     /// per patch.
 //!     FORMFACTOR_BOUNCE = "formfactor_bounce"(p: CountParams) for k in 0..count {
 //!         source: read [Rgb; count],
 //!         albedo: read [Rgb; count],

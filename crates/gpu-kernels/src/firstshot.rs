@@ -7,8 +7,8 @@ use ::scene::{Light, Rgb, Sky};
 use glam::Vec3;
 
 kernels! {
-    /// Every photon as it leaves what it starts from: [`start::start_photon`]. An element is a
-    /// photon.
+    /// Every photon as it leaves what it starts from: [`start::start_photon`]. One invocation
+    /// per photon.
     FIRSTSHOT_START = "firstshot_start"(p: PhotonParams) for k in 0..count {
         alias: read [AliasEntry; p.element_count as usize],
         elements: read [Element; p.element_count as usize],
@@ -26,7 +26,7 @@ kernels! {
     }
 
     /// The next segment of every photon: where it lands, and the photon as it goes on:
-    /// [`segment::photon_hit`], [`segment::reflect`]. An element is a photon.
+    /// [`segment::photon_hit`], [`segment::reflect`]. One invocation per photon.
     FIRSTSHOT_SEGMENT = "firstshot_segment"(p: PhotonParams) for k in 0..count {
         geometry: GeometryTables,
         photons: update [Photon],

@@ -13,7 +13,7 @@ use crate::params::CountParams;
 
 kernels! {
     /// Column of what every hemisphere ray of a block of rows meets, rows one after the other:
-    /// [`hemisphere::hemisphere_ray`], [`hemisphere::classify_hit`]. An element is a ray:
+    /// [`hemisphere::hemisphere_ray`], [`hemisphere::classify_hit`]. One invocation per ray:
     /// `row_count · rays`.
     FORMFACTOR_HEMISPHERE_HITS = "formfactor_hemisphere_hits"(p: HemisphereParams)
     for k in 0..row_count * rays {
@@ -29,7 +29,7 @@ kernels! {
         hemisphere::classify_hit(p, grids, &geometry, direction, hit)
     }
 
-    /// First exitance of every patch, W/m²: [`product::assemble_source`]. An element is a patch.
+    /// First exitance of every patch, W/m²: [`product::assemble_source`]. One invocation per patch.
     FORMFACTOR_ASSEMBLE_SOURCE = "formfactor_assemble_source"(p: CountParams) for k in 0..count {
         offsets: read [u32; count + 1],
         points: read [SurfacePoint],
@@ -42,8 +42,8 @@ kernels! {
     }
 
     /// Dense product of a block of rows: a workgroup shares the columns of four rows
-    /// ([`product::gather_lane`]) and adds its lanes up in a tree. An element is a row. `exitance`
-    /// holds `4 · vectors` elements, finite beyond the columns.
+    /// ([`product::gather_lane`]) and adds its lanes up in a tree. The dispatch counts rows.
+    /// `exitance` holds `4 · vectors` elements, finite beyond the columns.
     FORMFACTOR_GATHER = "formfactor_gather"(p: GatherParams)
     for group of ROWS_TOGETHER in 0..rows, lane, shared: [Vec4; 256] {
         factors: read [Vec4],
@@ -77,7 +77,7 @@ kernels! {
         }
     } host crate::host::formfactor::gather_half;
 
-    /// Product with compressed sparse rows: [`product::gather_row_sparse`]. An element is a row.
+    /// Product with compressed sparse rows: [`product::gather_row_sparse`]. One invocation per row.
     FORMFACTOR_GATHER_CSR = "formfactor_gather_csr"(p: CountParams) for k in 0..count {
         row_start: read [u32],
         columns: read [u32],
@@ -88,8 +88,8 @@ kernels! {
         product::gather_row_sparse(k, row_start, columns, values, exitance)
     } host crate::host::formfactor::gather_csr;
 
-    /// Product with rows of counts of hits (`transport::HitCounts`): [`hits::gather_row_hits`]. An
-    /// element is a row.
+    /// Product with rows of counts of hits (`transport::HitCounts`): [`hits::gather_row_hits`]. One
+    /// invocation per row.
     FORMFACTOR_GATHER_HITS = "formfactor_gather_hits"(p: HitsParams) for k in 0..rows {
         row_start: read [u32],
         quads: read [UVec2],
@@ -101,7 +101,7 @@ kernels! {
         hits::gather_row_hits(k, p.first_quad, row_start, quads, counts, scales, exitance)
     } host crate::host::formfactor::gather_hits;
 
-    /// Exitance of every patch after a bounce, W/m²: [`product::bounce`]. An element is a patch.
+    /// Exitance of every patch after a bounce, W/m²: [`product::bounce`]. One invocation per patch.
     FORMFACTOR_BOUNCE = "formfactor_bounce"(p: CountParams) for k in 0..count {
         source: read [Rgb; count],
         albedo: read [Rgb; count],
@@ -112,8 +112,8 @@ kernels! {
         product::bounce(source[i], albedo[i], irradiance[i])
     }
 
-    /// Irradiance of the receivers at every pixel, W/m²: [`product::interpolate_pixel`]. An element
-    /// is a pixel.
+    /// Irradiance of the receivers at every pixel, W/m²: [`product::interpolate_pixel`]. One
+    /// invocation per pixel.
     FORMFACTOR_INTERPOLATE = "formfactor_interpolate"(p: CountParams) for k in 0..count {
         hits: read [Hit; count],
         points: read [SurfacePoint; count],

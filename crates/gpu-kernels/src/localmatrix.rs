@@ -10,7 +10,7 @@ use glam::{UVec2, Vec4};
 use crate::params::CountParams;
 
 kernels! {
-    /// Mean exitance of the leaves of each slot, W/m²: [`kernel::mean`]. An element is a slot.
+    /// Mean exitance of the leaves of each slot, W/m²: [`kernel::mean`]. One invocation per slot.
     LOCALMATRIX_MEAN = "localmatrix_mean"(p: CountParams) for slot in 0..count {
         runs: read [UVec2; count],
         area: read [f32; crate::host::localmatrix::end_of_runs(&runs[..count])],
@@ -21,7 +21,7 @@ kernels! {
         kernel::mean(run.x, run.y, area, exitance)
     }
 
-    /// Slots of each block of 64 whose light is not 0: [`kernel::count`]. An element is a block.
+    /// Slots of each block of 64 whose light is not 0: [`kernel::count`]. One invocation per block.
     LOCALMATRIX_COUNT = "localmatrix_count"(p: SlotParams) for block in 0..count {
         values: read [Rgb; p.slots as usize],
         counts: write [u32],
@@ -29,8 +29,8 @@ kernels! {
         kernel::count(block, p.slots, values)
     }
 
-    /// Where each block begins in the list; at the end its length: [`kernel::start`]. An element is
-    /// a block, or the end.
+    /// Where each block begins in the list; at the end its length: [`kernel::start`]. One
+    /// invocation per block, and one for the end.
     LOCALMATRIX_START = "localmatrix_start"(p: CountParams) for block in 0..count {
         counts: read [u32; count.saturating_sub(1)],
         starts: write [u32],
@@ -38,8 +38,8 @@ kernels! {
         kernel::start(block, counts)
     }
 
-    /// Slots whose light is not 0, then the others: [`kernel::compact`]. An element is a place of
-    /// the list.
+    /// Slots whose light is not 0, then the others: [`kernel::compact`]. One invocation per place
+    /// of the list.
     LOCALMATRIX_COMPACT = "localmatrix_compact"(p: CountParams) for place in 0..count {
         starts: read [u32],
         values: read [Rgb],
@@ -48,8 +48,8 @@ kernels! {
         kernel::compact(place, p.count, starts, values)
     } host crate::host::localmatrix::compact;
 
-    /// Irradiance of visible slots from lit ones, W/m²: [`kernel::gather`]. An element is a place
-    /// of the list of visible slots, whatever comes after them gets nothing.
+    /// Irradiance of visible slots from lit ones, W/m²: [`kernel::gather`]. One invocation per
+    /// place of the list of visible slots, whatever comes after them gets nothing.
     LOCALMATRIX_PRODUCT = "localmatrix_product"(p: SlotParams) for k in 0..count {
         lit_starts: read [u32],
         lit: read [u32],
@@ -58,7 +58,7 @@ kernels! {
         red: read [f32],
         green: read [f32],
         blue: read [f32],
-        root: read [f32],
+        sqrt_area: read [f32],
         light: read [Rgb],
         irradiance: write [Rgb],
     } invocation {
@@ -67,11 +67,11 @@ kernels! {
         // Invocations beyond the visible slots have nothing to sum; each slot is named once.
         let lit_count = if k < visible_starts[end] { lit_starts[end] } else { 0 };
         irradiance[slot as usize] =
-            kernel::gather(slot, p.slots, lit_count, lit, red, green, blue, root, light);
+            kernel::gather(slot, p.slots, lit_count, lit, red, green, blue, sqrt_area, light);
     } host crate::host::localmatrix::product;
 
-    /// Irradiance of each leaf from that of the slots, W/m²: [`kernel::spread`]. An element is a
-    /// leaf.
+    /// Irradiance of each leaf from that of the slots, W/m²: [`kernel::spread`]. One invocation
+    /// per leaf.
     LOCALMATRIX_SPREAD = "localmatrix_spread"(p: CountParams) for leaf in 0..count {
         slot_of: read [u32; count],
         irradiance: read [Rgb; crate::host::localmatrix::slots_named(&slot_of[..count]).max(1)],
@@ -80,8 +80,8 @@ kernels! {
         kernel::spread(slot_of[leaf as usize], irradiance)
     }
 
-    /// What is left of the jumps of each leaf's light, W/m²: [`kernel::fade`]. An element is a
-    /// leaf.
+    /// What is left of the jumps of each leaf's light, W/m²: [`kernel::fade`]. One invocation
+    /// per leaf.
     LOCALMATRIX_FADE = "localmatrix_fade"(p: FadeParams) for k in 0..count {
         before: read [Rgb; count],
         now: read [Rgb; count],
@@ -92,7 +92,7 @@ kernels! {
     }
 
     /// Irradiance of each patch from that of its leaf and what is left of jumps, W/m²:
-    /// [`kernel::show`]. An element is a patch.
+    /// [`kernel::show`]. One invocation per patch.
     LOCALMATRIX_SHOW = "localmatrix_show"(p: CountParams) for k in 0..count {
         leaf_of: read [u32; count],
         now: read [Rgb; crate::host::named(&leaf_of[..count])],
@@ -102,17 +102,17 @@ kernels! {
         kernel::show(leaf_of[k as usize], now, offset)
     }
 
-    /// A plane of the matrix after patches came or went: [`kernel::update`]. An element is four
-    /// columns of a row.
+    /// A plane of the matrix after patches came or went: [`kernel::update`]. One invocation per
+    /// four columns of a row.
     LOCALMATRIX_UPDATE = "localmatrix_update"(p: UpdateParams) for k in 0..count {
         vectors: read [f32],
         columns: read [f32],
-        place: read [u32],
+        new_column: read [u32],
         plane: update [f32],
     } invocation {
         let at = 4 * k as usize;
         let old = Vec4::new(plane[at], plane[at + 1], plane[at + 2], plane[at + 3]);
-        let new = kernel::update(k, p, vectors, columns, place, old);
+        let new = kernel::update(k, p, vectors, columns, new_column, old);
         plane[at] = new.x;
         plane[at + 1] = new.y;
         plane[at + 2] = new.z;

@@ -12,8 +12,9 @@ use crate::params::CountParams;
 
 kernels! {
     /// Product with a matrix in blocks of BC1 (`multibounce::BlockMatrix`), decoded in the kernel:
-    /// [`blocks::decode_gather_row`]. An element is a row of blocks; `exitance` and `irradiance`
-    /// are in the order of the blocks, `exitance` holds 4 elements for each column of blocks.
+    /// [`blocks::decode_gather_row`]. A workgroup takes a row of blocks; `exitance` and
+    /// `irradiance` are in the order of the blocks, `exitance` holds 4 elements for each column of
+    /// blocks.
     MULTIBOUNCE_BLOCKS_GATHER_BC1 = "multibounce_blocks_gather_bc1"(p: BlockParams)
     for group of 1 in 0..block_rows, lane, shared: [Vec4; 256] {
         blocks: read [UVec2],
@@ -126,8 +127,8 @@ kernels! {
         }
     } host crate::host::multibounce::blocks_gather_image;
 
-    /// A vector in another order, each element scaled: [`blocks::reorder`]. An element is one of
-    /// the result.
+    /// A vector in another order, each element scaled: [`blocks::reorder`]. An invocation makes one
+    /// of the result.
     MULTIBOUNCE_REORDER = "multibounce_reorder"(p: CountParams) for k in 0..count {
         order: read [u32; count],
         scale: read [Vec4; count],
@@ -138,7 +139,7 @@ kernels! {
     }
 
     /// A bounce that begins with the light of the frame before: the change of exitance and the
-    /// exitance, W/m²: [`feedback::change`]. An element is a patch.
+    /// exitance, W/m²: [`feedback::change`]. An invocation takes a patch.
     MULTIBOUNCE_FEEDBACK = "multibounce_feedback"(p: FeedbackParams) for k in 0..count {
         source: read [Rgb; count],
         albedo: read [Rgb; count],
@@ -154,9 +155,10 @@ kernels! {
     }
 
     /// A step of Horner's rule, `F + F diag(ρ) T`: some rows of it, with some rows of T:
-    /// [`product::multiply`]. An element is a tile of `multibounce::kernel::multiply::TILE_ROWS`
-    /// rows and `TILE_VECTORS` vectors of four columns. `factors` and `next` hold the same rows;
-    /// with another than the first rows of T, sums go on from what `next` has.
+    /// [`product::multiply`]. A workgroup takes a tile of
+    /// `multibounce::kernel::multiply::TILE_ROWS` rows and `TILE_VECTORS` vectors of four columns.
+    /// `factors` and `next` hold the same rows; with another than the first rows of T, sums go on
+    /// from what `next` has.
     MULTIBOUNCE_MULTIPLY = "multibounce_multiply"(p: MultiplyParams)
     for group of 1 in 0..tiles, lane {
         factors: read [Vec4],

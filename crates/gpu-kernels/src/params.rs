@@ -13,29 +13,29 @@ pub struct CountParams {
 }
 const _: () = assert!(size_of::<CountParams>() == 4);
 
-/// Exitance in the order of tiles.
+/// Exitance brought into the order of tiles.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct EnterParams {
-    /// Number of places, whole blocks.
+pub struct PermuteInParams {
+    /// Number of permuted indices, whole blocks.
     pub count: u32,
     /// Number of patches.
     pub patches: u32,
 }
-const _: () = assert!(size_of::<EnterParams>() == 8);
+const _: () = assert!(size_of::<PermuteInParams>() == 8);
 
-/// Sums of the vectors of tiles.
+/// Product with Vᵀ: sums of the vectors of tiles.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct ProjectParams {
-    /// Red and blue of both axes of the differences.
-    pub axes: Vec4,
-    /// Number of parts of runs.
+pub struct MultiplyVtParams {
+    /// Red and blue of both chroma axes.
+    pub chroma_axes: Vec4,
+    /// Number of invocations: those of all runs.
     pub count: u32,
     /// Keeps the size a multiple of 16.
     pub reserved: [u32; 3],
 }
-const _: () = assert!(size_of::<ProjectParams>() == 32);
+const _: () = assert!(size_of::<MultiplyVtParams>() == 32);
 
 /// Primary rays and shading of one sub-frame.
 #[repr(C)]

@@ -5,8 +5,8 @@ use ::patches::{LookupParams, LookupPatch, VolumeParams};
 use ::scene::{Rgb, SurfacePoint};
 
 kernels! {
-    /// Value of the patches round every point, W/m² for irradiance: [`lookup::lookup`]. An element
-    /// is a point.
+    /// Value of the patches round every point, W/m² for irradiance: [`lookup::lookup`]. One
+    /// invocation per point.
     PATCHES_LOOKUP = "patches_lookup"(p: LookupParams) for k in 0..count {
         cells: read [u32; crate::host::patches::voxels(&p.shape)?],
         offsets: read [u32; crate::host::patches::cells_named(cells) + 1],
@@ -19,8 +19,8 @@ kernels! {
         lookup::lookup(p, cells, offsets, entries, values, point.position, point.normal)
     }
 
-    /// Irradiance of the ambient cubes round every point, W/m²: [`volume::volume_lookup`]. An
-    /// element is a point.
+    /// Irradiance of the ambient cubes round every point, W/m²: [`volume::volume_lookup`]. One
+    /// invocation per point.
     PATCHES_VOLUME_LOOKUP = "patches_volume_lookup"(p: VolumeParams) for k in 0..count {
         probes: read [u32; crate::host::patches::voxels(&p.shape)?],
         planes: read [f32; crate::host::patches::of_probes(probes, volume::PLANE_WORDS)],

@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::params::{CountParams, PixelParams, ToneMapParams};
 
 kernels! {
-    /// Nearest hit of every ray: [`bvh::closest_hit`]. An element is a ray.
+    /// Nearest hit of every ray: [`bvh::closest_hit`]. One invocation per ray.
     SCENE_CLOSEST_HIT = "scene_closest_hit"(p: CountParams) for k in 0..count {
         rays: read [Ray; count],
         geometry: GeometryTables,
@@ -17,7 +17,7 @@ kernels! {
         bvh::closest_hit(&geometry, ray.origin, ray.direction, ray.t_max)
     }
 
-    /// 1 for every ray that is stopped, else 0: [`bvh::any_hit`]. An element is a ray.
+    /// 1 for every ray that is stopped, else 0: [`bvh::any_hit`]. One invocation per ray.
     SCENE_ANY_HIT = "scene_any_hit"(p: CountParams) for k in 0..count {
         rays: read [Ray; count],
         geometry: GeometryTables,
@@ -28,7 +28,7 @@ kernels! {
     }
 
     /// Direct irradiance at every point, W/m²: [`light::direct_irradiance`] with shadow rays by
-    /// [`bvh::any_hit`]. An element is a point.
+    /// [`bvh::any_hit`]. One invocation per point.
     SCENE_DIRECT_LIGHT = "scene_direct_light"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
@@ -43,7 +43,7 @@ kernels! {
     }
 
     /// What every pixel's primary ray meets, as a hit and as a point to be lit:
-    /// [`camera::primary_hit`], [`camera::surface_point`]. An element is a pixel.
+    /// [`camera::primary_hit`], [`camera::surface_point`]. One invocation per pixel.
     SCENE_PRIMARY = "scene_primary"(p: PixelParams) for k in 0..count {
         geometry: GeometryTables,
         hits: write [Hit],
@@ -55,7 +55,7 @@ kernels! {
     }
 
     /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr: [`shade::add_sub_frame`].
-    /// An element is a pixel.
+    /// One invocation per pixel.
     SCENE_SHADE = "scene_shade"(p: PixelParams) for k in 0..count {
         hits: read [Hit; count],
         direct: read [Rgb; count],
@@ -79,8 +79,8 @@ kernels! {
         )
     }
 
-    /// Displayed colour of every pixel, bytes r, g, b, 255: [`shade::tone_map`]. An element is a
-    /// pixel.
+    /// Displayed colour of every pixel, bytes r, g, b, 255: [`shade::tone_map`]. One invocation
+    /// per pixel.
     SCENE_TONE_MAP = "scene_tone_map"(p: ToneMapParams) for k in 0..count {
         sum: read [Rgb; count],
         pixels: write [u32],

@@ -7,8 +7,8 @@ use ::temporal::{SampleParams, SumParams};
 use crate::params::CountParams;
 
 kernels! {
-    /// Change of the exitance since the irradiance was sampled, W/m²: [`sample::change`]. An
-    /// element is a patch.
+    /// Change of the exitance since the irradiance was sampled, W/m²: [`sample::change`]. One
+    /// invocation per patch.
     TEMPORAL_CHANGE = "temporal_change"(p: CountParams) for k in 0..count {
         source: read [Rgb],
         albedo: read [Rgb],
@@ -21,7 +21,7 @@ kernels! {
     } host crate::host::temporal::change;
 
     /// Irradiance one frame on, W/m², by samples of lists of hits (`temporal::RayLists`):
-    /// [`sample::sample_list`]. An element is a row.
+    /// [`sample::sample_list`]. One invocation per row.
     TEMPORAL_SAMPLE_LISTS = "temporal_sample_lists"(p: SampleParams) for k in 0..rows {
         row_start: read [u32],
         columns: read [u32],
@@ -49,8 +49,8 @@ kernels! {
         )
     } host crate::host::temporal::sample_tables;
 
-    /// Exact irradiance of some rows of lists of hits, W/m²: [`sample::sum_list`]. An element is
-    /// one of these rows.
+    /// Exact irradiance of some rows of lists of hits, W/m²: [`sample::sum_list`]. One invocation
+    /// per such row.
     TEMPORAL_SUM_LISTS = "temporal_sum_lists"(p: SumParams) for k in 0..count {
         row_start: read [u32],
         columns: read [u32],

@@ -1,48 +1,51 @@
-//! Kernels of the product with tiles: the exitance in their order and in whole numbers, the sums of
-//! their vectors, those in whole numbers, the rows, those of squares and single entries.
+//! Kernels of the product with a low-rank operator: the exitance permuted and quantised, its
+//! product with Vᵀ, that requantised, its product with U, and the dense and sparse parts.
 
 use ::multibounce::kernel::tiles;
-use ::multibounce::{TileQuad, TileSquare};
+use ::multibounce::{PackedGroup, SubBlock};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 
-use crate::params::{CountParams, EnterParams, ProjectParams};
+use crate::params::{CountParams, MultiplyVtParams, PermuteInParams};
 
 kernels! {
-    /// Exitance in the order of tiles, times √a: [`tiles::enter`]. An element is a place, of whole
-    /// blocks.
-    MULTIBOUNCE_TILES_ENTER = "multibounce_tiles_enter"(p: EnterParams) for k in 0..count {
+    /// Exitance in the order of tiles, times √a: [`tiles::permute_in`]. An invocation takes a
+    /// permuted index, of whole blocks.
+    MULTIBOUNCE_TILES_PERMUTE_IN = "multibounce_tiles_permute_in"(p: PermuteInParams)
+    for k in 0..count {
         order: read [u32],
-        root: read [f32],
+        sqrt_area: read [f32],
         exitance: read [Rgb],
         ordered: write [Rgb],
     } each {
-        tiles::enter(k, p.patches, order, root, exitance)
-    } host crate::host::tiles::enter;
+        tiles::permute_in(k, p.patches, order, sqrt_area, exitance)
+    } host crate::host::tiles::permute_in;
 
-    /// Exitance of the blocks of tiles in whole numbers: [`tiles::round`]. An element is four lanes
-    /// of a block.
-    MULTIBOUNCE_TILES_ROUND = "multibounce_tiles_round"(p: CountParams) for k in 0..count {
+    /// Quantised exitance of the blocks of tiles: [`tiles::quantise`]. An invocation takes four
+    /// lanes of a block.
+    MULTIBOUNCE_TILES_QUANTISE = "multibounce_tiles_quantise"(p: CountParams) for k in 0..count {
         ordered: read [Rgb],
         light: write [u32],
     } invocation {
-        tiles::round(k, ordered, light);
-    } host crate::host::tiles::round;
+        tiles::quantise(k, ordered, light);
+    } host crate::host::tiles::quantise;
 
-    /// Sums of the vectors of tiles (`multibounce::Tiles`): [`tiles::project`]. An element is a
-    /// part of a run, four quads of slots at most.
-    MULTIBOUNCE_TILES_PROJECT = "multibounce_tiles_project"(p: ProjectParams) for k in 0..count {
+    /// Sums of the vectors of tiles (`multibounce::LowRank`): [`tiles::multiply_vt`]. An invocation
+    /// takes a part of a run, four packed groups at most.
+    MULTIBOUNCE_TILES_MULTIPLY_VT = "multibounce_tiles_multiply_vt"(p: MultiplyVtParams)
+    for k in 0..count {
         runs: read [u32],
-        quads: read [TileQuad],
+        groups: read [PackedGroup],
         words: read [UVec4],
         scales: read [Vec4],
         light: read [UVec4],
         sums: write [Rgb],
     } invocation {
-        let (quad, count) = tiles::quads_of(k, runs);
+        let (group, count) = tiles::groups_of(k, runs);
         if count > 0 {
-            let sixteen = tiles::project(quad, count, p.axes, quads, words, scales, light);
-            let first = (tiles::QUAD * quad) as usize;
+            let axes = p.chroma_axes;
+            let sixteen = tiles::multiply_vt(group, count, axes, groups, words, scales, light);
+            let first = (tiles::GROUP_VECTORS * group) as usize;
             sums[first] = sixteen[0];
             sums[first + 1] = sixteen[1];
             sums[first + 2] = sixteen[2];
@@ -66,30 +69,32 @@ kernels! {
                 sums[first + 15] = sixteen[15];
             }
         }
-    } host crate::host::tiles::project;
+    } host crate::host::tiles::multiply_vt;
 
-    /// What the vectors of tiles are multiplied by, in whole numbers: [`tiles::weigh`]. An element
-    /// is a run of quads.
-    MULTIBOUNCE_TILES_WEIGH = "multibounce_tiles_weigh"(p: CountParams) for k in 0..count {
+    /// Quantised factors of the vectors of tiles: [`tiles::requantise`]. An invocation takes a run
+    /// of packed groups.
+    MULTIBOUNCE_TILES_REQUANTISE = "multibounce_tiles_requantise"(p: CountParams)
+    for k in 0..count {
         runs: read [u32],
-        partner: read [UVec4],
+        paired: read [UVec4],
         sums: read [Rgb],
         factors: write [UVec4],
     } invocation {
-        tiles::weigh(k, runs, partner, sums, factors);
-    } host crate::host::tiles::weigh;
+        tiles::requantise(k, runs, paired, sums, factors);
+    } host crate::host::tiles::requantise;
 
-    /// Rows of the tiles, those of a block's splits one after another: [`tiles::expand`]. An
-    /// element is two lanes of a split of a block: a row of each of their parts.
-    MULTIBOUNCE_TILES_EXPAND = "multibounce_tiles_expand"(p: CountParams) for k in 0..count {
+    /// Rows of the tiles, those of a block's splits one after another: [`tiles::multiply_u`]. An
+    /// invocation takes two lanes of a split of a block: a row of each of their parts.
+    MULTIBOUNCE_TILES_MULTIPLY_U = "multibounce_tiles_multiply_u"(p: CountParams)
+    for k in 0..count {
         run_start: read [u32],
         runs: read [u32],
-        quads: read [TileQuad],
+        groups: read [PackedGroup],
         words: read [UVec2],
         factors: read [UVec4],
         rows: write [Rgb],
     } invocation {
-        let rows_of = tiles::expand(k, run_start, runs, quads, words, factors);
+        let rows_of = tiles::multiply_u(k, run_start, runs, groups, words, factors);
         rows[tiles::row_at(k, 0) as usize] = rows_of[0];
         rows[tiles::row_at(k, 0) as usize + 1] = rows_of[8];
         rows[tiles::row_at(k, 1) as usize] = rows_of[1];
@@ -106,44 +111,48 @@ kernels! {
         rows[tiles::row_at(k, 6) as usize + 1] = rows_of[14];
         rows[tiles::row_at(k, 7) as usize] = rows_of[7];
         rows[tiles::row_at(k, 7) as usize + 1] = rows_of[15];
-    } host crate::host::tiles::expand;
+    } host crate::host::tiles::multiply_u;
 
-    /// Rows of the squares and of the single entries of tiles: [`tiles::near`]. An element is eight
-    /// places of the order. `ordered` has room for every place that entries can name.
-    MULTIBOUNCE_TILES_NEAR = "multibounce_tiles_near"(p: CountParams) for k in 0..count {
-        square_start: read [u32],
-        squares: read [TileSquare],
-        square_words: read [UVec4],
+    /// Rows of the dense sub-blocks and of the sparse residual of tiles: [`tiles::dense_sparse`].
+    /// An invocation takes eight permuted indices. `ordered` covers every index that entries can
+    /// name.
+    MULTIBOUNCE_TILES_DENSE_SPARSE = "multibounce_tiles_dense_sparse"(p: CountParams)
+    for k in 0..count {
+        sub_block_start: read [u32],
+        sub_blocks: read [SubBlock],
+        sub_block_words: read [UVec4],
         light: read [UVec4],
         row_start: read [u32],
         entries: read [u32],
         steps: read [f32],
         ordered: read [Rgb],
-        near: write [Rgb],
+        dense_sparse: write [Rgb],
     } invocation {
-        let eight = tiles::near(
-            k, square_start, squares, square_words, light, row_start, entries, steps, ordered,
+        let eight = tiles::dense_sparse(
+            k, sub_block_start, sub_blocks, sub_block_words, light, row_start, entries, steps,
+            ordered,
         );
         let first = 8 * k as usize;
-        near[first] = eight[0];
-        near[first + 1] = eight[1];
-        near[first + 2] = eight[2];
-        near[first + 3] = eight[3];
-        near[first + 4] = eight[4];
-        near[first + 5] = eight[5];
-        near[first + 6] = eight[6];
-        near[first + 7] = eight[7];
-    } host crate::host::tiles::near;
+        dense_sparse[first] = eight[0];
+        dense_sparse[first + 1] = eight[1];
+        dense_sparse[first + 2] = eight[2];
+        dense_sparse[first + 3] = eight[3];
+        dense_sparse[first + 4] = eight[4];
+        dense_sparse[first + 5] = eight[5];
+        dense_sparse[first + 6] = eight[6];
+        dense_sparse[first + 7] = eight[7];
+    } host crate::host::tiles::dense_sparse;
 
-    /// Irradiance of the patches from the rows of tiles, W/m²: [`tiles::leave`]. An element is a
-    /// patch.
-    MULTIBOUNCE_TILES_LEAVE = "multibounce_tiles_leave"(p: CountParams) for k in 0..count {
-        place: read [u32],
-        root: read [f32],
+    /// Irradiance of the patches from the rows of tiles, W/m²: [`tiles::permute_out`]. An
+    /// invocation takes a patch.
+    MULTIBOUNCE_TILES_PERMUTE_OUT = "multibounce_tiles_permute_out"(p: CountParams)
+    for k in 0..count {
+        permuted_index: read [u32],
+        sqrt_area: read [f32],
         rows: read [Rgb],
-        near: read [Rgb],
+        dense_sparse: read [Rgb],
         irradiance: write [Rgb],
     } each {
-        tiles::leave(k, place, root, rows, near)
-    } host crate::host::tiles::leave;
+        tiles::permute_out(k, permuted_index, sqrt_area, rows, dense_sparse)
+    } host crate::host::tiles::permute_out;
 }

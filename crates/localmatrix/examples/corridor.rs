@@ -8,7 +8,7 @@ const PATCHES: u32 = 400;
 const SLOTS: usize = 96;
 
 fn main() -> Result<(), localmatrix::Error> {
-    // Each patch exchanges light with those up to ten on; no row exceeds 1.
+    // Each patch has form factors to those up to ten on; no row exceeds 1.
     let row = |i: u32| -> Vec<(u32, f32)> {
         let near = i.saturating_sub(10)..(i + 11).min(PATCHES);
         near.filter(|&j| j != i).map(|j| (j, 0.3 / (1.0 + i.abs_diff(j) as f32).powi(2))).collect()
@@ -19,11 +19,11 @@ fn main() -> Result<(), localmatrix::Error> {
         Entering { patch, area: 1.0, albedo: Vec3::splat(0.7), factors }
     };
     let mut matrix = LocalMatrix::new(SLOTS, Form::Exact)?;
-    let way = (0..200).chain((0..200).rev()).map(|step| step as f32 * 2.0);
+    let path = (0..200).chain((0..200).rev()).map(|step| step as f32 * 2.0);
     let (mut steps, mut moved) = (0u64, 0);
-    for x in way {
-        let (eye, ahead) = (Vec3::X * x, Vec3::X * (x + 5.0));
-        let far = |i: u32| distance_to_path(Vec3::X * i as f32, eye, ahead);
+    for x in path {
+        let (eye, predicted) = (Vec3::X * x, Vec3::X * (x + 5.0));
+        let far = |i: u32| distance_to_path(Vec3::X * i as f32, eye, predicted);
         let distance: Vec<f32> = (0..PATCHES).map(far).collect();
         let choice = choose(&distance, |i| matrix.slot(i).is_some(), SLOTS - 16, 0.1, 16);
         matrix.leave(&choice.leave)?;

@@ -1,6 +1,6 @@
 //! What can be wrong with patches and their matrix.
 
-/// Why a change was refused. The patches that are there stay as they were; ghosts may have made room.
+/// Why a change was refused. The patches that are there stay as they were; ghosts may have given up their slots.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A table or a setting that cannot be.

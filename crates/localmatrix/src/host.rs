@@ -1,4 +1,4 @@
-//! The host side: slots, borders, the choice of patches, and the camera's way through a world.
+//! The host side: slots, borders, the choice of patches, and the camera's path through a world.
 
 mod assembly;
 mod camera;

@@ -12,8 +12,8 @@ pub const KEPT: u32 = u32::MAX;
 
 /// Irradiance at a slot from some lit slots, `H_i = Σ_j T̂_ij √a_j E_j / √a_i`, W/m²; the fourth component is 0.
 ///
-/// Shapes: `lit[lit_count]` names slots; `red`, `green` and `blue` hold the planes of T̂, `[slots · slots]`; `root[slots]` holds √a, m;
-/// `exitance[slots]`, W/m². Needs `slot < slots`.
+/// Shapes: `lit[lit_count]` names slots; `red`, `green` and `blue` hold the planes of T̂, `[slots · slots]`;
+/// `sqrt_area[slots]` holds √a, m; `exitance[slots]`, W/m². Needs `slot < slots`.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn gather(
@@ -24,7 +24,7 @@ pub fn gather(
     red: &[f32],
     green: &[f32],
     blue: &[f32],
-    root: &[f32],
+    sqrt_area: &[f32],
     exitance: &[Vec4],
 ) -> Vec4 {
     let row = slot * slots;
@@ -32,9 +32,9 @@ pub fn gather(
     for k in 0..lit_count {
         let j = lit[k as usize];
         let at = (row + j) as usize;
-        sum += Vec3::new(red[at], green[at], blue[at]) * (exitance[j as usize].truncate() * root[j as usize]);
+        sum += Vec3::new(red[at], green[at], blue[at]) * (exitance[j as usize].truncate() * sqrt_area[j as usize]);
     }
-    (sum / root[slot as usize]).extend(0.0)
+    (sum / sqrt_area[slot as usize]).extend(0.0)
 }
 
 /// Whether a slot goes into the list: its light is not 0.
@@ -76,7 +76,7 @@ pub fn compact(place: u32, slots: u32, starts: &[u32], values: &[Vec4]) -> u32 {
     let length = starts[blocks as usize];
     let is_in = place < length;
     let rank = if is_in { place } else { place - length };
-    // The last block that begins at this rank or before; slots that are left out begin where the others leave room.
+    // The last block that begins at this rank or before; slots that are left out follow those that are in.
     let (mut low, mut high) = (0, blocks);
     while high - low > 1 {
         let middle = low + (high - low) / 2;
@@ -104,12 +104,20 @@ pub fn compact(place: u32, slots: u32, starts: &[u32], values: &[Vec4]) -> u32 {
 
 /// Four entries of a plane of T̂ after an update: `T̂_ij + sign · Σ_k r_ki r_kj`, or what a slot whose column is new has there.
 ///
-/// Shapes: an element is four columns of a row, `[slots · slots / 4]`; `vectors[rank · slots]` and `columns[new · slots]` from where the
-/// parameters say; `place[slots]` names the column of each slot that is new, or [`KEPT`]; `old` are the entries so far. Needs whole fours.
+/// Shapes: one invocation for four columns of a row, `[slots · slots / 4]`; `vectors[rank · slots]` and
+/// `columns[new · slots]` from where the parameters say; `new_column[slots]` names the column of each slot that is new,
+/// or [`KEPT`]; `old` are the entries so far. Needs a multiple of 4 slots.
 #[inline]
-pub fn update(element: u32, p: &UpdateParams, vectors: &[f32], columns: &[f32], place: &[u32], old: Vec4) -> Vec4 {
-    let (row, column) = (element / (p.slots / 4), 4 * (element % (p.slots / 4)));
-    let own = place[row as usize];
+pub fn update(
+    invocation: u32,
+    p: &UpdateParams,
+    vectors: &[f32],
+    columns: &[f32],
+    new_column: &[u32],
+    old: Vec4,
+) -> Vec4 {
+    let (row, column) = (invocation / (p.slots / 4), 4 * (invocation % (p.slots / 4)));
+    let own = new_column[row as usize];
     if own != KEPT {
         let at = (p.first_column + own * p.slots + column) as usize;
         return Vec4::new(columns[at], columns[at + 1], columns[at + 2], columns[at + 3]);
@@ -124,17 +132,17 @@ pub fn update(element: u32, p: &UpdateParams, vectors: &[f32], columns: &[f32], 
     let across = p.first_column + row;
     let c = column as usize;
     Vec4::new(
-        replaced(place[c], new.x, across, p.slots, columns),
-        replaced(place[c + 1], new.y, across, p.slots, columns),
-        replaced(place[c + 2], new.z, across, p.slots, columns),
-        replaced(place[c + 3], new.w, across, p.slots, columns),
+        replaced(new_column[c], new.x, across, p.slots, columns),
+        replaced(new_column[c + 1], new.y, across, p.slots, columns),
+        replaced(new_column[c + 2], new.z, across, p.slots, columns),
+        replaced(new_column[c + 3], new.w, across, p.slots, columns),
     )
 }
 
 /// An entry, or that of a column that is new.
 #[inline]
-fn replaced(place: u32, entry: f32, across: u32, slots: u32, columns: &[f32]) -> f32 {
-    if place == KEPT { entry } else { columns[(across + place * slots) as usize] }
+fn replaced(new_column: u32, entry: f32, across: u32, slots: u32, columns: &[f32]) -> f32 {
+    if new_column == KEPT { entry } else { columns[(across + new_column * slots) as usize] }
 }
 
 /// Irradiance of a leaf, W/m²: that of the slot that stands for it, or 0. Shapes: `irradiance[slots]`.
@@ -171,20 +179,20 @@ pub fn fade(offset: Vec4, before: Vec4, now: Vec4, p: &FadeParams) -> Vec4 {
     left * if most > blue { most } else { blue }
 }
 
-/// Step of the root of a displayed value, as a share of white, with which the value itself changes by no more than two 255ths: the curve
-/// of sRGB is nowhere more than 1.44 times as steep as the root.
+/// Step of the square root of a displayed value, as a share of display white, with which the value itself changes by no more than two
+/// 255ths: the curve of sRGB is nowhere more than 1.44 times as steep as the square root.
 pub const PACE: f32 = 2.0 / 255.0 / 1.44;
-/// What is this near to white is white.
-const ALL_BUT_WHITE: f32 = 0.998;
+/// Square root of the share of display white from which a value is displayed as white.
+const NEARLY_DISPLAY_WHITE: f32 = 0.998;
 
-/// Share of `shown − now` that is left after a frame, for one channel, W/m²: `keep`, or as much as the light is still off when its root,
-/// white being 1, has come nearer by [`PACE`]. Above white nothing can be seen to change.
+/// Share of `shown − now` that is left after a frame, for one channel, W/m²: `keep`, or as much as the light is still off when its square
+/// root, display white being 1, has come nearer by [`PACE`]. Above display white nothing can be seen to change.
 #[inline]
 pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
-    let (from, to) = (shown / p.white, now / p.white);
-    let (a, b) = (root_to_white(from), root_to_white(to));
-    let apart = if a > b { a - b } else { b - a };
-    if apart <= PACE || (a > ALL_BUT_WHITE && b > ALL_BUT_WHITE) {
+    let (from, to) = (shown / p.display_white, now / p.display_white);
+    let (a, b) = (sqrt_to_display_white(from), sqrt_to_display_white(to));
+    let difference = if a > b { a - b } else { b - a };
+    if difference <= PACE || (a > NEARLY_DISPLAY_WHITE && b > NEARLY_DISPLAY_WHITE) {
         return p.keep;
     }
     let next = if a > b { a - PACE } else { a + PACE };
@@ -192,9 +200,9 @@ pub fn share_left(shown: f32, now: f32, p: &FadeParams) -> f32 {
     if share > p.keep { share } else { p.keep }
 }
 
-/// The root of a share of white, within 0 and 1.
+/// The square root of a share of display white, within 0 and 1.
 #[inline]
-fn root_to_white(share: f32) -> f32 {
+fn sqrt_to_display_white(share: f32) -> f32 {
     let low = if share > 0.0 { share } else { 0.0 };
     sqrt(if low < 1.0 { low } else { 1.0 })
 }

@@ -1,9 +1,9 @@
 #![no_std]
 //! All bounces of light between the patches round a camera, kept exact while patches come and go.
 //!
-//! A world may have more patches than their matrix has room for. [`LocalMatrix`] holds M slots, and for each colour channel the
+//! A world may have more patches than their matrix can hold. [`LocalMatrix`] holds M slots, and for each colour channel the
 //! operator of all bounces `T = F (I − diag(ρ) F)⁻¹` of the patches in them: irradiance `H = T E` in W/m², for a first
-//! exitance E. A patch that enters is a border of the matrix, with `f̂` its exchange with the others and ρ its reflectance:
+//! exitance E. A patch that enters is a border of the matrix, with `f̂` its form factors to the others and ρ its reflectance:
 //!
 //! ```text
 //! w = f̂ + T̂ (ρ∘f̂)     σ = F_nn + f̂·(ρ∘w)     s = 1 − ρ_n σ
@@ -16,13 +16,15 @@
 //! taken away, `T̂ ← T̂ − ρ_n T̂_n T̂_nᵀ / (1 + ρ_n T̂_nn)`, which is exact as well: no light is counted twice. What rounding
 //! leaves is taken out column by column ([`LocalMatrix::refresh`]).
 //!
-//! [`Local`] goes with a camera through a [`World`] of any size: its nodes are patches, and patches merged to trees. In the matrix is a cut
-//! through them, fine where it looks large from the camera's way and coarse far off, so that no light is lost; within a budget of changes a
-//! step, one node gives way to its descendants or they to it. Rows that are not in memory yet are asked for ahead, and until
-//! they come the coarser node stays. F between nodes of any level is that of both rows ([`World`]), and what the light would jump by
-//! when the nodes change comes over some frames. [`Table`] is a world in memory; [`Store`] one in a file, whose blocks a thread reads
-//! ahead into a bounded cache, and which goes on without what is broken. [`BakeWriter`] writes such a file block by block, in parts if
-//! need be. [`choose`] alone says which patches of a flat world are to enter and to leave, from how far they are off.
+//! [`Local`] goes with a camera through a [`World`] of any size: its nodes are patches, and patches merged to trees. In
+//! the matrix is a cut through them, fine where its apparent size from the predicted camera path is large and coarse
+//! far off, so that no light is lost; within a budget of changes a step, one node gives way to its descendants or they
+//! to it. Rows that are not in memory yet are asked for ahead, and until they come the coarser node stays. F between
+//! nodes of any level is that of both rows ([`World`]), and what the light would jump by when the nodes change comes
+//! over some frames. [`Table`] is a world in memory; [`Store`] one in a file, whose blocks a thread reads ahead into a
+//! bounded cache, and which goes on without what is broken. [`BakeWriter`] writes such a file block by block, in parts
+//! if need be. [`choose`] alone says which patches of a flat world are to enter and to leave, from how far they are
+//! off.
 //!
 //! ```
 //! use glam::{Vec3, Vec4};

@@ -12,8 +12,8 @@ pub struct FadeParams {
     pub keep: f32,
     /// Whether the matrix has changed in this frame.
     pub has_jump: u32,
-    /// Irradiance that is displayed as white, W/m²; infinite where displayed values do not matter.
-    pub white: f32,
+    /// Display white: irradiance that is displayed as white, W/m²; infinite where displayed values do not matter.
+    pub display_white: f32,
 }
 
 const _: () = assert!(size_of::<FadeParams>() == 16);
@@ -22,9 +22,9 @@ const _: () = assert!(size_of::<FadeParams>() == 16);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct UpdateParams {
-    /// Elements: four columns of a row each.
+    /// Invocations: four columns of a row each.
     pub count: u32,
-    /// Slots, whole fours.
+    /// Slots, a multiple of 4.
     pub slots: u32,
     /// Number of vectors.
     pub rank: u32,
@@ -44,7 +44,7 @@ const _: () = assert!(size_of::<UpdateParams>() == 32);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct SlotParams {
-    /// Elements.
+    /// Invocations.
     pub count: u32,
     /// Slots.
     pub slots: u32,

@@ -17,7 +17,8 @@ fn random(a: usize, b: usize, c: u32) -> f32 {
     unit(hash3(a as u32, b as u32, c))
 }
 
-/// Patches along a line of 100 m; near ones exchange more. Each sees itself where the others leave a part of its sight.
+/// Patches along a line of 100 m; the nearer, the greater their form factors. Each sees itself where the others cover only a part
+/// of its hemisphere.
 struct Line {
     surfaces: Vec<Surface>,
     /// Row-major F, reciprocal by the areas.
@@ -67,14 +68,14 @@ impl Line {
             })
             .collect();
         let area = |a: usize| -> f64 { members[a].iter().map(|&i| f64::from(self.surfaces[i].area)).sum() };
-        let exchange = |a: usize, b: usize| -> f64 {
+        let area_factor = |a: usize, b: usize| -> f64 {
             let from = |&i: &usize| -> f64 {
                 let to: f64 = members[b].iter().map(|&j| f64::from(self.factors[i][j])).sum();
                 f64::from(self.surfaces[i].area) * to
             };
             members[a].iter().map(from).sum()
         };
-        let f: Vec<Vec<f64>> = (0..n).map(|a| (0..n).map(|b| exchange(a, b) / area(a)).collect()).collect();
+        let f: Vec<Vec<f64>> = (0..n).map(|a| (0..n).map(|b| area_factor(a, b) / area(a)).collect()).collect();
         let m = local.matrix().slots();
         let mut worst = 0.0f64;
         for c in 0..3 {
@@ -88,8 +89,8 @@ impl Line {
                     let slot = |k: usize| local.matrix().slot(cut[k]).map(|slot| slot as usize);
                     let found = match (slot(a), slot(b)) {
                         (Some(a), Some(b)) => {
-                            let root = local.matrix().root();
-                            f64::from(local.matrix().state()[c * m * m + a * m + b] * root[b] / root[a])
+                            let sqrt_area = local.matrix().sqrt_area();
+                            f64::from(local.matrix().state()[c * m * m + a * m + b] * sqrt_area[b] / sqrt_area[a])
                         }
                         _ => 0.0,
                     };
@@ -132,7 +133,7 @@ fn settings(slots: usize) -> LocalSettings {
 }
 
 fn view(x: f32) -> View {
-    View { eye: Vec3::X * x, ahead: Vec3::X * (x + 2.0) }
+    View { eye: Vec3::X * x, predicted: Vec3::X * (x + 2.0) }
 }
 
 fn settled(table: &mut Table, settings: LocalSettings, x: f32) -> Local {
@@ -211,10 +212,10 @@ fn to_and_fro_changes_no_energy() {
     }
     local.settle(&mut table, view(5.0), &|_| true).unwrap();
     let after = energy(&local);
-    println!("{changes} changes, {times} times: {before:.5} {after:.5}; on the way off by {differ:.2e}");
+    println!("{changes} changes, {times} times: {before:.5} {after:.5}; on the path off by {differ:.2e}");
     assert_eq!(local.cut(), cut);
     assert!((after / before - 1.0).abs() < 1e-3);
-    assert!(differ > 1e-5, "the cut did change the light on the way");
+    assert!(differ > 1e-5, "the cut did change the light on the path");
     // To the first order light that is never taken away is counted again and again.
     let thesis = LocalSettings { hysteresis: 0.0, form: Form::Thesis, ..settings(48) };
     let mut drifted = settled(&mut table, thesis, 5.0);
@@ -380,7 +381,7 @@ fn what_is_not_there_yet_stays_coarser_and_nothing_waits() {
         sizes.push(local.cut().len());
         assert!(local.cut().is_empty() || covered(&local), "{step}");
     }
-    println!("{waited} steps had nothing but rows under way; {:?}; {named:?}", &sizes[..20]);
+    println!("{waited} steps had nothing but rows to wait for; {:?}; {named:?}", &sizes[..20]);
     assert!(sizes[0] == 0 && waited > 5 && *sizes.last().unwrap() > 40);
     assert!(
         !named.is_empty() && named.iter().all(|error| matches!(error, Error::Node { node, .. } if lost.contains(node)))
@@ -419,11 +420,11 @@ fn jumps_of_the_light_fade_and_end_where_they_should() {
     assert!(smooth < 0.3 * abrupt, "{smooth} {abrupt}");
 }
 
-/// Greatest change of a displayed value, in 255ths, while light goes from one value to another one, shares of white; frames that
+/// Greatest change of a displayed value, in 255ths, while light goes from one value to another one, shares of display white; frames that
 /// it takes, and where it ends.
-fn fading(from: f32, to: f32, white: f32) -> (f32, usize, f32) {
+fn fading(from: f32, to: f32, display_white: f32) -> (f32, usize, f32) {
     let shown = |h: f32| 255.0 * encode_srgb(h.clamp(0.0, 1.0));
-    let jump = FadeParams { count: 1, keep: 1.0 - 1.0 / 16.0, has_jump: 1, white };
+    let jump = FadeParams { count: 1, keep: 1.0 - 1.0 / 16.0, has_jump: 1, display_white };
     let (mut offset, mut last, mut most) = (Vec4::ZERO, from, 0.0f32);
     for frame in 0..1000 {
         let p = FadeParams { has_jump: u32::from(frame == 0), ..jump };
@@ -451,7 +452,7 @@ fn no_displayed_value_changes_by_more_than_two_255ths_a_frame() {
             unlimited = unlimited.max(fading(from, to, f32::INFINITY).0);
         }
     }
-    println!("{worst} of 255 a frame at most, {slowest} frames; {unlimited} without a white");
+    println!("{worst} of 255 a frame at most, {slowest} frames; {unlimited} without a display white");
     assert!(worst <= 2.0 && worst > 1.0, "{worst}");
     assert!(unlimited > 20.0, "{unlimited}");
 }
@@ -487,10 +488,10 @@ fn unlike_pairs(factor: f32, others: f32) -> (usize, usize) {
 }
 
 #[test]
-fn what_sees_unlike_things_is_merged_apart() {
-    let ((apart, pairs), (mixed, _)) = (unlike_pairs(0.9, 0.1), unlike_pairs(0.5, 0.5));
-    println!("{apart} and {mixed} of {pairs} pairs are unlike");
-    assert!(pairs > 8 && apart == 0, "{apart} of {pairs}");
+fn what_sees_unlike_things_is_merged_separately() {
+    let ((unlike, pairs), (mixed, _)) = (unlike_pairs(0.9, 0.1), unlike_pairs(0.5, 0.5));
+    println!("{unlike} and {mixed} of {pairs} pairs are unlike");
+    assert!(pairs > 8 && unlike == 0, "{unlike} of {pairs}");
     assert!(mixed > 8, "{mixed}");
 }
 

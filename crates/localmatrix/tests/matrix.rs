@@ -10,7 +10,7 @@ fn random(a: usize, b: usize, c: u32) -> f32 {
     unit(hash3(a as u32, b as u32, c))
 }
 
-/// A world of patches along a line: near ones exchange more; no row of F exceeds 1.
+/// A world of patches along a line: the nearer, the greater their form factors; no row of F exceeds 1.
 struct World {
     area: Vec<f32>,
     albedo: Vec<Vec3>,
@@ -73,7 +73,8 @@ impl World {
             for &i in patches {
                 for &j in patches {
                     let (a, b) = (matrix.slot(i).unwrap() as usize, matrix.slot(j).unwrap() as usize);
-                    let found = matrix.state()[channel * m * m + a * m + b] * matrix.root()[b] / matrix.root()[a];
+                    let found =
+                        matrix.state()[channel * m * m + a * m + b] * matrix.sqrt_area()[b] / matrix.sqrt_area()[a];
                     let place = |patch| all.iter().position(|&k| k == patch).unwrap();
                     let expected = exact[(place(i), place(j))];
                     off += (f64::from(found) - expected).powi(2);
@@ -153,7 +154,7 @@ fn wander(world: &World, form: Form, changes: usize, refresh: usize) -> (LocalMa
             there.push(patch);
             ghosts.retain(|&g| g != patch);
         }
-        // Those that left longest ago made room.
+        // Those that left longest ago gave up their slots.
         let gone = ghosts.len() - matrix.ghosts();
         ghosts.drain(..gone);
         matrix.refresh(refresh);
@@ -196,7 +197,7 @@ fn a_camera_to_and_fro_changes_no_energy() {
         };
         patches.iter().zip(&slots).map(of).sum()
     };
-    // A window of 40 patches over the line; ghosts have some room, not all that they want.
+    // A window of 40 patches over the line; ghosts have some slots, not all that they want.
     let run = |form: Form, updates: usize| {
         let mut matrix = LocalMatrix::new(56, form).unwrap();
         let first: Vec<u32> = (0..40).collect();

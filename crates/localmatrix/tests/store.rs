@@ -205,7 +205,7 @@ fn parts_give_the_bytes_of_a_whole_and_wrong_parts_are_named() {
     let parts: Vec<PathBuf> = (1..=3).map(|k| part(folder.path(), k, 3)).collect();
     let message = |parts: &[PathBuf]| joined(&at("wrong.bake"), parts).unwrap_err().to_string();
     let lost = message(&parts[1..2]);
-    assert!(lost.contains("1, 3") && lost.contains("--part K/3"), "{lost}");
+    assert!(lost.contains("of 3 parts") && lost.contains("1, 3"), "{lost}");
     fs::copy(&parts[1], at("copy.bake")).unwrap();
     let doubled = message(&[parts[0].clone(), parts[1].clone(), at("copy.bake"), parts[2].clone()]);
     assert!(
@@ -231,7 +231,7 @@ fn parts_give_the_bytes_of_a_whole_and_wrong_parts_are_named() {
     assert!(whole.contains("whole.bake") && whole.contains("a part is needed"), "{whole}");
     // A part is no world to fly through.
     let refused = Store::new(BakeFile::open(&parts[0]).unwrap(), 1 << 20).unwrap_err().to_string();
-    assert!(refused.contains("part 1 of 3") && refused.contains("merge"), "{refused}");
+    assert!(refused.contains("part 1 of 3") && refused.contains("join the parts"), "{refused}");
     // A part with a block that was altered is named with it.
     let mut bytes = fs::read(&parts[1]).unwrap();
     let last = bytes.len() - 5;
@@ -296,7 +296,7 @@ fn what_is_no_bake_is_refused_with_the_reason() {
         bytes[116..120].copy_from_slice(&sum.to_le_bytes());
     };
     for (words, change) in [
-        (["it is empty", "patchlight bake"], &(|b: &mut Vec<u8>| b.clear()) as &dyn Fn(&mut Vec<u8>)),
+        (["it is empty", "bake the scene"], &(|b: &mut Vec<u8>| b.clear()) as &dyn Fn(&mut Vec<u8>)),
         (["does not begin as one", "a.bake"], &|b: &mut Vec<u8>| b[0] = b'X'),
         (["version 2", "version 1"], &|b: &mut Vec<u8>| b[8] = 2),
         (["the header", "checksum"], &|b: &mut Vec<u8>| b[20] ^= 1),

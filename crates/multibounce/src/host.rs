@@ -16,11 +16,11 @@ pub use feedback::{Acceleration, spectral_range};
 pub use order::{MatrixRows, PROJECTED_DIMENSIONS, greedy_order, projected_order};
 pub use outliers::Outliers;
 pub use solve::{Factors, all_bounces, all_bounces_lu, some_bounces};
-pub use stored::{Room, StoredOperator, all_bounces_stored, some_bounces_stored};
+pub use stored::{StoredOperator, Workspace, all_bounces_stored, some_bounces_stored};
 pub use tiles::{
-    Channels, ColumnVectors, ExpandTables, LowRank, LowRankWorkspace, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS,
-    NearTables, ProjectTables, SparseRows, TileReport, TileSide, TileSource, enter_all, expand_all, leave_all,
-    near_all, project_all, round_all, weigh_all,
+    Channels, ColumnVectors, DenseSparseTables, LowRank, LowRankWorkspace, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS,
+    SparseRows, TileReport, TileSide, TileSource, UTables, VtTables, dense_sparse_all, multiply_u_all, multiply_vt_all,
+    permute_in_all, permute_out_all, quantise_all, requantise_all,
 };
 pub use tree::halving_order;
 // The names that these had here, until all callers take them from `transport`.

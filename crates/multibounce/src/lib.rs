@@ -8,10 +8,10 @@
 //! [`some_bounces`] makes T_K by Horner's rule, in 3 n² numbers of memory each beside F; [`all_bounces_stored`] and
 //! [`some_bounces_stored`] make them panel by panel, in as much memory as they may take, and keep them in a file. With areas a
 //! by which F is reciprocal, `T̂ = a^½ T a^-½` is symmetric:
-//! half of it says all. [`LowRank`] stores it as pairs of vectors of 4 or 8 bits, dense squares and single entries, in tiles of
+//! half of it determines all. [`LowRank`] stores it as rank-1 terms of 4 or 8 bits, dense sub-blocks and a sparse residual, in tiles of
 //! an order in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that
 //! are even over neighbours count more, because light adds them up. The three colour channels share what they have in common.
-//! It also stores rectangular operators of few senders and many receivers, `H_r = F_r B`: one channel for all colours, with the
+//! It also stores rectangular operators of few patches and many receivers, `H_r = F_r B`: one channel for all colours, with the
 //! same product and kernels. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike; the forms for all
 //! cores give the same bits.
 //!

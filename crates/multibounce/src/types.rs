@@ -20,7 +20,7 @@ pub struct BlockParams {
     pub tile_shift: u32,
     /// How entries are companded: 0 not, 1 by square roots, 2 by logarithms ([`crate::kernel::blocks::expand`]).
     pub companding: u32,
-    /// 1 where an entry is a texel's colour times its alpha, 0 where its alpha says nothing.
+    /// 1 where an entry is a texel's colour times its alpha, 0 where its alpha is not used.
     pub alpha: u32,
     /// Number of the first entry of the side table that is bound.
     pub first_outlier: u32,
@@ -57,34 +57,34 @@ pub struct MultiplyParams {
 }
 const _: () = assert!(size_of::<MultiplyParams>() == 20);
 
-/// Four slots of [`crate::LowRank`], one after another: vectors of one block that are for one colour.
+/// A packed group of [`crate::LowRank`]: four vectors of one block that are for one colour.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct TileQuad {
-    /// First group of [`crate::kernel::tiles::LANES`] words of the first vector; the others' follow.
-    pub group: u32,
-    /// The block in the lower 16 bits; then the colour that the vectors are for: an axis of the differences, 0 or 1, or
+pub struct PackedGroup {
+    /// First `u32x16`, of [`crate::kernel::tiles::LANES`] words, of the first vector; the others' follow.
+    pub start: u32,
+    /// The block in the lower 16 bits; then the colour that the vectors are for: a chroma axis, 0 or 1, or
     /// [`crate::kernel::tiles::ALL_CHANNELS`]; then 1 where elements have 4 bits instead of 8.
     pub tag: u32,
 }
-const _: () = assert!(size_of::<TileQuad>() == 8);
+const _: () = assert!(size_of::<PackedGroup>() == 8);
 
-/// A dense square of [`crate::LowRank`]: [`crate::kernel::tiles::LANES`] rows and columns.
+/// A dense sub-block of [`crate::LowRank`]: [`crate::kernel::tiles::LANES`] rows and columns.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct TileSquare {
-    /// First column, in edges of squares.
+pub struct SubBlock {
+    /// First column, in edges of sub-blocks.
     pub column: u32,
-    /// Step of its values.
+    /// Quantisation step of its values.
     pub step: f32,
 }
-const _: () = assert!(size_of::<TileSquare>() == 8);
+const _: () = assert!(size_of::<SubBlock>() == 8);
 
-impl TileQuad {
+impl PackedGroup {
     /// Vectors of a block, for a colour, with elements of 4 or 8 bits.
     #[inline]
-    pub fn new(group: u32, block: u32, color: u32, is_short: bool) -> Self {
-        Self { group, tag: (block & 0xffff) | (color & 3) << 16 | u32::from(is_short) << 18 }
+    pub fn new(start: u32, block: u32, color: u32, is_short: bool) -> Self {
+        Self { start, tag: (block & 0xffff) | (color & 3) << 16 | u32::from(is_short) << 18 }
     }
 
     /// Block of rows or columns that the vectors belong to.
@@ -105,24 +105,24 @@ impl TileQuad {
         self.tag >> 18 & 1 == 1
     }
 
-    /// Groups of words of a vector.
+    /// `u32x16`s of a vector.
     #[inline]
-    pub fn groups(self) -> u32 {
+    pub fn vector_len(self) -> u32 {
         2 - (self.tag >> 18 & 1)
     }
 
-    /// One of the vectors; beyond the four, one of those of the quads that follow in a run.
+    /// One of the vectors; beyond the four, one of the groups that follow in a run.
     #[inline]
     pub fn vector(self, k: u32) -> TileVector {
-        TileVector { group: self.group + k * self.groups(), is_short: self.is_short() }
+        TileVector { start: self.start + k * self.vector_len(), is_short: self.is_short() }
     }
 }
 
-/// A vector of a component.
+/// A vector of a rank-1 term.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TileVector {
-    /// Its first group of words.
-    pub group: u32,
+    /// Its first `u32x16`.
+    pub start: u32,
     /// Whether its elements have 4 bits.
     pub is_short: bool,
 }

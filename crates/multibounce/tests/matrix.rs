@@ -23,8 +23,8 @@ fn every_kind() -> impl Iterator<Item = BlockSettings> {
     })
 }
 
-/// Patches at random places of a room's walls, numbered at random: the light from one to the other falls with distance, is
-/// coloured by the sender, and one pair in thirty is hidden. Rows have the sum `sum` at most.
+/// Patches at random points of a room's walls, numbered at random: the light from one to the other falls with distance, is
+/// coloured by the patch that sends it, and one pair in thirty is hidden. Rows have the sum `sum` at most.
 fn room(n: usize, sum: f32) -> impl Fn(usize, &mut [Vec3]) + Sync {
     let place = |k: usize| {
         let number = |axis| unit(hash3(k as u32, axis, 77));

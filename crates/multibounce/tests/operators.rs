@@ -6,9 +6,9 @@ use bytemuck::{cast_slice, cast_slice_mut};
 use faer::Mat;
 use glam::{UVec4, Vec3, Vec4};
 use multibounce::{
-    Channels, Error, Factors, LowRank, Proceed, Room, StoredOperator, TileSide, TileSource, all_bounces,
-    all_bounces_lu, all_bounces_stored, enter_all, expand_all, halving_order, kernel, near_all, project_all, round_all,
-    some_bounces, some_bounces_stored, weigh_all,
+    Channels, Error, Factors, LowRank, Proceed, StoredOperator, TileSide, TileSource, Workspace, all_bounces,
+    all_bounces_lu, all_bounces_stored, dense_sparse_all, halving_order, kernel, multiply_u_all, multiply_vt_all,
+    permute_in_all, quantise_all, requantise_all, some_bounces, some_bounces_stored,
 };
 use proptest::prelude::*;
 use support::{go, random};
@@ -147,17 +147,17 @@ fn operators_in_files_are_those_in_memory_and_keep_to_the_limit() {
         let some = some_bounces(&symmetric, &rho, 4, &go).unwrap();
         let mut last = u64::MAX;
         for bytes in LIMITS.into_iter().rev() {
-            let room = Room { folder: folder.path(), bytes };
-            let stored = all_bounces_stored(&case.factors(), &rho, &order, &room, &go).unwrap();
+            let workspace = Workspace { folder: folder.path(), bytes };
+            let stored = all_bounces_stored(&case.factors(), &rho, &order, &workspace, &go).unwrap();
             let error = difference(&whole(&stored), &all);
             assert!(error < 1e-5, "{n} patches in {bytes} bytes: {error}");
             assert!(stored.held_bytes <= bytes.min(last), "{} of {bytes} bytes", stored.held_bytes);
             last = stored.held_bytes;
-            let few = some_bounces_stored(&case.factors(), &rho, 4, &order, &room, &go).unwrap();
+            let few = some_bounces_stored(&case.factors(), &rho, 4, &order, &workspace, &go).unwrap();
             let error = difference(&whole(&few), &some);
             assert!(error < 1e-5 && few.held_bytes <= bytes, "{n} patches in {bytes} bytes: {error}");
             assert!(difference(&whole(&few), &all) > 0.01, "four bounces are not all");
-            let other = all_bounces_stored(&case.factors(), &albedo(n, 1), &order, &room, &go).unwrap();
+            let other = all_bounces_stored(&case.factors(), &albedo(n, 1), &order, &workspace, &go).unwrap();
             assert!(difference(&whole(&other), &all) > 1e-3, "another reflectance is not noticed");
         }
         // Far less than in memory.
@@ -172,14 +172,19 @@ fn tiles_of_operators_in_files_are_those_of_operators_in_memory() {
     let n = 300;
     let case = Case::new(n, 0.3);
     let (folder, order) = (std::env::temp_dir(), case.order());
-    let room = Room { folder: &folder, bytes: 1 << 20 };
-    let store = |c| some_bounces_stored(&case.factors(), &albedo(n, c), 3, &order, &room, &go).unwrap();
+    let workspace = Workspace { folder: &folder, bytes: 1 << 20 };
+    let store = |c| some_bounces_stored(&case.factors(), &albedo(n, c), 3, &order, &workspace, &go).unwrap();
     let stored = [store(0), store(1), store(2)];
     // The upper triangles in their order, to the bit.
-    let mut place = vec![0; n];
-    (0..n).for_each(|p| place[order[p] as usize] = p);
-    let upper =
-        |m: &Mat<f32>| Mat::from_fn(n, n, |i, j| if place[i] / 128 <= place[j] / 128 { m[(i, j)] } else { m[(j, i)] });
+    let mut permuted_index = vec![0; n];
+    (0..n).for_each(|p| permuted_index[order[p] as usize] = p);
+    let upper = |m: &Mat<f32>| {
+        Mat::from_fn(
+            n,
+            n,
+            |i, j| if permuted_index[i] / 128 <= permuted_index[j] / 128 { m[(i, j)] } else { m[(j, i)] },
+        )
+    };
     let [r, g, b] = stored.each_ref().map(|stored| upper(&whole(stored)));
     let encode = |channels, order: &[u32]| tiles_of(channels, &case.area, order, 1e-2, &go);
     let ours = encode(Channels::Stored(stored.each_ref()), &order).unwrap();
@@ -195,12 +200,13 @@ fn tiles_of_operators_in_files_are_those_of_operators_in_memory() {
 }
 
 #[test]
-fn what_is_wrong_with_a_file_or_its_room_is_said() {
+fn what_is_wrong_with_a_file_or_its_workspace_is_said() {
     let n = 300;
     let case = Case::new(n, 0.3);
     let (rho, order, folder) = (albedo(n, 0), case.order(), std::env::temp_dir());
     let make = |rho: &[f32], order: &[u32], bytes, folder: &std::path::Path| {
-        all_bounces_stored(&case.factors(), rho, order, &Room { folder, bytes }, &go).map(|stored| stored.held_bytes)
+        all_bounces_stored(&case.factors(), rho, order, &Workspace { folder, bytes }, &go)
+            .map(|stored| stored.held_bytes)
     };
     let small = make(&rho, &order, 1 << 16, &folder);
     assert!(matches!(small, Err(Error::Memory { limit: 0, .. })), "{small:?}");
@@ -227,11 +233,11 @@ fn what_is_wrong_with_a_file_or_its_room_is_said() {
     // Light that grows.
     let bright: Vec<f32> = case.values.iter().map(|f| 3.0 * f).collect();
     let bright = Factors { values: &bright, ..case.factors() };
-    let room = Room { folder: &folder, bytes: 1 << 20 };
-    let grows = all_bounces_stored(&bright, &[0.9; 300], &order, &room, &go);
+    let workspace = Workspace { folder: &folder, bytes: 1 << 20 };
+    let grows = all_bounces_stored(&bright, &[0.9; 300], &order, &workspace, &go);
     assert!(matches!(grows, Err(Error::Singular { .. })), "{grows:?}");
     let stop = |done, _| if done > 3 { Proceed::Break(()) } else { Proceed::Continue(()) };
-    let stopped = all_bounces_stored(&case.factors(), &rho, &order, &room, &stop);
+    let stopped = all_bounces_stored(&case.factors(), &rho, &order, &workspace, &stop);
     assert!(matches!(stopped, Err(Error::Shared(transport::Error::Cancelled { done: 4, .. }))), "{stopped:?}");
 }
 
@@ -313,7 +319,7 @@ fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_ope
     }
 }
 
-/// Where red and blue differ from green alike, the first axis has all of it, and a component serves both.
+/// Where red and blue differ from green alike, the first chroma axis has all of it, and a rank-1 term serves both.
 #[test]
 fn differences_of_one_hue_are_stored_once() {
     let n = 300;
@@ -326,17 +332,17 @@ fn differences_of_one_hue_are_stored_once() {
         tiles_of(Channels::Three([&red, &green, blue]), &case.area, &case.order(), 1e-3, &go).unwrap()
     };
     let (alike, alone) = (encode(&blue), encode(&green));
-    let (root, axes) = (0.2f32.sqrt(), alike.axes * alike.axes.x.signum());
-    assert!(axes.abs_diff_eq(Vec4::new(root, -2.0 * root, 2.0 * root, root), 1e-3), "{axes}");
-    assert!(alike.quads.iter().all(|quad| quad.color() != 1), "nothing is left for the second axis");
+    let (unit, chroma_axes) = (0.2f32.sqrt(), alike.chroma_axes * alike.chroma_axes.x.signum());
+    assert!(chroma_axes.abs_diff_eq(Vec4::new(unit, -2.0 * unit, 2.0 * unit, unit), 1e-3), "{chroma_axes}");
+    assert!(alike.groups.iter().all(|group| group.color() != 1), "nothing is left for the second axis");
     for (channel, exact) in [&red, &green, &blue].into_iter().enumerate() {
         assert!(error_of(&alike, exact, &case.area, channel) < 1.1e-3, "channel {channel}");
     }
     // Where only red differs, axes are the channels.
     assert!(
-        alone.report.components[1] > 0 && alone.axes.abs_diff_eq(Vec4::new(1.0, 0.0, 0.0, 1.0), 1e-3),
+        alone.report.terms[1] > 0 && alone.chroma_axes.abs_diff_eq(Vec4::new(1.0, 0.0, 0.0, 1.0), 1e-3),
         "{}",
-        alone.axes
+        alone.chroma_axes
     );
 }
 
@@ -449,68 +455,90 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
     let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
     let channels = Channels::Three([&made[0], &made[1], &made[2]]);
     let tiles = tiles_of(channels, &case.area, &case.order(), 3e-3, &go).unwrap();
-    assert!(tiles.report.components.iter().all(|&c| c > 0) && tiles.report.entries > 0, "{:?}", tiles.report);
+    assert!(tiles.report.terms.iter().all(|&c| c > 0) && tiles.report.entries > 0, "{:?}", tiles.report);
     let light: Vec<Vec4> = (0..n).map(|i| Vec4::new(random(i, 0, 9), random(i, 1, 9), random(i, 2, 9), 0.0)).collect();
     like_the_bodies(&tiles, &light);
     // Blocks in the dark are passed over.
-    let dark = |i: usize| if tiles.place[i] < 128 { Vec4::ZERO } else { light[i] };
+    let dark = |i: usize| if tiles.permuted_index[i] < 128 { Vec4::ZERO } else { light[i] };
     like_the_bodies(&tiles, &(0..n).map(dark).collect::<Vec<Vec4>>());
 }
 
 /// Asks that sums and rows are the kernels' in all bits.
 fn like_the_bodies(tiles: &LowRank, exitance: &[Vec4]) {
-    let mut ordered = vec![Vec4::ZERO; kernel::tiles::PLACES];
-    enter_all(&tiles.order, &tiles.root, exitance, &mut ordered[..tiles.steps.len()]);
+    let mut ordered = vec![Vec4::ZERO; kernel::tiles::PERMUTED_INDICES];
+    permute_in_all(&tiles.order, &tiles.row_sqrt_area, exitance, &mut ordered[..tiles.steps.len()]);
     let mut light = vec![0; tiles.blocks() * kernel::tiles::LIGHT_WORDS as usize];
     let mut body = light.clone();
-    round_all(&ordered[..tiles.steps.len()], &mut light);
-    (0..tiles.blocks() as u32 * kernel::tiles::QUARTERS).for_each(|k| kernel::tiles::round(k, &ordered, &mut body));
+    quantise_all(&ordered[..tiles.steps.len()], &mut light);
+    (0..tiles.blocks() as u32 * kernel::tiles::U32X4S).for_each(|k| kernel::tiles::quantise(k, &ordered, &mut body));
     assert_eq!(light, body);
     let mut sums = vec![Vec4::ZERO; tiles.scale.len()];
-    project_all(&tiles.project_tables(), &light, &mut sums);
-    let (fours, scale): (&[UVec4], &[Vec4]) = (cast_slice(&light), cast_slice(&tiles.scale));
-    let (runs, mut quads) = (tiles.runs.len() - 1, 0);
-    for k in 0..runs as u32 * kernel::tiles::RUN_PARTS {
-        let (first, count) = kernel::tiles::quads_of(k, &tiles.runs);
+    multiply_vt_all(&tiles.vt_tables(), &light, &mut sums);
+    let (light_u32x4, scale): (&[UVec4], &[Vec4]) = (cast_slice(&light), cast_slice(&tiles.scale));
+    let (runs, mut groups) = (tiles.runs.len() - 1, 0);
+    for k in 0..runs as u32 * kernel::tiles::RUN_INVOCATIONS {
+        let (first, count) = kernel::tiles::groups_of(k, &tiles.runs);
         if count > 0 {
-            let body =
-                kernel::tiles::project(first, count, tiles.axes, &tiles.quads, cast_slice(&tiles.words), scale, fours);
-            let (first, slots) = (4 * first as usize, 4 * count as usize);
-            assert_eq!(sums[first..first + slots], body[..slots], "slot {first}");
-            quads += count as usize;
+            let body = kernel::tiles::multiply_vt(
+                first,
+                count,
+                tiles.chroma_axes,
+                &tiles.groups,
+                cast_slice(&tiles.words),
+                scale,
+                light_u32x4,
+            );
+            let (first, vectors) = (4 * first as usize, 4 * count as usize);
+            assert_eq!(sums[first..first + vectors], body[..vectors], "vector {first}");
+            groups += count as usize;
         }
     }
-    assert_eq!(quads, tiles.quads.len());
+    assert_eq!(groups, tiles.groups.len());
     let mut factors = vec![0; runs * kernel::tiles::FACTOR_WORDS as usize];
     let mut body = factors.clone();
-    weigh_all(&tiles.runs, &tiles.partner, &sums, &mut factors);
-    let partner = cast_slice(&tiles.partner);
-    (0..runs as u32).for_each(|k| kernel::tiles::weigh(k, &tiles.runs, partner, &sums, cast_slice_mut(&mut body)));
+    requantise_all(&tiles.runs, &tiles.paired, &sums, &mut factors);
+    let paired = cast_slice(&tiles.paired);
+    (0..runs as u32).for_each(|k| kernel::tiles::requantise(k, &tiles.runs, paired, &sums, cast_slice_mut(&mut body)));
     assert_eq!(factors, body);
     let mut rows = vec![Vec4::ZERO; kernel::tiles::SPLITS as usize * tiles.steps.len()];
-    let t = tiles.expand_tables();
-    expand_all(&t, &factors, &mut rows);
+    let t = tiles.u_tables();
+    multiply_u_all(&t, &factors, &mut rows);
     for k in 0..rows.len() as u32 / (2 * kernel::tiles::PARTS) {
-        let body = kernel::tiles::expand(k, t.run_start, t.runs, t.quads, cast_slice(t.words), cast_slice(&factors));
+        let body =
+            kernel::tiles::multiply_u(k, t.run_start, t.runs, t.groups, cast_slice(t.words), cast_slice(&factors));
         for part in 0..kernel::tiles::PARTS {
             let (at, part) = (kernel::tiles::row_at(k, part) as usize, part as usize);
             let lanes = [body[part], body[part + kernel::tiles::PARTS as usize]];
             assert_eq!(rows[at..at + 2], lanes, "lanes {k}, part {part}");
         }
     }
-    let mut near = vec![Vec4::ZERO; tiles.steps.len()];
-    let t = tiles.near_tables();
-    near_all(&t, &light, &ordered, &mut near);
-    for (k, eight) in (0u32..).zip(near.chunks(8)) {
-        let words = (t.square_start, t.squares, cast_slice(t.square_words));
-        let body = kernel::tiles::near(k, words.0, words.1, words.2, fours, t.row_start, t.entries, t.steps, &ordered);
-        assert_eq!(eight, body, "places {k}");
+    let mut dense_sparse = vec![Vec4::ZERO; tiles.steps.len()];
+    let t = tiles.dense_sparse_tables();
+    dense_sparse_all(&t, &light, &ordered, &mut dense_sparse);
+    for (k, eight) in (0u32..).zip(dense_sparse.chunks(8)) {
+        let words = (t.sub_block_start, t.sub_blocks, cast_slice(t.sub_block_words));
+        let body = kernel::tiles::dense_sparse(
+            k,
+            words.0,
+            words.1,
+            words.2,
+            light_u32x4,
+            t.row_start,
+            t.entries,
+            t.steps,
+            &ordered,
+        );
+        assert_eq!(eight, body, "rows {k}");
     }
     // A product makes the same of them, step by step.
     let mut irradiance = vec![Vec4::ZERO; tiles.rows()];
     tiles.apply(exitance, &mut irradiance).unwrap();
     for (i, h) in (0u32..).zip(&irradiance) {
-        assert_eq!(*h, kernel::tiles::leave(i, &tiles.place, &tiles.root, &rows, &near), "patch {i}");
+        assert_eq!(
+            *h,
+            kernel::tiles::permute_out(i, &tiles.permuted_index, &tiles.row_sqrt_area, &rows, &dense_sparse),
+            "patch {i}"
+        );
     }
 }
 
@@ -572,17 +600,17 @@ fn what_is_wrong_is_said() {
     let good = tiles_of(Channels::One(&all), &large.area, &large.order(), 0.01, &go).unwrap();
     good.check().unwrap();
     let mut tiles = good.clone();
-    tiles.squares[0].column = 24;
-    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "squares", index: 0, .. }))));
+    tiles.sub_blocks[0].column = 24;
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "sub_blocks", index: 0, .. }))));
     let mut tiles = good.clone();
-    tiles.squares[0].step = f32::NAN;
-    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "squares", index: 0, .. }))));
+    tiles.sub_blocks[0].step = f32::NAN;
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "sub_blocks", index: 0, .. }))));
     let mut tiles = good.clone();
-    tiles.square_words.pop();
-    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Length { name: "square_words", .. }))));
+    tiles.sub_block_words.pop();
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Length { name: "sub_block_words", .. }))));
     let mut tiles = good.clone();
-    tiles.partner[0] = tiles.partner.len() as u32;
-    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "partner", index: 0, .. }))));
+    tiles.paired[0] = tiles.paired.len() as u32;
+    assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Value { name: "paired", index: 0, .. }))));
     let mut tiles = good.clone();
     tiles.words.pop();
     assert!(matches!(tiles.check(), Err(Error::Shared(transport::Error::Length { name: "words", .. }))));

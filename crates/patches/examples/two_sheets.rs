@@ -1,4 +1,4 @@
-//! Two sheets a centimetre apart, in voxels of half a metre: samples and patches of all four sides.
+//! Two sheets with a centimetre between them, in voxels of half a metre: samples and patches of all four sides.
 
 use glam::Vec3;
 use patches::{AxisWeights, Grid, Sample, SampleSettings, axis_patches, sample_voxels};

@@ -88,7 +88,7 @@ fn leak(grid: &Grid, set: &PatchSet, settings: LookupSettings, lit: impl Fn(&Sam
 }
 
 #[test]
-fn rooms_on_both_sides_of_a_thin_wall_stay_apart() {
+fn rooms_on_both_sides_of_a_thin_wall_stay_separate() {
     let scene = two_rooms().scene(1.0);
     // The insides of the first room: fronts of the box, and one side of the wall.
     let in_first = |s: &Sample| s.position.x + 0.01 * s.normal.x < 2.0;

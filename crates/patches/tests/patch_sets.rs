@@ -178,7 +178,7 @@ fn merging_takes_the_closest_pair_every_time() {
 }
 
 #[test]
-fn the_row_term_keeps_what_sees_different_things_apart() {
+fn the_row_term_separates_what_sees_different_things() {
     let scene = two_rooms().scene(1.0);
     let (grid, samples) = sampled(&scene, 0.9);
     // Rooms as rows: samples of different rooms see nothing in common. A sample on the wall belongs to the room it faces.

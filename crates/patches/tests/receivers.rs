@@ -23,7 +23,7 @@ fn sheet(corner: Vec3, a: Vec3, b: Vec3, n: u32) -> Vec<Triangle> {
     (0..n * n).flat_map(|k| pair(k % n, k / n)).collect()
 }
 
-/// Vertices `edge` apart, in cells of three times as much.
+/// Vertices every `edge`, in cells of three times as much.
 fn receivers(scene: &Scene, edge: f32) -> InterpolationMesh {
     InterpolationMesh::new(
         scene,

@@ -94,7 +94,7 @@ fn sheet_sides(set: &SampleSet) -> [[usize; 2]; 2] {
 }
 
 #[test]
-fn sheets_a_centimetre_apart_have_samples_on_all_four_sides() {
+fn sheets_with_a_centimetre_between_them_have_samples_on_all_four_sides() {
     let mut mesh = Mesh::default();
     for z in [1.0, 1.01] {
         mesh.quad(Vec3::new(0.0, 0.0, z), Vec3::X, Vec3::Y);

@@ -43,7 +43,7 @@ fn sponza_is_cut_sampled_and_clustered_in_seconds() {
         let cut = start.elapsed();
         assert!((grid.area() / whole - 1.0).abs() < 1e-4);
         println!(
-            "{count} triangles, {edge} m: {} voxels, {} pieces, {:.1} MB, {cut:.2?}",
+            "{count} triangles, {edge} m: {} voxels, {} clipped triangles, {:.1} MB, {cut:.2?}",
             grid.len(),
             grid.triangles.len(),
             grid.bytes() as f64 * 1e-6,

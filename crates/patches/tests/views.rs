@@ -93,7 +93,7 @@ fn elements_cut_patches_and_samples_into_runs() {
 }
 
 #[test]
-fn every_sample_is_nearest_to_itself_and_sides_are_apart() {
+fn every_sample_is_nearest_to_itself_and_sides_are_separate() {
     let scene = open_hall();
     let set = clusters(&scene, 300, 2);
     let nearest = Nearest::new(&set.samples);
@@ -159,7 +159,7 @@ fn threads_change_no_byte_and_the_seed_does() {
 }
 
 #[test]
-fn pilots_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
+fn probe_samples_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
     // A yard whose floor is of layers, all together twenty times thinner than the distance of probe samples.
     let mut mesh = Mesh::default();
     mesh.cuboid(Vec3::new(-40.0, -0.09, -40.0), Vec3::new(40.0, 0.0, 40.0), false);

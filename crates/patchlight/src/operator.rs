@@ -238,8 +238,8 @@ fn describe_low_rank(tiles: &LowRank, size: f64) -> String {
         100.0 * report.error[0],
         100.0 * report.error[1],
         100.0 * report.error[2],
-        report.components.iter().sum::<usize>(),
-        report.squares,
+        report.terms.iter().sum::<usize>(),
+        report.sub_blocks,
         report.entries,
         report.tiles.iter().sum::<usize>(),
         report.most_rank

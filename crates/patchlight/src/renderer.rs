@@ -26,7 +26,7 @@ use crate::stage::{direct, gather, shade, source};
 
 /// Rays of a row of [`Renderer::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
-/// Fewest lights that there is room for.
+/// Capacity for lights, at least.
 const LEAST_LIGHTS: usize = 16;
 
 /// Settings of [`Renderer::new`].

@@ -21,7 +21,7 @@ use crate::error::Error;
 pub const VOXEL_LIMIT: u64 = 1 << 31;
 /// Surfaces that fill less than this share of a voxel's side do not occupy it.
 const LEAST_SHARE: f64 = 1e-9;
-/// Room between the scene and the grid's outside, in voxel edges.
+/// Margin between the scene and the grid's outside, in voxel edges.
 const MARGIN: f64 = 1e-3;
 /// Points by which a clipped triangle with holes or with a picture of its emission is measured.
 const CLIPPED_POINTS: u32 = 16;
@@ -363,7 +363,7 @@ fn coordinates(layers: &[Layers; 3], voxel: u64) -> [u32; 3] {
     [(voxel % x) as u32, (voxel / x % y) as u32, (voxel / (x * y)) as u32]
 }
 
-/// The grid: as many voxels as cover the scene with a little room, centred on it.
+/// The grid: as many voxels as cover the scene with a little margin, centred on it.
 fn layers(scene: &Scene, edge: f32) -> Result<[Layers; 3], Error> {
     let setting = |rule| Error::Setting { name: "voxel edge", value: f64::from(edge), rule };
     if !(edge.is_finite() && edge > 0.0) {

@@ -13,7 +13,7 @@ use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 const PATCHES: usize = 300;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // A symmetric operator: patches on a line, which exchange the more light the nearer they are.
+    // A symmetric operator: patches on a line, which send each other the more light the nearer they are.
     let entry = |i: usize, j: usize| 0.5 / (1.0 + i.abs_diff(j) as f32).powi(2);
     let operator = faer::Mat::from_fn(PATCHES, PATCHES, entry);
     let area = vec![1.0; PATCHES];

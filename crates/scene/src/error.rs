@@ -57,7 +57,7 @@ pub enum Error {
     HierarchyDepth {
         /// Levels.
         depth: usize,
-        /// Room.
+        /// Levels that fit.
         limit: usize,
     },
     /// The number of pixels does not fit the size.

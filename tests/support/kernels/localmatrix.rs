@@ -10,7 +10,7 @@ use super::{Data, Random, Tables, buffer, call, room};
 /// Slots of the lists: the last block is not whole.
 const SLOTS: u32 = 600;
 const BLOCKS: u32 = SLOTS.div_ceil(BLOCK);
-/// Slots of an update, whole fours.
+/// Slots of an update, a multiple of 4.
 const UPDATED: u32 = 44;
 const LEAVES: usize = 1500;
 
@@ -29,7 +29,7 @@ fn list(values: &[Vec4]) -> Vec<u32> {
     (0..SLOTS).map(|place| compact(place, SLOTS, &starts, values)).collect()
 }
 
-/// Elements, push constants and tables of a kernel.
+/// Invocations, push constants and tables of a kernel.
 pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
     let at_slots = CountParams { count: SLOTS };
     let at_leaves = CountParams { count: LEAVES as u32 };
@@ -71,13 +71,13 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             let (lit, seen) = (light(r), light(r));
             let planes: Vec<(&'static str, Data)> =
                 ["red", "green", "blue"].map(|plane| buffer(plane, &r.floats((SLOTS * SLOTS) as usize))).into();
-            let root: Vec<f32> = r.floats(SLOTS as usize).iter().map(|x| x + 0.1).collect();
+            let sqrt_area: Vec<f32> = r.floats(SLOTS as usize).iter().map(|x| x + 0.1).collect();
             let mut tables = vec![
                 buffer("lit_starts", &starts(&lit)),
                 buffer("lit", &list(&lit)),
                 buffer("visible_starts", &starts(&seen)),
                 buffer("visible", &list(&seen)),
-                buffer("root", &root),
+                buffer("sqrt_area", &sqrt_area),
                 buffer("light", &lit),
                 room::<Vec4>("irradiance", SLOTS as usize),
             ];
@@ -94,7 +94,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             call(LEAVES as u32, at_leaves, tables)
         }
         "localmatrix_fade" => {
-            let p = FadeParams { count: LEAVES as u32, keep: 0.9, has_jump: 1, white: 1.5 };
+            let p = FadeParams { count: LEAVES as u32, keep: 0.9, has_jump: 1, display_white: 1.5 };
             let tables = vec![
                 buffer("before", &r.colors(LEAVES)),
                 buffer("now", &r.colors(LEAVES)),
@@ -115,8 +115,8 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
         "localmatrix_update" => {
             // A rank of 7, three slots with new columns, in the second of three planes.
             let (rank, new, slots) = (7, 3, UPDATED as usize);
-            let mut place = vec![KEPT; slots];
-            [5, 20, 43].iter().zip(0..).for_each(|(&slot, column): (&usize, u32)| place[slot] = column);
+            let mut new_column = vec![KEPT; slots];
+            [5, 20, 43].iter().zip(0..).for_each(|(&slot, column): (&usize, u32)| new_column[slot] = column);
             let count = UPDATED * UPDATED / 4;
             let p = UpdateParams {
                 count,
@@ -130,7 +130,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             let tables = vec![
                 buffer("vectors", &r.floats(3 * rank as usize * slots)),
                 buffer("columns", &r.floats(3 * new as usize * slots)),
-                buffer("place", &place),
+                buffer("new_column", &new_column),
                 buffer("plane", &r.floats(slots * slots)),
             ];
             call(count, p, tables)

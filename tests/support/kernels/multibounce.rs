@@ -3,50 +3,54 @@
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
 use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 use ::multibounce::kernel::tiles::{
-    FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD, QUARTERS, RUN_PARTS, RUN_QUADS, SPLITS,
-    SQUARE_WORDS, TILE, tint,
+    FACTOR_WORDS, GROUP_VECTORS, LANES, LIGHT_WORDS, NO_VECTOR, PAIRS, PARTS, PERMUTED_INDICES, RUN_GROUPS,
+    RUN_INVOCATIONS, SPLITS, SUB_BLOCK_WORDS, TILE, U32X4S, chroma_weights,
 };
 use ::multibounce::{
-    BlockCodec, BlockParams, Companding, FeedbackParams, MultiplyParams, TileQuad, TileSquare, round_all, weigh_all,
+    BlockCodec, BlockParams, Companding, FeedbackParams, MultiplyParams, PackedGroup, SubBlock, quantise_all,
+    requantise_all,
 };
 use glam::{UVec2, Vec4};
-use gpu_kernels::params::{CountParams, EnterParams, ProjectParams};
+use gpu_kernels::params::{CountParams, MultiplyVtParams, PermuteInParams};
 use gpu_kernels::table::ImageFormat;
 
 use super::{Bytes, Data, Random, Tables, buffer, call, offsets, room};
 
-/// Red and blue of the axes of the differences.
-const AXES: Vec4 = Vec4::new(0.8, -0.6, 0.6, 0.8);
+/// Red and blue of the chroma axes.
+const CHROMA_AXES: Vec4 = Vec4::new(0.8, -0.6, 0.6, 0.8);
 
-/// Quads of two blocks, for one colour or for all, of short and long elements, and their words: those of the runs of
-/// [`TILE_RUNS`] are alike.
-fn tile_quads(r: &mut Random) -> (Vec<TileQuad>, Vec<u32>) {
-    let (mut groups, n) = (0, TILE_RUNS[TILE_RUNS.len() - 1]);
-    let quads = (0..n).map(|k| {
+/// Packed groups of two blocks, for one colour or for all, of short and long elements, and their words: those of a run of
+/// [`TILE_RUNS`] have equal channels and bits.
+fn tile_groups(r: &mut Random) -> (Vec<PackedGroup>, Vec<u32>) {
+    let (mut start, n) = (0, TILE_RUNS[TILE_RUNS.len() - 1]);
+    let groups = (0..n).map(|k| {
         let run = TILE_RUNS.partition_point(|&first| first <= k) as u32;
-        let quad = TileQuad::new(groups, 2 * k / n, run % 4, run.is_multiple_of(3));
-        groups += QUAD * quad.groups();
-        quad
+        let group = PackedGroup::new(start, 2 * k / n, run % 4, run.is_multiple_of(3));
+        start += GROUP_VECTORS * group.vector_len();
+        group
     });
-    let quads = quads.collect();
-    (quads, r.words(groups * LANES))
+    let groups = groups.collect();
+    (groups, r.words(start * LANES))
 }
 
-/// First quads of runs, half of them of the first block.
+/// First packed groups of runs, half of them of the first block.
 const TILE_RUNS: [u32; 13] = [0, 8, 9, 12, 16, 18, 20, 28, 29, 30, 34, 37, 40];
 
-/// The partner of each slot and sums for the slots' channels.
-fn tile_sums(r: &mut Random, quads: &[TileQuad]) -> (Vec<u32>, Vec<Vec4>) {
-    // Partners are for the same colour, and so are their sums.
-    let (n, slots) = (quads.len() as u32, QUAD * quads.len() as u32);
+/// The paired vector of each vector and sums for the vectors' channels.
+fn tile_sums(r: &mut Random, groups: &[PackedGroup]) -> (Vec<u32>, Vec<Vec4>) {
+    // Paired vectors are for the same colour, and so are their sums.
+    let (n, vectors) = (groups.len() as u32, GROUP_VECTORS * groups.len() as u32);
     let other = |k: u32| {
-        let alike = |quad: &u32| quads[*quad as usize].color() == quads[(k / QUAD) as usize].color();
-        (0..n).map(|d| (k / QUAD + 5 + d) % n).find(alike).unwrap() * QUAD + k * 3 % QUAD
+        let alike = |group: &u32| groups[*group as usize].color() == groups[(k / GROUP_VECTORS) as usize].color();
+        (0..n).map(|d| (k / GROUP_VECTORS + 5 + d) % n).find(alike).unwrap() * GROUP_VECTORS + k * 3 % GROUP_VECTORS
     };
-    let partner = (0..slots).map(|k| if k % 7 == 3 { NO_SLOT } else { other(k) }).collect();
-    let colors = r.colors(slots as usize);
-    let sum = |k: usize| ((colors[k].truncate() - 0.4) * tint(quads[k / QUAD as usize].color(), AXES)).extend(0.0);
-    (partner, (0..slots as usize).map(sum).collect())
+    let paired = (0..vectors).map(|k| if k % 7 == 3 { NO_VECTOR } else { other(k) }).collect();
+    let colors = r.colors(vectors as usize);
+    let sum = |k: usize| {
+        ((colors[k].truncate() - 0.4) * chroma_weights(groups[k / GROUP_VECTORS as usize].color(), CHROMA_AXES))
+            .extend(0.0)
+    };
+    (paired, (0..vectors as usize).map(sum).collect())
 }
 
 pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageFormat>) -> (u32, Vec<u8>, Tables) {
@@ -115,19 +119,19 @@ pub(super) fn blocks(r: &mut Random, codec: BlockCodec, image: Option<ImageForma
 /// Elements, push constants and tables of a kernel.
 pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
     match name {
-        "multibounce_tiles_enter" => {
-            let (patches, places) = (200u32, 256u32);
+        "multibounce_tiles_permute_in" => {
+            let (patches, padded_rows) = (200u32, 256u32);
             let order: Vec<u32> = (0..patches).map(|p| p * 7 % patches).collect();
             let tables = vec![
                 buffer("order", &order),
-                buffer("root", &r.floats(patches as usize)),
+                buffer("sqrt_area", &r.floats(patches as usize)),
                 buffer("exitance", &r.colors(patches as usize)),
-                room::<Vec4>("ordered", places as usize),
+                room::<Vec4>("ordered", padded_rows as usize),
             ];
-            call(places, EnterParams { count: places, patches }, tables)
+            call(padded_rows, PermuteInParams { count: padded_rows, patches }, tables)
         }
-        "multibounce_tiles_round" => {
-            let count = 2 * QUARTERS;
+        "multibounce_tiles_quantise" => {
+            let count = 2 * U32X4S;
             let dark = |mut colors: Vec<Vec4>| {
                 // One channel of a block is dark, and what is below 0 is rounded, too.
                 colors[..TILE as usize].iter_mut().for_each(|x| x.y = 0.0);
@@ -140,85 +144,86 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
             ];
             call(count, CountParams { count }, tables)
         }
-        "multibounce_tiles_weigh" => {
-            let (quads, _) = tile_quads(r);
-            let (partner, sums) = tile_sums(r, &quads);
+        "multibounce_tiles_requantise" => {
+            let (groups, _) = tile_groups(r);
+            let (paired, sums) = tile_sums(r, &groups);
             let count = TILE_RUNS.len() as u32 - 1;
             let tables = vec![
                 buffer("runs", &TILE_RUNS),
-                buffer("partner", &partner),
+                buffer("paired", &paired),
                 buffer("sums", &sums),
                 room::<u32>("factors", (count * FACTOR_WORDS) as usize),
             ];
             call(count, CountParams { count }, tables)
         }
-        "multibounce_tiles_project" => {
-            let (quads, words) = tile_quads(r);
-            let (n, count) = (quads.len() as u32, RUN_PARTS * (TILE_RUNS.len() as u32 - 1));
+        "multibounce_tiles_multiply_vt" => {
+            let (groups, words) = tile_groups(r);
+            let (n, count) = (groups.len() as u32, RUN_INVOCATIONS * (TILE_RUNS.len() as u32 - 1));
             let mut light = vec![0; 2 * LIGHT_WORDS as usize];
-            round_all(&r.colors(2 * TILE as usize), &mut light);
-            let scale: Vec<f32> = (0..QUAD * n).map(|_| r.unit() - 0.3).collect();
+            quantise_all(&r.colors(2 * TILE as usize), &mut light);
+            let scale: Vec<f32> = (0..GROUP_VECTORS * n).map(|_| r.unit() - 0.3).collect();
             let tables = vec![
                 buffer("runs", &TILE_RUNS),
-                buffer("quads", &quads),
+                buffer("groups", &groups),
                 buffer("words", &words),
                 buffer("scales", &scale),
                 buffer("light", &light),
-                room::<Vec4>("sums", (QUAD * n) as usize),
+                room::<Vec4>("sums", (GROUP_VECTORS * n) as usize),
             ];
-            call(count, ProjectParams { axes: AXES, count, reserved: [0; 3] }, tables)
+            call(count, MultiplyVtParams { chroma_axes: CHROMA_AXES, count, reserved: [0; 3] }, tables)
         }
-        "multibounce_tiles_expand" => {
-            let (places, runs) = (2 * TILE, TILE_RUNS.len() as u32 - 1);
-            let (quads, words) = tile_quads(r);
-            let (partner, sums) = tile_sums(r, &quads);
-            assert!(TILE_RUNS.windows(2).all(|run| run[1] - run[0] <= RUN_QUADS));
+        "multibounce_tiles_multiply_u" => {
+            let (padded_rows, runs) = (2 * TILE, TILE_RUNS.len() as u32 - 1);
+            let (groups, words) = tile_groups(r);
+            let (paired, sums) = tile_sums(r, &groups);
+            assert!(TILE_RUNS.windows(2).all(|run| run[1] - run[0] <= RUN_GROUPS));
             let mut factors = vec![0; (runs * FACTOR_WORDS) as usize];
-            weigh_all(&TILE_RUNS, &partner, &sums, &mut factors);
+            requantise_all(&TILE_RUNS, &paired, &sums, &mut factors);
             let count = 2 * PAIRS * SPLITS;
             let tables = vec![
                 buffer("run_start", &[0, runs / 2, runs]),
                 buffer("runs", &TILE_RUNS),
-                buffer("quads", &quads),
+                buffer("groups", &groups),
                 buffer("words", &words),
                 buffer("factors", &factors),
-                room::<Vec4>("rows", (SPLITS * places) as usize),
+                room::<Vec4>("rows", (SPLITS * padded_rows) as usize),
             ];
             call(count, CountParams { count }, tables)
         }
-        "multibounce_tiles_near" => {
-            let places = 2 * TILE;
-            let square_start = offsets(r, 2 * PARTS as usize);
-            let count = square_start[2 * PARTS as usize];
-            let squares: Vec<TileSquare> =
-                (0..count).map(|_| TileSquare { column: r.below(2 * PARTS), step: r.unit() }).collect();
-            let square_words: Vec<u32> = (0..count * SQUARE_WORDS).map(|_| r.word()).collect();
+        "multibounce_tiles_dense_sparse" => {
+            let padded_rows = 2 * TILE;
+            let sub_block_start = offsets(r, 2 * PARTS as usize);
+            let count = sub_block_start[2 * PARTS as usize];
+            let sub_blocks: Vec<SubBlock> =
+                (0..count).map(|_| SubBlock { column: r.below(2 * PARTS), step: r.unit() }).collect();
+            let sub_block_words: Vec<u32> = (0..count * SUB_BLOCK_WORDS).map(|_| r.word()).collect();
             let mut light = vec![0; 2 * LIGHT_WORDS as usize];
-            round_all(&r.colors(2 * TILE as usize), &mut light);
-            let row_start = offsets(r, places as usize);
-            let entries: Vec<u32> =
-                (0..row_start[places as usize]).map(|_| r.word() << 16 | r.below(PLACES as u32)).collect();
+            quantise_all(&r.colors(2 * TILE as usize), &mut light);
+            let row_start = offsets(r, padded_rows as usize);
+            let entries: Vec<u32> = (0..row_start[padded_rows as usize])
+                .map(|_| r.word() << 16 | r.below(PERMUTED_INDICES as u32))
+                .collect();
             let tables = vec![
-                buffer("square_start", &square_start),
-                buffer("squares", &squares),
-                buffer("square_words", &square_words),
+                buffer("sub_block_start", &sub_block_start),
+                buffer("sub_blocks", &sub_blocks),
+                buffer("sub_block_words", &sub_block_words),
                 buffer("light", &light),
                 buffer("row_start", &row_start),
                 buffer("entries", &entries),
-                buffer("steps", &r.floats(places as usize)),
-                buffer("ordered", &r.colors(PLACES)),
-                room::<Vec4>("near", places as usize),
+                buffer("steps", &r.floats(padded_rows as usize)),
+                buffer("ordered", &r.colors(PERMUTED_INDICES)),
+                room::<Vec4>("dense_sparse", padded_rows as usize),
             ];
-            call(places / 8, CountParams { count: places / 8 }, tables)
+            call(padded_rows / 8, CountParams { count: padded_rows / 8 }, tables)
         }
-        "multibounce_tiles_leave" => {
+        "multibounce_tiles_permute_out" => {
             let n = 200u32;
-            let place: Vec<u32> = (0..n).map(|i| i * 9 % 256).collect();
+            let permuted_index: Vec<u32> = (0..n).map(|i| i * 9 % 256).collect();
             let tables = vec![
-                buffer("place", &place),
-                buffer("root", &r.floats(n as usize)),
+                buffer("permuted_index", &permuted_index),
+                buffer("sqrt_area", &r.floats(n as usize)),
                 buffer("rows", &r.colors(256 * SPLITS as usize)),
-                buffer("near", &r.colors(256)),
+                buffer("dense_sparse", &r.colors(256)),
                 room::<Vec4>("irradiance", n as usize),
             ];
             call(n, CountParams { count: n }, tables)

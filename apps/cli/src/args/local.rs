@@ -2,7 +2,7 @@
 
 use clap::Args;
 use patchlight::method::LocalSettings;
-use patchlight::method::local::white;
+use patchlight::method::local::display_white;
 
 /// Options of the local matrix.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
@@ -13,8 +13,8 @@ pub struct LocalArgs {
     /// How many of them enter or leave in a frame at most (local).
     #[arg(long, default_value_t = LocalSettings::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub budget: u32,
-    /// Frames that the camera's path is predicted ahead (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.look_ahead, value_parser = parse_frames)]
+    /// Frames for which the camera's path is predicted (local).
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.predicted_frames, value_parser = parse_frames)]
     pub look_ahead: f32,
     /// Frames over which changes of the matrix come into the light, more where displayed values
     /// would change by more than two 255ths a frame; 1 for at once (local).
@@ -31,9 +31,10 @@ impl LocalArgs {
     /// The settings, for pictures that are exposed so.
     pub fn options(&self, exposure_stops: f32) -> LocalSettings {
         let Self { slots, budget, at_rest, .. } = *self;
-        let (look_ahead, fade) = if at_rest { (0.0, 1) } else { (self.look_ahead, self.fade) };
-        let white = if fade == 1 { f32::INFINITY } else { white(exposure_stops) };
-        LocalSettings { slots: slots as usize, budget: budget as usize, look_ahead, fade, white, at_rest }
+        let predicted_frames = if at_rest { 0.0 } else { self.look_ahead };
+        let fade = if at_rest { 1 } else { self.fade };
+        let display_white = if fade == 1 { f32::INFINITY } else { display_white(exposure_stops) };
+        LocalSettings { slots: slots as usize, budget: budget as usize, predicted_frames, fade, display_white, at_rest }
     }
 }
 

@@ -15,7 +15,7 @@ pub enum Storage {
     F16,
     /// Texture blocks of half a byte an entry, with the greatest entries beside them.
     Bc1,
-    /// The same of a byte an entry: brightness apart from colour.
+    /// The same of a byte an entry: brightness separate from colour.
     Bc3,
     /// The same of a byte an entry: half-precision colours.
     Bc6h,

@@ -89,7 +89,7 @@ impl Ranks {
     fn of(tiles: &LowRank) -> Self {
         let report = &tiles.report;
         let [empty, sparse, low_rank] = report.tiles;
-        let [terms, difference_terms] = report.components;
+        let [terms, difference_terms] = report.terms;
         Self {
             empty,
             sparse,
@@ -97,7 +97,7 @@ impl Ranks {
             terms,
             difference_terms,
             most_rank: report.most_rank,
-            dense_blocks: report.squares,
+            dense_blocks: report.sub_blocks,
             entries: report.entries,
             stored_bytes: tiles.stored_bytes(),
         }

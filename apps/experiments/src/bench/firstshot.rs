@@ -80,7 +80,7 @@ struct Row {
     registered: u64,
     segments: u64,
     elements: usize,
-    /// Seconds of the table of pieces, and of tracing and registration.
+    /// Seconds of the table of light elements, and of tracing and accumulation.
     table_s: f64,
     trace_s: f64,
     /// Difference to photons from the lights at the end of their curves, and what both errors allow: √(σ₁² + σ₂²).
@@ -156,8 +156,8 @@ fn introduction(machine: &Machine) -> Vec<String> {
             "{LIGHTS} point and spot lights of equal power in the free air of each scene, textures on. The error is that of \
              the indirect irradiance of {COUNT} patches or about (cells of a voxel that face one way), √(Σ A σ² / Σ A H²) by independent batches."
         ),
-        "First shot starts reflected photons from the pieces of triangles that lights fall on, with a shadow ray each; by the \
-         table alone without. Seconds are those of the table of pieces, and of tracing with registration."
+        "First shot starts reflected photons from light elements, the parts of triangles that lights fall on, with a shadow ray each; by \
+         the table alone without. Seconds are those of the table of light elements, and of tracing with accumulation."
             .to_owned(),
     ]
 }
@@ -280,7 +280,7 @@ fn lamps(loaded: &LoadedScene) -> Vec<Light> {
         let color = Vec3::new(1.0, 0.8 + 0.2 * y, 0.5 + 0.5 * x);
         let lamp = Light { kind: LIGHT_POINT, position, color, direction: Vec3::NEG_Y, ..Light::default() };
         let is_spot = lamps.len() % 3 == 2;
-        // A quarter of all directions, or about that: four times the intensity.
+        // About a fourth of all directions: four times the intensity.
         let spot = Light { kind: LIGHT_SPOT, color: color * 4.0, cos_inner: 0.7, cos_outer: 0.4, ..lamp };
         lamps.push(if is_spot { spot } else { lamp });
     }
@@ -474,7 +474,7 @@ fn section(rows: &[Row], rates: &[Rate]) -> Section {
         tables: vec![table(rows), rate_table(rates)],
         plots: vec![
             plot("Error over photons", "photons", &|_, n| n),
-            plot("Error over time, the table of pieces included", "seconds", &|row, n| {
+            plot("Error over time, the table of light elements included", "seconds", &|row, n| {
                 row.table_s + row.trace_s * n / row.photons.max(1) as f64
             }),
         ],

@@ -8,7 +8,7 @@ use scene::{LIGHT_DIRECTIONAL, Light, Scene};
 
 use assets::import::{Animation, LoadedScene};
 
-/// Turns of other suns about the vertical, degrees, and their heights above the horizon.
+/// Angles of other suns about the vertical, degrees, and their heights above the horizon.
 const SUNS: [(f32, f32); 3] = [(70.0, 60.0), (165.0, 45.0), (280.0, 75.0)];
 /// Shares of the movement at which lamps are taken.
 const TIMES: [f32; 2] = [0.0, 0.4];
@@ -21,7 +21,7 @@ pub fn other_lights(loaded: &LoadedScene) -> Vec<(String, Vec<Light>)> {
     let own = &loaded.scene.lighting.lights;
     let is_sun = |light: &Light| light.kind == LIGHT_DIRECTIONAL;
     if own.iter().any(is_sun) || (loaded.scene.has_sky() && own.is_empty()) {
-        return SUNS.iter().map(|&(turn, height)| other_sun(loaded, turn, height)).collect();
+        return SUNS.iter().map(|&(angle, height)| other_sun(loaded, angle, height)).collect();
     }
     let animation = Animation::or_default_path(loaded);
     let moved = |share: &f32| animation.at(share * animation.duration()).0;
@@ -32,7 +32,7 @@ pub fn other_lights(loaded: &LoadedScene) -> Vec<(String, Vec<Light>)> {
         .collect()
 }
 
-fn other_sun(loaded: &LoadedScene, turn: f32, height: f32) -> (String, Vec<Light>) {
+fn other_sun(loaded: &LoadedScene, angle: f32, height: f32) -> (String, Vec<Light>) {
     let (up, along) = sin_cos_2pi(height / 360.0);
     let mut lights = loaded.scene.lighting.lights.clone();
     if lights.is_empty() {
@@ -41,10 +41,10 @@ fn other_sun(loaded: &LoadedScene, turn: f32, height: f32) -> (String, Vec<Light
     }
     for light in lights.iter_mut().filter(|light| light.kind == LIGHT_DIRECTIONAL) {
         let own = scene::math::atan2(light.direction.z, light.direction.x) / (2.0 * PI);
-        let (z, x) = sin_cos_2pi(own + turn / 360.0);
+        let (z, x) = sin_cos_2pi(own + angle / 360.0);
         light.direction = Vec3::new(along * x, -up, along * z);
     }
-    (format!("sun turned by {turn}°, {height}° high"), lights)
+    (format!("sun turned by {angle}°, {height}° high"), lights)
 }
 
 /// Irradiance of a surface that sees all of the sky, and as if it were the same everywhere, W/m².

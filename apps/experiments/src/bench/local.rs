@@ -20,7 +20,7 @@ use crate::sequence::{distance, flicker, pass_ms};
 use crate::summary::PassTimes;
 use assets::import::LoadedScene;
 use patchlight::method::LocalSettings;
-use patchlight::method::local::white;
+use patchlight::method::local::display_white;
 use patchlight::operator::Codec;
 use patchlight::{Bake, MethodSettings, RenderSettings, Renderer};
 use scene::Camera;
@@ -32,7 +32,7 @@ const SLOTS: [usize; 2] = [512, 1024];
 /// Paths that are flown.
 const PATHS: [(CameraPath, &str); 3] =
     [(CameraPath::Fly, "fly"), (CameraPath::Shuttle, "shuttle"), (CameraPath::Circle, "circle")];
-/// Frames of a path, and how many apart those are whose pictures are compared.
+/// Frames of a path, and the interval of those whose pictures are compared.
 const FRAMES: u32 = 120;
 const COMPARED: u32 = 15;
 
@@ -171,8 +171,8 @@ impl Measuring<'_> {
         }
         let patches = bake.mesh.patches.len();
         for slots in SLOTS.into_iter().filter(|slots| *slots < patches) {
-            let white = white(loaded.exposure_stops);
-            let method = MethodSettings::Local(LocalSettings { slots, white, ..LocalSettings::DEFAULT });
+            let display_white = display_white(loaded.exposure_stops);
+            let method = MethodSettings::Local(LocalSettings { slots, display_white, ..LocalSettings::DEFAULT });
             for (path, name) in PATHS {
                 let mut light = self.load(&bake, method, progress)?;
                 if path == CameraPath::Fly
@@ -261,10 +261,10 @@ impl Measuring<'_> {
         let scale = stops_to_scale(self.loaded.exposure_stops);
         let ours = light.picture(lighting, camera, frame)?;
         let irradiance = light.surface_irradiance()?;
-        for (one, apart) in [(&mut full.classic, &mut flown.classic), (&mut full.unmerged, &mut flown.unmerged)] {
+        for (one, difference) in [(&mut full.classic, &mut flown.classic), (&mut full.unmerged, &mut flown.unmerged)] {
             let theirs = one.picture(lighting, camera, frame)?.pictures.full;
             let their_irradiance = one.surface_irradiance()?;
-            *apart = apart.with(scale, (&ours.pictures.full, &irradiance), (&theirs, &their_irradiance));
+            *difference = difference.with(scale, (&ours.pictures.full, &irradiance), (&theirs, &their_irradiance));
         }
         Ok(ours.times)
     }

@@ -34,9 +34,9 @@ use receivers::{ReceiverRows, Receivers};
 /// Patches of a scene, unless it is said.
 const COUNT: u32 = 10_000;
 /// Products whose times give the median.
-const TURNS: usize = 41;
+const ROUNDS: usize = 41;
 /// The same on a device.
-const DEVICE_TURNS: usize = 11;
+const DEVICE_ROUNDS: usize = 11;
 /// Bounces of classic radiosity that one product is compared with.
 const BOUNCES: u32 = 3;
 
@@ -446,7 +446,7 @@ impl<'a> Subject<'a> {
             own_light: 0.0,
             compact_lights: 0.0,
             median_ms,
-            floor_ms: bytes as f64 * 1e-6 / stream_gb_s((bytes as usize).max(1 << 20), TURNS),
+            floor_ms: bytes as f64 * 1e-6 / stream_gb_s((bytes as usize).max(1 << 20), ROUNDS),
             device_ms: None,
             compress_s: None,
             blocks: None,
@@ -528,7 +528,7 @@ impl<'a> Subject<'a> {
         };
         if let Some(device) = device {
             let stored = PatchOperator::LowRank(Arc::new(tiles));
-            row.device_ms = Some(product_ms(device, &stored, self.own(), DEVICE_TURNS, Decoder::Kernel)?);
+            row.device_ms = Some(product_ms(device, &stored, self.own(), DEVICE_ROUNDS, Decoder::Kernel)?);
         }
         Ok(row)
     }
@@ -539,14 +539,14 @@ fn product_ms(
     device: &mut (dyn Executor + 'static),
     operator: &PatchOperator,
     light: &[Vec4],
-    turns: usize,
+    rounds: usize,
     decoder: Decoder,
 ) -> Result<f64, Error> {
     let n = operator.patches();
     let range = device.device().max_storage_buffer_range;
     let product =
         Product::load(device, n, n, range, &|plan, tables| operator.add_tables(plan, tables, range, decoder))?;
-    Ok(product.run(device, light, turns)?.1)
+    Ok(product.run(device, light, rounds)?.1)
 }
 
 fn greatest(errors: &[f64]) -> f64 {
@@ -554,12 +554,12 @@ fn greatest(errors: &[f64]) -> f64 {
 }
 
 fn median_ms(mut work: impl FnMut() -> Result<(), Error>) -> Result<f64, Error> {
-    let mut times = Vec::with_capacity(TURNS);
-    for _ in 0..TURNS {
+    let mut times = Vec::with_capacity(ROUNDS);
+    for _ in 0..ROUNDS {
         let start = Instant::now();
         work()?;
         times.push(1e3 * start.elapsed().as_secs_f64());
     }
     times.sort_by(f64::total_cmp);
-    Ok(times[TURNS / 2])
+    Ok(times[ROUNDS / 2])
 }

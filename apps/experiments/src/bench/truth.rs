@@ -20,8 +20,8 @@ use patchlight::Pictures;
 /// Points of a path-traced reference, and paths of each for every path of a pixel.
 const POINTS: u32 = 512;
 const POINT_PATHS: u32 = 8;
-/// Samples that are asked where light comes before points are placed.
-const POINT_PILOTS: u32 = 8192;
+/// Probe samples whose reachability is tested before points are placed.
+const POINT_PROBE_SAMPLES: u32 = 8192;
 /// What the seeds of two independent halves differ by.
 const OTHER_HALF: u32 = 0x6861_6c66;
 
@@ -113,7 +113,7 @@ impl Truth {
         progress: &Progress,
     ) -> Result<Self, Error> {
         let mut truth = Self::traced(loaded, &loaded.scene.lighting.lights, size, paths, seed, progress)?;
-        let sampler = LitSampler::new(&loaded.scene, POINT_PILOTS, seed)?;
+        let sampler = LitSampler::new(&loaded.scene, POINT_PROBE_SAMPLES, seed)?;
         let samples = sampler.samples(POINTS, seed);
         let point =
             |s: &patches::Sample| SurfacePoint { position: s.position, patch: NONE, normal: s.normal, weight: 1.0 };

@@ -115,8 +115,8 @@ fn sample_source(
 }
 
 /// Form factor of a patch to another by pairs of points. `receiver` and `source` are cut at each other's planes,
-/// `area` is the whole area of the receiving patch; at most about `samples` pairs, fewer the farther the patches are
-/// apart.
+/// `area` is the whole area of the receiving patch; at most about `samples` pairs, fewer the greater the distance
+/// of the patches.
 pub(super) fn patch_to_patch(
     receiver: &Polygon,
     source: &Polygon,

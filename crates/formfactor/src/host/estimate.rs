@@ -83,7 +83,7 @@ pub struct Hemisphere {
 }
 
 /// Pairs of points on both patches, `F_ij = 1/A_i ∫∫ V cosθ_i cosθ_j / (π r²)`: low-discrepancy pairs, drawn by solid angle
-/// where the patches are near, up to `samples` a pair there and fewer far apart.
+/// where the patches are near, up to `samples` a pair there and fewer where they are far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AreaToArea {
     /// Most pairs of points for a pair of patches.

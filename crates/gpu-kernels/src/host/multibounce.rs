@@ -41,7 +41,7 @@ fn parts<'s, 'a>(kernel: &Kernel, call: &'s mut HostCall<'_, 'a>) -> Result<(Bou
 /// Rows of blocks on all cores: for each the additions of a workgroup, lane by lane, and the tree over them.
 fn gather(parts: Parts, lane_sums: impl Fn(&Parts, u32, u32) -> BlockSums + Sync) {
     let Parts { p, tile_scales, row_start, outliers, exitance, rows } = parts;
-    // The result apart, so that the tasks may share the rest.
+    // Without the result, so that the tasks may share the rest.
     let parts = Parts { p, tile_scales, row_start, outliers, exitance, rows: &mut [] };
     rows.par_chunks_mut(BLOCK as usize).enumerate().for_each(|(row, out)| {
         let row = row as u32;

@@ -10,33 +10,32 @@ use super::world::Node;
 /// A row of a world: nodes, and the share of the light that arrives there.
 pub(super) type Row = Vec<(u32, f32)>;
 
-/// What a node sends to another one, as its row says.
+/// A row estimate: the form factor from one node to another one as the row of the first gives it.
 #[derive(Clone, Copy, Default)]
-struct Said {
+struct RowEstimate {
     factor: f32,
-    /// Whether the row knows only an ancestor of the other one.
-    is_guess: bool,
+    /// Whether the row has only an ancestor of the other node, whose form factor is shared out by area.
+    is_coarse: bool,
 }
 
-/// Adds what a row says of `nodes`, which are in order and none an ancestor of another one: `say(place, factor, is_guess)`. An entry goes to
-/// the node that covers it; where several are finer than the entry, they share it by their areas.
-fn spread(row: &[(u32, f32)], cut: &[u32], nodes: &[Node], forest: &Forest, mut say: impl FnMut(usize, f32, bool)) {
+/// Spreads a row over the nodes of `cut`, which are in order and none an ancestor of another one, by `add(position in the cut, factor,
+/// is_coarse)`. An entry goes to the node that covers it; where several are finer than the entry, they share it by their areas.
+fn spread(row: &[(u32, f32)], cut: &[u32], nodes: &[Node], forest: &Forest, mut add: impl FnMut(usize, f32, bool)) {
     for &(column, factor) in row {
         let mut at = forest.first_from(cut, column);
         if at < cut.len() && forest.covers(cut[at], column) {
-            say(at, factor, false);
+            add(at, factor, false);
             continue;
         }
         while at < cut.len() && forest.covers(column, cut[at]) {
-            say(at, factor * nodes[cut[at] as usize].area / nodes[column as usize].area, true);
+            add(at, factor * nodes[cut[at] as usize].area / nodes[column as usize].area, true);
             at += 1;
         }
     }
 }
 
-/// Rows of F from nodes that enter to all of `cut`, which they are of: `A_a F_ab` is the mean of both rows, where both know
-/// both nodes; that of the one that does, where the other one knows an ancestor only. So F̂ is symmetric and depends on the cut alone,
-/// not on the order in which its nodes came.
+/// Rows of F from nodes that enter to all of `cut`, which they are part of: `A_a F_ab` is the mean of both row estimates, or the finer
+/// one where the other is coarse. So F̂ is symmetric and depends on the cut alone, not on the order in which its nodes came.
 pub(super) fn assemble<'a>(
     entering: &[u32],
     cut: &[u32],
@@ -46,40 +45,40 @@ pub(super) fn assemble<'a>(
 ) -> Vec<Row> {
     let mut order = entering.to_vec();
     order.sort_unstable_by_key(|&node| forest.run(node));
-    // What the others say of those that enter.
-    let back = |&node: &u32| {
-        let mut said: Vec<(u32, Said)> = Vec::new();
-        spread(row(node), &order, nodes, forest, |place, factor, is_guess| {
+    // Row estimates of each node of the cut, to the nodes that enter.
+    let to_entering = |&node: &u32| {
+        let mut estimates: Vec<(u32, RowEstimate)> = Vec::new();
+        spread(row(node), &order, nodes, forest, |place, factor, is_coarse| {
             // Entries are in the order of their columns more often than not.
-            match said.iter_mut().rev().find(|(p, _)| *p == place as u32) {
+            match estimates.iter_mut().rev().find(|(p, _)| *p == place as u32) {
                 Some((_, one)) => one.factor += factor,
-                None => said.push((place as u32, Said { factor, is_guess })),
+                None => estimates.push((place as u32, RowEstimate { factor, is_coarse })),
             }
         });
-        said
+        estimates
     };
-    let back: Vec<Vec<(u32, Said)>> = cut.par_iter().with_min_len(16).map(back).collect();
-    let mut told: Vec<Vec<(u32, Said)>> = vec![Vec::new(); order.len()];
-    for (place, said) in back.iter().enumerate() {
-        said.iter().for_each(|&(one, what)| told[one as usize].push((place as u32, what)));
+    let rows: Vec<Vec<(u32, RowEstimate)>> = cut.par_iter().with_min_len(16).map(to_entering).collect();
+    let mut columns: Vec<Vec<(u32, RowEstimate)>> = vec![Vec::new(); order.len()];
+    for (place, estimates) in rows.iter().enumerate() {
+        estimates.iter().for_each(|&(one, estimate)| columns[one as usize].push((place as u32, estimate)));
     }
-    let forth = |node: u32| {
-        let mut said = vec![Said::default(); cut.len()];
-        spread(row(node), cut, nodes, forest, |place, factor, is_guess| {
-            said[place].factor += factor;
-            said[place].is_guess = is_guess;
+    let from_entering = |node: u32| {
+        let mut estimates = vec![RowEstimate::default(); cut.len()];
+        spread(row(node), cut, nodes, forest, |place, factor, is_coarse| {
+            estimates[place].factor += factor;
+            estimates[place].is_coarse = is_coarse;
         });
         let area = nodes[node as usize].area;
-        let told = &told[order.partition_point(|&one| forest.run(one) < forest.run(node))];
-        let mut others = told.iter().peekable();
+        let column = &columns[order.partition_point(|&one| forest.run(one) < forest.run(node))];
+        let mut others = column.iter().peekable();
         let mut out = Row::new();
-        for (place, (mine, &other)) in said.into_iter().zip(cut).enumerate() {
+        for (place, (mine, &other)) in estimates.into_iter().zip(cut).enumerate() {
             let theirs = match others.next_if(|(p, _)| *p as usize == place) {
                 Some(&(_, theirs)) => theirs,
-                None => Said::default(),
+                None => RowEstimate::default(),
             };
             let back = theirs.factor * nodes[other as usize].area / area;
-            let factor = match (mine.is_guess, theirs.is_guess) {
+            let factor = match (mine.is_coarse, theirs.is_coarse) {
                 (false, true) => mine.factor,
                 (true, false) => back,
                 _ => 0.5 * (mine.factor + back),
@@ -90,5 +89,5 @@ pub(super) fn assemble<'a>(
         }
         out
     };
-    entering.par_iter().map(|&node| forth(node)).collect()
+    entering.par_iter().map(|&node| from_entering(node)).collect()
 }

@@ -1,4 +1,4 @@
-//! The matrix round a camera that moves: where the camera is and where it is going, and what each frame changes.
+//! The matrix round a camera that moves: where the camera is and its predicted path, and what each frame changes.
 
 use core::cell::Cell;
 use std::boxed::Box;
@@ -17,25 +17,25 @@ const SLOT_STEP: usize = 4;
 /// Settings of [`CameraMatrix`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraSettings {
-    /// Patches and merged patches that the matrix has room for.
+    /// Patches and merged patches that the matrix holds at most.
     pub slots: usize,
     /// How many of them enter or leave in a frame at most.
     pub budget: usize,
-    /// Frames that the camera's path is predicted ahead.
-    pub look_ahead: f32,
+    /// Frames for which the camera's path is predicted.
+    pub predicted_frames: f32,
     /// Frames over which changes of the matrix come into the light.
     pub fade: u32,
     /// Display white: irradiance that is displayed as white, W/m². Changes alter no displayed value by more than two
     /// 255ths a frame.
-    pub white: f32,
+    pub display_white: f32,
     /// Whether each frame waits for all changes, whatever the budget.
     pub at_rest: bool,
 }
 
 impl CameraSettings {
-    /// 4,096 slots, 64 changes a frame, 8 frames ahead, 16 frames to fade, no display white.
+    /// 4,096 slots, 64 changes a frame, 8 predicted frames, 16 frames to fade, no display white.
     pub const DEFAULT: Self =
-        Self { slots: 4096, budget: 64, look_ahead: 8.0, fade: 16, white: f32::INFINITY, at_rest: false };
+        Self { slots: 4096, budget: 64, predicted_frames: 8.0, fade: 16, display_white: f32::INFINITY, at_rest: false };
 }
 
 impl Default for CameraSettings {
@@ -75,9 +75,10 @@ pub struct CameraMatrix {
     world: Box<dyn World + Send>,
     /// Patch of each leaf.
     order: Vec<u32>,
-    look_ahead: f32,
+    predicted_frames: f32,
     eye: Vec3,
-    ahead: Vec3,
+    /// Where the camera is predicted to be.
+    predicted: Vec3,
     is_first: bool,
     at_rest: bool,
     /// What [`Self::choose`] has done at rest.
@@ -102,7 +103,7 @@ impl CameraMatrix {
             slots: settings.slots.min(order.len()).max(1).next_multiple_of(SLOT_STEP),
             changes: settings.budget,
             fade: settings.fade,
-            white: settings.white,
+            display_white: settings.display_white,
             ..LocalSettings::default()
         };
         let mut local = Local::new(world.nodes(), local_settings)?;
@@ -111,14 +112,14 @@ impl CameraMatrix {
             most.set(done.max(most.get()));
             go_on(most.get() as f32 / local_settings.slots as f32)
         };
-        local.settle(&mut *world, View { eye, ahead: eye }, &share)?;
+        local.settle(&mut *world, View { eye, predicted: eye }, &share)?;
         Ok(Self {
             local,
             world,
             order,
-            look_ahead: settings.look_ahead,
+            predicted_frames: settings.predicted_frames,
             eye,
-            ahead: eye,
+            predicted: eye,
             is_first: true,
             at_rest: settings.at_rest,
             done: Step::default(),
@@ -126,9 +127,9 @@ impl CameraMatrix {
         })
     }
 
-    /// Where the camera is in the next frame, m; it is taken to go on as it came.
-    pub fn look(&mut self, eye: Vec3) {
-        self.ahead = if self.is_first { eye } else { eye + (eye - self.eye) * self.look_ahead };
+    /// Moves the camera to where it is in the next frame, m; its predicted path goes on as it came.
+    pub fn move_camera(&mut self, eye: Vec3) {
+        self.predicted = if self.is_first { eye } else { eye + (eye - self.eye) * self.predicted_frames };
         self.eye = eye;
     }
 
@@ -167,7 +168,7 @@ impl CameraMatrix {
     /// # Errors
     /// What the world and the matrix say.
     pub fn choose(&mut self) -> Result<Changes, Error> {
-        let view = View { eye: self.eye, ahead: self.ahead };
+        let view = View { eye: self.eye, predicted: self.predicted };
         if core::mem::take(&mut self.is_first) {
             self.local.settle(&mut *self.world, view, &|_| true)?;
         } else if self.at_rest {

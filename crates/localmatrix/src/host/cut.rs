@@ -9,18 +9,18 @@ use super::choice::distance_to_path;
 use super::forest::Forest;
 use super::world::Node;
 
-/// Where the camera is, and where it will be.
+/// Where the camera is, and where it is predicted to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// The camera, m.
     pub eye: Vec3,
-    /// Where it goes to next: patches by the way there are near already, m.
-    pub ahead: Vec3,
+    /// The end of its predicted path, m: patches along it are near already.
+    pub predicted: Vec3,
 }
 
 /// Nodes that take the place of others which cover the same leaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Exchange {
+pub(super) struct Replacement {
     pub enter: Vec<u32>,
     pub leave: Vec<u32>,
 }
@@ -43,24 +43,24 @@ impl Ord for Ranked {
     }
 }
 
-/// What says how large nodes look.
+/// What ranks nodes by their apparent size.
 pub(super) struct Chooser<'a> {
     pub nodes: &'a [Node],
     pub forest: &'a Forest,
     pub view: View,
     /// Below this distance all is equally near, m.
     pub near: f32,
-    /// What is fine already looks larger by this share.
+    /// The apparent size of what is fine already counts as larger by this share.
     pub hysteresis: f32,
     /// The nodes that stand for the world now, in order.
     pub cut: &'a [u32],
 }
 
 impl Chooser<'_> {
-    /// Edge of a node over its distance from the way of the camera.
-    pub fn size(&self, node: u32) -> f32 {
+    /// Apparent size of a node: its edge over its distance from the predicted camera path.
+    pub fn apparent_size(&self, node: u32) -> f32 {
         let Node { centre, radius, area, .. } = self.nodes[node as usize];
-        let distance = (distance_to_path(centre, self.view.eye, self.view.ahead) - radius).max(0.0);
+        let distance = (distance_to_path(centre, self.view.eye, self.view.predicted) - radius).max(0.0);
         scene::math::sqrt(area) / (distance + self.near)
     }
 
@@ -71,22 +71,22 @@ impl Chooser<'_> {
         let is_finer = is_in && self.cut[at] != node;
         // Roots are never finer than they are: what counts for them is to be in at all.
         let is_root = self.nodes[node as usize].parent == super::world::NO_NODE;
-        self.size(node) * if is_finer || (is_root && is_in) { 1.0 + self.hysteresis } else { 1.0 }
+        self.apparent_size(node) * if is_finer || (is_root && is_in) { 1.0 + self.hysteresis } else { 1.0 }
     }
 
-    /// At most `room` nodes that cover the world, or the part of it that looks largest where its roots are too many already; in order.
-    /// The one that looks largest is divided first. Nodes that `is_barred` are not divided into.
-    pub fn choose(&self, room: usize, is_barred: impl Fn(u32) -> bool) -> Vec<u32> {
-        let roots = self.forest.roots().iter().filter(|&&root| !is_barred(root));
+    /// At most `capacity` nodes that cover the world, or the part of it of the greatest apparent size where its roots are too many
+    /// already; in order. The node of the greatest apparent size is divided first. Nodes that `is_excluded` are not divided into.
+    pub fn choose(&self, capacity: usize, is_excluded: impl Fn(u32) -> bool) -> Vec<u32> {
+        let roots = self.forest.roots().iter().filter(|&&root| !is_excluded(root));
         let mut ranked: Vec<Ranked> = roots.map(|&root| Ranked(self.rank(root), root)).collect();
         ranked.sort_unstable_by(|a, b| b.cmp(a));
-        ranked.truncate(room);
+        ranked.truncate(capacity);
         let mut count = ranked.len();
         let (mut heap, mut chosen) = (BinaryHeap::from(ranked), Vec::new());
         while let Some(Ranked(_, node)) = heap.pop() {
             let Node { first_child, children, .. } = self.nodes[node as usize];
             let mut family = first_child..first_child + children;
-            if children == 0 || count - 1 + children as usize > room || family.clone().any(&is_barred) {
+            if children == 0 || count - 1 + children as usize > capacity || family.clone().any(&is_excluded) {
                 chosen.push(node);
                 continue;
             }
@@ -97,9 +97,9 @@ impl Chooser<'_> {
         chosen
     }
 
-    /// What leads from the cut there is to another one, `(finer, coarser, out)`: exchanges of one node for several, of several for one,
+    /// What leads from the cut there is to another one, `(finer, coarser, out)`: replacements of one node by several, of several by one,
     /// nodes that go without others in their place; what comes without is in `finer`.
-    pub fn exchanges(&self, target: &[u32]) -> (Vec<Exchange>, Vec<Exchange>, Vec<u32>) {
+    pub fn replacements(&self, target: &[u32]) -> (Vec<Replacement>, Vec<Replacement>, Vec<u32>) {
         let (mut finer, mut coarser, mut out) = (Vec::new(), Vec::new(), Vec::new());
         let (mut i, mut j) = (0, 0);
         while i < self.cut.len() || j < target.len() {
@@ -108,12 +108,12 @@ impl Chooser<'_> {
                 (Some(now), Some(then)) if now == then => (i, j) = (i + 1, j + 1),
                 (Some(now), Some(then)) if self.forest.covers(now, then) => {
                     let end = j + target[j..].partition_point(|&one| self.forest.covers(now, one));
-                    finer.push(Exchange { enter: target[j..end].to_vec(), leave: vec![now] });
+                    finer.push(Replacement { enter: target[j..end].to_vec(), leave: vec![now] });
                     (i, j) = (i + 1, end);
                 }
                 (Some(now), Some(then)) if self.forest.covers(then, now) => {
                     let end = i + self.cut[i..].partition_point(|&one| self.forest.covers(then, one));
-                    coarser.push(Exchange { enter: vec![then], leave: self.cut[i..end].to_vec() });
+                    coarser.push(Replacement { enter: vec![then], leave: self.cut[i..end].to_vec() });
                     (i, j) = (end, j + 1);
                 }
                 (Some(now), then) if then.is_none_or(|then| self.forest.run(now)[0] < self.forest.run(then)[0]) => {
@@ -121,7 +121,7 @@ impl Chooser<'_> {
                     i += 1;
                 }
                 (_, Some(then)) => {
-                    finer.push(Exchange { enter: vec![then], leave: Vec::new() });
+                    finer.push(Replacement { enter: vec![then], leave: Vec::new() });
                     j += 1;
                 }
                 (_, None) => break,

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use transport::LinearOperator;
 
 use super::assembly::{Row, assemble};
-use super::cut::{Chooser, Exchange, View};
+use super::cut::{Chooser, Replacement, View};
 use super::forest::Forest;
 use super::matrix::{Entering, Form, LocalMatrix};
 use super::world::{NO_NODE, Node, World};
@@ -21,7 +21,7 @@ use crate::types::FadeParams;
 const TOGETHER: usize = 32;
 /// Distances below so many edges of a patch are all alike.
 const NEAR: f32 = 2.0;
-/// Rounds of [`Local::settle`] in which no row is missing: each goes all the way but for what has no room at once.
+/// Rounds of [`Local::settle`] in which no row is missing: each makes all changes but those that do not fit at once.
 const MOST_ROUNDS: usize = 256;
 /// How long [`Local::settle`] sleeps while rows are under way.
 const PAUSE: Duration = Duration::from_millis(1);
@@ -29,17 +29,17 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// Settings of [`Local`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalSettings {
-    /// Nodes that the matrix has room for, M.
+    /// Nodes that the matrix holds at most, M.
     pub slots: usize,
     /// Nodes that enter or leave in a step at most; a family that has more changes alone.
     pub changes: usize,
-    /// What is fine looks larger by this share, so that a camera that trembles moves nothing.
+    /// The apparent size of what is fine counts as larger by this share, so that a camera that trembles moves nothing.
     pub hysteresis: f32,
     /// Frames over which light goes over to that of other nodes; its jump shrinks by `1 / fade` a frame. 1 for at once.
     pub fade: u32,
-    /// Irradiance that is displayed as white, W/m²: jumps shrink so slowly that no displayed value changes by more than two 255ths in a
-    /// frame. Infinite where values are not displayed.
-    pub white: f32,
+    /// Display white, the irradiance that is displayed as white, W/m²: jumps shrink so slowly that no displayed value
+    /// changes by more than two 255ths in a frame. Infinite where values are not displayed.
+    pub display_white: f32,
     /// Relative residual above which all columns are refreshed.
     pub tolerance: f32,
     /// Rows that are asked for ahead, at most.
@@ -49,14 +49,14 @@ pub struct LocalSettings {
 }
 
 impl Default for LocalSettings {
-    /// 4,096 slots, 64 changes a step, a fifth of hysteresis, 16 frames, no white, 10⁻⁵, 1,024 rows.
+    /// 4,096 slots, 64 changes a step, a fifth of hysteresis, 16 frames, no display white, 10⁻⁵, 1,024 rows.
     fn default() -> Self {
         Self {
             slots: 4096,
             changes: 64,
             hysteresis: 0.2,
             fade: 16,
-            white: f32::INFINITY,
+            display_white: f32::INFINITY,
             tolerance: 1e-5,
             wanted: 1024,
             form: Form::Exact,
@@ -78,8 +78,8 @@ impl LocalSettings {
         if self.fade == 0 {
             return refuse("fade", 0.0, "at least 1");
         }
-        if self.white.is_nan() || self.white <= 0.0 {
-            return refuse("white", f64::from(self.white), "positive");
+        if self.display_white.is_nan() || self.display_white <= 0.0 {
+            return refuse("display white", f64::from(self.display_white), "positive");
         }
         if self.tolerance.is_nan() || self.tolerance <= 0.0 {
             return refuse("tolerance", f64::from(self.tolerance), "positive");
@@ -118,7 +118,7 @@ pub struct Step {
     pub left: usize,
     /// Nodes that would enter, but whose rows are not there yet: coarser ones stay in their place.
     pub waiting: usize,
-    /// Nodes that would enter, but for which there was no room in the budget.
+    /// Nodes that would enter, but that exceeded the budget.
     pub later: usize,
     /// Multiplications, all channels, that the matrix took.
     pub work: u64,
@@ -144,10 +144,11 @@ impl Step {
 
 /// All bounces of light in a world of any size, between the nodes that stand for it about a camera.
 ///
-/// The nodes in the matrix are a *cut* of the world's forest, at most M nodes, fine where they look large from the way of the
-/// camera and coarse elsewhere. A node gives way to its descendants, and they to it, exactly and as a whole, so that each part of the world is
-/// in the matrix once; where not even the roots have room, those that look smallest leave as ghosts. Light shines from the mean
-/// exitance of a node and arrives at all of its patches alike.
+/// The nodes in the matrix are a *cut* of the world's forest, at most M nodes, fine where their apparent size from the
+/// predicted camera path is large and coarse elsewhere. A node gives way to its descendants, and they to it, exactly
+/// and as a whole, so that each part of the world is in the matrix once; where there are more roots than slots, those
+/// of the least apparent size leave as ghosts. Light shines from the mean exitance of a node and arrives at all of its
+/// patches alike.
 ///
 /// Each frame either [`Self::frame`], or its parts: [`Self::choose`], [`Self::apply`], [`Self::product`].
 #[derive(Clone, Debug)]
@@ -163,7 +164,7 @@ pub struct Local {
     /// Rows of the cut, of ghosts and of nodes that are to enter.
     rows: HashMap<u32, Row>,
     /// Nodes that cannot enter.
-    barred: HashSet<u32>,
+    excluded: HashSet<u32>,
     /// Columns that are yet to be refreshed.
     repair: usize,
     /// What is left of jumps of the light, for each leaf, from the first one on.
@@ -189,7 +190,7 @@ impl Local {
             cut: Vec::new(),
             ghosts: Vec::new(),
             rows: HashMap::new(),
-            barred: HashSet::new(),
+            excluded: HashSet::new(),
             repair: 0,
             offset: Vec::new(),
         })
@@ -210,7 +211,7 @@ impl Local {
         &mut self.matrix
     }
 
-    /// The leaves' order, in which light is given and taken, and what each node covers of it.
+    /// The leaves' order, in which exitance is given and irradiance returned, and what each node covers of it.
     pub fn forest(&self) -> &Forest {
         &self.forest
     }
@@ -266,23 +267,23 @@ impl Local {
                 hysteresis: self.settings.hysteresis,
                 cut: &self.cut,
             };
-            let target = chooser.choose(slots, |node| self.barred.contains(&node));
-            let (finer, coarser, out) = chooser.exchanges(&target);
-            let mut finer: Vec<Exchange> = finer.into_iter().map(|one| self.at_most(one, nodes, most)).collect();
+            let target = chooser.choose(slots, |node| self.excluded.contains(&node));
+            let (finer, coarser, out) = chooser.replacements(&target);
+            let mut finer: Vec<Replacement> = finer.into_iter().map(|one| self.at_most(one, nodes, most)).collect();
             // Roots come before what is in them, which would be named for each.
             finer.dedup();
-            let coarser: Vec<Exchange> = coarser.into_iter().map(|one| self.at_most(one, nodes, most)).collect();
-            let by_size = |list: Vec<Exchange>, of: fn(&Exchange) -> u32| {
-                let mut ranked: Vec<(f32, Exchange)> =
-                    list.into_iter().map(|one| (chooser.size(of(&one)), one)).collect();
+            let coarser: Vec<Replacement> = coarser.into_iter().map(|one| self.at_most(one, nodes, most)).collect();
+            let by_size = |list: Vec<Replacement>, of: fn(&Replacement) -> u32| {
+                let mut ranked: Vec<(f32, Replacement)> =
+                    list.into_iter().map(|one| (chooser.apparent_size(of(&one)), one)).collect();
                 ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
                 ranked
             };
-            // What looks largest first, and what looks smallest.
+            // The greatest apparent size first, and the least.
             let mut finer = by_size(finer, |one| one.leave.first().copied().unwrap_or(one.enter[0]));
             finer.reverse();
             let coarser = by_size(coarser, |one| one.enter[0]);
-            let plain = |list: Vec<(f32, Exchange)>| list.into_iter().map(|(_, one)| one).peekable();
+            let plain = |list: Vec<(f32, Replacement)>| list.into_iter().map(|(_, one)| one).peekable();
             (plain(finer), plain(coarser), out)
         };
         let mut changes = Changes { out, ..Changes::default() };
@@ -292,7 +293,7 @@ impl Local {
             while let Some(one) = finer.next_if(|one| !self.fetch(world, one, &mut changes, &mut wanted)) {
                 changes.waiting += one.enter.len();
             }
-            let fits = |one: &Exchange| count + one.enter.len() <= slots + one.leave.len();
+            let fits = |one: &Replacement| count + one.enter.len() <= slots + one.leave.len();
             let next = match finer.next_if(fits) {
                 Some(one) => one,
                 None => {
@@ -319,7 +320,7 @@ impl Local {
             changes.enter.extend(&next.enter);
             changes.leave.extend(&next.leave);
         }
-        // Those that were not looked at: their rows are under way when it is their turn.
+        // Those that were not looked at: their rows are being read by the time they come next.
         for one in finer.chain(coarser) {
             changes.later += one.enter.len();
             wanted.extend(one.enter.iter().filter(|node| !self.rows.contains_key(node)));
@@ -330,7 +331,13 @@ impl Local {
     }
 
     /// Whether the rows of what enters are there; those that are not are wanted.
-    fn fetch(&mut self, world: &mut dyn World, one: &Exchange, changes: &mut Changes, wanted: &mut Vec<u32>) -> bool {
+    fn fetch(
+        &mut self,
+        world: &mut dyn World,
+        one: &Replacement,
+        changes: &mut Changes,
+        wanted: &mut Vec<u32>,
+    ) -> bool {
         let mut is_there = true;
         for &node in &one.enter {
             if self.rows.contains_key(&node) {
@@ -345,7 +352,7 @@ impl Local {
                     is_there = false;
                 }
                 Err(error) => {
-                    self.barred.insert(node);
+                    self.excluded.insert(node);
                     changes.lost.push(error);
                     is_there = false;
                 }
@@ -354,8 +361,8 @@ impl Local {
         is_there
     }
 
-    /// The exchange, or a part of it that has about as many changes as there may be: a family.
-    fn at_most(&self, one: Exchange, nodes: &[Node], most: usize) -> Exchange {
+    /// The replacement, or a part of it that has about as many changes as there may be: a family.
+    fn at_most(&self, one: Replacement, nodes: &[Node], most: usize) -> Replacement {
         let parent = |node: u32| nodes[node as usize].parent;
         let Some(&first) = one.leave.first() else {
             // What is not there yet begins with its root.
@@ -363,14 +370,14 @@ impl Local {
             while parent(root) != NO_NODE {
                 root = parent(root);
             }
-            return Exchange { enter: vec![root], leave: Vec::new() };
+            return Replacement { enter: vec![root], leave: Vec::new() };
         };
         if one.enter.len() + one.leave.len() <= most {
             return one;
         }
         if let [node] = one.leave[..] {
             let Node { first_child, children, .. } = nodes[node as usize];
-            return Exchange { enter: (first_child..first_child + children).collect(), leave: vec![node] };
+            return Replacement { enter: (first_child..first_child + children).collect(), leave: vec![node] };
         }
         // The deepest has all of its siblings beside it.
         let depth =
@@ -378,7 +385,7 @@ impl Local {
         let deepest = one.leave.iter().copied().max_by_key(|node| (depth(node), u32::MAX - node)).unwrap_or(first);
         let whole = parent(deepest);
         let family = one.leave.iter().copied().filter(|&node| self.forest.covers(whole, node)).collect();
-        Exchange { enter: vec![whole], leave: family }
+        Replacement { enter: vec![whole], leave: family }
     }
 
     /// Makes the changes in the matrix, and refreshes what rounding has left in it.
@@ -403,7 +410,7 @@ impl Local {
                 self.matrix.remove(&back)?;
                 self.cut.retain(|node| !back.contains(node));
                 self.add(world.nodes(), leave)?;
-                self.barred.insert(patch);
+                self.excluded.insert(patch);
                 step.lost.push(error);
                 step.left = out.len();
             }
@@ -478,7 +485,7 @@ impl Local {
             let step = self.apply(world, changes)?;
             let (has_lost, is_waiting) = (!step.lost.is_empty(), step.waiting > 0);
             whole = step.after(whole);
-            // Hysteresis has a cut stay as it is; should two take turns nevertheless, either will do.
+            // Hysteresis has a cut stay as it is; should two alternate nevertheless, either will do.
             rounds += usize::from(!is_waiting);
             if (is_done && !has_lost) || rounds > MOST_ROUNDS {
                 return Ok(whole);
@@ -564,7 +571,7 @@ impl Local {
     /// How jumps of the light shrink in a frame; `has_jump` where the matrix has changed.
     pub fn fade_params(&self, has_jump: bool) -> FadeParams {
         let keep = 1.0 - 1.0 / self.settings.fade as f32;
-        let white = self.settings.white;
-        FadeParams { count: self.leaf_area.len() as u32, keep, has_jump: u32::from(has_jump), white }
+        let display_white = self.settings.display_white;
+        FadeParams { count: self.leaf_area.len() as u32, keep, has_jump: u32::from(has_jump), display_white }
     }
 }

@@ -72,7 +72,7 @@ pub struct LocalMatrix {
     contents: Vec<Slot>,
     slots: HashMap<u32, u32>,
     /// `√a` of each slot, m; 1 where it is free.
-    root: Vec<f32>,
+    sqrt_area: Vec<f32>,
     /// ρ of each channel and slot; 0 where it is free.
     albedo: [Vec<f32>; 3],
     /// `F̂ = a^½ F a^-½` between the slots, `[M · M]`.
@@ -108,7 +108,7 @@ impl LinearOperator for LocalMatrix {
 }
 
 impl LocalMatrix {
-    /// Room for so many patches, all free: 16 bytes for each pair of slots.
+    /// So many slots, all free: 16 bytes for each pair of them.
     ///
     /// # Errors
     /// [`transport::Error::Setting`] for no slots or more than [`MOST_SLOTS`].
@@ -120,7 +120,7 @@ impl LocalMatrix {
             form,
             contents: vec![Slot::Free; slots],
             slots: HashMap::new(),
-            root: vec![1.0; slots],
+            sqrt_area: vec![1.0; slots],
             albedo: [0, 1, 2].map(|_| vec![0.0; slots]),
             factors: vec![0.0; slots * slots],
             state: vec![0.0; 3 * slots * slots],
@@ -172,8 +172,8 @@ impl LocalMatrix {
     }
 
     /// `√a` of each slot, m; 1 where it is free.
-    pub fn root(&self) -> &[f32] {
-        &self.root
+    pub fn sqrt_area(&self) -> &[f32] {
+        &self.sqrt_area
     }
 
     /// From now on changes are kept, for [`Self::take_updates`].
@@ -204,13 +204,13 @@ impl LocalMatrix {
     }
 
     /// Lets patches enter, as one border. Those that are ghosts with the same area and reflectance come back without any work;
-    /// ghosts that left longest ago make room where there is none.
+    /// ghosts that left longest ago give up their slots where none is free.
     ///
     /// # Errors
     /// [`Error::Value`], [`Error::AlreadyThere`], [`Error::Full`], [`Error::Singular`].
     pub fn add(&mut self, entering: &[Entering]) -> Result<(), Error> {
         self.check(entering)?;
-        // Ghosts first: they may stand where room is needed.
+        // Ghosts first: they may hold slots that are needed.
         let (mut new, mut changed, mut back) = (Vec::new(), Vec::new(), Vec::new());
         for one in entering {
             match self.slots.get(&one.patch).map(|&slot| slot as usize) {
@@ -300,7 +300,7 @@ impl LocalMatrix {
         let plane = |c: usize| &self.state[c * slots * slots..(c + 1) * slots * slots];
         let [red, green, blue] = [0, 1, 2].map(plane);
         let count = lit.len() as u32;
-        let one = |&slot: &u32| gather(slot, slots as u32, count, lit, red, green, blue, &self.root, exitance);
+        let one = |&slot: &u32| gather(slot, slots as u32, count, lit, red, green, blue, &self.sqrt_area, exitance);
         let gathered: Vec<Vec4> = visible.par_iter().with_min_len(16).map(one).collect();
         visible.iter().zip(gathered).for_each(|(&slot, value)| irradiance[slot as usize] = value);
     }
@@ -367,7 +367,7 @@ impl LocalMatrix {
     /// Whether a slot holds the ghost of this very patch.
     fn is_like(&self, slot: usize, one: &Entering) -> bool {
         let albedo = Vec3::from_array([0, 1, 2].map(|c| self.albedo[c][slot]));
-        self.root[slot] == scene::math::sqrt(one.area) && albedo == one.albedo
+        self.sqrt_area[slot] == scene::math::sqrt(one.area) && albedo == one.albedo
     }
 
     /// Borders the matrix with new patches, for which there are free slots.
@@ -378,22 +378,25 @@ impl LocalMatrix {
         }
         let free: Vec<usize> = (0..slots).filter(|&slot| self.contents[slot] == Slot::Free).take(k).collect();
         let n = self.used.max(free[k - 1] + 1);
-        let root: Vec<f32> = new.iter().map(|one| scene::math::sqrt(one.area)).collect();
+        let sqrt_area: Vec<f32> = new.iter().map(|one| scene::math::sqrt(one.area)).collect();
         let own: HashMap<u32, usize> = new.iter().zip(0..).map(|(one, column)| (one.patch, column)).collect();
-        // F̂ with the patches that are there, and among the new ones: the mean of both rows where both say something.
+        // F̂ with the patches that are there, and among the new ones: the mean of both row estimates where there are two.
         let mut outer = Mat::<f32>::zeros(n, k);
-        let (mut inner, mut said) = (Mat::<f32>::zeros(k, k), Mat::<f32>::zeros(k, k));
+        let mut inner = Mat::<f32>::zeros(k, k);
+        let mut estimates = Mat::<f32>::zeros(k, k);
         for (column, one) in new.iter().enumerate() {
             for &(patch, factor) in one.factors {
                 if let Some(&other) = own.get(&patch) {
-                    inner[(column, other)] += factor * root[column] / root[other];
-                    said[(column, other)] = 1.0;
+                    inner[(column, other)] += factor * sqrt_area[column] / sqrt_area[other];
+                    estimates[(column, other)] = 1.0;
                 } else if let Some(&slot) = self.slots.get(&patch) {
-                    outer[(slot as usize, column)] += factor * root[column] / self.root[slot as usize];
+                    outer[(slot as usize, column)] += factor * sqrt_area[column] / self.sqrt_area[slot as usize];
                 }
             }
         }
-        let inner = Mat::from_fn(k, k, |a, b| (inner[(a, b)] + inner[(b, a)]) / (said[(a, b)] + said[(b, a)]).max(1.0));
+        let inner = Mat::from_fn(k, k, |a, b| {
+            (inner[(a, b)] + inner[(b, a)]) / (estimates[(a, b)] + estimates[(b, a)]).max(1.0)
+        });
         let parallel = get_global_parallelism();
         // All channels before any is changed.
         let mut made = Vec::new();
@@ -457,10 +460,10 @@ impl LocalMatrix {
                 factors[(row, column)] = inner[(a, b)];
             }
         }
-        for ((one, &slot), root) in new.iter().zip(&free).zip(root) {
+        for ((one, &slot), sqrt_area) in new.iter().zip(&free).zip(sqrt_area) {
             self.contents[slot] = Slot::Active(one.patch);
             self.slots.insert(one.patch, slot as u32);
-            self.root[slot] = root;
+            self.sqrt_area[slot] = sqrt_area;
             (0..3).for_each(|c| self.albedo[c][slot] = one.albedo[c]);
         }
         self.used = n;
@@ -507,7 +510,7 @@ impl LocalMatrix {
                 self.slots.remove(&patch);
             }
             self.contents[slot] = Slot::Free;
-            self.root[slot] = 1.0;
+            self.sqrt_area[slot] = 1.0;
             (0..3).for_each(|c| self.albedo[c][slot] = 0.0);
         }
         self.work += 3 * (n * n * k) as u64;

@@ -24,11 +24,11 @@ pub struct Surface {
     pub albedo: Vec3,
 }
 
-/// How much the share of sight that meets anything counts, as so many times the extent of the patches that are to be divided.
-const COVER: f32 = 3.0;
+/// How much ambient occlusion counts, as so many times the extent of the patches that are to be divided.
+const OCCLUSION_WEIGHT: f32 = 3.0;
 
-/// A world in memory. A tree halves the patches by place, direction and what they see, a right turn of the normal counting like the extent
-/// of those that are to be divided; a node's reflectance and row are the means of its patches', by their areas. When the rows are
+/// A world in memory. A tree halves the patches by position, normal and what they see, a right angle between normals counting like the
+/// extent of those that are to be divided; a node's reflectance and row are the means of its patches', by their areas. When the rows are
 /// reciprocal, so are those of all nodes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
@@ -53,11 +53,11 @@ impl Table {
         check_length("rows", count, factors.rows)?;
         check_length("columns", count, factors.columns)?;
         factors.check()?;
-        let seen = what_is_seen(surfaces, &factors);
+        let visibility = visibility(surfaces, &factors);
         let mut order: Vec<u32> = (0..count as u32).collect();
         let parts = bisect(&mut order, |part| {
             let node = merged(surfaces, part);
-            (node, if part.len() > 1 { halve(surfaces, &seen, part) } else { 0 })
+            (node, if part.len() > 1 { halve(surfaces, &visibility, part) } else { 0 })
         });
         let mut nodes: Vec<Node> = parts.iter().map(|part| part.value).collect();
         let mut node_of = vec![NO_NODE; count];
@@ -151,39 +151,51 @@ fn merged(surfaces: &[Surface], patches: &[u32]) -> Node {
     }
 }
 
-/// Middle of what a patch sees, by its row, and which share of its sight that is.
-fn what_is_seen(surfaces: &[Surface], factors: &Csr) -> Vec<(Vec3, f32)> {
+/// What a patch sees, by its row.
+struct Visibility {
+    /// Mean visible point, m.
+    mean_point: Vec3,
+    /// Ambient occlusion: the share of its rays that hit anything.
+    occlusion: f32,
+}
+
+/// What each patch sees.
+fn visibility(surfaces: &[Surface], factors: &Csr) -> Vec<Visibility> {
     let of = |i: usize| {
-        let (mut middle, mut whole) = (Vec3::ZERO, 0.0);
+        let (mut sum, mut occlusion) = (Vec3::ZERO, 0.0);
         for (j, factor) in factors.row(i) {
-            middle += surfaces[j].centre * factor;
-            whole += factor;
+            sum += surfaces[j].centre * factor;
+            occlusion += factor;
         }
-        if whole > 0.0 { (middle / whole, whole) } else { (surfaces[i].centre, 0.0) }
+        if occlusion > 0.0 {
+            Visibility { mean_point: sum / occlusion, occlusion }
+        } else {
+            Visibility { mean_point: surfaces[i].centre, occlusion: 0.0 }
+        }
     };
     (0..surfaces.len()).into_par_iter().map(of).collect()
 }
 
-/// Brings patches into two halves, across the axis along which they are spread most: of place, direction, the place of what they see, and
-/// the share of their sight that meets anything; what is under the sky and what is not have little light in common. Returns where they are cut.
-fn halve(surfaces: &[Surface], seen: &[(Vec3, f32)], patches: &mut [u32]) -> usize {
+/// Brings patches into two halves, across the axis along which they are spread most: of position, normal, mean visible point, and ambient
+/// occlusion; what is under the sky and what is not have little light in common. Returns where they are cut.
+fn halve(surfaces: &[Surface], visibility: &[Visibility], patches: &mut [u32]) -> usize {
     let spread = |of: &dyn Fn(u32) -> Vec3| {
         let wider = |(low, high): (Vec3, Vec3), &patch: &u32| (low.min(of(patch)), high.max(of(patch)));
         let (low, high) = patches.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), wider);
         high - low
     };
-    let place = spread(&|patch| surfaces[patch as usize].centre);
-    let extent = place.length();
-    let turn = spread(&|patch| surfaces[patch as usize].normal) * extent;
-    let sight = spread(&|patch| seen[patch as usize].0);
-    let cover = spread(&|patch| Vec3::splat(seen[patch as usize].1)).x * COVER * extent;
-    let axes = [place.x, place.y, place.z, turn.x, turn.y, turn.z, sight.x, sight.y, sight.z, cover];
+    let position = spread(&|patch| surfaces[patch as usize].centre);
+    let extent = position.length();
+    let normal = spread(&|patch| surfaces[patch as usize].normal) * extent;
+    let seen = spread(&|patch| visibility[patch as usize].mean_point);
+    let occlusion = spread(&|patch| Vec3::splat(visibility[patch as usize].occlusion)).x * OCCLUSION_WEIGHT * extent;
+    let axes = [position.x, position.y, position.z, normal.x, normal.y, normal.z, seen.x, seen.y, seen.z, occlusion];
     let axis = (0..axes.len()).max_by(|&a, &b| axes[a].total_cmp(&axes[b]).then(b.cmp(&a))).unwrap_or(0);
     let key = |&patch: &u32| match axis / 3 {
         0 => surfaces[patch as usize].centre[axis],
         1 => surfaces[patch as usize].normal[axis - 3],
-        2 => seen[patch as usize].0[axis - 6],
-        _ => seen[patch as usize].1,
+        2 => visibility[patch as usize].mean_point[axis - 6],
+        _ => visibility[patch as usize].occlusion,
     };
     let middle = patches.len() / 2;
     patches.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));

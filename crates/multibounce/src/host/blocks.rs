@@ -80,7 +80,7 @@ pub struct BlockSettings {
     pub codec: BlockCodec,
     /// Companding.
     pub companding: Companding,
-    /// Share of the entries that are kept apart, the greatest ones; 0 to 1.
+    /// Share of the entries that are kept as outliers, the greatest ones; 0 to 1.
     pub outliers: f64,
     /// Entries along the edge of a tile, which shares a scale for each channel: a power of two, 4 to 1024.
     pub tile: usize,
@@ -196,7 +196,7 @@ impl BlockMatrix {
         &self.outliers
     }
 
-    /// Factor of each row and channel, in the order of the patches: `H_i = r_i Σ_k (D + O)_{place[i] k} B_{order[k]}`.
+    /// Factor of each row and channel, in the order of the patches: `H_i = r_i Σ_k (D + O)_{permuted_index[i] k} B_{order[k]}`.
     pub fn row_scales(&self) -> &[Vec4] {
         &self.row_scales
     }
@@ -240,7 +240,7 @@ impl BlockMatrix {
     pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
         let n = self.len();
         check_length("row", n, row.len())?;
-        let Some(&place) = self.permutation.place().get(i) else {
+        let Some(&permuted_index) = self.permutation.place().get(i) else {
             return Err(transport::Error::Value {
                 name: "row",
                 index: 0,
@@ -249,18 +249,19 @@ impl BlockMatrix {
             }
             .into());
         };
-        let place = place as usize;
+        let permuted_index = permuted_index as usize;
         let (p, edge) = (self.params(0, 0), BLOCK as usize);
         let mut ordered = vec![Vec3::ZERO; self.block_count() * edge];
         for (column, entries) in ordered.chunks_mut(edge).enumerate() {
-            let words = self.block(place / edge * self.block_count() + column);
-            let tile = (place / self.settings.tile) * p.tile_columns as usize + column * edge / self.settings.tile;
+            let words = self.block(permuted_index / edge * self.block_count() + column);
+            let tile =
+                (permuted_index / self.settings.tile) * p.tile_columns as usize + column * edge / self.settings.tile;
             for (k, slot) in entries.iter_mut().enumerate() {
-                let texel = decode_texel(self.settings.codec, words, (place % edge * edge + k) as u32);
+                let texel = decode_texel(self.settings.codec, words, (permuted_index % edge * edge + k) as u32);
                 *slot = entry(texel, &p) * self.scales[tile].truncate();
             }
         }
-        let start = &self.outliers.start[place..place + 2];
+        let start = &self.outliers.start[permuted_index..permuted_index + 2];
         for words in &self.outliers.entries[start[0] as usize..start[1] as usize] {
             ordered[(words.x & 0xffff) as usize] += unpack(*words);
         }

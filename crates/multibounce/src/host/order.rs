@@ -102,7 +102,7 @@ const COLUMNS: usize = 64;
 /// [`PROJECTED_DIMENSIONS`] dimensions by random signs, which keep distances to about 1/√64 (Achlioptas 2003,
 /// "Database-friendly random projections"). ε is a 64th of the mean grey of every 16th row.
 ///
-/// Logarithms, because the few great entries, which the codec keeps apart, would decide the distances: at 2,000 clusters
+/// Logarithms, because the few great entries, which the codec keeps as outliers, would decide the distances: at 2,000 clusters
 /// of Sponza the squared error of BC1 is 0.65 of that after [`greedy_order`], and the same as after the same chain on whole columns of
 /// logarithms or after optimal leaf ordering of a cluster tree. Any ε from 10⁻⁴ to 1 of the mean does.
 ///

@@ -74,14 +74,14 @@ impl Factors<'_> {
     /// What [`Factors::check`] finds; [`transport::Error::Value`] where F is not reciprocal.
     pub fn check_reciprocal(&self) -> Result<(), Error> {
         self.check()?;
-        let root: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        let sqrt_area: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
         // Columns ascend in a row; one may stand in it more than once.
         let of = |i: usize, j: usize| -> f32 {
             let range = self.row_start[i] as usize..self.row_start[i + 1] as usize;
             let columns = &self.columns[range.clone()];
             let first = columns.partition_point(|&k| (k as usize) < j);
             let same = columns[first..].iter().take_while(|&&k| k as usize == j).count();
-            self.values[range][first..first + same].iter().sum::<f32>() * root[i] / root[j]
+            self.values[range][first..first + same].iter().sum::<f32>() * sqrt_area[i] / sqrt_area[j]
         };
         let unlike = |i: usize| self.row(i).any(|(j, _)| (of(i, j) - of(j, i)).abs() > RECIPROCITY);
         match (0..self.patches()).into_par_iter().find_first(|&i| unlike(i)) {
@@ -100,12 +100,12 @@ impl Factors<'_> {
     pub fn symmetric(&self) -> Result<Mat<f32>, Error> {
         self.check_reciprocal()?;
         let n = self.patches();
-        let root: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        let sqrt_area: Vec<f32> = self.area.iter().map(|&a| scene::math::sqrt(a)).collect();
         let mut dense: Mat<f32> = Mat::zeros(n, n);
         for i in 0..n {
             // A column of the matrix, which lies together in memory.
             for (j, f) in self.row(i) {
-                dense[(j, i)] += f * root[i] / root[j];
+                dense[(j, i)] += f * sqrt_area[i] / sqrt_area[j];
             }
         }
         Ok(dense)
@@ -144,9 +144,10 @@ pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Err
     let n = symmetric.nrows();
     check_length("columns", n, symmetric.ncols())?;
     check_albedo(albedo, n)?;
-    let root: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect();
+    let sqrt_albedo: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect();
     let identity = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
-    let system = Mat::from_fn(n, n, |i, j| identity(i, j) - (root[i] * symmetric[(i, j)] * root[j]).max(FLOOR));
+    let system =
+        Mat::from_fn(n, n, |i, j| identity(i, j) - (sqrt_albedo[i] * symmetric[(i, j)] * sqrt_albedo[j]).max(FLOOR));
     let factor = system.llt(Side::Lower).map_err(|error| {
         let faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index } = error;
         Error::Singular { patch: index }
@@ -156,7 +157,7 @@ pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Err
     drop(factor);
     out.par_col_iter_mut().enumerate().for_each(|(j, column)| {
         for (i, value) in column.iter_mut().enumerate() {
-            *value = (*value - identity(i, j)) / (root[i] * root[j]);
+            *value = (*value - identity(i, j)) / (sqrt_albedo[i] * sqrt_albedo[j]);
         }
     });
     let dark: Vec<usize> = (0..n).filter(|&i| albedo[i] < LEAST_ALBEDO).collect();

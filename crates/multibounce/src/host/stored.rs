@@ -18,9 +18,9 @@ use crate::error::Error;
 
 pub use build::{all_bounces_stored, some_bounces_stored};
 
-/// Where an operator is built that does not fit into memory.
+/// Where an operator is built that does not fit into memory, and with how much of it.
 #[derive(Clone, Copy, Debug)]
-pub struct Room<'a> {
+pub struct Workspace<'a> {
     /// Folder of its file, which has no name there and goes with the process, however that ends.
     pub folder: &'a Path,
     /// Most bytes of the matrices that are held at a time.
@@ -72,7 +72,7 @@ fn failed(folder: &Path, action: &'static str, bytes: u64, error: &std::io::Erro
 pub struct StoredOperator {
     file: Mutex<BlockFile>,
     order: Vec<u32>,
-    place: Vec<u32>,
+    permuted_index: Vec<u32>,
     /// Most bytes that its building held at a time, beside the sparse form factors.
     pub held_bytes: u64,
 }
@@ -83,10 +83,10 @@ fn tile_index((i, j): (usize, usize)) -> usize {
 }
 
 impl StoredOperator {
-    fn new(folder: &Path, order: &[u32], place: Vec<u32>) -> Result<Self, Error> {
+    fn new(folder: &Path, order: &[u32], permuted_index: Vec<u32>) -> Result<Self, Error> {
         let blocks = order.len().div_ceil(SIDE);
         let file = BlockFile::new(folder, SIDE * SIDE, blocks * (blocks + 1) / 2)?;
-        Ok(Self { file: Mutex::new(file), order: order.to_vec(), place, held_bytes: 0 })
+        Ok(Self { file: Mutex::new(file), order: order.to_vec(), permuted_index, held_bytes: 0 })
     }
 
     /// Number of patches.
@@ -94,7 +94,7 @@ impl StoredOperator {
         self.order.len()
     }
 
-    /// The patch at each place.
+    /// The patch at each permuted index.
     pub fn order(&self) -> &[u32] {
         &self.order
     }
@@ -156,10 +156,10 @@ impl StoredOperator {
     /// [`transport::Error::Length`] for a row of another length, [`transport::Error::Value`] for a patch that is not there, [`Error::File`].
     pub fn row(&self, i: usize, row: &mut [f32]) -> Result<(), Error> {
         check_length("row", self.order.len(), row.len())?;
-        let Some(place) = self.place.get(i).map(|&place| place as usize) else {
+        let Some(permuted_index) = self.permuted_index.get(i).map(|&permuted_index| permuted_index as usize) else {
             return Err(transport::Error::Value { name: "patch", index: i, value: i as f64, rule: "a patch" }.into());
         };
-        let (block, at) = (place / SIDE, place % SIDE);
+        let (block, at) = (permuted_index / SIDE, permuted_index % SIDE);
         for (other, patches) in self.order.chunks(SIDE).enumerate() {
             let tile = self.tile((block.min(other), block.max(other)))?;
             for (k, &patch) in patches.iter().enumerate() {

@@ -1,8 +1,8 @@
-//! Operators in tiles of low rank, dense squares and single entries.
+//! Operators in tiles: rank-1 terms, dense sub-blocks and sparse residual.
 
+mod dense_sparse;
 mod encode;
 mod lanes;
-mod near;
 mod product;
 mod rectangular;
 mod reduce;
@@ -18,19 +18,20 @@ use transport::check_length;
 use crate::error::Error;
 use crate::host::solve::Factors;
 use crate::host::stored::StoredOperator;
-use crate::kernel::tiles::{LANES, NO_SLOT, PLACES, QUAD, RUN_QUADS, SQUARE_WORDS, TILE};
-use crate::types::{TileQuad, TileSquare};
+use crate::kernel::tiles::{GROUP_VECTORS, LANES, NO_VECTOR, PERMUTED_INDICES, RUN_GROUPS, SUB_BLOCK_WORDS, TILE};
+use crate::types::{PackedGroup, SubBlock};
 
 pub(super) use reduce::SIDE;
 
-pub use near::{NearTables, near_all};
+pub use dense_sparse::{DenseSparseTables, dense_sparse_all};
 pub use product::{
-    ExpandTables, LowRankWorkspace, ProjectTables, enter_all, expand_all, leave_all, project_all, round_all, weigh_all,
+    LowRankWorkspace, UTables, VtTables, multiply_u_all, multiply_vt_all, permute_in_all, permute_out_all,
+    quantise_all, requantise_all,
 };
 pub use rectangular::SparseRows;
 
 /// Most patches: entries name columns by 16 bits.
-pub const MOST_TILE_PATCHES: usize = PLACES - TILE as usize;
+pub const MOST_TILE_PATCHES: usize = PERMUTED_INDICES - TILE as usize;
 
 /// Most receivers: vectors name blocks by 16 bits.
 pub const MOST_TILE_RECEIVERS: usize = SIDE << 16;
@@ -40,7 +41,7 @@ pub const MOST_TILE_RECEIVERS: usize = SIDE << 16;
 pub struct TileSide<'a> {
     /// Area that each of them stands for, m².
     pub area: &'a [f32],
-    /// Which of them is at each place of an order in which neighbours are alike ([`crate::halving_order`]).
+    /// Which of them is at each permuted index of an order in which neighbours are alike ([`crate::halving_order`]).
     pub order: &'a [u32],
 }
 
@@ -61,7 +62,7 @@ pub enum TileSource<'a> {
         /// The rows: where irradiance is wanted.
         receivers: TileSide<'a>,
         /// The columns: what sends light.
-        senders: TileSide<'a>,
+        patches: TileSide<'a>,
     },
 }
 
@@ -80,64 +81,64 @@ pub enum Channels<'a> {
 
 /// An operator from columns j that send light to rows i that receive it, `H = T B`, as
 /// `T̂ = a_r^½ T a_c^-½ ≈ Σ_k u_k s_k v_kᵀ + D + S` with the areas a of rows and columns. It is cut
-/// into tiles of [`TILE`] rows and columns, each the sum of a few pairs of vectors of 4 or 8 bits,
-/// of dense squares of 8 bits and of single entries of 16 bits; a tile may have none of them.
+/// into tiles of [`TILE`] rows and columns, each the sum of a few rank-1 terms of 4 or 8 bits, of
+/// dense sub-blocks of 8 bits and of a sparse residual of 16 bits; a tile may have none of them.
 ///
-/// A component is kept when it takes more from the squared error than λ times its bytes, squares
-/// and entries likewise, and λ is found so that the whole has the error that was asked for. Errors
-/// that are even over neighbouring columns are weighted by the cube root of their extent when
-/// components are found: light is even over neighbours and adds them up. So the error of the
+/// A rank-1 term is kept when it lowers the rate–distortion cost, the squared error plus λ times the
+/// bytes; sub-blocks and entries of the residual likewise. λ is found so that the whole has the error
+/// that was asked for. Errors that are even over neighbouring columns are weighted by the cube root of
+/// their extent when rank-1 terms are found: light is even over neighbours and adds them up. So the error of the
 /// entries is not the least that so many bytes can have, but that of irradiance is about half of
 /// what it then would be.
 ///
 /// *Symmetric* operators, whose rows and columns are the same patches, have the upper triangle of
 /// tiles only, and every pair of vectors serves both ways: `columns` is `None`. Their three colour
 /// channels share what they have in common: green is the common part. Red and blue are stored as
-/// differences to it, which have far fewer components, because the light that arrives directly is
-/// the same, and which are turned so that the first of their two axes has most of both: where walls
-/// are of one hue, red and blue differ from green alike.
+/// differences to it, which have far fewer rank-1 terms, because the light that arrives directly is
+/// the same, rotated into their two chroma axes (KLT), the first of which has most of both: where
+/// walls are of one hue, red and blue differ from green alike.
 ///
-/// The vectors of the columns make sums ([`crate::project_all`]), by which those of the rows are
-/// multiplied ([`crate::expand_all`]).
+/// The vectors of the columns make sums ([`crate::multiply_vt_all`]), by which those of the rows are
+/// multiplied ([`crate::multiply_u_all`]).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LowRank {
-    /// Column at each place of the columns' order.
+    /// Column at each permuted index.
     pub order: Vec<u32>,
-    /// Place of each row.
-    pub place: Vec<u32>,
+    /// Permuted index of each row.
+    pub permuted_index: Vec<u32>,
     /// `√a` of each row, m.
-    pub root: Vec<f32>,
+    pub row_sqrt_area: Vec<f32>,
     /// Runs of the rows' block b: `run_start[b]..run_start[b + 1]`.
     pub run_start: Vec<u32>,
-    /// Quads of run k, which are alike: `quads[runs[k]..runs[k + 1]]`, at most [`RUN_QUADS`].
+    /// Packed groups of run k, which have equal channels and bits: `groups[runs[k]..runs[k + 1]]`, at most [`RUN_GROUPS`].
     pub runs: Vec<u32>,
-    /// The rows' vectors by fours, block by block, alike ones together; where there are no four,
-    /// zeros fill up. Slot `4 k + m` is vector m of quad k.
-    pub quads: Vec<TileQuad>,
-    /// Elements of the rows' vectors, in groups of [`LANES`] words.
+    /// The rows' vectors in packed groups, block by block, those with equal channels and bits
+    /// together; zeros fill up the last of them. Vector index `4 k + m` is vector m of group k.
+    pub groups: Vec<PackedGroup>,
+    /// Elements of the rows' vectors, in `u32x16`s of [`LANES`] words.
     pub words: Vec<u32>,
     /// What the columns have of their own, or `None` where they are the rows.
     pub columns: Option<ColumnVectors>,
-    /// Red and blue of the first axis of the differences, then of the second,
-    /// [`crate::kernel::tiles::tint`].
-    pub axes: Vec4,
-    /// What the sum of each slot of the columns is multiplied by.
+    /// Red and blue of the first chroma axis, then of the second,
+    /// [`crate::kernel::tiles::chroma_weights`].
+    pub chroma_axes: Vec4,
+    /// What the sum of each vector of the columns is multiplied by.
     pub scale: Vec<f32>,
-    /// The columns' slot by whose sum each of the rows' slots is multiplied; [`NO_SLOT`] where that
-    /// is done by none.
-    pub partner: Vec<u32>,
-    /// Squares of each [`LANES`] rows' places: `square_start[k]..square_start[k + 1]`,
+    /// Index of the paired singular vector of each of the rows' vectors, which its sum multiplies;
+    /// [`NO_VECTOR`] where there is none.
+    pub paired: Vec<u32>,
+    /// Dense sub-blocks of each [`LANES`] rows: `sub_block_start[k]..sub_block_start[k + 1]`,
     /// `[blocks · PARTS + 1]`.
-    pub square_start: Vec<u32>,
-    /// Dense squares; those of symmetric operators in both of their rows.
-    pub squares: Vec<TileSquare>,
-    /// Their elements of 8 bits, [`SQUARE_WORDS`] each.
-    pub square_words: Vec<u32>,
-    /// Entries of each row's place, `[blocks · TILE + 1]`.
+    pub sub_block_start: Vec<u32>,
+    /// Dense sub-blocks; those of symmetric operators in both of their rows.
+    pub sub_blocks: Vec<SubBlock>,
+    /// Their elements of 8 bits, [`SUB_BLOCK_WORDS`] each.
+    pub sub_block_words: Vec<u32>,
+    /// Entries of the sparse residual of each permuted row, `[blocks · TILE + 1]`.
     pub row_start: Vec<u32>,
-    /// The column's place in the lower 16 bits, value in the upper.
+    /// The column's permuted index in the lower 16 bits, value in the upper.
     pub entries: Vec<u32>,
-    /// Step of the values of each row's place.
+    /// Quantisation step of the values of each permuted row.
     pub steps: Vec<f32>,
     /// What was lost.
     pub report: TileReport,
@@ -147,12 +148,12 @@ pub struct LowRank {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ColumnVectors {
     /// `√a` of each column, m.
-    pub root: Vec<f32>,
-    /// First quad of each run, whose quads are alike, and the end of the last.
+    pub sqrt_area: Vec<f32>,
+    /// First packed group of each run, and the end of the last.
     pub runs: Vec<u32>,
-    /// The columns' vectors by fours, as [`LowRank::quads`].
-    pub quads: Vec<TileQuad>,
-    /// Their elements, in groups of [`LANES`] words.
+    /// The columns' vectors, as [`LowRank::groups`].
+    pub groups: Vec<PackedGroup>,
+    /// Their elements, in `u32x16`s of [`LANES`] words.
     pub words: Vec<u32>,
 }
 
@@ -161,15 +162,15 @@ pub struct ColumnVectors {
 pub struct TileReport {
     /// Relative Frobenius error of each channel.
     pub error: [f64; 3],
-    /// Tiles that are empty, without components, with components.
+    /// Tiles that are empty, without rank-1 terms, with them.
     pub tiles: [usize; 3],
-    /// Components (pairs of vectors) for all channels, and of the differences.
-    pub components: [usize; 2],
-    /// Most components of a tile.
+    /// Rank-1 terms for all channels, and of the differences.
+    pub terms: [usize; 2],
+    /// Most rank-1 terms of a tile.
     pub most_rank: usize,
-    /// Squares of the upper triangle.
-    pub squares: usize,
-    /// Single entries of the upper triangle.
+    /// Dense sub-blocks of the upper triangle.
+    pub sub_blocks: usize,
+    /// Entries of the sparse residual of the upper triangle.
     pub entries: usize,
 }
 
@@ -181,7 +182,7 @@ impl LowRank {
 
     /// Blocks of [`TILE`] rows.
     pub fn blocks(&self) -> usize {
-        self.place.len().div_ceil(SIDE)
+        self.permuted_index.len().div_ceil(SIDE)
     }
 
     /// Blocks of [`TILE`] columns.
@@ -190,45 +191,46 @@ impl LowRank {
     }
 
     /// `√a` of each column, m.
-    pub fn column_root(&self) -> &[f32] {
-        self.columns.as_ref().map_or(&self.root, |columns| &columns.root)
+    pub fn column_sqrt_area(&self) -> &[f32] {
+        self.columns.as_ref().map_or(&self.row_sqrt_area, |columns| &columns.sqrt_area)
     }
 
-    /// First quad of each run of the columns, and the end of the last.
+    /// First packed group of each run of the columns, and the end of the last.
     pub fn column_runs(&self) -> &[u32] {
         self.columns.as_ref().map_or(&self.runs, |columns| &columns.runs)
     }
 
     /// Bytes of each part that a product reads.
     pub fn bytes_by_part(&self) -> [(&'static str, u64); 4] {
-        let slots = size_of_val(&self.scale[..]) + size_of_val(&self.partner[..]);
-        let mut vectors = self.expand_tables().bytes() + slots;
-        let mut places = size_of_val(&self.order[..]) + size_of_val(&self.place[..]) + size_of_val(&self.root[..]);
-        if let Some(ColumnVectors { root, runs, quads, words }) = &self.columns {
-            vectors += size_of_val(&runs[..]) + size_of_val(&quads[..]) + size_of_val(&words[..]);
-            places += size_of_val(&root[..]);
+        let pairing = size_of_val(&self.scale[..]) + size_of_val(&self.paired[..]);
+        let mut vectors = self.u_tables().bytes() + pairing;
+        let mut indices =
+            size_of_val(&self.order[..]) + size_of_val(&self.permuted_index[..]) + size_of_val(&self.row_sqrt_area[..]);
+        if let Some(ColumnVectors { sqrt_area, runs, groups, words }) = &self.columns {
+            vectors += size_of_val(&runs[..]) + size_of_val(&groups[..]) + size_of_val(&words[..]);
+            indices += size_of_val(&sqrt_area[..]);
         }
-        let [squares, entries] = self.near_tables().bytes();
+        let [sub_blocks, entries] = self.dense_sparse_tables().bytes();
         [
             ("vectors", vectors as u64),
-            ("squares", squares as u64),
+            ("squares", sub_blocks as u64),
             ("entries", entries as u64),
-            ("places", places as u64),
+            ("places", indices as u64),
         ]
     }
 
     /// Bytes of what does not follow from the rest. Of symmetric operators: entries once, not for both of their rows; scale
-    /// and partner once for both vectors of a component; not `place`.
+    /// and paired vector once for both vectors of a rank-1 term; not `permuted_index`.
     pub fn stored_bytes(&self) -> u64 {
         let whole = self.bytes_by_part().iter().map(|part| part.1).sum::<u64>();
         if !self.is_symmetric() {
             return whole;
         }
-        let squares = self.squares.len() - self.report.squares.min(self.squares.len());
+        let sub_blocks = self.sub_blocks.len() - self.report.sub_blocks.min(self.sub_blocks.len());
         let entries = self.entries.len() - self.report.entries.min(self.entries.len());
-        let mirrored = entries + squares * (SQUARE_WORDS as usize + size_of::<TileSquare>() / size_of::<u32>());
-        let components: usize = self.report.components.iter().sum();
-        let follows = mirrored + 2 * components.min(self.scale.len() / 2) + self.place.len();
+        let mirrored = entries + sub_blocks * (SUB_BLOCK_WORDS as usize + size_of::<SubBlock>() / size_of::<u32>());
+        let terms: usize = self.report.terms.iter().sum();
+        let follows = mirrored + 2 * terms.min(self.scale.len() / 2) + self.permuted_index.len();
         whole - (follows * size_of::<u32>()) as u64
     }
 
@@ -237,35 +239,35 @@ impl LowRank {
     /// # Errors
     /// [`transport::Error::Length`], [`transport::Error::Value`], naming the table and the entry.
     pub fn check(&self) -> Result<(), Error> {
-        let rows = self.place.len();
+        let rows = self.permuted_index.len();
         let columns = self.order.len();
-        check_length("root", rows, self.root.len())?;
-        check_length("root of columns", columns, self.column_root().len())?;
+        check_length("sqrt_area", rows, self.row_sqrt_area.len())?;
+        check_length("sqrt_area of columns", columns, self.column_sqrt_area().len())?;
         if let Some(own) = &self.columns {
-            check_bank(&own.runs, &own.quads, &own.words, self.column_blocks())?;
+            check_bank(&own.runs, &own.groups, &own.words, self.column_blocks())?;
         }
-        let ProjectTables { quads, .. } = self.project_tables();
-        let slots = QUAD as usize * quads.len();
-        check_length("scale", slots, self.scale.len())?;
-        check_length("partner", QUAD as usize * self.quads.len(), self.partner.len())?;
-        self.expand_tables().check(self.blocks())?;
-        self.near_tables().check(self.blocks(), self.column_blocks())?;
+        let VtTables { groups, .. } = self.vt_tables();
+        let vectors = GROUP_VECTORS as usize * groups.len();
+        check_length("scale", vectors, self.scale.len())?;
+        check_length("paired", GROUP_VECTORS as usize * self.groups.len(), self.paired.len())?;
+        self.u_tables().check(self.blocks())?;
+        self.dense_sparse_tables().check(self.blocks(), self.column_blocks())?;
         check_below("order", self.order.iter().copied(), columns)?;
-        check_below("place", self.place.iter().copied(), rows)?;
-        let partners = self.partner.iter().map(|&slot| if slot == NO_SLOT { 0 } else { slot });
-        check_below("partner", partners, slots.max(usize::from(!self.quads.is_empty())))?;
+        check_below("permuted_index", self.permuted_index.iter().copied(), rows)?;
+        let paired = self.paired.iter().map(|&index| if index == NO_VECTOR { 0 } else { index });
+        check_below("paired", paired, vectors.max(usize::from(!self.groups.is_empty())))?;
         check_finite("scale", self.scale.iter().copied())?;
-        check_root("root", &self.root)?;
-        check_root("root of columns", self.column_root())
+        check_sqrt_area("sqrt_area", &self.row_sqrt_area)?;
+        check_sqrt_area("sqrt_area of columns", self.column_sqrt_area())
     }
 }
 
-/// Place of each patch in an order of all of them.
-pub(super) fn places(order: &[u32]) -> Result<Vec<u32>, Error> {
-    let mut place = vec![u32::MAX; order.len()];
+/// Permuted index of each patch in an order of all of them.
+pub(super) fn permuted_indices(order: &[u32]) -> Result<Vec<u32>, Error> {
+    let mut permuted_index = vec![u32::MAX; order.len()];
     for (p, &i) in order.iter().enumerate() {
-        match place.get_mut(i as usize) {
-            Some(place) if *place == u32::MAX => *place = p as u32,
+        match permuted_index.get_mut(i as usize) {
+            Some(index) if *index == u32::MAX => *index = p as u32,
             _ => {
                 return Err(transport::Error::Value {
                     name: "order",
@@ -277,7 +279,7 @@ pub(super) fn places(order: &[u32]) -> Result<Vec<u32>, Error> {
             }
         }
     }
-    Ok(place)
+    Ok(permuted_index)
 }
 
 fn check_starts(name: &'static str, starts: &[u32], end: usize) -> Result<(), Error> {
@@ -291,19 +293,25 @@ fn check_starts(name: &'static str, starts: &[u32], end: usize) -> Result<(), Er
     }
 }
 
-/// Vectors of so many blocks: runs, their quads, and the words of these.
-fn check_bank(runs: &[u32], quads: &[TileQuad], words: &[u32], blocks: usize) -> Result<(), Error> {
+/// Vectors of so many blocks: runs, their packed groups, and the words of these.
+fn check_bank(runs: &[u32], groups: &[PackedGroup], words: &[u32], blocks: usize) -> Result<(), Error> {
     check_length("runs", runs.len().max(1), runs.len())?;
-    let groups: usize = quads.iter().map(|quad| (QUAD * quad.groups()) as usize).sum();
-    check_length("words", groups * LANES as usize, words.len())?;
-    check_starts("runs", runs, quads.len())?;
-    check_below("quads", quads.iter().map(|quad| quad.block()), blocks)?;
-    check_below("quads", quads.iter().map(|quad| quad.group.saturating_add(QUAD * quad.groups() - 1)), groups)?;
+    let vectors: usize = groups.iter().map(|group| (GROUP_VECTORS * group.vector_len()) as usize).sum();
+    check_length("words", vectors * LANES as usize, words.len())?;
+    check_starts("runs", runs, groups.len())?;
+    check_below("groups", groups.iter().map(|group| group.block()), blocks)?;
+    check_below(
+        "groups",
+        groups.iter().map(|group| group.start.saturating_add(GROUP_VECTORS * group.vector_len() - 1)),
+        vectors,
+    )?;
     for (k, run) in runs.windows(2).enumerate() {
-        let quads = &quads[run[0] as usize..run[1] as usize];
-        let follow = quads.windows(2).all(|w| w[0].tag == w[1].tag && w[0].group + QUAD * w[0].groups() == w[1].group);
-        if quads.len() > RUN_QUADS as usize || !follow {
-            let rule = "the first of a few quads that are alike, one after another";
+        let groups = &groups[run[0] as usize..run[1] as usize];
+        let follow = groups
+            .windows(2)
+            .all(|w| w[0].tag == w[1].tag && w[0].start + GROUP_VECTORS * w[0].vector_len() == w[1].start);
+        if groups.len() > RUN_GROUPS as usize || !follow {
+            let rule = "the first of a few packed groups with equal channels and bits, one after another";
             return Err(transport::Error::Value { name: "runs", index: k, value: f64::from(run[0]), rule }.into());
         }
     }
@@ -327,10 +335,10 @@ fn check_finite(name: &'static str, mut table: impl Iterator<Item = f32>) -> Res
     }
 }
 
-fn check_root(name: &'static str, root: &[f32]) -> Result<(), Error> {
-    match root.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
+fn check_sqrt_area(name: &'static str, sqrt_area: &[f32]) -> Result<(), Error> {
+    match sqrt_area.iter().position(|r| !(r.is_finite() && *r > 0.0)) {
         Some(index) => {
-            Err(transport::Error::Value { name, index, value: f64::from(root[index]), rule: "positive" }.into())
+            Err(transport::Error::Value { name, index, value: f64::from(sqrt_area[index]), rule: "positive" }.into())
         }
         None => Ok(()),
     }

@@ -30,7 +30,7 @@ pub const COMPANDING_SQRT: u32 = 1;
 /// [`BlockParams::companding`]: logarithms, `c = log2(1 + 255 m) / 8` (the μ-law with μ = 255).
 pub const COMPANDING_LOG2: u32 = 2;
 
-/// An order that has no element at this place.
+/// An order that has no element at this permuted index.
 pub const NO_ELEMENT: u32 = u32::MAX;
 
 /// A way to store 4 × 4 colours in two or four words.
@@ -136,7 +136,7 @@ pub fn add_block(
     sums.plus(BlockSums { a: a * scale, b: b * scale, c: c * scale, d: d * scale })
 }
 
-/// Place of the scale of a block's tile.
+/// Index of the scale of a block's tile.
 #[inline]
 fn tile_of(p: &BlockParams, row: u32, column: u32) -> u32 {
     (row >> p.tile_shift) * p.tile_columns + (column >> p.tile_shift)

@@ -1,76 +1,78 @@
-//! The product with tiles, `y = Σ_k s_k (u_k (v_k·x) + v_k (u_k·x)) + D x + S x`, in seven steps: [`enter`] orders and scales
-//! the exitance, [`round`] makes whole numbers of each block's, [`project`] makes the sums `z`, [`weigh`] makes whole numbers of
-//! those that belong together, [`expand`] adds them up by rows, [`near`] makes the rows of the dense squares `D` and of the
-//! single entries `S`, [`leave`] undoes order and scale.
+//! The product with tiles, `y = Σ_k s_k (u_k (v_k·x) + v_k (u_k·x)) + D x + S x`, in seven steps:
+//! [`permute_in`] permutes and scales the exitance, [`quantise`] quantises it block by block, [`multiply_vt`] makes the sums
+//! `z = Vᵀ x`, [`requantise`] quantises these run by run, [`multiply_u`] multiplies by U, [`dense_sparse`] makes the rows of the
+//! dense sub-blocks `D` and of the sparse residual `S`, [`permute_out`] undoes permutation and scale.
 //!
-//! Vectors and squares are whole numbers, so sums and rows are exact, in whatever order they are added up, but for the rounding
-//! to 15 bits and a sign: of what is greatest in the block, in the run. Single entries take the exitance as it is.
+//! Elements of vectors and sub-blocks are integers, so sums and rows are exact, in whatever order they are added up, but for
+//! quantisation to 15 bits and a sign: of the greatest value in the block, in the run. The sparse residual takes the exitance
+//! before quantisation.
 //!
-//! An invocation of [`project`] makes up to sixteen sums, one of [`expand`] sixteen rows and one of [`near`] eight: what it
-//! loads serves them all. Words are loaded by fours, which costs little more than to load one where loads are made in software.
+//! An invocation of [`multiply_vt`] makes up to sixteen sums, one of [`multiply_u`] sixteen rows and one of [`dense_sparse`] eight: what it
+//! loads serves them all. Words are loaded as `u32x4`, which costs little more than to load one where loads are made in software.
 
-mod near;
+mod dense_sparse;
 
 use glam::{IVec3, UVec2, UVec3, UVec4, Vec3, Vec4};
 
-use crate::types::{TileQuad, TileVector};
+use crate::types::{PackedGroup, TileVector};
 
-pub use near::{near, row_of};
+pub use dense_sparse::{dense_sparse, row_of};
 
 /// Rows and columns of a tile.
 pub const TILE: u32 = 128;
-/// Lanes of a block: words of a group.
+/// Lanes of a block: words of a `u32x16`.
 pub const LANES: u32 = 16;
 /// Parts of a block: element `r` is in part `r / LANES`, lane `r % LANES`.
 pub const PARTS: u32 = TILE / LANES;
-/// Twos of parts: k and `k + TWOS` are multiplied together.
-pub const TWOS: u32 = PARTS / 2;
-/// Slots of a quad.
-pub const QUAD: u32 = 4;
-/// Most quads of a run, whose sums have one step.
-pub const RUN_QUADS: u32 = 8;
-/// Quads whose sums an invocation makes.
-pub const PART_QUADS: u32 = 4;
-/// Parts of a run, of so many quads each.
-pub const RUN_PARTS: u32 = RUN_QUADS / PART_QUADS;
-/// Pairs of slots of a run.
-pub const RUN_PAIRS: u32 = RUN_QUADS * QUAD / 2;
-/// Into how many ranges the runs of a block are split, whose rows [`leave`] adds up.
+/// Pairs of parts: k and `k + PART_PAIRS` are multiplied together.
+pub const PART_PAIRS: u32 = PARTS / 2;
+/// Vectors of a packed group.
+pub const GROUP_VECTORS: u32 = 4;
+/// Most packed groups of a run, whose sums have one quantisation step.
+pub const RUN_GROUPS: u32 = 8;
+/// Packed groups whose sums an invocation makes.
+pub const INVOCATION_GROUPS: u32 = 4;
+/// Invocations for a run, of so many packed groups each.
+pub const RUN_INVOCATIONS: u32 = RUN_GROUPS / INVOCATION_GROUPS;
+/// Pairs of vectors of a run.
+pub const RUN_PAIRS: u32 = RUN_GROUPS * GROUP_VECTORS / 2;
+/// Into how many ranges the runs of a block are split, whose rows [`permute_out`] adds up.
 pub const SPLITS: u32 = 4;
-/// Words of a square of [`LANES`] rows and columns.
-pub const SQUARE_WORDS: u32 = LANES * LANES / 4;
-/// Fours of lanes.
-pub const QUARTERS: u32 = LANES / 4;
-/// Places that the single entries can name.
-pub const PLACES: usize = 65_536;
-/// The partner of a slot whose vector is multiplied by no sum.
-pub const NO_SLOT: u32 = u32::MAX;
+/// Words of a dense sub-block of [`LANES`] rows and columns.
+pub const SUB_BLOCK_WORDS: u32 = LANES * LANES / 4;
+/// `u32x4`s of a `u32x16`.
+pub const U32X4S: u32 = LANES / 4;
+/// Permuted indices that entries of the sparse residual can name.
+pub const PERMUTED_INDICES: usize = 65_536;
+/// The paired singular vector of one that is multiplied by no sum.
+pub const NO_VECTOR: u32 = u32::MAX;
 /// What is added to elements of 8 and of 4 bits, so that they are not negative.
 pub const BIAS: i32 = 128;
 /// See [`BIAS`].
 pub const SHORT_BIAS: i32 = 8;
-/// Colour of components that are for all channels alike; 0 and 1 are the axes of the differences of red and blue to green.
+/// Colour of rank-1 terms that are for all channels alike; 0 and 1 are the chroma axes: of the differences of red and blue to
+/// green.
 pub const ALL_CHANNELS: u32 = 3;
-/// Words of a channel in a block of [`round`].
-pub const CHANNEL_WORDS: u32 = TWOS * LANES;
+/// Words of a channel in a block of [`quantise`].
+pub const CHANNEL_WORDS: u32 = PART_PAIRS * LANES;
 /// Pairs of neighbours in a part.
 pub const PAIRS: u32 = LANES / 2;
-/// Words of a block of [`round`]: of each channel a group of each two of parts, which share a word; then the channels' steps;
+/// Words of a block of [`quantise`]: of each channel a `u32x16` for each pair of parts, which share words; then the channels' steps;
 /// then, from [`PAIRS_AT`] on, the same numbers in pairs of neighbours: of each part, of each channel, [`PAIRS`] words.
 pub const LIGHT_WORDS: u32 = PAIRS_AT + PARTS * 3 * PAIRS;
 /// See [`LIGHT_WORDS`].
 pub const PAIRS_AT: u32 = 3 * CHANNEL_WORDS + LANES;
-/// Words of a run of [`weigh`]: for each pair of slots, which share a word, those of the channels and a 0; then their steps.
+/// Words of a run of [`requantise`]: for each pair of vectors, which share words, one of each channel and a 0; then their steps.
 pub const FACTOR_WORDS: u32 = 4 * (RUN_PAIRS + 1);
 
-/// Numbers whose bits are those of a whole number, beside the exponent: the lower 16 are its own.
-const WHOLE: f32 = 12_582_912.0;
+/// Added to a number, it leaves the nearest integer in the lower 16 bits.
+const QUANTISE_OFFSET: f32 = 12_582_912.0;
 /// Bits of the greatest.
-const MOST_WHOLE: u32 = 0x4b40_7fff;
+const MOST_QUANTISED: u32 = 0x4b40_7fff;
 /// The exponent of what counts as 0, `2^-97`.
 const DARK: u32 = 30;
 
-/// Step of the whole numbers that stand for numbers of up to `most`: a power of two, `2^-15` to `2^-14` of it; 0 when it is
+/// Quantisation step for numbers of up to `most`: a power of two, `2^-15` to `2^-14` of it; 0 when it is
 /// dark.
 #[inline]
 pub fn step_of(most: f32) -> f32 {
@@ -84,17 +86,17 @@ pub fn inverse_of(step: f32) -> f32 {
     if step == 0.0 { 0.0 } else { f32::from_bits((254 << 23) - step.to_bits()) }
 }
 
-/// The nearest whole number to `x · inverse`, in the lower 16 bits.
+/// Quantised value: the nearest integer to `x · inverse`, in the lower 16 bits.
 #[inline]
-pub fn whole(x: f32, inverse: f32) -> u32 {
-    let bits = (x * inverse + WHOLE).to_bits();
-    if bits > MOST_WHOLE { MOST_WHOLE } else { bits }
+pub fn quantised(x: f32, inverse: f32) -> u32 {
+    let bits = (x * inverse + QUANTISE_OFFSET).to_bits();
+    if bits > MOST_QUANTISED { MOST_QUANTISED } else { bits }
 }
 
-/// Two whole numbers in a word, one for each channel.
+/// Two quantised values in a word, for each channel.
 #[inline]
-fn pair(a: Vec3, b: Vec3, inverse: Vec3) -> UVec3 {
-    let word = |a: f32, b: f32, inverse: f32| whole(a, inverse) & 0xffff | whole(b, inverse) << 16;
+fn i16x2(a: Vec3, b: Vec3, inverse: Vec3) -> UVec3 {
+    let word = |a: f32, b: f32, inverse: f32| quantised(a, inverse) & 0xffff | quantised(b, inverse) << 16;
     UVec3::new(word(a.x, b.x, inverse.x), word(a.y, b.y, inverse.y), word(a.z, b.z, inverse.z))
 }
 
@@ -131,63 +133,60 @@ struct Lane {
 }
 
 impl Lane {
-    /// Elements of 4 bits: the parts are the nibbles of the words of one group. Of 8 bits: parts 0, 1, 4, 5 are the bytes of
-    /// those of the first group, 2, 3, 6, 7 of the second.
+    /// Elements of 4 bits: the parts are the nibbles of the words of one `u32x16`. Of 8 bits: parts 0, 1, 4, 5 are the bytes
+    /// of the first `u32x16`, 2, 3, 6, 7 of the second.
     #[inline]
     fn of(words: &[u32], vector: TileVector, lane: u32) -> Self {
-        let at = (vector.group * LANES + lane) as usize;
+        let at = (vector.start * LANES + lane) as usize;
         let (low, is_short) = (words[at], vector.is_short);
         let high = if is_short { low >> 8u32 } else { words[at + LANES as usize] };
         Self { low, high, is_short }
     }
 
-    /// The elements of parts `two` and `two + TWOS`, each with its bias, in the halves of a word.
+    /// The elements of parts `part_pair` and `part_pair + PART_PAIRS`, each with its bias, in the halves of a word.
     #[inline]
-    fn word(self, two: u32) -> u32 {
-        elements(self.low, self.high, two, self.is_short)
+    fn word(self, part_pair: u32) -> u32 {
+        elements(self.low, self.high, part_pair, self.is_short)
     }
 }
 
 /// See [`Lane::word`].
 #[inline]
-fn elements(low: u32, high: u32, two: u32, is_short: bool) -> u32 {
-    let word = if two < TWOS / 2 { low } else { high };
+fn elements(low: u32, high: u32, part_pair: u32, is_short: bool) -> u32 {
+    let word = if part_pair < PART_PAIRS / 2 { low } else { high };
     let bits = if is_short { 4 } else { 8 };
     let mask = if is_short { 0x000f_000f } else { 0x00ff_00ff };
-    word >> (bits * (two % (TWOS / 2))) & mask
+    word >> (bits * (part_pair % (PART_PAIRS / 2))) & mask
 }
 
 /// What a vector has in four lanes.
 #[derive(Clone, Copy)]
-struct Quarter {
+struct LanesX4 {
     low: UVec4,
     high: UVec4,
     is_short: bool,
 }
 
-impl Quarter {
+impl LanesX4 {
     #[inline]
-    fn of(words: &[UVec4], vector: TileVector, quarter: u32) -> Self {
-        let at = (vector.group * QUARTERS + quarter) as usize;
+    fn of(words: &[UVec4], vector: TileVector, x4: u32) -> Self {
+        let at = (vector.start * U32X4S + x4) as usize;
         let (low, is_short) = (words[at], vector.is_short);
         let up = |word: u32| word >> 8u32;
-        let high = if is_short {
-            UVec4::new(up(low.x), up(low.y), up(low.z), up(low.w))
-        } else {
-            words[at + QUARTERS as usize]
-        };
+        let high =
+            if is_short { UVec4::new(up(low.x), up(low.y), up(low.z), up(low.w)) } else { words[at + U32X4S as usize] };
         Self { low, high, is_short }
     }
 
     /// [`Lane::word`] of the four.
     #[inline]
-    fn words(self, two: u32) -> UVec4 {
+    fn words(self, part_pair: u32) -> UVec4 {
         let (low, high, is_short) = (self.low, self.high, self.is_short);
         UVec4::new(
-            elements(low.x, high.x, two, is_short),
-            elements(low.y, high.y, two, is_short),
-            elements(low.z, high.z, two, is_short),
-            elements(low.w, high.w, two, is_short),
+            elements(low.x, high.x, part_pair, is_short),
+            elements(low.y, high.y, part_pair, is_short),
+            elements(low.z, high.z, part_pair, is_short),
+            elements(low.w, high.w, part_pair, is_short),
         )
     }
 }
@@ -202,8 +201,8 @@ struct LanePair {
 
 impl LanePair {
     #[inline]
-    fn of(words: &[UVec2], vector: TileVector, pair: u32) -> Self {
-        let at = (vector.group * PAIRS + pair) as usize;
+    fn of(words: &[UVec2], vector: TileVector, lane_pair: u32) -> Self {
+        let at = (vector.start * PAIRS + lane_pair) as usize;
         let (low, is_short) = (words[at], vector.is_short);
         let mut high = UVec2::new(low.x >> 8u32, low.y >> 8u32);
         if !is_short {
@@ -245,60 +244,60 @@ fn last_of(word: u32, bias: i32) -> i32 {
 #[inline]
 pub fn element(words: &[u32], vector: TileVector, r: u32) -> i32 {
     let part = r / LANES;
-    let (word, bias) = (Lane::of(words, vector, r % LANES).word(part % TWOS), bias_of(vector.is_short));
-    if part < TWOS { first_of(word, bias) } else { last_of(word, bias) }
+    let (word, bias) = (Lane::of(words, vector, r % LANES).word(part % PART_PAIRS), bias_of(vector.is_short));
+    if part < PART_PAIRS { first_of(word, bias) } else { last_of(word, bias) }
 }
 
-/// What the channels of a sum are multiplied by, given the kind of its slot: all by 1, or red and blue by those of an axis of
-/// the differences, whose two are in `axes`.
+/// Weights of the channels of a sum, given the colour of its vector: 1 for all, or the red and blue of one of the two
+/// `chroma_axes`.
 #[inline]
-pub fn tint(color: u32, axes: Vec4) -> Vec3 {
+pub fn chroma_weights(color: u32, chroma_axes: Vec4) -> Vec3 {
     if color == ALL_CHANNELS {
         Vec3::ONE
     } else if color == 0 {
-        Vec3::new(axes.x, 0.0, axes.y)
+        Vec3::new(chroma_axes.x, 0.0, chroma_axes.y)
     } else {
-        Vec3::new(axes.z, 0.0, axes.w)
+        Vec3::new(chroma_axes.z, 0.0, chroma_axes.w)
     }
 }
 
-/// The channels of a sum that a slot is for: green has no differences.
+/// The channels of a sum that a vector is for: green has no differences.
 #[inline]
 fn masked(sum: Vec3, color: u32) -> Vec3 {
     if color == ALL_CHANNELS { sum } else { Vec3::new(sum.x, 0.0, sum.z) }
 }
 
-/// Place `p` of the ordered exitance, `x_p = √a_i B_i` with `i = order[p]`; 0 beyond the patches.
+/// The exitance at permuted index `p`, `x_p = √a_i B_i` with `i = order[p]`; 0 beyond the patches.
 ///
-/// Shapes: `order` and `root` `[patches]`, by place and by patch; `exitance[patches]`, W/m².
+/// Shapes: `order` and `sqrt_area` `[patches]`, by permuted index and by patch; `exitance[patches]`, W/m².
 #[inline]
-pub fn enter(p: u32, patches: u32, order: &[u32], root: &[f32], exitance: &[Vec4]) -> Vec4 {
+pub fn permute_in(p: u32, patches: u32, order: &[u32], sqrt_area: &[f32], exitance: &[Vec4]) -> Vec4 {
     if p >= patches {
         return Vec4::ZERO;
     }
     let i = order[p as usize] as usize;
-    (exitance[i].truncate() * root[i]).extend(0.0)
+    (exitance[i].truncate() * sqrt_area[i]).extend(0.0)
 }
 
-/// Lanes `4 q` to `4 q + 3` of a block's exitance in whole numbers, `q = k % QUARTERS`: a word of each two of parts and channel,
-/// and channels' steps.
+/// Lanes `4 q` to `4 q + 3` of a block's quantised exitance, `q = k % U32X4S`: a word for each pair of parts and channel, and
+/// the channels' steps.
 ///
-/// Shapes: `ordered[blocks · TILE]`, `light[blocks · LIGHT_WORDS]`. Needs `k < blocks · QUARTERS`.
+/// Shapes: `ordered[blocks · TILE]`, `light[blocks · LIGHT_WORDS]`. Needs `k < blocks · U32X4S`.
 #[inline]
-pub fn round(k: u32, ordered: &[Vec4], light: &mut [u32]) {
-    let block = k / QUARTERS;
+pub fn quantise(k: u32, ordered: &[Vec4], light: &mut [u32]) {
+    let block = k / U32X4S;
     let mut most = Vec3::ZERO;
     for p in block * TILE..(block + 1) * TILE {
         most = most.max(ordered[p as usize].truncate().abs());
     }
     let steps = steps_of(most);
     let inverses = inverses_of(steps);
-    for lane in 4 * (k % QUARTERS)..4 * (k % QUARTERS + 1) {
+    for lane in 4 * (k % U32X4S)..4 * (k % U32X4S + 1) {
         let first = block * LIGHT_WORDS + lane;
-        for two in 0..TWOS {
-            let p = (block * TILE + two * LANES + lane) as usize;
-            let both = pair(ordered[p].truncate(), ordered[p + (TWOS * LANES) as usize].truncate(), inverses);
-            let at = (first + two * LANES) as usize;
+        for part_pair in 0..PART_PAIRS {
+            let p = (block * TILE + part_pair * LANES + lane) as usize;
+            let both = i16x2(ordered[p].truncate(), ordered[p + (PART_PAIRS * LANES) as usize].truncate(), inverses);
+            let at = (first + part_pair * LANES) as usize;
             light[at] = both.x;
             light[at + CHANNEL_WORDS as usize] = both.y;
             light[at + 2 * CHANNEL_WORDS as usize] = both.z;
@@ -306,7 +305,7 @@ pub fn round(k: u32, ordered: &[Vec4], light: &mut [u32]) {
         // Half a part's pairs.
         for pair_of in PAIRS / 2 * lane..PAIRS / 2 * (lane + 1) {
             let p = (block * TILE + 2 * pair_of) as usize;
-            let both = pair(ordered[p].truncate(), ordered[p + 1].truncate(), inverses);
+            let both = i16x2(ordered[p].truncate(), ordered[p + 1].truncate(), inverses);
             let at = (block * LIGHT_WORDS + PAIRS_AT + pair_of / PAIRS * (3 * PAIRS) + pair_of % PAIRS) as usize;
             light[at] = both.x;
             light[at + PAIRS as usize] = both.y;
@@ -332,16 +331,16 @@ fn steps_at(words: &[UVec4], at: u32) -> Vec3 {
     Vec3::new(f32::from_bits(steps.x), f32::from_bits(steps.y), f32::from_bits(steps.z))
 }
 
-/// Sums of the four vectors of a quad.
+/// Sums of the vectors of a packed group.
 #[derive(Clone, Copy)]
-struct Four {
+struct GroupSums {
     a: IVec3,
     b: IVec3,
     c: IVec3,
     d: IVec3,
 }
 
-impl Four {
+impl GroupSums {
     const ZERO: Self = Self { a: IVec3::ZERO, b: IVec3::ZERO, c: IVec3::ZERO, d: IVec3::ZERO };
 }
 
@@ -351,11 +350,11 @@ fn add(sum: IVec3, word: u32, bias: i32, first: IVec3, second: IVec3) -> IVec3 {
     sum + first * first_of(word, bias) + second * last_of(word, bias)
 }
 
-/// The same of the four vectors of a quad.
+/// The same of the vectors of a packed group.
 #[inline]
-fn add_lane(sum: Four, words: UVec4, bias: i32, both: UVec3) -> Four {
+fn add_lane(sum: GroupSums, words: UVec4, bias: i32, both: UVec3) -> GroupSums {
     let (first, second) = (low(both), high(both));
-    Four {
+    GroupSums {
         a: add(sum.a, words.x, bias, first, second),
         b: add(sum.b, words.y, bias, first, second),
         c: add(sum.c, words.z, bias, first, second),
@@ -363,31 +362,31 @@ fn add_lane(sum: Four, words: UVec4, bias: i32, both: UVec3) -> Four {
     }
 }
 
-/// Words of a quad's vectors in four lanes.
+/// Words of a packed group's vectors in four lanes.
 #[derive(Clone, Copy)]
-struct QuadWords {
-    a: Quarter,
-    b: Quarter,
-    c: Quarter,
-    d: Quarter,
+struct GroupWords {
+    a: LanesX4,
+    b: LanesX4,
+    c: LanesX4,
+    d: LanesX4,
 }
 
-impl QuadWords {
+impl GroupWords {
     #[inline]
-    fn of(words: &[UVec4], quad: TileQuad, quarter: u32) -> Self {
+    fn of(words: &[UVec4], group: PackedGroup, x4: u32) -> Self {
         Self {
-            a: Quarter::of(words, quad.vector(0), quarter),
-            b: Quarter::of(words, quad.vector(1), quarter),
-            c: Quarter::of(words, quad.vector(2), quarter),
-            d: Quarter::of(words, quad.vector(3), quarter),
+            a: LanesX4::of(words, group.vector(0), x4),
+            b: LanesX4::of(words, group.vector(1), x4),
+            c: LanesX4::of(words, group.vector(2), x4),
+            d: LanesX4::of(words, group.vector(3), x4),
         }
     }
 }
 
-/// Adds what a quad's vectors have in two parts of four lanes.
+/// Adds what a packed group's vectors have in two parts of four lanes.
 #[inline]
-fn add_quad(sum: Four, own: QuadWords, two: u32, bias: i32, light: (UVec4, UVec4, UVec4)) -> Four {
-    let (a, b, c, d) = (own.a.words(two), own.b.words(two), own.c.words(two), own.d.words(two));
+fn add_group(sum: GroupSums, own: GroupWords, part_pair: u32, bias: i32, light: (UVec4, UVec4, UVec4)) -> GroupSums {
+    let (a, b, c, d) = (own.a.words(part_pair), own.b.words(part_pair), own.c.words(part_pair), own.d.words(part_pair));
     let (red, green, blue) = light;
     let sum = add_lane(sum, UVec4::new(a.x, b.x, c.x, d.x), bias, UVec3::new(red.x, green.x, blue.x));
     let sum = add_lane(sum, UVec4::new(a.y, b.y, c.y, d.y), bias, UVec3::new(red.y, green.y, blue.y));
@@ -395,13 +394,14 @@ fn add_quad(sum: Four, own: QuadWords, two: u32, bias: i32, light: (UVec4, UVec4
     add_lane(sum, UVec4::new(a.w, b.w, c.w, d.w), bias, UVec3::new(red.w, green.w, blue.w))
 }
 
-/// The quads of part `k % RUN_PARTS` of run `k / RUN_PARTS`: the first, and how many, 0 to [`PART_QUADS`].
+/// The packed groups of invocation `k % RUN_INVOCATIONS` of run `k / RUN_INVOCATIONS`: the first, and how many, 0 to
+/// [`INVOCATION_GROUPS`].
 #[inline]
-pub fn quads_of(k: u32, runs: &[u32]) -> (u32, u32) {
-    let run = (k / RUN_PARTS) as usize;
-    let (first, end) = (runs[run] + k % RUN_PARTS * PART_QUADS, runs[run + 1]);
-    if first + PART_QUADS <= end {
-        (first, PART_QUADS)
+pub fn groups_of(k: u32, runs: &[u32]) -> (u32, u32) {
+    let run = (k / RUN_INVOCATIONS) as usize;
+    let (first, end) = (runs[run] + k % RUN_INVOCATIONS * INVOCATION_GROUPS, runs[run + 1]);
+    if first + INVOCATION_GROUPS <= end {
+        (first, INVOCATION_GROUPS)
     } else if first < end {
         (first, end - first)
     } else {
@@ -409,47 +409,49 @@ pub fn quads_of(k: u32, runs: &[u32]) -> (u32, u32) {
     }
 }
 
-/// Sums of the slots of [`quads_of`], `z = s (v·x)`, for their channels, times their [`tint`]. What is beyond them says nothing.
+/// Sums of the vectors of [`groups_of`], `z = s (v·x)`, for their channels, times their [`chroma_weights`]. Elements beyond them
+/// have no meaning.
 ///
-/// Shapes, by fours: `quads[n]`, `scale[n]`, `words[groups · QUARTERS]`, `light` of [`round`]. Needs `first < n`.
+/// Shapes: `groups[n]`, `scale[n]`; `words` and `light` of [`quantise`] as `u32x4`s. Needs `first < n`.
 #[inline]
-pub fn project(
+pub fn multiply_vt(
     first: u32,
     count: u32,
-    axes: Vec4,
-    quads: &[TileQuad],
+    chroma_axes: Vec4,
+    groups: &[PackedGroup],
     words: &[UVec4],
     scale: &[Vec4],
     light: &[UVec4],
-) -> [Vec4; (PART_QUADS * QUAD) as usize] {
+) -> [Vec4; (INVOCATION_GROUPS * GROUP_VECTORS) as usize] {
     // Those that there are not are the last once more.
     let last = first + count - 1;
     let second = if count > 1 { first + 1 } else { last };
     let third = if count > 2 { first + 2 } else { last };
-    let (quad, b, c, d) = (quads[first as usize], quads[second as usize], quads[third as usize], quads[last as usize]);
-    let (mut p, mut q, mut r, mut s) = (Four::ZERO, Four::ZERO, Four::ZERO, Four::ZERO);
-    let bias = bias_of(quad.is_short());
-    for quarter in 0..QUARTERS {
-        let one = QuadWords::of(words, quad, quarter);
-        let two_of = QuadWords::of(words, b, quarter);
-        let three = QuadWords::of(words, c, quarter);
-        let four = QuadWords::of(words, d, quarter);
-        for two in 0..TWOS {
-            let at = (quad.block() * (LIGHT_WORDS / 4) + two * QUARTERS + quarter) as usize;
+    let (group, b, c, d) =
+        (groups[first as usize], groups[second as usize], groups[third as usize], groups[last as usize]);
+    let (mut p, mut q, mut r, mut s) = (GroupSums::ZERO, GroupSums::ZERO, GroupSums::ZERO, GroupSums::ZERO);
+    let bias = bias_of(group.is_short());
+    for x4 in 0..U32X4S {
+        let one = GroupWords::of(words, group, x4);
+        let two = GroupWords::of(words, b, x4);
+        let three = GroupWords::of(words, c, x4);
+        let four = GroupWords::of(words, d, x4);
+        for part_pair in 0..PART_PAIRS {
+            let at = (group.block() * (LIGHT_WORDS / 4) + part_pair * U32X4S + x4) as usize;
             let channel = (CHANNEL_WORDS / 4) as usize;
             let own = (light[at], light[at + channel], light[at + 2 * channel]);
-            p = add_quad(p, one, two, bias, own);
-            q = add_quad(q, two_of, two, bias, own);
-            r = add_quad(r, three, two, bias, own);
-            s = add_quad(s, four, two, bias, own);
+            p = add_group(p, one, part_pair, bias, own);
+            q = add_group(q, two, part_pair, bias, own);
+            r = add_group(r, three, part_pair, bias, own);
+            s = add_group(s, four, part_pair, bias, own);
         }
     }
-    let steps = steps_at(light, quad.block() * (LIGHT_WORDS / 4) + 3 * CHANNEL_WORDS / 4);
+    let steps = steps_at(light, group.block() * (LIGHT_WORDS / 4) + 3 * CHANNEL_WORDS / 4);
     // Steps are powers of two: nothing is rounded.
-    let steps = steps * tint(quad.color(), axes);
+    let steps = steps * chroma_weights(group.color(), chroma_axes);
     let (x, y) = (scale[first as usize], scale[second as usize]);
     let (z, w) = (scale[third as usize], scale[last as usize]);
-    let color = quad.color();
+    let color = group.color();
     [
         masked(p.a.as_vec3() * steps * x.x, color).extend(0.0),
         masked(p.b.as_vec3() * steps * x.y, color).extend(0.0),
@@ -470,37 +472,37 @@ pub fn project(
     ]
 }
 
-/// The sum that a slot's vector is multiplied by, given the slot of its partner.
+/// The sum that a vector is multiplied by, given the index of its paired vector.
 #[inline]
 fn factor(other: u32, sums: &[Vec4]) -> Vec3 {
-    if other == NO_SLOT { Vec3::ZERO } else { sums[other as usize].truncate() }
+    if other == NO_VECTOR { Vec3::ZERO } else { sums[other as usize].truncate() }
 }
 
-/// What the vectors of run `k` are multiplied by, in whole numbers: a word of each pair of slots and channel, and the steps.
+/// The quantised factors of the vectors of run `k`: a word for each pair of vectors and channel, and the steps.
 ///
-/// Shapes, `partner` and `factors` by fours: `runs[n + 1]`, the first quad of each; `partner[quads]`, `sums[quads · QUAD]`;
-/// `factors[n · FACTOR_WORDS / 4]`. Needs `k < n`.
+/// Shapes, `paired` and `factors` as `u32x4`s: `runs[n + 1]`, the first packed group of each; `paired[groups]`, vector indices,
+/// `sums[groups · GROUP_VECTORS]`; `factors[n · FACTOR_WORDS / 4]`. Needs `k < n`.
 #[inline]
-pub fn weigh(k: u32, runs: &[u32], partner: &[UVec4], sums: &[Vec4], factors: &mut [UVec4]) {
+pub fn requantise(k: u32, runs: &[u32], paired: &[UVec4], sums: &[Vec4], factors: &mut [UVec4]) {
     let (first, end) = (runs[k as usize], runs[k as usize + 1]);
     let mut most = Vec3::ZERO;
-    for quad in first..end {
-        let other = partner[quad as usize];
+    for group in first..end {
+        let other = paired[group as usize];
         most = most.max(factor(other.x, sums).abs()).max(factor(other.y, sums).abs());
         most = most.max(factor(other.z, sums).abs()).max(factor(other.w, sums).abs());
     }
     let steps = steps_of(most);
     let inverses = inverses_of(steps);
     let at = (k * (FACTOR_WORDS / 4)) as usize;
-    for two in 0..RUN_QUADS {
-        let quad = first + two;
+    for j in 0..RUN_GROUPS {
+        let group = first + j;
         let (mut one, mut other) = (UVec3::ZERO, UVec3::ZERO);
-        if quad < end {
-            let slots = partner[quad as usize];
-            one = pair(factor(slots.x, sums), factor(slots.y, sums), inverses);
-            other = pair(factor(slots.z, sums), factor(slots.w, sums), inverses);
+        if group < end {
+            let other_of = paired[group as usize];
+            one = i16x2(factor(other_of.x, sums), factor(other_of.y, sums), inverses);
+            other = i16x2(factor(other_of.z, sums), factor(other_of.w, sums), inverses);
         }
-        let at = at + (2 * two) as usize;
+        let at = at + (2 * j) as usize;
         factors[at] = one.extend(0);
         factors[at + 1] = other.extend(0);
     }
@@ -533,7 +535,7 @@ impl<T: Copy> Eight<T> {
     }
 }
 
-/// Adds whole numbers times their step.
+/// Adds quantised values times their step.
 #[inline]
 fn add_scaled(rows: Eight<Vec3>, sum: Eight<IVec3>, step: Vec3) -> Eight<Vec3> {
     Eight {
@@ -567,32 +569,32 @@ fn add_parts(sum: Eight<IVec3>, one: Lane, other: Lane, y: IVec3, z: IVec3) -> E
 }
 
 /// What lanes `2 q` and `2 q + 1` of a split of a block add to its rows, of each lane one of each part, with `q = k % PAIRS`
-/// and the split and the block above it: each vector of the split times the sum of its partner, which is 0 in the channels
+/// and the split and the block above it: each vector of the split times the sum of its paired vector, 0 in the channels
 /// that neither is for.
 ///
-/// Shapes: `run_start[blocks + 1]`, `runs`, `factors` of [`weigh`] by fours, `quads[n]`, `words` by twos.
+/// Shapes: `run_start[blocks + 1]`, `runs`, `factors` of [`requantise`] as `u32x4`s, `groups[n]`, `words` as `u32x2`s.
 #[inline]
-pub fn expand(
+pub fn multiply_u(
     k: u32,
     run_start: &[u32],
     runs: &[u32],
-    quads: &[TileQuad],
+    groups: &[PackedGroup],
     words: &[UVec2],
     factors: &[UVec4],
 ) -> [Vec4; 2 * PARTS as usize] {
-    let (pair, split, block) = (k % PAIRS, k / PAIRS % SPLITS, k / (PAIRS * SPLITS));
+    let (lane_pair, split, block) = (k % PAIRS, k / PAIRS % SPLITS, k / (PAIRS * SPLITS));
     let (first, end) = split_of(split, run_start[block as usize], run_start[block as usize + 1]);
     let (mut rows, mut others) = (Eight::splat(Vec3::ZERO), Eight::splat(Vec3::ZERO));
     for run in first..end {
         let (mut sum, mut rest) = (Eight::splat(IVec3::ZERO), Eight::splat(IVec3::ZERO));
-        // Quads of a run are alike, and their words follow one another.
+        // Packed groups of a run have equal channels and bits, and their words follow one another.
         let (first, end) = (runs[run as usize], runs[run as usize + 1]);
-        let quad = quads[first as usize];
-        for two in 0..QUAD / 2 * (end - first) {
-            let both = factors[(run * (FACTOR_WORDS / 4) + two) as usize].truncate();
+        let group = groups[first as usize];
+        for vector_pair in 0..GROUP_VECTORS / 2 * (end - first) {
+            let both = factors[(run * (FACTOR_WORDS / 4) + vector_pair) as usize].truncate();
             let (y, z) = (low(both), high(both));
-            let one = LanePair::of(words, quad.vector(2 * two), pair);
-            let other = LanePair::of(words, quad.vector(2 * two + 1), pair);
+            let one = LanePair::of(words, group.vector(2 * vector_pair), lane_pair);
+            let other = LanePair::of(words, group.vector(2 * vector_pair + 1), lane_pair);
             sum = add_parts(sum, one.first(), other.first(), y, z);
             rest = add_parts(rest, one.second(), other.second(), y, z);
         }
@@ -620,20 +622,20 @@ pub fn expand(
     ]
 }
 
-/// Where [`expand`] writes the row of a part of the first of its lanes, before that of the second: the splits of a block one
+/// Where [`multiply_u`] writes the row of a part of the first of its lanes, before that of the second: the splits of a block one
 /// after another.
 #[inline]
 pub fn row_at(k: u32, part: u32) -> u32 {
     k / PAIRS * TILE + part * LANES + 2 * (k % PAIRS)
 }
 
-/// Irradiance of patch `i`, `H_i = y_p / √a_i` with `p = place[i]`, W/m².
+/// Irradiance of patch `i`, `H_i = y_p / √a_i` with `p = permuted_index[i]`, W/m².
 ///
-/// Shapes: `place` and `root` `[patches]`, `rows[blocks · SPLITS · TILE]` of [`expand`], `near[blocks · TILE]`.
+/// Shapes: `permuted_index` and `sqrt_area` `[patches]`, `rows[blocks · SPLITS · TILE]` of [`multiply_u`], `dense_sparse[blocks · TILE]`.
 #[inline]
-pub fn leave(i: u32, place: &[u32], root: &[f32], rows: &[Vec4], near: &[Vec4]) -> Vec4 {
-    let p = place[i as usize];
+pub fn permute_out(i: u32, permuted_index: &[u32], sqrt_area: &[f32], rows: &[Vec4], dense_sparse: &[Vec4]) -> Vec4 {
+    let p = permuted_index[i as usize];
     let row = |split: u32| rows[((p / TILE * SPLITS + split) * TILE + p % TILE) as usize].truncate();
-    let near = near[p as usize].truncate();
-    ((((row(0) + row(1)) + (row(2) + row(3))) + near) / root[i as usize]).extend(0.0)
+    let dense_sparse = dense_sparse[p as usize].truncate();
+    ((((row(0) + row(1)) + (row(2) + row(3))) + dense_sparse) / sqrt_area[i as usize]).extend(0.0)
 }

@@ -228,14 +228,14 @@ fn vertex_places(side: &Side, k: u32, divisions: u32) -> impl Iterator<Item = Ve
     })
 }
 
-/// The receivers that the vertices of cell `k` of a side would have alone: a little inwards, and in sight of its middle.
+/// The receivers that the vertices of cell `k` of a side would have alone: a little inwards, and visible from its middle.
 fn cell_vertices(scene: &Scene, side: &Side, k: u32, divisions: u32, middle: Vec3) -> Vec<SurfacePoint> {
     let third = Vec2::splat(1.0 / 3.0);
     let inwards = INWARDS / (side.divisions * divisions) as f32;
     let mut open = None;
     let vertex = |place: Vec2| {
         let place = place + (third - place) * inwards;
-        in_sight(scene, middle, side_point(scene, side.triangle, side.front, place), &mut open)
+        visible_vertex(scene, middle, side_point(scene, side.triangle, side.front, place), &mut open)
     };
     vertex_places(side, k, divisions).map(vertex).collect()
 }
@@ -243,13 +243,13 @@ fn cell_vertices(scene: &Scene, side: &Side, k: u32, divisions: u32, middle: Vec
 /// Moves a vertex that lies behind a wall through which its triangle passes to this side of the wall: to where the ray
 /// from the middle of its cell comes. A middle that is buried in what stands on the surface judges nobody; `open` keeps
 /// whether it is not.
-fn in_sight(scene: &Scene, middle: Vec3, vertex: SurfacePoint, open: &mut Option<bool>) -> SurfacePoint {
-    let way = vertex.position - middle;
-    let length = way.length();
+fn visible_vertex(scene: &Scene, middle: Vec3, vertex: SurfacePoint, open: &mut Option<bool>) -> SurfacePoint {
+    let offset = vertex.position - middle;
+    let length = offset.length();
     if length <= 0.0 {
         return vertex;
     }
-    let direction = way / length;
+    let direction = offset / length;
     let hit = scene.closest_before(middle + vertex.normal * scene.geometry.ray_offset, direction, length);
     if hit.is_miss() {
         return vertex;

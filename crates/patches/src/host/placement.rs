@@ -166,10 +166,10 @@ impl<'a> Placement<'a> {
         let mut set = ReceiverSamples::new(self.scene, samples, elements)?;
         set.add_rows(self.add_rows)?;
         for round in 0..ROUNDS {
-            let room = most.saturating_sub(set.samples.len()) / (ROUNDS - round);
+            let budget = most.saturating_sub(set.samples.len()) / (ROUNDS - round);
             let seed = placing.seed.wrapping_add(1 + round as u32);
             let estimates = Estimates::new(&set.rows, self.lights, placing.rays)?;
-            let added = set.worst_places(sampler, &estimates, room, seed);
+            let added = set.worst_places(sampler, &estimates, budget, seed);
             if added.is_empty() {
                 break;
             }
@@ -195,9 +195,9 @@ impl<'a> Placement<'a> {
         let area = field.set.mean_area;
         for round in 0..ORPHAN_ROUNDS {
             let orphans: Vec<usize> = (0..weights.len()).filter(|&k| weights[k].is_empty()).collect();
-            let room = placing.most.saturating_sub(field.set.samples.len()) / (ORPHAN_ROUNDS - round);
-            let step = ORPHAN_SHARE.max(orphans.len().div_ceil(room.max(1)));
-            if orphans.is_empty() || room == 0 {
+            let budget = placing.most.saturating_sub(field.set.samples.len()) / (ORPHAN_ROUNDS - round);
+            let step = ORPHAN_SHARE.max(orphans.len().div_ceil(budget.max(1)));
+            if orphans.is_empty() || budget == 0 {
                 break;
             }
             let chosen = orphans.par_iter().step_by(step);

@@ -32,7 +32,7 @@ impl From<&SurfacePoint> for SurfacePlace {
     }
 }
 
-/// Whether nothing stands between two places of a surface whose samples are `edge` m apart.
+/// Whether nothing stands between two places of a surface with samples every `edge` m.
 pub fn is_visible(scene: &Scene, from: SurfacePlace, to: SurfacePlace, edge: f32) -> bool {
     let arc = ARC * from.position.distance(to.position) * from.normal.distance(to.normal);
     let height = scene.geometry.ray_offset + LIFT * edge + arc;

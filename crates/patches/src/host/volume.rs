@@ -20,8 +20,8 @@ pub const PROBE_LIMIT: u64 = 1 << 20;
 
 /// Points look at the probes from this share of the least voxel edge above their surface.
 const LIFT: f32 = 0.02;
-/// A probe needs so much room, in ray offsets: nearer to a surface its rays may start behind it.
-const ROOM: f32 = 4.0;
+/// Distance that a probe needs from surfaces, in ray offsets: nearer to one its rays may start behind it.
+const CLEARANCE: f32 = 4.0;
 /// A ray that meets a surface at a smaller cosine says nothing of its plane.
 const GRAZING: f32 = 1e-3;
 
@@ -60,7 +60,7 @@ impl Default for VolumeSettings {
 /// A probe that touches a surface, or to none of whose sides light comes, is left out and takes no part. A point does not
 /// take light from probes that it does not see, judged by the planes of the surfaces that rays from each probe to the 26
 /// voxels round it met ([`crate::kernel::volume`]): walls without thickness along the grid keep rooms separate
-/// wherever each room has probes in sight; of walls across the grid, corners that no ray comes near to may take light
+/// wherever each room sees probes; of walls across the grid, corners that no ray comes near to may take light
 /// from outside (0.2 % of places in tests). A closed space smaller than the voxels has no probe, and takes the light
 /// of the nearest.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,7 +100,7 @@ impl VoxelVolume {
         let voxels = counts.element_product();
         let is_valid = |voxel: u32| {
             let place = probe_position(&shape, voxel);
-            has_room(scene, place) && receivers(place, 0).iter().any(is_lit)
+            has_clearance(scene, place) && receivers(place, 0).iter().any(is_lit)
         };
         let full: Vec<u32> = (0..voxels).into_par_iter().filter(|&voxel| is_valid(voxel)).collect();
         if full.is_empty() {
@@ -245,8 +245,8 @@ fn receivers(position: Vec3, probe: u32) -> [SurfacePoint; CUBE_SIDES as usize] 
 }
 
 /// Whether no surface touches a place.
-fn has_room(scene: &Scene, place: Vec3) -> bool {
-    let reach = ROOM * scene.geometry.ray_offset;
+fn has_clearance(scene: &Scene, place: Vec3) -> bool {
+    let reach = CLEARANCE * scene.geometry.ray_offset;
     [Vec3::X, Vec3::Y, Vec3::Z].iter().all(|&axis| !scene.occluded(place - axis * reach, axis, 2.0 * reach))
 }
 

@@ -56,15 +56,15 @@ pub fn lookup(
                 let trilinear = t.x * t.y * t.z;
                 for k in offsets[cell as usize]..offsets[cell as usize + 1] {
                     let entry = entries[k as usize];
-                    let mut in_sight = sight(p, &entry, x, n);
-                    if in_sight > 0.0 && p.walls != 0 {
+                    let mut visibility = plane_visibility(p, &entry, x, n);
+                    if visibility > 0.0 && p.walls != 0 {
                         let hidden = is_behind_wall(p, offsets, entries, cell, &entry, x, n)
                             || (own != cell
                                 && own & EMPTY_CELL == 0
                                 && is_behind_wall(p, offsets, entries, own, &entry, x, n));
-                        in_sight = if hidden { 0.0 } else { in_sight };
+                        visibility = if hidden { 0.0 } else { visibility };
                     }
-                    let weight = trilinear * patch_weight(&entry, in_sight, n);
+                    let weight = trilinear * patch_weight(&entry, visibility, n);
                     sum += values[entry.patch as usize] * weight;
                     total += weight;
                 }
@@ -78,7 +78,7 @@ pub fn lookup(
         let cell = own & !EMPTY_CELL;
         for k in offsets[cell as usize]..offsets[cell as usize + 1] {
             let entry = entries[k as usize];
-            let weight = patch_weight(&entry, sight(p, &entry, x, n), n);
+            let weight = patch_weight(&entry, plane_visibility(p, &entry, x, n), n);
             sum += values[entry.patch as usize] * weight;
             total += weight;
         }
@@ -86,9 +86,9 @@ pub fn lookup(
     sum * (1.0 / total)
 }
 
-/// 1 for a patch in the plane of the point, 0 from the limit on or for one that looks away.
+/// Visibility by planes: 1 for a patch in the plane of the point, 0 from the limit on or for one that faces away.
 #[inline]
-fn sight(p: &LookupParams, entry: &LookupPatch, x: Vec3, n: Vec3) -> f32 {
+fn plane_visibility(p: &LookupParams, entry: &LookupPatch, x: Vec3, n: Vec3) -> f32 {
     let distance = abs(((entry.position - x) / p.shape.edges).dot(n)) / p.plane_limit;
     let near = if distance < 1.0 { 1.0 - distance * distance } else { 0.0 };
     if n.dot(entry.direction) > 0.0 { near * near } else { 0.0 }
@@ -116,11 +116,11 @@ fn is_behind_wall(
     hidden
 }
 
-/// Weight of a patch by its normal and whether it is in sight; positive.
+/// Weight of a patch by its normal and its visibility; positive.
 #[inline]
-fn patch_weight(entry: &LookupPatch, in_sight: f32, n: Vec3) -> f32 {
+fn patch_weight(entry: &LookupPatch, visibility: f32, n: Vec3) -> f32 {
     let cosine = n.dot(entry.direction);
     let facing = if cosine > 0.0 { cosine * cosine } else { 0.0 };
     // 2 + cosine: nothing is ever without weight, and what looks away least counts most.
-    facing * (in_sight + HIDDEN) + FACING_AWAY * (2.0 + cosine)
+    facing * (visibility + HIDDEN) + FACING_AWAY * (2.0 + cosine)
 }

@@ -17,7 +17,7 @@ pub const SHOWN_ALBEDO: f32 = 0.5;
 
 /// Display white: irradiance with which that surface is displayed as white, W/m², when radiance is multiplied by 2 to
 /// the power of the exposure.
-pub fn white(exposure_stops: f32) -> f32 {
+pub fn display_white(exposure_stops: f32) -> f32 {
     std::f32::consts::PI / (SHOWN_ALBEDO * scene::math::pow(2.0, exposure_stops))
 }
 
@@ -82,7 +82,7 @@ impl Method for Local {
     }
 
     fn before_frame(&mut self, input: &FrameInput, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        self.matrix.look(input.camera.eye);
+        self.matrix.move_camera(input.camera.eye);
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use faer::Mat;
 use formfactor::{Reciprocal, reciprocal};
 use glam::{Vec3, Vec4};
 use multibounce::{
-    Channels, Factors, Room, StoredOperator, all_bounces, all_bounces_stored, halving_order, some_bounces,
+    Channels, Factors, StoredOperator, Workspace, all_bounces, all_bounces_stored, halving_order, some_bounces,
     some_bounces_stored,
 };
 use patches::PatchMesh;
@@ -119,14 +119,16 @@ impl SymmetricFactors {
         bytes: u64,
         observer: &dyn Observer,
     ) -> Result<[StoredOperator; 3], Error> {
-        let room = Room { folder: &build.folder, bytes };
+        let workspace = Workspace { folder: &build.folder, bytes };
         let made = run_phase(observer, Phase::OPERATOR, |report| {
             let one = |channel: usize| {
                 let albedo: Vec<f32> = albedo.iter().map(|rho| rho[channel]).collect();
                 let proceed = |done, total| report(channel * total + done, 3 * total);
                 match bounces {
-                    None => all_bounces_stored(&self.view(), &albedo, &self.order, &room, &proceed),
-                    Some(bounces) => some_bounces_stored(&self.view(), &albedo, bounces, &self.order, &room, &proceed),
+                    None => all_bounces_stored(&self.view(), &albedo, &self.order, &workspace, &proceed),
+                    Some(bounces) => {
+                        some_bounces_stored(&self.view(), &albedo, bounces, &self.order, &workspace, &proceed)
+                    }
                 }
             };
             Ok([one(0)?, one(1)?, one(2)?])

@@ -27,8 +27,8 @@ pub struct PixelSettings {
     /// How direct light is measured at the pixels: shadow rays to area lights, rays to the sky where it is sampled, and how
     /// far points lie off their surface.
     pub direct: DirectParams,
-    /// Whether direct light is summed apart, too.
-    pub has_direct_apart: bool,
+    /// Whether direct light has a sum of its own, too.
+    pub has_separate_direct: bool,
 }
 
 /// The passes of pictures.
@@ -36,7 +36,7 @@ pub struct PixelSettings {
 pub struct Shade {
     /// Sums over the sub-frames of all radiance, W/m²/sr.
     pub full: BufferId,
-    /// Of direct radiance, where that is summed apart.
+    /// Of direct radiance, where that has a sum of its own.
     pub direct: BufferId,
     /// What one sub-frame leaves the next overwrites.
     pub pixels: PixelBuffers,
@@ -81,7 +81,7 @@ pub fn add(
 ) -> Result<Shade, ExecutorError> {
     let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
     let indirect = Indirect::of_bake(frame);
-    let settings = PixelSettings { size, sub_frames, direct, has_direct_apart: true };
+    let settings = PixelSettings { size, sub_frames, direct, has_separate_direct: true };
     add_pixels(&mut frame.plan, scene, &indirect, &settings)
 }
 
@@ -104,10 +104,10 @@ pub fn add_pixels(
         direct: plan.storage("pixel direct", rgb),
         indirect: plan.storage("pixel indirect", rgb),
     };
-    let apart = if settings.has_direct_apart { rgb } else { 0 };
-    let no_light = plan.storage("no light", apart);
+    let direct_bytes = if settings.has_separate_direct { rgb } else { 0 };
+    let no_light = plan.storage("no light", direct_bytes);
     let full = plan.storage("full", rgb);
-    let direct = plan.storage("direct sum", apart);
+    let direct = plan.storage("direct sum", direct_bytes);
     let settings = PixelSettings { direct: DirectParams { count, ..settings.direct }, ..*settings };
     let mut shade = Shade { full, direct, pixels, no_light, settings, sub_frames: Vec::new(), passes: Vec::new() };
     for _ in 0..settings.sub_frames.max(1) {
@@ -214,7 +214,7 @@ fn add_sub_frame(
     };
     let shade_full = scene.shade(plan, "shade", &own(buffers.indirect, shade.full), &camera)?;
     let mut shade_direct = None;
-    if shade.settings.has_direct_apart {
+    if shade.settings.has_separate_direct {
         shade_direct = Some(scene.shade(plan, "shade", &own(shade.no_light, shade.direct), &camera)?);
     }
     Ok(SubFrame { light, primary, shade_full, shade_direct, passes: plan.all_passes().split_off(first) })
@@ -240,7 +240,7 @@ impl Shade {
     /// # Errors
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
-        if self.settings.has_direct_apart {
+        if self.settings.has_separate_direct {
             executor.clear(self.no_light)?;
         }
         Ok(())
@@ -267,7 +267,7 @@ impl Shade {
     /// What the device says.
     pub fn set(&self, executor: &mut (dyn Executor + 'static), shot: &Shot) -> Result<(), ExecutorError> {
         executor.clear(self.full)?;
-        if self.settings.has_direct_apart {
+        if self.settings.has_separate_direct {
             executor.clear(self.direct)?;
         }
         let light_count = shot.light_count;

@@ -26,9 +26,9 @@ pub const MOST_PATCHES: usize = 4_000_000;
 const FACE_RAYS: u32 = 16;
 /// Voxels that are sampled before their samples are dropped.
 const VOXELS_AT_ONCE: usize = 2048;
-/// Pilots of the sampler that knows where light comes, as for so many patches.
-const PILOTS_FOR: usize = 10_000;
-/// Pilots of a world are far apart: dark ones count only so near, in edges of voxels.
+/// Probe samples of the reachability test, as for so many patches.
+const PROBE_SAMPLES_FOR: usize = 10_000;
+/// Probe samples of a world are far from each other: dark ones count only so near, in edges of voxels.
 const DARK_WITHIN: f32 = 0.05;
 /// Trees of the forest, about: what cannot be coarser.
 const ROOTS: usize = 256;
@@ -64,7 +64,7 @@ pub struct Extra {
     pub shape: GridShape,
     /// Voxel of each leaf.
     pub voxels: Vec<u32>,
-    /// Whether a leaf sees next to nothing of the sky: what is indoors and what is not are merged apart.
+    /// Whether a leaf sees next to nothing of the sky: what is indoors and what is not are merged separately.
     pub indoors: Vec<bool>,
     /// Emitted exitance of leaves that shine, W/m².
     pub emission: Vec<(u32, Vec3)>,
@@ -218,7 +218,7 @@ impl Forest {
         }
         let mut axes = [0, 1, 2];
         axes.sort_by(|&a, &b| squares[b].total_cmp(&squares[a]));
-        // An axis that the surface hardly looks along is no likeness.
+        // An axis that the surface hardly faces does not stand for it.
         axes.into_iter().filter(|&a| squares[a] > 0.05).map(|a| six[side(a)]).find(|&leaf| leaf != NONE).unwrap_or(NONE)
     }
 
@@ -326,7 +326,8 @@ fn drafts(
     memory_limit: u64,
     report: &Report,
 ) -> Result<Found, Error> {
-    let sampler = lit_sampler(scene, PILOTS_FOR, settings.seed)?.ok_or(Error::Patches(patches::Error::NoSamples))?;
+    let sampler =
+        lit_sampler(scene, PROBE_SAMPLES_FOR, settings.seed)?.ok_or(Error::Patches(patches::Error::NoSamples))?;
     let sampler = sampler.dark_within(DARK_WITHIN * grid.shape.edges.min_element());
     let sampling = SampleSettings { points: FACE_RAYS, seed: settings.seed, ..SampleSettings::default() };
     let (mut drafts, mut dark) = (Vec::new(), Vec::new());
@@ -523,7 +524,7 @@ mod tests {
     use assets::procedural;
 
     #[test]
-    fn what_is_indoors_and_what_is_not_are_merged_apart() {
+    fn what_is_indoors_and_what_is_not_are_merged_separately() {
         let loaded = procedural::build("atrium:3000").unwrap();
         let settings =
             WorldSettings { scene: String::new(), voxel_size: Some(0.5), patch_count: 2000, rays: 64, seed: 1 };

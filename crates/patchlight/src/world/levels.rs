@@ -39,8 +39,8 @@ pub struct Levels {
     pub offset: Vec<Vec4>,
     indoors: Vec<bool>,
     levels: Vec<Level>,
-    /// How large nodes look at most.
-    looks: f32,
+    /// Apparent size of nodes at most.
+    apparent_size: f32,
     /// Edge of a leaf, m.
     edge: f32,
 }
@@ -80,7 +80,7 @@ impl Levels {
             lookup: Arc::new(lookup),
             indoors: extra.indoors,
             levels,
-            looks: 0.0,
+            apparent_size: 0.0,
             edge,
         })
     }
@@ -141,7 +141,7 @@ impl Levels {
     /// Light of a leaf between the two levels that suit its distance.
     fn light(&self, from: &LeafLight, eye: Vec3, leaf: usize) -> Vec4 {
         let node = &from.nodes[leaf];
-        let size = self.looks * (node.centre.distance(eye) + 2.0 * self.edge) / self.edge;
+        let size = self.apparent_size * (node.centre.distance(eye) + 2.0 * self.edge) / self.edge;
         let coarse = ln(size.max(1e-6)) / std::f32::consts::LN_2 + COARSER;
         let level = coarse.clamp(0.0, self.levels.len() as f32);
         let low = level.floor() as usize;
@@ -162,10 +162,10 @@ impl Levels {
         lookup.and_then(|l| l.at(light, node.centre, normal).ok()).unwrap_or(Vec4::ZERO)
     }
 
-    /// Finds how large nodes look, once: pixels then take their light from levels that change with
-    /// distance only.
-    pub fn look(&mut self, nodes: &[Node], cut: &[u32], eye: Vec3) {
-        if self.looks > 0.0 {
+    /// Finds the apparent size of nodes, once: pixels then take their light from levels that change
+    /// with distance only.
+    pub fn find_apparent_size(&mut self, nodes: &[Node], cut: &[u32], eye: Vec3) {
+        if self.apparent_size > 0.0 {
             return;
         }
         let edge = self.edge;
@@ -175,7 +175,7 @@ impl Levels {
         let merged = cut.iter().map(|&node| &nodes[node as usize]).filter(|node| node.children > 0);
         let mut sizes: Vec<f32> = merged.map(size).collect();
         sizes.sort_by(f32::total_cmp);
-        self.looks = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1e-6);
+        self.apparent_size = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1e-6);
     }
 }
 

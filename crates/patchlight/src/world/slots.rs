@@ -26,7 +26,7 @@ use crate::stage::shade::{self, Indirect, PixelSettings, Shade, Shot};
 /// Shadow rays of a point or pixel to each rectangle light, and to a sky map.
 const AREA_RAYS: u32 = 4;
 const SKY_RAYS: u32 = 8;
-/// Fewest lights that there is room for.
+/// Capacity for lights, at least.
 const LEAST_LIGHTS: usize = 16;
 /// Seed of the shadow rays of nodes.
 const NODE_SEED: u32 = 0;
@@ -195,7 +195,7 @@ impl Pixels {
             size: settings.size,
             sub_frames: settings.sub_frames,
             direct: world_params(scene),
-            has_direct_apart: false,
+            has_separate_direct: false,
         };
         let indirect = Indirect::Patches { lookup, values: shown.into() };
         let shade = shade::add_pixels(plan, scene_tables, &indirect, &pixels)?;
@@ -250,7 +250,7 @@ impl SlotFrame {
         self.bytes
     }
 
-    /// Puts the lights on the device; says whether there is room for them.
+    /// Puts the lights on the device; says whether they fit.
     ///
     /// # Errors
     /// What the device says.

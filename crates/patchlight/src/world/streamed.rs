@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use glam::{Vec3, Vec4};
 use localmatrix::{
-    BakeFile, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as Way, World,
+    BakeFile, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as CameraPath, World,
 };
 use runtime::executor::{Executor, PassTime};
 use scene::kernel::shade::encode_srgb;
@@ -35,8 +35,8 @@ const SLOT_STEP: usize = 4;
 pub struct StreamSettings {
     /// Of the matrix.
     pub local: LocalSettings,
-    /// Frames that the camera's way is looked ahead.
-    pub look_ahead: f32,
+    /// Frames for which the camera's path is predicted.
+    pub predicted_frames: f32,
     /// Whether each frame waits for all changes, whatever their number and the disk.
     pub at_rest: bool,
     /// Bytes of blocks of rows that stay in memory.
@@ -213,7 +213,7 @@ impl Streamed {
             stopped.set(stopped.get() || !report(done as f32 / slots));
             !stopped.get() && last.get().1.elapsed() < PATIENCE
         };
-        match self.local.settle(&mut self.rows, Way { eye, ahead: eye }, &go_on) {
+        match self.local.settle(&mut self.rows, CameraPath { eye, predicted: eye }, &go_on) {
             Ok(step) => Ok(step),
             // A disk that is too slow: coarser nodes do until it comes.
             Err(error) if Error::from(error.clone()).is_cancelled() => {
@@ -236,7 +236,7 @@ impl Streamed {
         self.executor.wait()?;
         let eye = camera.eye;
         let last = self.eye.unwrap_or(eye);
-        let ahead = eye + (eye - last) * self.settings.look_ahead;
+        let predicted = eye + (eye - last) * self.settings.predicted_frames;
         self.eye = Some(eye);
         let is_first = self.frames == 0;
         let is_relit = self.set_lights(lights)?;
@@ -250,7 +250,7 @@ impl Streamed {
 
         let start = Instant::now();
         let all = if self.settings.at_rest { self.settle(eye, &|_| true)? } else { Step::default() };
-        let changes = self.local.choose(&mut self.rows, Way { eye, ahead });
+        let changes = self.local.choose(&mut self.rows, CameraPath { eye, predicted });
         let has_settled = all.entered + all.left > 0;
         let has_changes = !changes.is_empty() || has_settled;
         done.step = self.local.apply(&self.rows, changes)?.after(all);
@@ -260,7 +260,7 @@ impl Streamed {
             self.product(&mut done)?;
         }
         let start = Instant::now();
-        self.levels.look(self.rows.nodes(), self.local.cut(), eye);
+        self.levels.find_apparent_size(self.rows.nodes(), self.local.cut(), eye);
         timed(&mut done.lookup_ms, start);
         self.spread(eye, true, &mut done);
         let picture = self.shade(camera, stops, &mut done)?;

@@ -13,8 +13,8 @@ use super::{Named, Tables, add_pass, rgb_bytes};
 use crate::executor::{Executor, ExecutorError};
 use crate::plan::{BufferId, PassId, Plan};
 
-/// Vectors, and new columns, that an update on the device has room for; beyond them the whole matrix is uploaded.
-const ROOM: usize = 128;
+/// Vectors, and new columns, of an update on the device at most; beyond them the whole matrix is uploaded.
+const UPDATE_CAPACITY: usize = 128;
 
 /// Why a frame failed.
 #[derive(Debug, thiserror::Error)]
@@ -44,7 +44,7 @@ struct SlotBuffers {
     visible: BufferId,
     vectors: BufferId,
     columns: BufferId,
-    place: BufferId,
+    new_column: BufferId,
     irradiance: BufferId,
 }
 
@@ -52,11 +52,11 @@ impl SlotBuffers {
     fn new(plan: &mut Plan, slots: usize) -> Self {
         Self {
             planes: ["red", "green", "blue"].map(|name| plan.storage(name, words(slots * slots))),
-            sqrt_area: plan.storage("root", words(slots)),
+            sqrt_area: plan.storage("sqrt area", words(slots)),
             visible: plan.storage("visible", rgb_bytes(slots)),
-            vectors: plan.storage("vectors", words(3 * ROOM * slots)),
-            columns: plan.storage("columns", words(3 * ROOM * slots)),
-            place: plan.storage("place", words(slots)),
+            vectors: plan.storage("vectors", words(3 * UPDATE_CAPACITY * slots)),
+            columns: plan.storage("columns", words(3 * UPDATE_CAPACITY * slots)),
+            new_column: plan.storage("new column", words(slots)),
             irradiance: plan.storage("slot irradiance", rgb_bytes(slots)),
         }
     }
@@ -125,13 +125,13 @@ impl SlotMatrix {
         matrix: &mut LocalMatrix,
     ) -> Result<(), ExecutorError> {
         let updates = matrix.take_updates();
-        if updates.iter().any(|one| one.rank as usize > ROOM || one.slots.len() > ROOM) {
+        if updates.iter().any(|one| one.rank as usize > UPDATE_CAPACITY || one.slots.len() > UPDATE_CAPACITY) {
             return self.upload_planes(executor, matrix);
         }
         updates.iter().try_for_each(|one| self.update(executor, one))
     }
 
-    /// Puts on the device which slots hold patches, and the roots of their areas.
+    /// Puts on the device which slots hold patches, and the square roots of their areas.
     ///
     /// # Errors
     /// What the device says.
@@ -142,7 +142,7 @@ impl SlotMatrix {
     ) -> Result<(), ExecutorError> {
         let mut visible = vec![Vec4::ZERO; matrix.slots()];
         matrix.patches().for_each(|(slot, _)| visible[slot as usize] = Vec4::ONE);
-        executor.upload(self.buffers.sqrt_area, matrix.root())?;
+        executor.upload(self.buffers.sqrt_area, matrix.sqrt_area())?;
         executor.upload(self.buffers.visible, &visible)
     }
 
@@ -172,11 +172,11 @@ impl SlotMatrix {
         if slots == 0 {
             return Ok(());
         }
-        let mut place = vec![KEPT; slots as usize];
-        update.slots.iter().zip(0..).for_each(|(&slot, column)| place[slot as usize] = column);
+        let mut new_column = vec![KEPT; slots as usize];
+        update.slots.iter().zip(0..).for_each(|(&slot, column)| new_column[slot as usize] = column);
         executor.upload(self.buffers.vectors, &update.vectors)?;
         executor.upload(self.buffers.columns, &update.columns)?;
-        executor.upload(self.buffers.place, &place)?;
+        executor.upload(self.buffers.new_column, &new_column)?;
         for (&pass, channel) in self.updates.iter().zip(0..) {
             let push = UpdateParams {
                 count: slots * slots / 4,
@@ -387,7 +387,7 @@ fn add_product(
         ("red", b.planes[0].into()),
         ("green", b.planes[1].into()),
         ("blue", b.planes[2].into()),
-        ("root", b.sqrt_area.into()),
+        ("sqrt_area", b.sqrt_area.into()),
         ("light", exitance.into()),
         ("irradiance", b.irradiance.into()),
     ];
@@ -413,7 +413,7 @@ fn add_update(plan: &mut Plan, b: &SlotBuffers, slots: usize, plane: BufferId) -
     let own = [
         ("vectors", b.vectors.into()),
         ("columns", b.columns.into()),
-        ("place", b.place.into()),
+        ("new_column", b.new_column.into()),
         ("plane", plane.into()),
     ];
     let count = (slots * slots / 4) as u32;
@@ -432,7 +432,7 @@ mod tests {
 
     const PATCHES: usize = 160;
 
-    /// Patches along a line that exchange light with their neighbours.
+    /// Patches along a line that have form factors to their neighbours.
     fn world() -> Table {
         let random = |a: usize, c: u32| unit(hash3(a as u32, 0, c));
         let surface = |i: usize| Surface {
@@ -457,8 +457,7 @@ mod tests {
 
     const FLYING: CameraSettings = CameraSettings { slots: 48, budget: 12, fade: 8, ..CameraSettings::DEFAULT };
 
-    /// Greatest difference.
-    fn apart(a: &[Vec<Vec4>], b: &[Vec<Vec4>]) -> f32 {
+    fn greatest_difference(a: &[Vec<Vec4>], b: &[Vec<Vec4>]) -> f32 {
         a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
     }
 
@@ -478,7 +477,7 @@ mod tests {
         let mut frame = |k: usize| {
             let light = |i: usize| Vec4::new(unit(hash3(i as u32, 7, 1)), 1.0 + (k % 3) as f32, (i % 2) as f32, 0.0);
             let e: Vec<Vec4> = (0..PATCHES).map(light).collect();
-            matrix.look(Vec3::X * (2.0 * k as f32));
+            matrix.move_camera(Vec3::X * (2.0 * k as f32));
             let found = if on_device {
                 executor.upload(source, &e).unwrap();
                 copy.frame(executor.as_mut(), &mut matrix).unwrap();
@@ -497,24 +496,25 @@ mod tests {
     fn a_copy_on_a_device_gives_the_light_of_the_host() {
         let ((host, moved), (device, _)) = (frames(false, FLYING), frames(true, FLYING));
         assert!(moved > 100, "{moved}");
-        let worst = apart(&host, &device);
-        println!("{moved} entered; apart by {worst:e}");
+        let worst = greatest_difference(&host, &device);
+        println!("{moved} entered; a difference of {worst:e}");
         assert!(worst < 1e-4, "{worst}");
-        let differs = apart(&host, &frames(true, CameraSettings { fade: 1, ..FLYING }).0);
+        let differs = greatest_difference(&host, &frames(true, CameraSettings { fade: 1, ..FLYING }).0);
         assert!(differs > 1e-3, "what fades must be seen: {differs}");
     }
 
     #[test]
     fn at_rest_the_budget_makes_no_difference() {
-        let at_rest = CameraSettings { look_ahead: 0.0, fade: 1, at_rest: true, ..FLYING };
+        let at_rest = CameraSettings { predicted_frames: 0.0, fade: 1, at_rest: true, ..FLYING };
         let (all, moved) = frames(false, at_rest);
         assert!(moved > 100, "{moved}");
         let few = CameraSettings { budget: 2, ..at_rest };
-        let (host, device) = (apart(&all, &frames(false, few).0), apart(&all, &frames(true, few).0));
-        println!("{moved} entered; apart by {host:e} on the host, {device:e} on a device");
+        let host = greatest_difference(&all, &frames(false, few).0);
+        let device = greatest_difference(&all, &frames(true, few).0);
+        println!("{moved} entered; a difference of {host:e} on the host, {device:e} on a device");
         assert!(host < 1e-4 && device < 1e-4, "{host} {device}");
-        // On the way, with such a budget, the light is that of other nodes.
-        let late = apart(&all, &frames(false, CameraSettings { at_rest: false, ..few }).0);
+        // While the camera moves, with such a budget, the light is that of other nodes.
+        let late = greatest_difference(&all, &frames(false, CameraSettings { at_rest: false, ..few }).0);
         assert!(late > 1e-2, "{late}");
     }
 }

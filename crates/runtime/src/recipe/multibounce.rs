@@ -102,11 +102,11 @@ impl Product {
         &self,
         executor: &mut dyn Executor,
         exitance: &[Vec4],
-        turns: usize,
+        rounds: usize,
     ) -> Result<(Vec<Vec4>, f64), ExecutorError> {
         executor.upload(self.exitance, exitance)?;
-        let mut times = Vec::with_capacity(turns);
-        for _ in 0..turns.max(1) {
+        let mut times = Vec::with_capacity(rounds);
+        for _ in 0..rounds.max(1) {
             let passes = executor.run()?;
             times.push(passes.iter().map(|pass| pass.milliseconds).sum::<f64>());
         }

@@ -21,7 +21,7 @@ pub struct SceneTables {
 }
 
 impl SceneTables {
-    /// Puts the geometry on the device, with room for `light_capacity` lights; [`Self::set_lighting`] fills the rest.
+    /// Puts the geometry on the device, with a capacity of `light_capacity` lights; [`Self::set_lighting`] fills the rest.
     pub fn new(plan: &mut Plan, tables: &mut Tables, scene: &Scene, light_capacity: usize) -> Self {
         let geometry = &scene.geometry;
         let mut named = vec![
@@ -47,7 +47,7 @@ impl SceneTables {
         &self.named
     }
 
-    /// Lights that there is room for.
+    /// Lights that fit.
     pub fn light_capacity(&self) -> usize {
         self.light_capacity
     }

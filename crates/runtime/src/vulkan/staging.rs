@@ -58,11 +58,11 @@ impl Staging {
         self.used = 0;
     }
 
-    /// Takes as many bytes for `offset` of a slot as have room, cut at a multiple of `unit`; says how many. 0 means that the
+    /// Takes as many bytes for `offset` of a slot as fit, cut at a multiple of `unit`; says how many. 0 means that the
     /// staging buffer is full.
     pub fn upload(&mut self, slot: usize, unit: u64, offset: u64, bytes: &[u8]) -> Result<usize, Error> {
-        let room = (STAGING_BYTES - self.used) / unit * unit;
-        let part = &bytes[..bytes.len().min(room as usize)];
+        let capacity = (STAGING_BYTES - self.used) / unit * unit;
+        let part = &bytes[..bytes.len().min(capacity as usize)];
         if part.is_empty() {
             return Ok(0);
         }

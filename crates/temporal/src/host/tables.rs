@@ -91,11 +91,11 @@ impl Row {
         let codes = row.columns.iter().zip(&row.weights).map(|(&j, &weight)| {
             let (c, weight) = (columns[j as usize], weight as f32);
             let y = luminance(c);
-            // At most what luminance has room for.
-            let mut code = |k: usize, value: f32, most: f32, room: f32| {
+            // At most what luminance leaves for it.
+            let mut code = |k: usize, value: f32, most: f32, left: f32| {
                 let wanted = value + owed[k] / weight;
                 let near = (sqrt((wanted / most).clamp(0.0, 1.0)) * 255.0 + 0.5) as u32;
-                let code = (0..=near).rev().find(|&code| decode(code, most) <= room).unwrap_or(0);
+                let code = (0..=near).rev().find(|&code| decode(code, most) <= left).unwrap_or(0);
                 // No more than an entry's own light is handed on.
                 owed[k] = ((wanted - decode(code, most)) * weight).clamp(-weight, weight);
                 code

@@ -142,14 +142,14 @@ mod tests {
         let n = 256;
         let positions: Vec<Vec3> = (0..n).map(|i| Vec3::X * i as f32).collect();
         let seen = |i: usize| (positions[i], if i.is_multiple_of(2) { 1.0 } else { 0.1 });
-        let seen: Vec<Vec4> = (0..n).map(seen).map(|(p, cover)| (cover * p).extend(cover)).collect();
+        let seen: Vec<Vec4> = (0..n).map(seen).map(|(p, occlusion)| (occlusion * p).extend(occlusion)).collect();
         let side_counts = |seen: &[Vec4]| {
             let order = spatial_order(&positions, &vec![Vec3::Z; n], seen, MULTIPLE);
             let (first, second) = order.split_at(n / 2);
             [first, second].map(|half| half.iter().filter(|&&i| i.is_multiple_of(2)).count())
         };
         assert_eq!(side_counts(&[]), [n / 4; 2]);
-        // Neighbours are 16 apart where the whole is 256 wide: sight counts 172.
+        // Neighbours have a distance of 16 where the whole is 256 wide: occlusion counts 172.
         let parts = side_counts(&seen);
         assert!(parts.iter().all(|&even| !(n / 8..=3 * n / 8).contains(&even)), "{parts:?}");
     }

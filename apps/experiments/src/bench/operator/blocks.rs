@@ -16,7 +16,7 @@ use crate::measure::{block_orders, order_errors};
 use crate::report::{Table, significant};
 
 /// Products on a device, by each decoder: an emulated texture unit takes seconds.
-const TURNS: usize = 3;
+const ROUNDS: usize = 3;
 
 /// What is measured of blocks alone.
 #[derive(Serialize)]
@@ -103,7 +103,7 @@ fn decoded_ms(
     decode: Decode,
 ) -> Result<Option<f64>, Error> {
     match operator.decoder(decode, device.device()) {
-        Ok(Some(decoder)) => Ok(Some(product_ms(device, operator, light, TURNS, decoder)?)),
+        Ok(Some(decoder)) => Ok(Some(product_ms(device, operator, light, ROUNDS, decoder)?)),
         _ => Ok(None),
     }
 }

@@ -16,7 +16,7 @@ use scene::{Scene, SurfacePoint};
 use serde::Serialize;
 use transport::{HitCounts, LinearOperator};
 
-use super::{DEVICE_TURNS, Row, Subject, greatest, median_ms};
+use super::{DEVICE_ROUNDS, Row, Subject, greatest, median_ms};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 
@@ -219,7 +219,7 @@ impl Receivers<'_> {
         };
         let receivers = TileSide { area, order: &order };
         let patches = TileSide { area: &self.subject.factors.area, order: &self.subject.factors.order };
-        let source = TileSource::Rows { rows: &sparse, receivers, senders: patches };
+        let source = TileSource::Rows { rows: &sparse, receivers, patches };
         let made = self.subject.progress.phase("compress", |report| LowRank::encode(source, epsilon, &report));
         Ok(made?)
     }
@@ -231,5 +231,5 @@ fn product_ms(device: &mut (dyn Executor + 'static), tiles: &Arc<LowRank>, light
     let product = Product::load(device, tiles.rows(), tiles.columns(), range, &|plan, tables| {
         OperatorTables::LowRank(LowRankTables::new(plan, tables, tiles))
     })?;
-    Ok(product.run(device, light, DEVICE_TURNS)?.1)
+    Ok(product.run(device, light, DEVICE_ROUNDS)?.1)
 }

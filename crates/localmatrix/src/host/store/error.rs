@@ -15,7 +15,7 @@ pub enum BakeError {
         reason: String,
     },
     /// Another kind of file.
-    #[error("{path} is no bake: {reason}; make one with `patchlight bake SCENE -o FILE`")]
+    #[error("{path} is no bake: {reason}; bake the scene first")]
     NotABake {
         /// The file.
         path: String,
@@ -69,7 +69,7 @@ pub enum BakeError {
         reason: String,
     },
     /// A part where a whole bake is needed, or the other way round.
-    #[error("{path} is {found}, and {expected} is needed; join parts with `patchlight merge PART... -o FILE`")]
+    #[error("{path} is {found}, and {expected} is needed; join the parts of a bake first")]
     Kind {
         /// The file.
         path: String,
@@ -99,7 +99,7 @@ pub enum BakeError {
         part: u32,
     },
     /// Parts that were not given.
-    #[error("of {parts} parts these are missing: {}; bake them with `--part K/{parts}`", list(.missing))]
+    #[error("of {parts} parts these are missing: {}; bake them, too", list(.missing))]
     MissingParts {
         /// All parts.
         parts: u32,

@@ -28,18 +28,18 @@ pub fn parent_record(nodes: &[Node], parent: u32, children: &[Record], most_poin
             *columns.entry(if above == NO_NODE { column } else { above }).or_default() += share * f64::from(factor);
         }
     }
-    // Places in the children's area, evenly spread, and the point that stands for each.
-    let pieces: Vec<(f64, LitPoint)> = (nodes[own].iter().zip(children))
+    // Each point with the area that it stands for; those that stay are evenly spread over the area.
+    let weighted: Vec<(f64, LitPoint)> = (nodes[own].iter().zip(children))
         .flat_map(|(child, record)| {
-            let each = f64::from(child.area) / record.points.len().max(1) as f64;
-            record.points.iter().map(move |point| (each, *point))
+            let own_area = f64::from(child.area) / record.points.len().max(1) as f64;
+            record.points.iter().map(move |point| (own_area, *point))
         })
         .collect();
-    let total: f64 = pieces.iter().map(|piece| piece.0).sum();
-    let count = most_points.min(pieces.len());
+    let total: f64 = weighted.iter().map(|one| one.0).sum();
+    let count = most_points.min(weighted.len());
     let (mut points, mut passed) = (Vec::with_capacity(count), 0.0);
-    for (piece, point) in pieces {
-        passed += piece;
+    for (own_area, point) in weighted {
+        passed += own_area;
         while points.len() < count && total * (points.len() as f64 + 0.5) / count as f64 <= passed {
             points.push(point);
         }

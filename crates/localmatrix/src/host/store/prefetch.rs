@@ -188,7 +188,7 @@ fn read_ahead(shared: &Shared, limit: usize, read: impl Fn(u32) -> Result<(Vec<u
         match found {
             Ok((bytes, starts)) => {
                 let size = bytes.len() + 4 * starts.len();
-                // Room first: those that nobody asked for longest go.
+                // Those that nobody asked for longest go, before the limit is exceeded.
                 while cache.bytes + size > limit {
                     let Some(oldest) = cache.blocks.iter().min_by_key(|(k, b)| (b.used, **k)).map(|(k, _)| *k) else {
                         break;
@@ -230,7 +230,7 @@ impl World for Store {
                 cache.queue.push_back(number);
                 continue;
             };
-            // No more than there is room for, or the least urgent would drive out the most urgent.
+            // No more than the cache can hold, or the least urgent would drive out the most urgent.
             bytes += *length as usize + 4 * self.head.block_rows as usize;
             if bytes > self.limit && seen.len() > 1 {
                 break;

@@ -60,20 +60,20 @@ impl BlockMatrix {
         let params = params(n, &settings);
         let all: Vec<usize> = (0..n.div_ceil(settings.tile)).collect();
         let encoded = in_parallel(&all, progress, |t| source.encode(t, &settings, &params))?;
-        let (mut error, mut square, mut place) = (0.0, 0.0, 0);
+        let (mut error, mut square, mut permuted_index) = (0.0, 0.0, 0);
         let mut in_blocks = InBlocks::default();
         for tile in encoded {
             matrix.words.extend(tile.words);
             matrix.scales.extend(tile.scales);
             matrix.outliers.entries.extend(tile.outliers);
             for (count, factor) in tile.rows {
-                let i = matrix.permutation.order()[place] as usize;
-                let last = matrix.outliers.start[place];
+                let i = matrix.permutation.order()[permuted_index] as usize;
+                let last = matrix.outliers.start[permuted_index];
                 matrix.outliers.start.push(last + count);
                 matrix.row_scales[i] = (factor / norm).extend(0.0);
                 matrix.report.row_scaled_up = matrix.report.row_scaled_up.max(factor.max_element());
                 matrix.report.row_scaled_down = matrix.report.row_scaled_down.min(factor.min_element());
-                place += 1;
+                permuted_index += 1;
             }
             error += tile.error;
             square += tile.square;
@@ -86,7 +86,7 @@ impl BlockMatrix {
         Ok(matrix)
     }
 
-    /// [`BlockReport::block_mse`] in an order, found from every `step`-th row of tiles: what an order is worth, without a
+    /// [`BlockReport::block_mse`] in an order, found from every `step`-th row of tiles: how good an order is, without a
     /// matrix. `progress` as in [`Self::encode`].
     ///
     /// # Errors
@@ -192,7 +192,7 @@ struct Source<'a> {
     order: &'a Permutation,
     /// Factor that makes the greatest entry 1.
     norm: f32,
-    /// Entries above it, after that factor, are kept apart.
+    /// Entries above it, after that factor, are outliers.
     threshold: f32,
 }
 

@@ -1,4 +1,4 @@
-//! Blocks as 16 texels, channels apart: the same numbers as the kernels' decoders, in loops that a compiler turns into
+//! Blocks as 16 texels of planar RGB: the same numbers as the kernels' decoders, in loops of which a compiler makes
 //! vectors. The bit fields are read once a block, not once a texel.
 
 use glam::{UVec3, UVec4, Vec3, Vec4};
@@ -241,7 +241,7 @@ mod tests {
             0.0
         );
         assert_eq!(difference::<Bc7>(|k| (1 << (k % 9) & 255, k % 9 + 1), Vec4::truncate), 0.0);
-        // The end of a line is reached by an addition here, by a choice there: a rounding apart.
+        // The end of a line is reached by an addition here, by a choice there: they differ by a rounding.
         assert!(difference::<Bc1>(|_| (0, 0), Vec4::truncate) < 2e-7);
         assert!(difference::<Bc3>(|_| (0, 0), |texel| texel.truncate() * texel.w) < 2e-7);
         assert!(difference::<Bc3>(|_| (0, 0), Vec4::truncate) > 0.1);

@@ -40,8 +40,10 @@ impl LinearOperator for BlockMatrix {
             BlockCodec::Bc6h => self.gather::<Bc6h>(&light, &mut ordered),
             BlockCodec::Bc7 => self.gather::<Bc7>(&light, &mut ordered),
         }
-        for ((result, &place), scale) in irradiance.iter_mut().zip(self.permutation.place()).zip(&self.row_scales) {
-            *result = ordered[place as usize] * *scale;
+        for ((result, &permuted_index), scale) in
+            irradiance.iter_mut().zip(self.permutation.place()).zip(&self.row_scales)
+        {
+            *result = ordered[permuted_index as usize] * *scale;
         }
         Ok(())
     }

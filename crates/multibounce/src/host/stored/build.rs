@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use transport::{Proceed, check_length};
 
 use super::panel::{LANES, Ordered};
-use super::{BlockFile, Room, StoredOperator};
+use super::{BlockFile, StoredOperator, Workspace};
 use crate::error::Error;
 use crate::host::solve::{FLOOR, Factors, LEAST_ALBEDO, check_albedo};
-use crate::host::tiles::{SIDE, places};
+use crate::host::tiles::{SIDE, permuted_indices};
 
 /// Greatest edge of the blocks of a factor: larger ones make products no faster.
 const MOST_EDGE: usize = 1024;
@@ -34,7 +34,7 @@ struct Sizes {
 
 impl Sizes {
     /// The greatest that so many bytes allow for n patches, with a factor or without.
-    fn new(n: usize, has_factor: bool, room: &Room) -> Result<Self, Error> {
+    fn new(n: usize, has_factor: bool, workspace: &Workspace) -> Result<Self, Error> {
         let lanes = 2 * LANES * n * rayon::current_num_threads();
         let of = |edge: usize, width: usize| {
             let rows = n.next_multiple_of(edge.max(SIDE));
@@ -43,40 +43,40 @@ impl Sizes {
         };
         let most = n.next_multiple_of(SIDE).clamp(SIDE, MOST_EDGE);
         let mut edge = if has_factor { most } else { 0 };
-        while edge > SIDE && of(edge, edge).bytes > room.bytes {
+        while edge > SIDE && of(edge, edge).bytes > workspace.bytes {
             edge = (edge / 2).next_multiple_of(SIDE);
         }
         let least = of(edge, SIDE);
-        if least.bytes > room.bytes {
-            return Err(Error::Memory { needed: least.bytes.div_ceil(1 << 20), limit: room.bytes >> 20 });
+        if least.bytes > workspace.bytes {
+            return Err(Error::Memory { needed: least.bytes.div_ceil(1 << 20), limit: workspace.bytes >> 20 });
         }
-        // As many columns as there is room for, then panels of equal width.
+        // As many columns as fit into the workspace, then panels of equal width.
         let all = n.next_multiple_of(SIDE).max(SIDE);
-        let wide = (SIDE..=all).step_by(SIDE).take_while(|&width| of(edge, width).bytes <= room.bytes).last();
+        let wide = (SIDE..=all).step_by(SIDE).take_while(|&width| of(edge, width).bytes <= workspace.bytes).last();
         let panels = all.div_ceil(wide.unwrap_or(SIDE));
         Ok(of(edge, all.div_ceil(panels).next_multiple_of(SIDE)))
     }
 }
 
 /// So many bounces of one colour channel as a file: [`crate::some_bounces`] of the symmetric form factors, some columns at a time,
-/// with sparse products; `order` is that of the tiles. Memory: the sparse form factors twice, and what `room` allows, of which
+/// with sparse products; `order` is that of the tiles. Memory: the sparse form factors twice, and what `workspace` allows, of which
 /// more makes nothing faster. `progress(done, total)` counts panels; breaking it cancels.
 ///
 /// # Errors
-/// As [`crate::some_bounces`]; [`Error::Memory`] where there is no room for the least panel, [`Error::File`].
+/// As [`crate::some_bounces`]; [`Error::Memory`] where the least panel does not fit, [`Error::File`].
 pub fn some_bounces_stored(
     factors: &Factors,
     albedo: &[f32],
     bounces: u32,
     order: &[u32],
-    room: &Room,
+    workspace: &Workspace,
     progress: &dyn Fn(usize, usize) -> Proceed,
 ) -> Result<StoredOperator, Error> {
     if bounces == 0 {
         return Err(transport::Error::Setting { name: "bounces", value: 0.0, rule: "at least 1" }.into());
     }
-    let (ordered, albedo, mut out) = begin(factors, albedo, order, room)?;
-    let sizes = Sizes::new(order.len(), false, room)?;
+    let (ordered, albedo, mut out) = begin(factors, albedo, order, workspace)?;
+    let sizes = Sizes::new(order.len(), false, workspace)?;
     let mut panel = vec![0.0; sizes.rows * sizes.width];
     out.held_bytes = sizes.bytes;
     let total = order.len().div_ceil(sizes.width);
@@ -95,21 +95,21 @@ pub fn some_bounces_stored(
 /// where ρ is almost 0, rows are `T̂ = Ŝ + Ŝ P (P T̂)`. Operations: about 7/3 n³, and n³ of [`crate::all_bounces`]. `order` is
 /// that of the tiles.
 ///
-/// Memory: the sparse form factors twice, and what `room` allows: a panel of n rows, four blocks, and some columns for each
+/// Memory: the sparse form factors twice, and what `workspace` allows: a panel of n rows, four blocks, and some columns for each
 /// thread. Wide panels read the factor less often: it is read twice for each. `progress(done, total)` counts products of blocks;
 /// breaking it cancels.
 ///
 /// # Errors
-/// As [`crate::all_bounces`]; [`Error::Memory`] where there is no room for the least panel, [`Error::File`].
+/// As [`crate::all_bounces`]; [`Error::Memory`] where the least panel does not fit, [`Error::File`].
 pub fn all_bounces_stored(
     factors: &Factors,
     albedo: &[f32],
     order: &[u32],
-    room: &Room,
+    workspace: &Workspace,
     progress: &dyn Fn(usize, usize) -> Proceed,
 ) -> Result<StoredOperator, Error> {
-    let (ordered, albedo, mut out) = begin(factors, albedo, order, room)?;
-    let sizes = Sizes::new(order.len(), true, room)?;
+    let (ordered, albedo, mut out) = begin(factors, albedo, order, workspace)?;
+    let sizes = Sizes::new(order.len(), true, workspace)?;
     let blocks = sizes.rows / sizes.edge;
     let panels = order.len().div_ceil(sizes.width);
     let total = blocks * (blocks + 1) / 2 + panels * 2 * blocks;
@@ -118,43 +118,43 @@ pub fn all_bounces_stored(
         done += 1;
         if progress(done, total).is_break() { Err(transport::Error::Cancelled { done, total }.into()) } else { Ok(()) }
     };
-    let mut root: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a)).collect();
-    root.resize(sizes.rows, 0.0);
+    let mut sqrt_albedo: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a)).collect();
+    sqrt_albedo.resize(sizes.rows, 0.0);
     let is_dark: Vec<bool> = albedo.iter().map(|&a| a < LEAST_ALBEDO).collect();
     let mut panel = vec![0.0; sizes.rows * sizes.width.max(sizes.edge)];
     let block = || vec![0.0; sizes.edge * sizes.edge];
     let mut two = [block(), block()];
     out.held_bytes = sizes.bytes;
-    let factor = Factor::new(&ordered, &root, order, &sizes, room, (&mut panel, &mut two), &mut step)?;
+    let factor = Factor::new(&ordered, &sqrt_albedo, order, &sizes, workspace, (&mut panel, &mut two), &mut step)?;
     for k in 0..panels {
         let (first, columns) = (k * sizes.width, &mut panel[..sizes.rows * sizes.width]);
         // Nothing is 0, for the reason of FLOOR.
         columns.par_chunks_mut(sizes.rows).enumerate().for_each(|(c, column)| {
             column.fill(FLOOR);
             if first + c < ordered.len() {
-                ordered.row(first + c).iter().for_each(|&(i, s)| column[i as usize] += root[i as usize] * s);
+                ordered.row(first + c).iter().for_each(|&(i, s)| column[i as usize] += sqrt_albedo[i as usize] * s);
             }
         });
         factor.solve(columns, &mut two[0], &mut step)?;
-        ordered.leave(&root, &is_dark, first, columns, sizes.rows);
+        ordered.unscale(&sqrt_albedo, &is_dark, first, columns, sizes.rows);
         out.write(first / SIDE, columns, sizes.rows)?;
     }
     Ok(out)
 }
 
-/// What both begin with: form factors, reflectances and the file by places.
+/// What both begin with: form factors, reflectances and the file by permuted indices.
 fn begin(
     factors: &Factors,
     albedo: &[f32],
     order: &[u32],
-    room: &Room,
+    workspace: &Workspace,
 ) -> Result<(Ordered, Vec<f32>, StoredOperator), Error> {
     check_length("order", factors.patches(), order.len())?;
     check_albedo(albedo, factors.patches())?;
-    let place = places(order)?;
-    let ordered = Ordered::new(factors, order, &place)?;
+    let permuted_index = permuted_indices(order)?;
+    let ordered = Ordered::new(factors, order, &permuted_index)?;
     let albedo = order.iter().map(|&i| albedo[i as usize]).collect();
-    Ok((ordered, albedo, StoredOperator::new(room.folder, order, place)?))
+    Ok((ordered, albedo, StoredOperator::new(workspace.folder, order, permuted_index)?))
 }
 
 /// A Cholesky factor in blocks of the lower triangle, in a file.
@@ -172,16 +172,16 @@ impl Factor {
     /// Column by column of blocks, each from those before it.
     fn new(
         ordered: &Ordered,
-        root: &[f32],
+        sqrt_albedo: &[f32],
         order: &[u32],
         sizes: &Sizes,
-        room: &Room,
+        workspace: &Workspace,
         (panel, [left, right]): (&mut [f32], &mut [Vec<f32>; 2]),
         step: &mut dyn FnMut() -> Result<(), Error>,
     ) -> Result<Self, Error> {
         let Sizes { edge, rows, .. } = *sizes;
         let blocks = rows / edge;
-        let file = BlockFile::new(room.folder, edge * edge, blocks * (blocks + 1) / 2)?;
+        let file = BlockFile::new(workspace.folder, edge * edge, blocks * (blocks + 1) / 2)?;
         let this = Self { file, edge, rows };
         let parallel = faer::get_global_parallelism();
         for k in 0..blocks {
@@ -193,7 +193,7 @@ impl Factor {
                 if first + c < ordered.len() {
                     for &(i, s) in ordered.row(first + c) {
                         if i as usize >= first {
-                            column[i as usize - first] -= root[i as usize] * s * root[first + c];
+                            column[i as usize - first] -= sqrt_albedo[i as usize] * s * sqrt_albedo[first + c];
                         }
                     }
                 }
@@ -229,7 +229,7 @@ impl Factor {
         Ok(this)
     }
 
-    /// Solves `L Lᵀ X = B` in the place of B, some columns of all rows.
+    /// Solves `L Lᵀ X = B` in place, some columns of all rows.
     fn solve(
         &self,
         columns: &mut [f32],

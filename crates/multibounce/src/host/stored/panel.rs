@@ -10,20 +10,22 @@ use crate::host::solve::Factors;
 /// Columns that a product takes at a time: as many numbers as a line of a cache.
 pub(super) const LANES: usize = 16;
 
-/// `Ŝ = a^½ F a^-½` by places, sparse.
+/// `Ŝ = a^½ F a^-½` by permuted indices, sparse.
 pub(super) struct Ordered {
     start: Vec<usize>,
     entries: Vec<(u32, f32)>,
 }
 
 impl Ordered {
-    pub fn new(factors: &Factors, order: &[u32], place: &[u32]) -> Result<Self, Error> {
+    pub fn new(factors: &Factors, order: &[u32], permuted_index: &[u32]) -> Result<Self, Error> {
         factors.check_reciprocal()?;
-        let root: Vec<f32> = factors.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        let sqrt_area: Vec<f32> = factors.area.iter().map(|&a| scene::math::sqrt(a)).collect();
         let (mut start, mut entries) = (Vec::with_capacity(order.len() + 1), Vec::with_capacity(factors.values.len()));
         start.push(0);
         for &i in order {
-            entries.extend(factors.row(i as usize).map(|(j, f)| (place[j], f * root[i as usize] / root[j])));
+            entries.extend(
+                factors.row(i as usize).map(|(j, f)| (permuted_index[j], f * sqrt_area[i as usize] / sqrt_area[j])),
+            );
             start.push(entries.len());
         }
         Ok(Self { start, entries })
@@ -59,41 +61,47 @@ impl Ordered {
     /// first is column `first`.
     pub fn bounces(&self, albedo: &[f32], bounces: u32, first: usize, columns: &mut [f32], rows: usize) {
         let n = self.len();
-        let room = || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]];
-        columns.par_chunks_mut((LANES * rows).max(1)).enumerate().for_each_init(room, |[sums, next], (chunk, out)| {
-            let first = first + chunk * LANES;
-            self.columns(first, sums);
-            for _ in 1..bounces {
-                sums.iter_mut().zip(albedo).for_each(|(t, rho)| t.iter_mut().for_each(|t| *t *= rho));
-                self.columns(first, next);
-                next.iter_mut().enumerate().for_each(|(i, next)| self.add(i, sums, next));
-                std::mem::swap(sums, next);
-            }
-            for (lane, column) in out.chunks_mut(rows).enumerate() {
-                column.iter_mut().zip(&*sums).for_each(|(out, t)| *out = t[lane]);
-            }
-        });
+        let workspace = || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]];
+        columns.par_chunks_mut((LANES * rows).max(1)).enumerate().for_each_init(
+            workspace,
+            |[sums, next], (chunk, out)| {
+                let first = first + chunk * LANES;
+                self.columns(first, sums);
+                for _ in 1..bounces {
+                    sums.iter_mut().zip(albedo).for_each(|(t, rho)| t.iter_mut().for_each(|t| *t *= rho));
+                    self.columns(first, next);
+                    next.iter_mut().enumerate().for_each(|(i, next)| self.add(i, sums, next));
+                    std::mem::swap(sums, next);
+                }
+                for (lane, column) in out.chunks_mut(rows).enumerate() {
+                    column.iter_mut().zip(&*sums).for_each(|(out, t)| *out = t[lane]);
+                }
+            },
+        );
     }
 
-    /// Makes columns of T̂ of columns `Y = P T̂`, P = diag(`root`): by division where `is_dark` is not, and there by
+    /// Makes columns of T̂ of columns `Y = P T̂`, P = diag(`sqrt_albedo`): by division where `is_dark` is not, and there by
     /// `T̂ = Ŝ + Ŝ P Y`.
-    pub fn leave(&self, root: &[f32], is_dark: &[bool], first: usize, columns: &mut [f32], rows: usize) {
+    pub fn unscale(&self, sqrt_albedo: &[f32], is_dark: &[bool], first: usize, columns: &mut [f32], rows: usize) {
         let n = self.len();
         let dark: Vec<usize> = (0..n).filter(|&i| is_dark[i]).collect();
-        let room = || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]];
-        columns.par_chunks_mut((LANES * rows).max(1)).enumerate().for_each_init(room, |[light, sums], (chunk, out)| {
-            if !dark.is_empty() {
-                for (lane, column) in out.chunks(rows).enumerate() {
-                    (0..n).for_each(|k| light[k][lane] = root[k] * column[k]);
+        let workspace = || [vec![[0.0; LANES]; n], vec![[0.0; LANES]; n]];
+        columns.par_chunks_mut((LANES * rows).max(1)).enumerate().for_each_init(
+            workspace,
+            |[light, sums], (chunk, out)| {
+                if !dark.is_empty() {
+                    for (lane, column) in out.chunks(rows).enumerate() {
+                        (0..n).for_each(|k| light[k][lane] = sqrt_albedo[k] * column[k]);
+                    }
+                    self.columns(first + chunk * LANES, sums);
+                    dark.iter().for_each(|&i| self.add(i, light, &mut sums[i]));
                 }
-                self.columns(first + chunk * LANES, sums);
-                dark.iter().for_each(|&i| self.add(i, light, &mut sums[i]));
-            }
-            for (lane, column) in out.chunks_mut(rows).enumerate() {
-                for i in 0..n {
-                    column[i] = if is_dark[i] { sums[i][lane] } else { column[i] / root[i] };
+                for (lane, column) in out.chunks_mut(rows).enumerate() {
+                    for i in 0..n {
+                        column[i] = if is_dark[i] { sums[i][lane] } else { column[i] / sqrt_albedo[i] };
+                    }
                 }
-            }
-        });
+            },
+        );
     }
 }

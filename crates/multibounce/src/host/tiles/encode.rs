@@ -5,22 +5,22 @@ use std::vec::Vec;
 use glam::Vec4;
 use transport::{Proceed, check_length, check_setting};
 
-use super::reduce::{Component, EDGE, Part, SIDE, Square};
+use super::reduce::{DenseSubBlock, EDGE, Part, SIDE, Term};
 use super::symmetric::SymmetricTiles;
 use super::{
-    ColumnVectors, LowRank, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS, TileReport, TileSide, TileSource, places,
+    ColumnVectors, LowRank, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS, TileReport, TileSide, TileSource, permuted_indices,
     rectangular,
 };
 use crate::error::Error;
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, NO_SLOT, PARTS, QUAD, RUN_QUADS, SHORT_BIAS};
-use crate::types::{TileQuad, TileSquare};
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, GROUP_VECTORS, LANES, NO_VECTOR, PARTS, RUN_GROUPS, SHORT_BIAS};
+use crate::types::{PackedGroup, SubBlock};
 
 /// The error is at least this share of what was asked for, when it can be.
 const CLOSE: f64 = 0.85;
 /// Times that λ is corrected.
 const MOST_ROUNDS: usize = 24;
 
-/// What is told how many tiles are done.
+/// Receives how many tiles are done, and says whether to go on.
 pub(super) type Progress<'a> = dyn Fn(usize, usize) -> Proceed + Sync + 'a;
 
 /// An operator that can be brought into tiles with any λ.
@@ -46,7 +46,7 @@ pub(super) struct Encoded {
     /// Row and column of blocks of each tile.
     pub at: Vec<(usize, usize)>,
     pub parts: Vec<Part>,
-    /// Their single entries.
+    /// Their sparse residual.
     pub rows: Rows,
     /// Relative error of each channel.
     pub error: [f64; 3],
@@ -103,28 +103,33 @@ impl LowRank {
             TileSource::Symmetric { channels, patches } => {
                 check_count("patches", patches.area.len(), MOST_TILE_PATCHES)?;
                 check_epsilon(epsilon)?;
-                let place = checked_places(patches)?;
-                let tiles = SymmetricTiles::new(channels, patches, &place)?;
+                let permuted_index = checked_indices(patches)?;
+                let tiles = SymmetricTiles::new(channels, patches, &permuted_index)?;
                 let made = search(&tiles, epsilon, progress)?;
-                let [first, second] = tiles.source.axes;
-                let axes = Vec4::new(first[0], first[1], second[0], second[1]);
-                let tables =
-                    Self { order: patches.order.to_vec(), root: roots_of(patches), place, axes, ..Self::default() };
+                let [first, second] = tiles.source.chroma_axes;
+                let chroma_axes = Vec4::new(first[0], first[1], second[0], second[1]);
+                let tables = Self {
+                    order: patches.order.to_vec(),
+                    row_sqrt_area: sqrt_areas_of(patches),
+                    permuted_index,
+                    chroma_axes,
+                    ..Self::default()
+                };
                 Ok(tables.assemble(made))
             }
-            TileSource::Rows { rows, receivers, senders } => {
-                check_count("senders", senders.area.len(), MOST_TILE_PATCHES)?;
+            TileSource::Rows { rows, receivers, patches } => {
+                check_count("patches", patches.area.len(), MOST_TILE_PATCHES)?;
                 check_count("receivers", receivers.area.len(), MOST_TILE_RECEIVERS)?;
                 check_epsilon(epsilon)?;
-                let place = checked_places(receivers)?;
-                let column_place = checked_places(senders)?;
-                let source = rectangular::Source::new(rows, receivers, senders, &column_place);
+                let permuted_index = checked_indices(receivers)?;
+                let column_index = checked_indices(patches)?;
+                let source = rectangular::Source::new(rows, receivers, patches, &column_index);
                 let made = search(&source, epsilon, progress)?;
-                let columns = ColumnVectors { root: roots_of(senders), ..ColumnVectors::default() };
+                let columns = ColumnVectors { sqrt_area: sqrt_areas_of(patches), ..ColumnVectors::default() };
                 let tables = Self {
-                    order: senders.order.to_vec(),
-                    root: roots_of(receivers),
-                    place,
+                    order: patches.order.to_vec(),
+                    row_sqrt_area: sqrt_areas_of(receivers),
+                    permuted_index,
                     columns: Some(columns),
                     ..Self::default()
                 };
@@ -138,62 +143,62 @@ impl LowRank {
         let Encoded { at, parts, rows: entries, error, .. } = made;
         let is_symmetric = self.is_symmetric();
         let mut report = TileReport::default();
-        let squares = Squares::pack(&at, &parts, self.blocks() * PARTS as usize, is_symmetric);
-        // Vectors of the blocks: component, side, and what makes them alike.
+        let sub_blocks = DenseSubBlocks::pack(&at, &parts, self.blocks() * PARTS as usize, is_symmetric);
+        // Vectors of the blocks: rank-1 term, side, channels and bits.
         let mut of_rows: Vec<Vec<Vector>> = vec![Vec::new(); self.blocks()];
         let mut of_columns: Vec<Vec<Vector>> = vec![Vec::new(); self.column_blocks()];
-        let mut components: Vec<&Component> = Vec::new();
+        let mut terms: Vec<&Term> = Vec::new();
         for (&(i, j), part) in at.iter().zip(&parts) {
             report.add(part);
-            for component in &part.components {
-                let alike = (component.color, component.is_short);
-                let vector = |side, is_multiplied| Vector { alike, is_multiplied, component: components.len(), side };
+            for term in &part.terms {
+                let alike = (term.color, term.is_short);
+                let vector = |side, is_multiplied| Vector { alike, is_multiplied, term: terms.len(), side };
                 of_rows[i].push(vector(0, true));
                 // A symmetric tile on the diagonal is whole: its second vectors only make sums.
                 match is_symmetric {
                     true => of_rows[j].push(vector(1, i != j)),
                     false => of_columns[j].push(vector(1, false)),
                 }
-                components.push(component);
+                terms.push(term);
             }
         }
         let tiles = if is_symmetric { at.len() } else { self.blocks() * self.column_blocks() };
         report.tiles[0] += tiles - at.len();
         report.error = error;
-        let words_of = |vector: &Vector| &components[vector.component].words[vector.side][..];
+        let words_of = |vector: &Vector| &terms[vector.term].words[vector.side][..];
         let rows = Bank::new(&mut of_rows, words_of);
         let columns = (!is_symmetric).then(|| Bank::new(&mut of_columns, words_of));
-        let summed = columns.as_ref().map_or(&rows.slots, |columns| &columns.slots);
-        let scale = |slot: &Option<&Vector>| slot.map_or(0.0, |vector| components[vector.component].scale);
+        let summed = columns.as_ref().map_or(&rows.indexed, |columns| &columns.indexed);
+        let scale = |vector: &Option<&Vector>| vector.map_or(0.0, |vector| terms[vector.term].scale);
         let scale = summed.iter().map(scale).collect();
-        let mut slot_of = vec![[NO_SLOT; 2]; components.len()];
-        for (slot, vector) in (0u32..).zip(summed) {
+        let mut index_of = vec![[NO_VECTOR; 2]; terms.len()];
+        for (index, vector) in (0u32..).zip(summed) {
             if let Some(vector) = vector {
-                slot_of[vector.component][vector.side] = slot;
+                index_of[vector.term][vector.side] = index;
             }
         }
-        let partner = |slot: &Option<&Vector>| match slot {
-            Some(vector) if vector.is_multiplied => slot_of[vector.component][1 - vector.side],
-            _ => NO_SLOT,
+        let paired = |vector: &Option<&Vector>| match vector {
+            Some(vector) if vector.is_multiplied => index_of[vector.term][1 - vector.side],
+            _ => NO_VECTOR,
         };
-        let partner = rows.slots.iter().map(partner).collect();
+        let paired = rows.indexed.iter().map(paired).collect();
         let columns = self.columns.zip(columns).map(|(own, bank)| ColumnVectors {
-            root: own.root,
+            sqrt_area: own.sqrt_area,
             runs: bank.runs,
-            quads: bank.quads,
+            groups: bank.groups,
             words: bank.words,
         });
         Self {
             run_start: rows.run_start,
             runs: rows.runs,
-            quads: rows.quads,
+            groups: rows.groups,
             words: rows.words,
             columns,
             scale,
-            partner,
-            square_start: squares.start,
-            squares: squares.squares,
-            square_words: squares.words,
+            paired,
+            sub_block_start: sub_blocks.start,
+            sub_blocks: sub_blocks.sub_blocks,
+            sub_block_words: sub_blocks.words,
             row_start: entries.row_start,
             entries: entries.entries,
             steps: entries.steps,
@@ -206,17 +211,17 @@ impl LowRank {
 impl TileReport {
     /// Counts a tile.
     pub(super) fn add(&mut self, part: &Part) {
-        let kind = if !part.components.is_empty() {
+        let kind = if !part.terms.is_empty() {
             2
         } else {
-            usize::from(!(part.entries.is_empty() && part.squares.is_empty()))
+            usize::from(!(part.entries.is_empty() && part.sub_blocks.is_empty()))
         };
         self.tiles[kind] += 1;
-        self.most_rank = self.most_rank.max(part.components.len());
+        self.most_rank = self.most_rank.max(part.terms.len());
         self.entries += part.entries.len();
-        self.squares += part.squares.len();
-        for component in &part.components {
-            self.components[usize::from(component.color != ALL_CHANNELS)] += 1;
+        self.sub_blocks += part.sub_blocks.len();
+        for term in &part.terms {
+            self.terms[usize::from(term.color != ALL_CHANNELS)] += 1;
         }
     }
 }
@@ -232,73 +237,73 @@ fn check_epsilon(epsilon: f64) -> Result<(), transport::Error> {
     check_setting("epsilon", epsilon, "at least 0.000001 and below 1", (1e-6..1.0).contains(&epsilon))
 }
 
-/// Place of each number, by an order of as many as there are areas.
-fn checked_places(side: TileSide) -> Result<Vec<u32>, Error> {
+/// Permuted index of each number, by an order of as many as there are areas.
+fn checked_indices(side: TileSide) -> Result<Vec<u32>, Error> {
     let TileSide { area, order } = side;
     check_length("order", area.len(), order.len())?;
     if let Some(index) = area.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
         let value = f64::from(area[index]);
         return Err(transport::Error::Value { name: "area", index, value, rule: "positive" }.into());
     }
-    places(order)
+    permuted_indices(order)
 }
 
 /// `√a` of all, m.
-pub(super) fn roots_of(side: TileSide) -> Vec<f32> {
+pub(super) fn sqrt_areas_of(side: TileSide) -> Vec<f32> {
     side.area.iter().map(|&a| scene::math::sqrt(a)).collect()
 }
 
-/// A vector of a component.
+/// A vector of a rank-1 term.
 #[derive(Clone)]
 struct Vector {
     /// The channels that it is for, and whether elements are short.
     pub alike: (u32, bool),
     /// Whether it is multiplied by the sum of the other.
     pub is_multiplied: bool,
-    pub component: usize,
+    pub term: usize,
     /// Along the rows or along the columns.
     pub side: usize,
 }
 
-/// Vectors block by block, alike ones together, by fours.
+/// Vectors in packed groups, block by block, those with equal channels and bits together.
 struct Bank<'a> {
     pub run_start: Vec<u32>,
     pub runs: Vec<u32>,
-    pub quads: Vec<TileQuad>,
+    pub groups: Vec<PackedGroup>,
     pub words: Vec<u32>,
-    /// Vector of each slot; none where zeros fill up.
-    pub slots: Vec<Option<&'a Vector>>,
+    /// Vector of each vector index; none where zeros fill up.
+    pub indexed: Vec<Option<&'a Vector>>,
 }
 
 impl<'a> Bank<'a> {
-    /// Of the vectors of each block, whose groups of words are given.
+    /// Of the vectors of each block, whose words are given.
     pub fn new<'b>(vectors: &'a mut [Vec<Vector>], words_of: impl Fn(&Vector) -> &'b [u32]) -> Self {
-        let (mut quads, mut words) = (Vec::new(), Vec::new());
+        let (mut groups, mut words) = (Vec::new(), Vec::new());
         let (mut runs, mut run_start) = (Vec::new(), vec![0]);
-        let mut slots: Vec<Option<&Vector>> = Vec::new();
+        let mut indexed: Vec<Option<&Vector>> = Vec::new();
         for (block, vectors) in (0u32..).zip(vectors) {
             vectors.sort_by_key(|vector| (vector.alike, vector.is_multiplied));
             for alike in vectors.chunk_by(|a, b| a.alike == b.alike) {
                 let (color, is_short) = alike[0].alike;
-                for (k, four) in alike.chunks(QUAD as usize).enumerate() {
-                    if k.is_multiple_of(RUN_QUADS as usize) {
-                        runs.push(quads.len() as u32);
+                for (k, four) in alike.chunks(GROUP_VECTORS as usize).enumerate() {
+                    if k.is_multiple_of(RUN_GROUPS as usize) {
+                        runs.push(groups.len() as u32);
                     }
-                    let quad = TileQuad::new(words.len() as u32 / LANES, block, color, is_short);
+                    let group = PackedGroup::new(words.len() as u32 / LANES, block, color, is_short);
                     for vector in four {
                         words.extend_from_slice(words_of(vector));
                     }
-                    slots.extend(four.iter().map(Some));
-                    slots.resize(slots.len().next_multiple_of(QUAD as usize), None);
-                    quads.push(quad);
+                    indexed.extend(four.iter().map(Some));
+                    indexed.resize(indexed.len().next_multiple_of(GROUP_VECTORS as usize), None);
+                    groups.push(group);
                     let zero = if is_short { ZERO_SHORT } else { ZERO_LONG };
-                    words.resize(((quad.group + QUAD * quad.groups()) * LANES) as usize, zero);
+                    words.resize(((group.start + GROUP_VECTORS * group.vector_len()) * LANES) as usize, zero);
                 }
             }
             run_start.push(runs.len() as u32);
         }
-        runs.push(quads.len() as u32);
-        Self { run_start, runs, quads, words, slots }
+        runs.push(groups.len() as u32);
+        Self { run_start, runs, groups, words, indexed }
     }
 }
 
@@ -315,7 +320,7 @@ fn starts(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
     starts
 }
 
-/// The single entries of all rows.
+/// The sparse residual of all rows.
 pub(super) struct Rows {
     pub row_start: Vec<u32>,
     pub entries: Vec<u32>,
@@ -354,44 +359,44 @@ impl Rows {
     }
 }
 
-/// The squares of all rows, edge by edge.
-struct Squares {
+/// The dense sub-blocks of all rows, edge by edge.
+struct DenseSubBlocks {
     pub start: Vec<u32>,
-    pub squares: Vec<TileSquare>,
+    pub sub_blocks: Vec<SubBlock>,
     pub words: Vec<u32>,
 }
 
-impl Squares {
+impl DenseSubBlocks {
     /// With `is_mirrored`, tiles above the diagonal also stand below it.
     pub fn pack(tiles: &[(usize, usize)], parts: &[Part], edges: usize, is_mirrored: bool) -> Self {
-        let mut given: Vec<Vec<(TileSquare, Vec<u32>)>> = vec![Vec::new(); edges];
+        let mut given: Vec<Vec<(SubBlock, Vec<u32>)>> = vec![Vec::new(); edges];
         for (&(i, j), part) in tiles.iter().zip(parts) {
-            for Square { at, step, values } in &part.squares {
+            for DenseSubBlock { at, step, values } in &part.sub_blocks {
                 let (r, c) = (i * SIDE / EDGE + at.0, j * SIDE / EDGE + at.1);
                 let words = |element: &dyn Fn(usize, usize) -> i8| -> Vec<u32> {
-                    let byte = |group: usize, lane: usize, k: usize| {
-                        u32::from(element(lane, 4 * group + k / 2 + 2 * (k % 2)) as u8) << (8 * k)
+                    let byte = |columns: usize, lane: usize, k: usize| {
+                        u32::from(element(lane, 4 * columns + k / 2 + 2 * (k % 2)) as u8) << (8 * k)
                     };
-                    let word = |group: usize, lane: usize| (0..4).map(|k| byte(group, lane, k)).sum();
-                    (0..EDGE / 4).flat_map(|group| (0..EDGE).map(move |lane| word(group, lane))).collect()
+                    let word = |columns: usize, lane: usize| (0..4).map(|k| byte(columns, lane, k)).sum();
+                    (0..EDGE / 4).flat_map(|columns| (0..EDGE).map(move |lane| word(columns, lane))).collect()
                 };
-                let square = |column: usize| TileSquare { column: column as u32, step: *step };
-                given[r].push((square(c), words(&|row, column| values[row * EDGE + column])));
+                let sub_block = |column: usize| SubBlock { column: column as u32, step: *step };
+                given[r].push((sub_block(c), words(&|row, column| values[row * EDGE + column])));
                 if is_mirrored && i != j {
-                    given[c].push((square(r), words(&|row, column| values[column * EDGE + row])));
+                    given[c].push((sub_block(r), words(&|row, column| values[column * EDGE + row])));
                 }
             }
         }
         let start = starts(given.iter().map(Vec::len));
-        let (mut squares, mut words) = (Vec::new(), Vec::new());
+        let (mut sub_blocks, mut words) = (Vec::new(), Vec::new());
         for edge in &mut given {
-            edge.sort_by_key(|(square, _)| square.column);
-            for (square, own) in edge.iter() {
-                squares.push(*square);
+            edge.sort_by_key(|(sub_block, _)| sub_block.column);
+            for (sub_block, own) in edge.iter() {
+                sub_blocks.push(*sub_block);
                 words.extend_from_slice(own);
             }
         }
-        Self { start, squares, words }
+        Self { start, sub_blocks, words }
     }
 }
 

@@ -10,17 +10,17 @@ use pulp::{
 use crate::kernel::tiles::LANES;
 
 /// Words of a lane each.
-pub(super) type Group = [u32; LANES as usize];
+pub(super) type U32x16 = [u32; LANES as usize];
 
-/// What a product does with the words of groups.
+/// What a product does with `u32x16`s.
 pub(super) trait Lanes: Copy {
     /// A register.
     type Word: Copy;
-    /// Registers of a group.
+    /// Registers of a `u32x16`.
     const EACH: usize;
 
-    fn load(self, group: &Group, k: usize) -> Self::Word;
-    fn store(self, group: &mut Group, k: usize, word: Self::Word);
+    fn load(self, lanes: &U32x16, k: usize) -> Self::Word;
+    fn store(self, lanes: &mut U32x16, k: usize, word: Self::Word);
     fn splat(self, word: u32) -> Self::Word;
     /// Nibbles k and k + 4, for k from 0 to 3.
     fn nibbles(self, word: Self::Word) -> [Self::Word; 4];
@@ -37,7 +37,7 @@ pub(super) trait Lanes: Copy {
     /// The products of the numbers of a and b, added up.
     fn products(self, a: Self::Word, b: Self::Word) -> Self::Word;
     /// Sums of all lanes.
-    fn totals(self, groups: &[Group; 4]) -> [i32; 4];
+    fn totals(self, vectors: &[U32x16; 4]) -> [i32; 4];
     /// Adds `word · step`, rounded once after the product and once after the sum.
     fn add_scaled(self, row: &mut [f32; LANES as usize], k: usize, word: Self::Word, step: f32);
 }
@@ -107,13 +107,13 @@ impl Lanes for V4 {
     const EACH: usize = 1;
 
     #[inline(always)]
-    fn load(self, group: &Group, _: usize) -> Self::Word {
-        cast(*group)
+    fn load(self, lanes: &U32x16, _: usize) -> Self::Word {
+        cast(*lanes)
     }
 
     #[inline(always)]
-    fn store(self, group: &mut Group, _: usize, word: Self::Word) {
-        *group = cast(word);
+    fn store(self, lanes: &mut U32x16, _: usize, word: Self::Word) {
+        *lanes = cast(word);
     }
 
     #[inline(always)]
@@ -170,9 +170,9 @@ impl Lanes for V4 {
     }
 
     #[inline(always)]
-    fn totals(self, groups: &[Group; 4]) -> [i32; 4] {
+    fn totals(self, vectors: &[U32x16; 4]) -> [i32; 4] {
         let v3: V3 = *self;
-        v3.totals(groups)
+        v3.totals(vectors)
     }
 
     #[inline(always)]
@@ -188,13 +188,13 @@ impl Lanes for V3 {
     const EACH: usize = 2;
 
     #[inline(always)]
-    fn load(self, group: &Group, k: usize) -> Self::Word {
-        cast(group.as_chunks::<8>().0[k])
+    fn load(self, lanes: &U32x16, k: usize) -> Self::Word {
+        cast(lanes.as_chunks::<8>().0[k])
     }
 
     #[inline(always)]
-    fn store(self, group: &mut Group, k: usize, word: Self::Word) {
-        group.as_chunks_mut::<8>().0[k] = cast(word);
+    fn store(self, lanes: &mut U32x16, k: usize, word: Self::Word) {
+        lanes.as_chunks_mut::<8>().0[k] = cast(word);
     }
 
     #[inline(always)]
@@ -251,11 +251,11 @@ impl Lanes for V3 {
     }
 
     #[inline(always)]
-    fn totals(self, groups: &[Group; 4]) -> [i32; 4] {
-        let a = self.add(self.load(&groups[0], 0), self.load(&groups[0], 1));
-        let b = self.add(self.load(&groups[1], 0), self.load(&groups[1], 1));
-        let c = self.add(self.load(&groups[2], 0), self.load(&groups[2], 1));
-        let d = self.add(self.load(&groups[3], 0), self.load(&groups[3], 1));
+    fn totals(self, vectors: &[U32x16; 4]) -> [i32; 4] {
+        let a = self.add(self.load(&vectors[0], 0), self.load(&vectors[0], 1));
+        let b = self.add(self.load(&vectors[1], 0), self.load(&vectors[1], 1));
+        let c = self.add(self.load(&vectors[2], 0), self.load(&vectors[2], 1));
+        let d = self.add(self.load(&vectors[3], 0), self.load(&vectors[3], 1));
         let (ab, cd) = (self.horizontal_add_pack_u32x8(a, b), self.horizontal_add_pack_u32x8(c, d));
         let [low, high]: [pulp::u32x4; 2] = cast(self.horizontal_add_pack_u32x8(ab, cd));
         cast(self.wrapping_add_u32x4(low, high))
@@ -274,74 +274,74 @@ impl Lanes for V3 {
 pub(super) struct Plain;
 
 impl Lanes for Plain {
-    type Word = Group;
+    type Word = U32x16;
     const EACH: usize = 1;
 
     #[inline(always)]
-    fn load(self, group: &Group, _: usize) -> Group {
-        *group
+    fn load(self, lanes: &U32x16, _: usize) -> U32x16 {
+        *lanes
     }
 
     #[inline(always)]
-    fn store(self, group: &mut Group, _: usize, word: Group) {
-        *group = word;
+    fn store(self, lanes: &mut U32x16, _: usize, word: U32x16) {
+        *lanes = word;
     }
 
     #[inline(always)]
-    fn splat(self, word: u32) -> Group {
+    fn splat(self, word: u32) -> U32x16 {
         [word; LANES as usize]
     }
 
     #[inline(always)]
-    fn nibbles(self, word: Group) -> [Group; 4] {
+    fn nibbles(self, word: U32x16) -> [U32x16; 4] {
         [0, 4, 8, 12].map(|bits| word.map(|word| word >> bits & 0x000f_000f))
     }
 
     #[inline(always)]
-    fn bytes(self, word: Group) -> [Group; 2] {
+    fn bytes(self, word: U32x16) -> [U32x16; 2] {
         [0, 8].map(|bits| word.map(|word| word >> bits & 0x00ff_00ff))
     }
 
     #[inline(always)]
-    fn signed(self, word: Group) -> [Group; 2] {
+    fn signed(self, word: U32x16) -> [U32x16; 2] {
         let both = |first: u32, second: u32| first as u8 as i8 as u32 & 0xffff | (second as u8 as i8 as u32) << 16;
         [word.map(|word| both(word, word >> 16)), word.map(|word| both(word >> 8, word >> 24))]
     }
 
     #[inline(always)]
-    fn low(self, a: Group, b: Group) -> Group {
+    fn low(self, a: U32x16, b: U32x16) -> U32x16 {
         std::array::from_fn(|k| a[k] & 0xffff | b[k] << 16)
     }
 
     #[inline(always)]
-    fn high(self, a: Group, b: Group) -> Group {
+    fn high(self, a: U32x16, b: U32x16) -> U32x16 {
         std::array::from_fn(|k| a[k] >> 16 | b[k] & 0xffff_0000)
     }
 
     #[inline(always)]
-    fn add(self, a: Group, b: Group) -> Group {
+    fn add(self, a: U32x16, b: U32x16) -> U32x16 {
         std::array::from_fn(|k| a[k].wrapping_add(b[k]))
     }
 
     #[inline(always)]
-    fn sub(self, a: Group, b: Group) -> Group {
+    fn sub(self, a: U32x16, b: U32x16) -> U32x16 {
         std::array::from_fn(|k| a[k].wrapping_sub(b[k]))
     }
 
     #[inline(always)]
-    fn products(self, a: Group, b: Group) -> Group {
+    fn products(self, a: U32x16, b: U32x16) -> U32x16 {
         let upper = |word: u32| (word as i32) >> 16;
         let product = |a: u32, b: u32| upper(a << 16) * upper(b << 16) + upper(a) * upper(b);
         std::array::from_fn(|k| product(a[k], b[k]) as u32)
     }
 
     #[inline(always)]
-    fn totals(self, groups: &[Group; 4]) -> [i32; 4] {
-        groups.map(|group| group.iter().fold(0u32, |sum, &word| sum.wrapping_add(word)) as i32)
+    fn totals(self, vectors: &[U32x16; 4]) -> [i32; 4] {
+        vectors.map(|lanes| lanes.iter().fold(0u32, |sum, &word| sum.wrapping_add(word)) as i32)
     }
 
     #[inline(always)]
-    fn add_scaled(self, row: &mut [f32; LANES as usize], _: usize, word: Group, step: f32) {
+    fn add_scaled(self, row: &mut [f32; LANES as usize], _: usize, word: U32x16, step: f32) {
         row.iter_mut().zip(word).for_each(|(row, word)| *row += word as i32 as f32 * step);
     }
 }
@@ -352,35 +352,35 @@ mod tests {
 
     use super::*;
 
-    /// All that can be done with registers of two groups.
+    /// All that can be done with registers of two `u32x16`s.
     fn results<L: Lanes>(l: L, a: L::Word, b: L::Word) -> [L::Word; 19] {
         let ([c, d, e, f], [g, h]) = (l.nibbles(a), l.bytes(a));
         let [m, n] = [l.low(a, b), l.high(a, b)];
-        // Of elements and whole numbers, as products have them.
+        // Of elements and quantised values, as products have them.
         let [u, v] = l.signed(a);
         let [o, p, q, r, s, t] = [c, d, e, f, g, h].map(|x| l.products(x, b));
         [c, d, e, f, g, h, m, n, o, p, q, r, s, t, l.add(a, b), l.sub(a, b), l.splat(7), u, v]
     }
 
-    fn all<L: Lanes>(l: L, groups: &[Group; 4]) -> ([Group; 19], [i32; 4], [u32; LANES as usize]) {
+    fn all<L: Lanes>(l: L, vectors: &[U32x16; 4]) -> ([U32x16; 19], [i32; 4], [u32; LANES as usize]) {
         let (mut out, mut row) = ([[0; LANES as usize]; 19], [0.25f32; LANES as usize]);
         for k in 0..L::EACH {
-            let (a, b) = (l.load(&groups[0], k), l.load(&groups[1], k));
+            let (a, b) = (l.load(&vectors[0], k), l.load(&vectors[1], k));
             out.iter_mut().zip(results(l, a, b)).for_each(|(out, word)| l.store(out, k, word));
             l.add_scaled(&mut row, k, a, 3e-7);
         }
-        (out, l.totals(groups), row.map(f32::to_bits))
+        (out, l.totals(vectors), row.map(f32::to_bits))
     }
 
     #[test]
     fn every_kind_of_registers_gives_the_same_bits() {
-        let groups: [Group; 4] = std::array::from_fn(|g| std::array::from_fn(|k| hash3(g as u32, k as u32, 5)));
-        let expected = all(Plain, &groups);
-        let kinds = [V3::try_new().map(|l| all(l, &groups)), V4::try_new().map(|l| all(l, &groups))];
+        let vectors: [U32x16; 4] = std::array::from_fn(|g| std::array::from_fn(|k| hash3(g as u32, k as u32, 5)));
+        let expected = all(Plain, &vectors);
+        let kinds = [V3::try_new().map(|l| all(l, &vectors)), V4::try_new().map(|l| all(l, &vectors))];
         for found in kinds.into_iter().flatten() {
             assert_eq!(found, expected);
         }
-        let mut other = groups;
+        let mut other = vectors;
         other[1][3] ^= 1 << 9;
         assert_ne!(all(Plain, &other), expected);
     }

@@ -6,29 +6,29 @@ use glam::{IVec4, Mat4, Vec3, Vec4};
 use rayon::prelude::*;
 use transport::{LinearOperator, check_length};
 
-use super::lanes::{Group, Lanes, WithLanes, dispatch};
-use super::near::{NearTables, near_block};
+use super::dense_sparse::{DenseSparseTables, dense_sparse_block};
+use super::lanes::{Lanes, U32x16, WithLanes, dispatch};
 use super::{ColumnVectors, LowRank, SIDE, check_bank, check_starts};
 use crate::error::Error;
 use crate::kernel::tiles::{
-    ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, LANES, LIGHT_WORDS, NO_SLOT, PAIRS, PARTS, PLACES, QUAD,
-    RUN_PAIRS, RUN_QUADS, SHORT_BIAS, SPLITS, SQUARE_WORDS, TILE, TWOS, element, enter, inverse_of, leave, row_of,
-    split_of, step_of, tint, whole,
+    ALL_CHANNELS, BIAS, CHANNEL_WORDS, FACTOR_WORDS, GROUP_VECTORS, LANES, LIGHT_WORDS, NO_VECTOR, PAIRS, PART_PAIRS,
+    PARTS, PERMUTED_INDICES, RUN_GROUPS, RUN_PAIRS, SHORT_BIAS, SPLITS, SUB_BLOCK_WORDS, TILE, chroma_weights, element,
+    inverse_of, permute_in, permute_out, quantised, row_of, split_of, step_of,
 };
-use crate::types::TileQuad;
+use crate::types::PackedGroup;
 
 /// Lanes of a part.
-pub(super) const GROUP: usize = LANES as usize;
-const FOUR: usize = QUAD as usize;
-const HALF: usize = TWOS as usize;
-/// Quads that one task takes, runs, blocks, and places.
-const TASK_QUADS: usize = 256;
+pub(super) const LANE_COUNT: usize = LANES as usize;
+const VECTORS: usize = GROUP_VECTORS as usize;
+const PAIRS_OF_PARTS: usize = PART_PAIRS as usize;
+/// Packed groups that one task takes, runs, blocks, and rows.
+const TASK_GROUPS: usize = 256;
 const TASK_RUNS: usize = 64;
 const TASK_BLOCKS: usize = 8;
-const TASK_PLACES: usize = TASK_BLOCKS * SIDE;
+const TASK_ROWS: usize = TASK_BLOCKS * SIDE;
 
 /// Rows of a colour channel of a block, part by part.
-type Plane = [[f32; GROUP]; PARTS as usize];
+type Plane = [[f32; LANE_COUNT]; PARTS as usize];
 
 /// What a product keeps between its steps: one for products one after another.
 #[derive(Clone, Debug, Default)]
@@ -36,13 +36,13 @@ pub struct LowRankWorkspace {
     ordered: Vec<Vec4>,
     light: Vec<u32>,
     sums: Vec<Vec4>,
-    placed: Vec<Vec4>,
+    permuted_rows: Vec<Vec4>,
 }
 
 /// Irradiance `H = T B`, W/m². The fourth component is 0.
 impl LinearOperator for LowRank {
     fn shape(&self) -> (usize, usize) {
-        (self.place.len(), self.order.len())
+        (self.permuted_index.len(), self.order.len())
     }
 
     fn bytes(&self) -> u64 {
@@ -66,61 +66,64 @@ impl LowRank {
         irradiance: &mut [Vec4],
     ) -> Result<(), transport::Error> {
         self.check_vectors(exitance, irradiance)?;
-        let LowRankWorkspace { ordered, light, sums, placed } = workspace;
+        let LowRankWorkspace { ordered, light, sums, permuted_rows } = workspace;
         let columns = self.column_blocks() * SIDE;
-        ordered.resize(PLACES, Vec4::ZERO);
+        ordered.resize(PERMUTED_INDICES, Vec4::ZERO);
         light.resize(self.column_blocks() * LIGHT_WORDS as usize, 0);
         sums.resize(self.scale.len(), Vec4::ZERO);
         self.prepare(exitance, &mut ordered[..columns], light);
-        project_all(&self.project_tables(), light, sums);
+        multiply_vt_all(&self.vt_tables(), light, sums);
         let found = ordered.len();
-        let ordered =
-            ordered.first_chunk().ok_or(transport::Error::Length { name: "ordered", expected: PLACES, found })?;
+        let ordered = ordered.first_chunk().ok_or(transport::Error::Length {
+            name: "ordered",
+            expected: PERMUTED_INDICES,
+            found,
+        })?;
         // Rows that stand in their order are written where they belong at once.
-        let is_ordered = self.place.iter().zip(0..).all(|(&place, i)| place == i);
+        let is_ordered = self.permuted_index.iter().zip(0..).all(|(&permuted_index, i)| permuted_index == i);
         if is_ordered {
-            self.rows(light, ordered, sums, irradiance, |p| self.root[p]);
+            self.rows(light, ordered, sums, irradiance, |p| self.row_sqrt_area[p]);
         } else {
-            placed.resize(self.place.len(), Vec4::ZERO);
-            self.rows(light, ordered, sums, placed, |_| 1.0);
-            leave_places(&self.place, &self.root, placed, irradiance);
+            permuted_rows.resize(self.permuted_index.len(), Vec4::ZERO);
+            self.rows(light, ordered, sums, permuted_rows, |_| 1.0);
+            permute_out_rows(&self.permuted_index, &self.row_sqrt_area, permuted_rows, irradiance);
         }
         Ok(())
     }
 
-    /// Rows by places, over the root of the place, block by block: what a block adds up stays in the first cache.
+    /// Rows in their permutation, over `sqrt_area`, block by block: what a block adds up stays in the first cache.
     fn rows(
         &self,
         light: &[u32],
-        ordered: &[Vec4; PLACES],
+        ordered: &[Vec4; PERMUTED_INDICES],
         sums: &[Vec4],
         out: &mut [Vec4],
-        root: impl Fn(usize) -> f32 + Sync,
+        sqrt_area: impl Fn(usize) -> f32 + Sync,
     ) {
-        let expand = self.expand_tables();
-        let near = self.near_tables();
-        let factors = Sums { runs: &self.runs, partner: &self.partner, sums };
+        let multiply_u = self.u_tables();
+        let dense_sparse = self.dense_sparse_tables();
+        let factors = Sums { runs: &self.runs, paired: &self.paired, sums };
         out.par_chunks_mut(SIDE).enumerate().for_each_init(
             || [Vec4::ZERO; SIDE],
             |rows, (b, out)| {
-                near_block(&near, light, ordered, b, rows);
-                add_rows(&expand, factors, b, rows);
-                out.iter_mut().zip(rows).zip(b * SIDE..).for_each(|((out, row), p)| *out = *row / root(p));
+                dense_sparse_block(&dense_sparse, light, ordered, b, rows);
+                add_rows(&multiply_u, factors, b, rows);
+                out.iter_mut().zip(rows).zip(b * SIDE..).for_each(|((out, row), p)| *out = *row / sqrt_area(p));
             },
         );
     }
 
-    /// [`enter_all`] and [`round_all`], block by block.
+    /// [`permute_in_all`] and [`quantise_all`], block by block.
     fn prepare(&self, exitance: &[Vec4], ordered: &mut [Vec4], light: &mut [u32]) {
         let columns = self.order.len() as u32;
-        let root = self.column_root();
+        let sqrt_area = self.column_sqrt_area();
         let (blocks, _) = ordered.as_chunks_mut::<SIDE>();
         let tasks = blocks.par_iter_mut().zip(light.par_chunks_mut(LIGHT_WORDS as usize)).enumerate();
         tasks.with_min_len(TASK_BLOCKS).for_each(|(b, (block, light))| {
             for (p, x) in (b * SIDE..).zip(block.iter_mut()) {
-                *x = enter(p as u32, columns, &self.order, root, exitance);
+                *x = permute_in(p as u32, columns, &self.order, sqrt_area, exitance);
             }
-            dispatch(Round { block, light });
+            dispatch(Quantise { block, light });
         });
     }
 
@@ -131,103 +134,109 @@ impl LowRank {
     /// not.
     pub fn row(&self, i: usize, row: &mut [Vec3]) -> Result<(), Error> {
         check_length("row", self.order.len(), row.len())?;
-        let Some(&place) = self.place.get(i) else {
+        let Some(&permuted_index) = self.permuted_index.get(i) else {
             return Err(
                 transport::Error::Value { name: "row", index: i, value: i as f64, rule: "one of the rows" }.into()
             );
         };
-        let sums = self.project_tables();
-        let (p, r, block) = (place as usize, place % TILE, place as usize / SIDE);
-        let mut places = vec![Vec3::ZERO; self.column_blocks() * SIDE];
-        let quad_start = |block: usize| self.runs[self.run_start[block] as usize];
-        for slot in QUAD * quad_start(block)..QUAD * quad_start(block + 1) {
-            let partner = self.partner[slot as usize];
-            if partner == NO_SLOT {
+        let sums = self.vt_tables();
+        let (p, r, block) = (permuted_index as usize, permuted_index % TILE, permuted_index as usize / SIDE);
+        let mut permuted_row = vec![Vec3::ZERO; self.column_blocks() * SIDE];
+        let group_start = |block: usize| self.runs[self.run_start[block] as usize];
+        for index in GROUP_VECTORS * group_start(block)..GROUP_VECTORS * group_start(block + 1) {
+            let paired = self.paired[index as usize];
+            if paired == NO_VECTOR {
                 continue;
             }
-            let own = self.quads[(slot / QUAD) as usize].vector(slot % QUAD);
-            let quad = sums.quads[(partner / QUAD) as usize];
-            let factor = self.scale[partner as usize] * element(&self.words, own, r) as f32;
-            let factor = factor * tint(quad.color(), self.axes);
-            let first = quad.block() as usize * SIDE;
-            for (c, sum) in places[first..first + SIDE].iter_mut().enumerate() {
-                *sum += factor * element(sums.words, quad.vector(partner % QUAD), c as u32) as f32;
+            let own = self.groups[(index / GROUP_VECTORS) as usize].vector(index % GROUP_VECTORS);
+            let group = sums.groups[(paired / GROUP_VECTORS) as usize];
+            let factor = self.scale[paired as usize] * element(&self.words, own, r) as f32;
+            let factor = factor * chroma_weights(group.color(), self.chroma_axes);
+            let first = group.block() as usize * SIDE;
+            for (c, sum) in permuted_row[first..first + SIDE].iter_mut().enumerate() {
+                *sum += factor * element(sums.words, group.vector(paired % GROUP_VECTORS), c as u32) as f32;
             }
         }
-        let part = p / GROUP;
-        for k in self.square_start[part] as usize..self.square_start[part + 1] as usize {
-            let square = self.squares[k];
-            let first = GROUP * square.column as usize;
-            for (group, four) in places[first..first + GROUP].chunks_exact_mut(4).enumerate() {
-                let word = self.square_words[k * SQUARE_WORDS as usize + group * GROUP + p % GROUP];
-                four.iter_mut().zip(row_of(word)).for_each(|(sum, x)| *sum += Vec3::splat(x as f32 * square.step));
+        let part = p / LANE_COUNT;
+        for k in self.sub_block_start[part] as usize..self.sub_block_start[part + 1] as usize {
+            let sub_block = self.sub_blocks[k];
+            let first = LANE_COUNT * sub_block.column as usize;
+            for (columns, four) in permuted_row[first..first + LANE_COUNT].chunks_exact_mut(4).enumerate() {
+                let word = self.sub_block_words[k * SUB_BLOCK_WORDS as usize + columns * LANE_COUNT + p % LANE_COUNT];
+                four.iter_mut().zip(row_of(word)).for_each(|(sum, x)| *sum += Vec3::splat(x as f32 * sub_block.step));
             }
         }
         for &entry in &self.entries[self.row_start[p] as usize..self.row_start[p + 1] as usize] {
-            places[(entry & 0xffff) as usize] += Vec3::splat(((entry as i32) >> 16) as f32 * self.steps[p]);
+            permuted_row[(entry & 0xffff) as usize] += Vec3::splat(((entry as i32) >> 16) as f32 * self.steps[p]);
         }
-        let root = self.column_root();
-        for (&j, value) in self.order.iter().zip(&places) {
-            row[j as usize] = *value * (root[j as usize] / self.root[i]);
+        let sqrt_area = self.column_sqrt_area();
+        for (&j, value) in self.order.iter().zip(&permuted_row) {
+            row[j as usize] = *value * (sqrt_area[j as usize] / self.row_sqrt_area[i]);
         }
         Ok(())
     }
 
-    /// The tables of [`project_all`].
-    pub fn project_tables(&self) -> ProjectTables<'_> {
-        let Self { axes, scale, .. } = self;
+    /// The tables of [`multiply_vt_all`].
+    pub fn vt_tables(&self) -> VtTables<'_> {
+        let Self { chroma_axes, scale, .. } = self;
         match &self.columns {
-            Some(ColumnVectors { quads, words, .. }) => ProjectTables { axes: *axes, quads, words, scale },
-            None => ProjectTables { axes: *axes, quads: &self.quads, words: &self.words, scale },
+            Some(ColumnVectors { groups, words, .. }) => VtTables { chroma_axes: *chroma_axes, groups, words, scale },
+            None => VtTables { chroma_axes: *chroma_axes, groups: &self.groups, words: &self.words, scale },
         }
     }
 
-    /// The tables of [`expand_all`].
-    pub fn expand_tables(&self) -> ExpandTables<'_> {
-        let Self { run_start, runs, quads, words, .. } = self;
-        ExpandTables { run_start, runs, quads, words }
+    /// The tables of [`multiply_u_all`].
+    pub fn u_tables(&self) -> UTables<'_> {
+        let Self { run_start, runs, groups, words, .. } = self;
+        UTables { run_start, runs, groups, words }
     }
 
-    /// The tables of [`crate::near_all`].
-    pub fn near_tables(&self) -> NearTables<'_> {
-        let Self { square_start, squares, square_words, row_start, entries, steps, .. } = self;
-        NearTables { square_start, squares, square_words, row_start, entries, steps }
+    /// The tables of [`crate::dense_sparse_all`].
+    pub fn dense_sparse_tables(&self) -> DenseSparseTables<'_> {
+        let Self { sub_block_start, sub_blocks, sub_block_words, row_start, entries, steps, .. } = self;
+        DenseSparseTables { sub_block_start, sub_blocks, sub_block_words, row_start, entries, steps }
     }
 }
 
-/// [`enter`] for every place.
-pub fn enter_all(order: &[u32], root: &[f32], exitance: &[Vec4], ordered: &mut [Vec4]) {
+/// [`permute_in`] for every permuted index.
+pub fn permute_in_all(order: &[u32], sqrt_area: &[f32], exitance: &[Vec4], ordered: &mut [Vec4]) {
     let patches = order.len() as u32;
-    let tasks = ordered.par_iter_mut().enumerate().with_min_len(TASK_PLACES);
-    tasks.for_each(|(p, x)| *x = enter(p as u32, patches, order, root, exitance));
+    let tasks = ordered.par_iter_mut().enumerate().with_min_len(TASK_ROWS);
+    tasks.for_each(|(p, x)| *x = permute_in(p as u32, patches, order, sqrt_area, exitance));
 }
 
-/// [`leave`] for every patch.
-pub fn leave_all(place: &[u32], root: &[f32], rows: &[Vec4], near: &[Vec4], irradiance: &mut [Vec4]) {
-    let tasks = irradiance.par_iter_mut().enumerate().with_min_len(TASK_PLACES);
-    tasks.for_each(|(i, h)| *h = leave(i as u32, place, root, rows, near));
+/// [`permute_out`] for every patch.
+pub fn permute_out_all(
+    permuted_index: &[u32],
+    sqrt_area: &[f32],
+    rows: &[Vec4],
+    dense_sparse: &[Vec4],
+    irradiance: &mut [Vec4],
+) {
+    let tasks = irradiance.par_iter_mut().enumerate().with_min_len(TASK_ROWS);
+    tasks.for_each(|(i, h)| *h = permute_out(i as u32, permuted_index, sqrt_area, rows, dense_sparse));
 }
 
-/// [`leave`] from rows that are added up, for every patch.
-pub(super) fn leave_places(place: &[u32], root: &[f32], rows: &[Vec4], irradiance: &mut [Vec4]) {
-    let tasks = irradiance.par_iter_mut().zip(place).zip(root).with_min_len(TASK_PLACES);
-    tasks.for_each(|((h, &place), root)| *h = rows[place as usize] / *root);
+/// [`permute_out`] from rows that are added up, for every patch.
+pub(super) fn permute_out_rows(permuted_index: &[u32], sqrt_area: &[f32], rows: &[Vec4], irradiance: &mut [Vec4]) {
+    let tasks = irradiance.par_iter_mut().zip(permuted_index).zip(sqrt_area).with_min_len(TASK_ROWS);
+    tasks.for_each(|((h, &permuted_index), sqrt_area)| *h = rows[permuted_index as usize] / *sqrt_area);
 }
 
-/// [`crate::kernel::tiles::round`] for every lane, bit for bit.
-pub fn round_all(ordered: &[Vec4], light: &mut [u32]) {
+/// [`crate::kernel::tiles::quantise`] for every lane, bit for bit.
+pub fn quantise_all(ordered: &[Vec4], light: &mut [u32]) {
     let (blocks, _) = ordered.as_chunks::<SIDE>();
     let tasks = blocks.par_iter().zip(light.par_chunks_mut(LIGHT_WORDS as usize)).with_min_len(TASK_BLOCKS);
-    tasks.for_each(|(block, light)| dispatch(Round { block, light }));
+    tasks.for_each(|(block, light)| dispatch(Quantise { block, light }));
 }
 
-/// Makes whole numbers of a block.
-struct Round<'a> {
+/// Quantises a block.
+struct Quantise<'a> {
     block: &'a [Vec4; SIDE],
     light: &'a mut [u32],
 }
 
-impl WithLanes for Round<'_> {
+impl WithLanes for Quantise<'_> {
     #[inline(always)]
     fn with<L: Lanes>(self, _: L) {
         let (mut planes, mut most) = ([[0.0; SIDE]; 3], Vec4::ZERO);
@@ -236,19 +245,19 @@ impl WithLanes for Round<'_> {
             (planes[0][r], planes[1][r], planes[2][r]) = (x.x, x.y, x.z);
         }
         let (channels, rest) = self.light.split_at_mut(3 * CHANNEL_WORDS as usize);
-        let (steps, pairs) = rest.split_at_mut(GROUP);
+        let (steps, pairs) = rest.split_at_mut(LANE_COUNT);
         steps.fill(0);
         for (c, (words, plane)) in channels.chunks_exact_mut(CHANNEL_WORDS as usize).zip(&planes).enumerate() {
             let step = step_of(most[c]);
             steps[c] = step.to_bits();
             let inverse = inverse_of(step);
             let mut numbers = [0; SIDE];
-            numbers.iter_mut().zip(plane).for_each(|(number, x)| *number = whole(*x, inverse));
+            numbers.iter_mut().zip(plane).for_each(|(number, x)| *number = quantised(*x, inverse));
             let (first, second) = numbers.split_at(SIDE / 2);
             for (word, (a, b)) in words.iter_mut().zip(first.iter().zip(second)) {
                 *word = a & 0xffff | b << 16;
             }
-            for (part, own) in pairs.chunks_exact_mut(3 * PAIRS as usize).zip(numbers.chunks_exact(GROUP)) {
+            for (part, own) in pairs.chunks_exact_mut(3 * PAIRS as usize).zip(numbers.chunks_exact(LANE_COUNT)) {
                 let part = &mut part[c * PAIRS as usize..(c + 1) * PAIRS as usize];
                 part.iter_mut().zip(own.as_chunks::<2>().0).for_each(|(word, [a, b])| *word = a & 0xffff | b << 16);
             }
@@ -256,42 +265,42 @@ impl WithLanes for Round<'_> {
     }
 }
 
-/// What [`project_all`] reads beside the light.
+/// What [`multiply_vt_all`] reads beside the light.
 #[derive(Clone, Copy, Debug)]
-pub struct ProjectTables<'a> {
-    /// Red and blue of the axes of the differences, [`tint`].
-    pub axes: Vec4,
-    /// Vectors by fours, block by block, alike ones together.
-    pub quads: &'a [TileQuad],
-    /// Their elements, in groups of [`LANES`] words.
+pub struct VtTables<'a> {
+    /// Red and blue of the chroma axes, [`chroma_weights`].
+    pub chroma_axes: Vec4,
+    /// Packed groups of vectors, block by block, those with equal channels and bits together.
+    pub groups: &'a [PackedGroup],
+    /// Their elements, in `u32x16`s of [`LANES`] words.
     pub words: &'a [u32],
-    /// What the sum of each slot is multiplied by.
+    /// What the sum of each vector is multiplied by.
     pub scale: &'a [f32],
 }
 
-/// [`crate::kernel::tiles::project`] for every quad, bit for bit.
-pub fn project_all(tables: &ProjectTables, light: &[u32], sums: &mut [Vec4]) {
-    let ProjectTables { axes, quads, words, scale } = *tables;
-    let (groups, _) = words.as_chunks::<GROUP>();
-    let ((light, _), (scale, _)) = (light.as_chunks::<GROUP>(), scale.as_chunks::<FOUR>());
-    let (sums, _) = sums.as_chunks_mut::<FOUR>();
-    let tasks = quads.par_chunks(TASK_QUADS).zip(scale.par_chunks(TASK_QUADS)).zip(sums.par_chunks_mut(TASK_QUADS));
-    tasks.for_each(|((quads, scale), sums)| {
+/// [`crate::kernel::tiles::multiply_vt`] for every packed group, bit for bit.
+pub fn multiply_vt_all(tables: &VtTables, light: &[u32], sums: &mut [Vec4]) {
+    let VtTables { chroma_axes, groups, words, scale } = *tables;
+    let (words, _) = words.as_chunks::<LANE_COUNT>();
+    let ((light, _), (scale, _)) = (light.as_chunks::<LANE_COUNT>(), scale.as_chunks::<VECTORS>());
+    let (sums, _) = sums.as_chunks_mut::<VECTORS>();
+    let tasks = groups.par_chunks(TASK_GROUPS).zip(scale.par_chunks(TASK_GROUPS)).zip(sums.par_chunks_mut(TASK_GROUPS));
+    tasks.for_each(|((groups, scale), sums)| {
         let mut done = 0;
-        for alike in quads.chunk_by(|a, b| a.tag == b.tag) {
+        for alike in groups.chunk_by(|a, b| a.tag == b.tag) {
             let (first, end) = (done, done + alike.len());
             done = end;
             let block = (LIGHT_WORDS / LANES) as usize * alike[0].block() as usize;
             let light = &light[block..block + (LIGHT_WORDS / LANES) as usize];
             let steps = Vec3::from_array(steps_of(&light[(3 * CHANNEL_WORDS / LANES) as usize]));
-            let steps = (steps * tint(alike[0].color(), axes)).to_array();
+            let steps = (steps * chroma_weights(alike[0].color(), chroma_axes)).to_array();
             // Nothing comes of darkness.
             if steps == [0.0; 3] {
-                sums[first..end].fill([Vec4::ZERO; FOUR]);
+                sums[first..end].fill([Vec4::ZERO; VECTORS]);
                 continue;
             }
             let (scale, sums) = (&scale[first..end], &mut sums[first..end]);
-            dispatch(Project { quads: alike, groups, light, steps, scale, sums });
+            dispatch(MultiplyVt { groups: alike, words, light, steps, scale, sums });
         }
     });
 }
@@ -301,11 +310,11 @@ pub(super) fn steps_of(words: &[u32]) -> [f32; 3] {
     std::array::from_fn(|c| f32::from_bits(words[c]))
 }
 
-/// [`crate::kernel::tiles::weigh`] for every run, bit for bit.
-pub fn weigh_all(runs: &[u32], partner: &[u32], sums: &[Vec4], factors: &mut [u32]) {
+/// [`crate::kernel::tiles::requantise`] for every run, bit for bit.
+pub fn requantise_all(runs: &[u32], paired: &[u32], sums: &[Vec4], factors: &mut [u32]) {
     let (factors, _) = factors.as_chunks_mut::<{ FACTOR_WORDS as usize }>();
     let tasks = factors.par_iter_mut().enumerate().with_min_len(TASK_RUNS);
-    tasks.for_each(|(run, factors)| *factors = Sums { runs, partner, sums }.of(run));
+    tasks.for_each(|(run, factors)| *factors = Sums { runs, paired, sums }.of(run));
 }
 
 /// What vectors are multiplied by.
@@ -314,7 +323,7 @@ pub(super) trait Factors: Copy + Sync {
     fn of(self, run: usize) -> RunFactors;
 }
 
-/// Words of [`crate::kernel::tiles::weigh`] for one run.
+/// Words of [`crate::kernel::tiles::requantise`] for one run.
 pub(super) type RunFactors = [u32; FACTOR_WORDS as usize];
 
 impl Factors for &[RunFactors] {
@@ -328,17 +337,17 @@ impl Factors for &[RunFactors] {
 #[derive(Clone, Copy)]
 pub(super) struct Sums<'a> {
     pub runs: &'a [u32],
-    pub partner: &'a [u32],
+    pub paired: &'a [u32],
     pub sums: &'a [Vec4],
 }
 
 impl Factors for Sums<'_> {
     #[inline(always)]
     fn of(self, run: usize) -> RunFactors {
-        let slots = &self.partner[FOUR * self.runs[run] as usize..FOUR * self.runs[run + 1] as usize];
-        let (mut own, mut most) = ([Vec4::ZERO; (RUN_QUADS * QUAD) as usize], Vec4::ZERO);
-        for (z, &other) in own.iter_mut().zip(slots) {
-            if other != NO_SLOT {
+        let paired = &self.paired[VECTORS * self.runs[run] as usize..VECTORS * self.runs[run + 1] as usize];
+        let (mut own, mut most) = ([Vec4::ZERO; (RUN_GROUPS * GROUP_VECTORS) as usize], Vec4::ZERO);
+        for (z, &other) in own.iter_mut().zip(paired) {
+            if other != NO_VECTOR {
                 *z = self.sums[other as usize];
                 most = most.max(z.abs());
             }
@@ -347,10 +356,10 @@ impl Factors for Sums<'_> {
         let inverse = steps.map(inverse_of);
         let mut factors = [0; FACTOR_WORDS as usize];
         let (pairs, last) = factors.split_at_mut(4 * RUN_PAIRS as usize);
-        for (words, two) in pairs.chunks_exact_mut(4).zip(own[..slots.len()].chunks_exact(2)) {
+        for (words, two) in pairs.chunks_exact_mut(4).zip(own[..paired.len()].chunks_exact(2)) {
             let (a, b) = (two[0].to_array(), two[1].to_array());
             for (c, word) in words[..3].iter_mut().enumerate() {
-                *word = whole(a[c], inverse[c]) & 0xffff | whole(b[c], inverse[c]) << 16;
+                *word = quantised(a[c], inverse[c]) & 0xffff | quantised(b[c], inverse[c]) << 16;
             }
         }
         last.copy_from_slice(&[steps[0].to_bits(), steps[1].to_bits(), steps[2].to_bits(), 0]);
@@ -358,34 +367,34 @@ impl Factors for Sums<'_> {
     }
 }
 
-/// What [`expand_all`] reads beside the factors.
+/// What [`multiply_u_all`] reads beside the factors.
 #[derive(Clone, Copy, Debug)]
-pub struct ExpandTables<'a> {
+pub struct UTables<'a> {
     /// Runs of block b: `run_start[b]..run_start[b + 1]`.
     pub run_start: &'a [u32],
-    /// Quads of run k: `quads[runs[k]..runs[k + 1]]`.
+    /// Packed groups of run k: `groups[runs[k]..runs[k + 1]]`.
     pub runs: &'a [u32],
-    /// Vectors by fours, block by block; those of a run are alike, and their words follow one another.
-    pub quads: &'a [TileQuad],
-    /// Their elements, in groups of [`LANES`] words.
+    /// Packed groups of vectors, block by block; those of a run have equal channels and bits, and their words follow one another.
+    pub groups: &'a [PackedGroup],
+    /// Their elements, in `u32x16`s of [`LANES`] words.
     pub words: &'a [u32],
 }
 
-impl ExpandTables<'_> {
+impl UTables<'_> {
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.run_start) + size_of_val(self.runs) + size_of_val(self.quads) + size_of_val(self.words)
+        size_of_val(self.run_start) + size_of_val(self.runs) + size_of_val(self.groups) + size_of_val(self.words)
     }
 
     /// Whether the tables of so many blocks belong together.
     pub(super) fn check(&self, blocks: usize) -> Result<(), Error> {
-        check_bank(self.runs, self.quads, self.words, blocks)?;
+        check_bank(self.runs, self.groups, self.words, blocks)?;
         check_length("run_start", blocks + 1, self.run_start.len())?;
         check_starts("run_start", self.run_start, self.runs.len().saturating_sub(1))
     }
 }
 
-/// [`crate::kernel::tiles::expand`] for every lane, bit for bit.
-pub fn expand_all(tables: &ExpandTables, factors: &[u32], rows: &mut [Vec4]) {
+/// [`crate::kernel::tiles::multiply_u`] for every lane, bit for bit.
+pub fn multiply_u_all(tables: &UTables, factors: &[u32], rows: &mut [Vec4]) {
     let (factors, (splits, _)) = (factors.as_chunks().0, rows.as_chunks_mut::<SIDE>());
     splits.par_iter_mut().enumerate().for_each(|(k, rows)| {
         let (block, split) = (k / SPLITS as usize, k % SPLITS as usize);
@@ -397,12 +406,12 @@ pub fn expand_all(tables: &ExpandTables, factors: &[u32], rows: &mut [Vec4]) {
 
 /// Rows of a colour channel each.
 type Planes = [Plane; 3];
-const NO_PLANES: Planes = [[[0.0; GROUP]; PARTS as usize]; 3];
+const NO_PLANES: Planes = [[[0.0; LANE_COUNT]; PARTS as usize]; 3];
 
 /// Adds what the vectors of a split of a block make.
-fn add_split(tables: &ExpandTables, factors: impl Factors, block: usize, split: usize, planes: &mut Planes) {
+fn add_split(tables: &UTables, factors: impl Factors, block: usize, split: usize, planes: &mut Planes) {
     let (first, end) = split_of(split as u32, tables.run_start[block], tables.run_start[block + 1]);
-    dispatch(Expand { tables, factors, runs: first as usize..end as usize, planes });
+    dispatch(MultiplyU { tables, factors, runs: first as usize..end as usize, planes });
 }
 
 fn row_of_planes(planes: &Planes, r: usize) -> Vec4 {
@@ -410,8 +419,8 @@ fn row_of_planes(planes: &Planes, r: usize) -> Vec4 {
     Vec4::new(red[r], green[r], blue[r], 0.0)
 }
 
-/// Adds what the vectors of a block make to its rows, as [`leave`] does.
-pub(super) fn add_rows(tables: &ExpandTables, factors: impl Factors, block: usize, rows: &mut [Vec4; SIDE]) {
+/// Adds what the vectors of a block make to its rows, as [`permute_out`] does.
+pub(super) fn add_rows(tables: &UTables, factors: impl Factors, block: usize, rows: &mut [Vec4; SIDE]) {
     let mut splits = [NO_PLANES; SPLITS as usize];
     splits.iter_mut().enumerate().for_each(|(k, planes)| add_split(tables, factors, block, k, planes));
     let [sums, one, two, three] = &mut splits;
@@ -425,8 +434,8 @@ pub(super) fn add_rows(tables: &ExpandTables, factors: impl Factors, block: usiz
 
 /// Calls a function for elements of 4 or 8 bits, of all channels or of red and blue.
 macro_rules! for_kind {
-    ($quad:expr, $lanes:ty, $own:ident.$function:ident($($argument:expr),*)) => {
-        match ($quad.is_short(), $quad.color()) {
+    ($group:expr, $lanes:ty, $own:ident.$function:ident($($argument:expr),*)) => {
+        match ($group.is_short(), $group.color()) {
             (true, ALL_CHANNELS) => $own.$function::<$lanes, true, 1, 3>($($argument,)* [0, 1, 2]),
             (true, _) => $own.$function::<$lanes, true, 1, 2>($($argument,)* [0, 2]),
             (false, ALL_CHANNELS) => $own.$function::<$lanes, false, 2, 3>($($argument,)* [0, 1, 2]),
@@ -440,9 +449,9 @@ const fn bias(is_short: bool) -> i32 {
     if is_short { SHORT_BIAS } else { BIAS }
 }
 
-/// Elements of a vector with their bias, in twos of parts.
+/// Elements of a vector with their bias, in pairs of parts.
 #[inline(always)]
-fn twos<L: Lanes, const SHORT: bool>(l: L, vector: &[Group], k: usize) -> [L::Word; HALF] {
+fn part_pairs<L: Lanes, const SHORT: bool>(l: L, vector: &[U32x16], k: usize) -> [L::Word; PAIRS_OF_PARTS] {
     let word = l.load(&vector[0], k);
     if SHORT {
         return l.nibbles(word);
@@ -451,62 +460,62 @@ fn twos<L: Lanes, const SHORT: bool>(l: L, vector: &[Group], k: usize) -> [L::Wo
     [a, b, c, d]
 }
 
-/// Elements of two vectors with their bias, in pairs: the parts of the first or of the second half.
+/// Elements of a pair of vectors with their bias: the parts of the first or of the second half.
 #[inline(always)]
-fn pairs<L: Lanes, const SHORT: bool, const GROUPS: usize>(
+fn vector_pairs<L: Lanes, const SHORT: bool, const VECTOR_LEN: usize>(
     l: L,
-    two: &[Group],
+    two: &[U32x16],
     half: usize,
     k: usize,
-) -> [L::Word; HALF] {
-    let word = merged(l, &two[0], &two[GROUPS], half, k);
+) -> [L::Word; PAIRS_OF_PARTS] {
+    let word = merged(l, &two[0], &two[VECTOR_LEN], half, k);
     if SHORT {
         return l.nibbles(word);
     }
-    let ([a, b], [c, d]) = (l.bytes(word), l.bytes(merged(l, &two[1], &two[GROUPS + 1], half, k)));
+    let ([a, b], [c, d]) = (l.bytes(word), l.bytes(merged(l, &two[1], &two[VECTOR_LEN + 1], half, k)));
     [a, b, c, d]
 }
 
 #[inline(always)]
-fn merged<L: Lanes>(l: L, a: &Group, b: &Group, half: usize, k: usize) -> L::Word {
+fn merged<L: Lanes>(l: L, a: &U32x16, b: &U32x16, half: usize, k: usize) -> L::Word {
     let (a, b) = (l.load(a, k), l.load(b, k));
     if half == 0 { l.low(a, b) } else { l.high(a, b) }
 }
 
-/// Sums of some quads that are alike.
-struct Project<'a> {
-    quads: &'a [TileQuad],
-    groups: &'a [Group],
+/// Sums of some packed groups with equal channels and bits.
+struct MultiplyVt<'a> {
+    groups: &'a [PackedGroup],
+    words: &'a [U32x16],
     /// Of their block.
-    light: &'a [Group],
+    light: &'a [U32x16],
     steps: [f32; 3],
-    scale: &'a [[f32; FOUR]],
-    sums: &'a mut [[Vec4; FOUR]],
+    scale: &'a [[f32; VECTORS]],
+    sums: &'a mut [[Vec4; VECTORS]],
 }
 
-impl WithLanes for Project<'_> {
+impl WithLanes for MultiplyVt<'_> {
     #[inline(always)]
     fn with<L: Lanes>(self, l: L) {
-        for_kind!(self.quads[0], L, self.sums(l));
+        for_kind!(self.groups[0], L, self.sums(l));
     }
 }
 
-impl Project<'_> {
+impl MultiplyVt<'_> {
     #[inline(always)]
-    fn sums<L: Lanes, const SHORT: bool, const GROUPS: usize, const C: usize>(self, l: L, channels: [usize; C]) {
-        let (mut light, mut biases, mut steps) = ([&self.light[..HALF]; C], [IVec4::ZERO; C], [0.0; C]);
+    fn sums<L: Lanes, const SHORT: bool, const VECTOR_LEN: usize, const C: usize>(self, l: L, channels: [usize; C]) {
+        let (mut light, mut biases, mut steps) = ([&self.light[..PAIRS_OF_PARTS]; C], [IVec4::ZERO; C], [0.0; C]);
         for (k, c) in channels.into_iter().enumerate() {
-            light[k] = &self.light[c * HALF..(c + 1) * HALF];
+            light[k] = &self.light[c * PAIRS_OF_PARTS..(c + 1) * PAIRS_OF_PARTS];
             let sum: i32 = light[k].as_flattened().iter().map(|&word| both(word)).sum();
             (biases[k], steps[k]) = (IVec4::splat(bias(SHORT) * sum), self.steps[c]);
         }
-        for ((quad, scale), sums) in self.quads.iter().zip(self.scale).zip(self.sums) {
-            let first = quad.group as usize;
-            let (vectors, _) = self.groups[first..first + FOUR * GROUPS].as_chunks::<GROUPS>();
-            let mut lanes = [[[0; GROUP]; FOUR]; C];
+        for ((group, scale), sums) in self.groups.iter().zip(self.scale).zip(self.sums) {
+            let first = group.start as usize;
+            let (vectors, _) = self.words[first..first + VECTORS * VECTOR_LEN].as_chunks::<VECTOR_LEN>();
+            let mut lanes = [[[0; LANE_COUNT]; VECTORS]; C];
             for (v, vector) in vectors.iter().enumerate() {
                 for k in 0..L::EACH {
-                    let [a, b, c, d] = twos::<L, SHORT>(l, vector, k);
+                    let [a, b, c, d] = part_pairs::<L, SHORT>(l, vector, k);
                     for (lanes, light) in lanes.iter_mut().zip(light) {
                         let mut sum = l.products(a, l.load(&light[0], k));
                         sum = l.add(sum, l.products(b, l.load(&light[1], k)));
@@ -534,50 +543,50 @@ fn both(word: u32) -> i32 {
 }
 
 /// Adds some runs to the rows of their block.
-struct Expand<'a, F> {
-    tables: &'a ExpandTables<'a>,
+struct MultiplyU<'a, F> {
+    tables: &'a UTables<'a>,
     factors: F,
     runs: std::ops::Range<usize>,
     planes: &'a mut Planes,
 }
 
-impl<F: Factors> WithLanes for Expand<'_, F> {
+impl<F: Factors> WithLanes for MultiplyU<'_, F> {
     #[inline(always)]
     fn with<L: Lanes>(self, l: L) {
         let Self { tables, factors, runs, planes } = self;
-        let (groups, _) = tables.words.as_chunks::<GROUP>();
+        let (words, _) = tables.words.as_chunks::<LANE_COUNT>();
         for k in runs {
-            let quads = &tables.quads[tables.runs[k] as usize..tables.runs[k + 1] as usize];
+            let groups = &tables.groups[tables.runs[k] as usize..tables.runs[k + 1] as usize];
             let factors = factors.of(k);
             let (pairs, last) = factors.split_at(4 * RUN_PAIRS as usize);
             let steps = steps_of(last);
             // Nothing comes of darkness.
             if steps != [0.0; 3] {
-                let run = Run { quads, groups, pairs: pairs.as_chunks::<4>().0, steps };
-                for_kind!(quads[0], L, run.add(l, planes));
+                let run = Run { groups, words, pairs: pairs.as_chunks::<4>().0, steps };
+                for_kind!(groups[0], L, run.add(l, planes));
             }
         }
     }
 }
 
-/// Quads that are alike and what their vectors are multiplied by, in pairs.
+/// Packed groups of a run and the factors of their vectors, in pairs.
 struct Run<'a> {
-    quads: &'a [TileQuad],
-    groups: &'a [Group],
+    groups: &'a [PackedGroup],
+    words: &'a [U32x16],
     pairs: &'a [[u32; 4]],
     steps: [f32; 3],
 }
 
 impl Run<'_> {
     #[inline(always)]
-    fn add<L: Lanes, const SHORT: bool, const GROUPS: usize, const C: usize>(
+    fn add<L: Lanes, const SHORT: bool, const VECTOR_LEN: usize, const C: usize>(
         &self,
         l: L,
         planes: &mut [Plane; 3],
         channels: [usize; C],
     ) {
-        let first = self.quads[0].group as usize;
-        let vectors = &self.groups[first..first + self.quads.len() * FOUR * GROUPS];
+        let first = self.groups[0].start as usize;
+        let vectors = &self.words[first..first + self.groups.len() * VECTORS * VECTOR_LEN];
         let mut biases = [l.splat(0); C];
         for (word, c) in biases.iter_mut().zip(channels) {
             let sum: i32 = self.pairs.iter().map(|pair| both(pair[c])).sum();
@@ -585,12 +594,12 @@ impl Run<'_> {
         }
         for half in 0..2 {
             for k in 0..L::EACH {
-                let mut sums = [[l.splat(0); HALF]; C];
-                for (two, factors) in vectors.chunks_exact(2 * GROUPS).zip(self.pairs) {
+                let mut sums = [[l.splat(0); PAIRS_OF_PARTS]; C];
+                for (two, factors) in vectors.chunks_exact(2 * VECTOR_LEN).zip(self.pairs) {
                     if *factors == [0; 4] {
                         continue;
                     }
-                    let [a, b, c, d] = pairs::<L, SHORT, GROUPS>(l, two, half, k);
+                    let [a, b, c, d] = vector_pairs::<L, SHORT, VECTOR_LEN>(l, two, half, k);
                     for (sums, channel) in sums.iter_mut().zip(channels) {
                         let factor = l.splat(factors[channel]);
                         sums[0] = l.add(sums[0], l.products(a, factor));
@@ -600,7 +609,7 @@ impl Run<'_> {
                     }
                 }
                 for ((sums, bias), c) in sums.into_iter().zip(biases).zip(channels) {
-                    for (sum, row) in sums.into_iter().zip(&mut planes[c][half * HALF..]) {
+                    for (sum, row) in sums.into_iter().zip(&mut planes[c][half * PAIRS_OF_PARTS..]) {
                         l.add_scaled(row, k, l.sub(sum, bias), self.steps[c]);
                     }
                 }

@@ -1,4 +1,4 @@
-//! Operators from few senders to many receivers, block of rows by block of rows.
+//! Operators from few patches to many receivers, block of rows by block of rows.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::vec::Vec;
@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use scene::sampling::hash3;
 
 use super::TileSide;
-use super::encode::{Encoded, Encoder, Progress, Rows, roots_of};
-use super::reduce::{Part, Prices, SIDE, Weights, reduce, squared_norm};
+use super::encode::{Encoded, Encoder, Progress, Rows, sqrt_areas_of};
+use super::reduce::{Costs, Part, SIDE, Weights, reduce, squared_norm};
 use crate::error::Error;
 use crate::kernel::tiles::ALL_CHANNELS;
 
@@ -24,12 +24,12 @@ pub type SparseRows<'a> = dyn Fn(usize, &mut dyn FnMut(u32, f32)) + Sync + 'a;
 pub(super) struct Source<'a> {
     rows: &'a SparseRows<'a>,
     receivers: TileSide<'a>,
-    /// `√a` of the receivers, `1 / √a` of the senders.
-    roots: [Vec<f32>; 2],
-    /// Place of each sender.
-    place: &'a [u32],
+    /// `√a` of the receivers, `1 / √a` of the patches.
+    sqrt_areas: [Vec<f32>; 2],
+    /// Permuted index of each patch.
+    permuted_index: &'a [u32],
     even: Weights,
-    /// Of each block of senders.
+    /// Of each block of patches.
     light: Vec<Weights>,
     /// Blocks of rows, and those by which λ is first looked for.
     all: Vec<usize>,
@@ -52,14 +52,18 @@ impl Source<'_> {
         let mut tiles = vec![Vec::new(); self.light.len()];
         let mut wrong = None;
         for (r, &i) in self.receivers.order.iter().skip(block * SIDE).take(SIDE).enumerate() {
-            let root = self.roots[0][i as usize];
-            (self.rows)(i as usize, &mut |column, value| match self.place.get(column as usize) {
-                Some(&place) if value.is_finite() => {
-                    let value = value * (root * self.roots[1][column as usize]);
-                    tiles[place as usize / SIDE].push((r as u8, (place as usize % SIDE) as u8, value));
+            let sqrt_area = self.sqrt_areas[0][i as usize];
+            (self.rows)(i as usize, &mut |column, value| match self.permuted_index.get(column as usize) {
+                Some(&permuted_index) if value.is_finite() => {
+                    let value = value * (sqrt_area * self.sqrt_areas[1][column as usize]);
+                    tiles[permuted_index as usize / SIDE].push((
+                        r as u8,
+                        (permuted_index as usize % SIDE) as u8,
+                        value,
+                    ));
                 }
                 Some(_) => wrong = Some(("values", i, f64::from(value), "finite")),
-                None => wrong = Some(("columns", i, f64::from(column), "a sender")),
+                None => wrong = Some(("columns", i, f64::from(column), "a patch")),
             });
         }
         match wrong {
@@ -70,14 +74,14 @@ impl Source<'_> {
         }
     }
 
-    fn encode_block(&self, block: usize, prices: &Prices) -> Result<BlockRow, Error> {
+    fn encode_block(&self, block: usize, costs: &Costs) -> Result<BlockRow, Error> {
         let (mut parts, mut whole) = (Vec::new(), 0.0);
         for (j, entries) in self.entries(block)?.into_iter().enumerate() {
             if !entries.is_empty() {
                 let mut tile = dense(&entries);
                 whole += squared_norm(&tile);
                 let mut part = Part::default();
-                reduce(&mut tile, (&self.even, &self.light[j]), prices, ALL_CHANNELS, &mut part);
+                reduce(&mut tile, (&self.even, &self.light[j]), costs, ALL_CHANNELS, &mut part);
                 parts.push((j, Part { error: [squared_norm(&tile); 3], ..part }));
             }
         }
@@ -92,11 +96,11 @@ impl Source<'_> {
     }
 
     fn encode_all(&self, blocks: &[usize], lambda: f32, progress: &Progress) -> Result<Vec<BlockRow>, Error> {
-        let prices = Prices { lambda, ..Prices::RECTANGULAR };
+        let costs = Costs { lambda, ..Costs::RECTANGULAR };
         let (done, total) = (AtomicUsize::new(0), blocks.len());
         let cancelled = |done: usize| Err(transport::Error::Cancelled { done, total }.into());
         let work = |&block: &usize| {
-            let row = self.encode_block(block, &prices)?;
+            let row = self.encode_block(block, &costs)?;
             let count = done.fetch_add(1, Ordering::Relaxed) + 1;
             if progress(count, total).is_break() { cancelled(count) } else { Ok(row) }
         };
@@ -119,24 +123,29 @@ fn relative_error(rows: &[BlockRow]) -> f64 {
 }
 
 impl<'a> Source<'a> {
-    pub fn new(rows: &'a SparseRows<'a>, receivers: TileSide<'a>, senders: TileSide<'a>, place: &'a [u32]) -> Self {
-        let roots = [roots_of(receivers), roots_of(senders)];
+    pub fn new(
+        rows: &'a SparseRows<'a>,
+        receivers: TileSide<'a>,
+        patches: TileSide<'a>,
+        permuted_index: &'a [u32],
+    ) -> Self {
+        let sqrt_areas = [sqrt_areas_of(receivers), sqrt_areas_of(patches)];
         let light =
-            |block: &[u32]| Weights::of_light(&block.iter().map(|&j| roots[1][j as usize]).collect::<Vec<f32>>());
-        let light: Vec<Weights> = senders.order.chunks(SIDE).map(light).collect();
-        let [row_root, column_root] = roots;
-        let roots = [row_root, column_root.iter().map(|r| 1.0 / r).collect()];
+            |block: &[u32]| Weights::of_light(&block.iter().map(|&j| sqrt_areas[1][j as usize]).collect::<Vec<f32>>());
+        let light: Vec<Weights> = patches.order.chunks(SIDE).map(light).collect();
+        let [row_sqrt_area, column_sqrt_area] = sqrt_areas;
+        let sqrt_areas = [row_sqrt_area, column_sqrt_area.iter().map(|r| 1.0 / r).collect()];
         let all: Vec<usize> = (0..receivers.order.len().div_ceil(SIDE)).collect();
         let is_some = |b: &usize| all.len() < MANY_BLOCKS || hash3(*b as u32, 0, 0).is_multiple_of(PART);
         let some = all.iter().copied().filter(is_some).collect();
-        Self { rows, receivers, roots, place, even: Weights::even(), light, all, some }
+        Self { rows, receivers, sqrt_areas, permuted_index, even: Weights::even(), light, all, some }
     }
 }
 
 impl Encoder for Source<'_> {
     fn first_lambda(&self, epsilon: f64) -> Result<f32, Error> {
         let norm = self.norm(&self.some)?;
-        let tiles = (self.some.len() * SIDE * self.place.len()).max(1) as f64;
+        let tiles = (self.some.len() * SIDE * self.permuted_index.len()).max(1) as f64;
         Ok((epsilon * epsilon * norm / (0.03 * tiles)).max(1e-30) as f32)
     }
 

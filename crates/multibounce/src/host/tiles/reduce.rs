@@ -1,76 +1,77 @@
-//! What a tile becomes: components, squares and entries that are worth their bytes.
+//! What a tile becomes: rank-1 terms, dense sub-blocks and entries that lower the rate–distortion cost.
 
 use std::vec::Vec;
 
 use faer::Mat;
 
-use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, SHORT_BIAS, TILE, TWOS};
-use crate::types::TileQuad;
+use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, PART_PAIRS, SHORT_BIAS, TILE};
+use crate::types::PackedGroup;
 
 /// Size of a tile.
 pub(in crate::host) const SIDE: usize = TILE as usize;
-/// Rows and columns of a square.
+/// Rows and columns of a dense sub-block.
 pub(super) const EDGE: usize = LANES as usize;
 /// Largest elements of vectors of 4 and of 8 bits.
 const MOST_SHORT: f32 = 7.0;
 const MOST_LONG: f32 = 127.0;
-/// Times that what components, squares and entries leave is looked at again.
+/// Times that what rank-1 terms, sub-blocks and entries leave is looked at again.
 const MOST_STAGES: usize = 6;
-/// Components and squares up to which a tile is not tried again.
+/// Rank-1 terms and sub-blocks up to which a tile is not tried again.
 const FEW_PARTS: usize = 8;
 
 /// What is taken from a tile first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Start {
-    Components,
-    /// Squares, too.
+    Terms,
+    /// And sub-blocks.
     Entries,
 }
 
-/// What parts of a tile cost, bytes, and what a byte must take from the squared error.
+/// The rate–distortion cost: squared error plus λ times bytes, with the bytes of each part of a tile.
 #[derive(Clone, Copy)]
-pub(super) struct Prices {
+pub(super) struct Costs {
     pub lambda: f32,
-    /// A component of elements of 4 and of 8 bits.
+    /// Bytes of a rank-1 term of elements of 4 and of 8 bits.
     pub short: f32,
     pub long: f32,
-    pub square: f32,
+    pub sub_block: f32,
     pub entry: f32,
 }
 
-impl Prices {
-    /// Both vectors of a component are projected and expanded. An entry is 8 bytes on both sides of the diagonal, but the time
-    /// of 12 bytes of components.
-    pub const SYMMETRIC: Self = Self::new((2 * (8 + size_of::<TileQuad>() / 4)) as f32, 12.0);
-    /// One vector is projected, which has a scale, the other expanded, which has a partner; an entry is in one row.
-    pub const RECTANGULAR: Self = Self::new((2 * (4 + size_of::<TileQuad>() / 4)) as f32, 8.0);
+impl Costs {
+    /// Both vectors of a rank-1 term are multiplied by, as rows of Vᵀ and as columns of U. An entry is 8 bytes on both sides of
+    /// the diagonal, but takes the time of 12 bytes of rank-1 terms.
+    pub const SYMMETRIC: Self = Self::new((2 * (8 + size_of::<PackedGroup>() / 4)) as f32, 12.0);
+    /// One vector is a row of Vᵀ, with a scale, the other a column of U, with the index of its paired vector; an entry is in one
+    /// row.
+    pub const RECTANGULAR: Self = Self::new((2 * (4 + size_of::<PackedGroup>() / 4)) as f32, 8.0);
 
-    /// With so much for a component beside its vectors, and for an entry.
+    /// With so many bytes for a rank-1 term beside its vectors, and for an entry.
     const fn new(fixed: f32, entry: f32) -> Self {
-        let (short, square) = (SIDE as f32 + fixed, (EDGE * EDGE + 8) as f32);
-        Self { lambda: 0.0, short, long: short + SIDE as f32, square, entry }
+        let (short, sub_block) = (SIDE as f32 + fixed, (EDGE * EDGE + 8) as f32);
+        Self { lambda: 0.0, short, long: short + SIDE as f32, sub_block, entry }
     }
 
     /// Of all that a tile became.
     fn of(&self, part: &Part) -> f32 {
-        let component = |c: &Component| if c.is_short { self.short } else { self.long };
-        part.components.iter().map(component).sum::<f32>()
-            + self.square * part.squares.len() as f32
+        let term = |c: &Term| if c.is_short { self.short } else { self.long };
+        part.terms.iter().map(term).sum::<f32>()
+            + self.sub_block * part.sub_blocks.len() as f32
             + self.entry * part.entries.len() as f32
     }
 }
 
-/// A pair of vectors of a tile.
-pub(super) struct Component {
+/// A rank-1 term of a tile.
+pub(super) struct Term {
     pub scale: f32,
     pub color: u32,
     pub is_short: bool,
-    /// Groups of words along the rows and along the columns.
+    /// Words along the rows and along the columns.
     pub words: [Vec<u32>; 2],
 }
 
-/// A dense part of a tile: [`EDGE`] rows and columns.
-pub(super) struct Square {
+/// A dense sub-block of a tile: [`EDGE`] rows and columns.
+pub(super) struct DenseSubBlock {
     /// First row and column, in edges.
     pub at: (usize, usize),
     pub step: f32,
@@ -81,23 +82,23 @@ pub(super) struct Square {
 /// What a tile becomes.
 #[derive(Default)]
 pub(super) struct Part {
-    pub components: Vec<Component>,
+    pub terms: Vec<Term>,
     /// Row and column in the tile, value.
     pub entries: Vec<(u8, u8, f32)>,
-    pub squares: Vec<Square>,
+    pub sub_blocks: Vec<DenseSubBlock>,
     /// Squared error of each channel, both sides of the diagonal.
     pub error: [f64; 3],
 }
 
 impl Part {
     fn append(&mut self, other: &mut Self) {
-        self.components.append(&mut other.components);
-        self.squares.append(&mut other.squares);
+        self.terms.append(&mut other.terms);
+        self.sub_blocks.append(&mut other.sub_blocks);
         self.entries.append(&mut other.entries);
     }
 
     fn count(&self) -> usize {
-        self.components.len() + self.squares.len() + self.entries.len()
+        self.terms.len() + self.sub_blocks.len() + self.entries.len()
     }
 }
 
@@ -115,8 +116,8 @@ pub(super) fn dot(a: &Mat<f32>, b: &Mat<f32>) -> f64 {
 /// What errors count that are even over some neighbours, in a block of the order: light is even over neighbours, so that such
 /// errors add up, whereas others cancel.
 ///
-/// In the Haar basis of the halves, quarters and so on of a block, over light of equal exitance (elements are `√a B`), what
-/// extends over s places is weighted by [`EVEN`] powers of s; on average the squares are 1.
+/// In the Haar basis of a block, which is halved again and again, over light of equal exitance (elements are `√a B`), what
+/// extends over s indices is weighted by [`EVEN`] powers of s; on average the squares are 1.
 pub(super) struct Weights(Option<Bases>);
 
 /// To weighted elements and back.
@@ -125,26 +126,26 @@ struct Bases {
     back: Mat<f32>,
 }
 
-/// Of what errors count, by the places over which they are even. Measured: Sponza's sun, errors for the same bytes 2.4 times
+/// Of what errors count, by the number of indices over which they are even. Measured: Sponza's sun, errors for the same bytes 2.4 times
 /// smaller than with 0, the smallest of 0, 0.22, 0.34, 0.45 and 0.75.
 const EVEN: f32 = 1.0 / 3.0;
-/// The same where light comes from the places and none is wanted there.
+/// The same for columns only, from which light comes and at which none is wanted.
 const EVEN_LIGHT: f32 = 1.0 / 2.0;
 
 impl Weights {
-    /// `root`: the square roots of the areas, one for each place.
-    pub fn new(root: &[f32]) -> Self {
-        Self(Some(Bases::new(root, EVEN)))
+    /// `sqrt_area`: one for each permuted index of the block.
+    pub fn new(sqrt_area: &[f32]) -> Self {
+        Self(Some(Bases::new(sqrt_area, EVEN)))
     }
 
-    /// Of places at which irradiance is wanted and from which no light comes: errors count the same.
+    /// Of rows only, at which irradiance is wanted and from which no light comes: errors count the same.
     pub fn even() -> Self {
         Self(None)
     }
 
-    /// Of places from which light comes and at which none is wanted.
-    pub fn of_light(root: &[f32]) -> Self {
-        Self(Some(Bases::new(root, EVEN_LIGHT)))
+    /// Of columns only, from which light comes and at which none is wanted.
+    pub fn of_light(sqrt_area: &[f32]) -> Self {
+        Self(Some(Bases::new(sqrt_area, EVEN_LIGHT)))
     }
 
     fn left(&self, tile: &Mat<f32>) -> Mat<f32> {
@@ -161,25 +162,25 @@ impl Weights {
 }
 
 impl Bases {
-    fn new(root: &[f32], even: f32) -> Self {
-        let mut root = root.to_vec();
-        root.resize(SIDE, root[0]);
-        let mut basis: Vec<(Vec<f32>, f32)> = vec![(root.clone(), SIDE as f32)];
+    fn new(sqrt_area: &[f32], even: f32) -> Self {
+        let mut sqrt_area = sqrt_area.to_vec();
+        sqrt_area.resize(SIDE, sqrt_area[0]);
+        let mut basis: Vec<(Vec<f32>, f32)> = vec![(sqrt_area.clone(), SIDE as f32)];
         let mut extent = SIDE;
         while extent > 1 {
             for first in (0..SIDE).step_by(extent) {
                 let middle = first + extent / 2;
-                let sum = |range: std::ops::Range<usize>| root[range].iter().map(|r| r * r).sum::<f32>();
+                let sum = |range: std::ops::Range<usize>| sqrt_area[range].iter().map(|r| r * r).sum::<f32>();
                 let (left, right) = (sum(first..middle), sum(middle..first + extent));
                 let mut vector = vec![0.0; SIDE];
-                (first..middle).for_each(|p| vector[p] = root[p] / left);
-                (middle..first + extent).for_each(|p| vector[p] = -root[p] / right);
+                (first..middle).for_each(|p| vector[p] = sqrt_area[p] / left);
+                (middle..first + extent).for_each(|p| vector[p] = -sqrt_area[p] / right);
                 basis.push((vector, extent as f32));
             }
             extent /= 2;
         }
-        let square: f32 = basis.iter().map(|(_, extent)| scene::math::pow(*extent, 2.0 * even)).sum();
-        let scale = scene::math::sqrt(SIDE as f32 / square);
+        let sum: f32 = basis.iter().map(|(_, extent)| scene::math::pow(*extent, 2.0 * even)).sum();
+        let scale = scene::math::sqrt(SIDE as f32 / sum);
         let (mut there, mut back) = (Mat::zeros(SIDE, SIDE), Mat::zeros(SIDE, SIDE));
         for (vector, extent) in &basis {
             let weight = scale * scene::math::pow(*extent, even);
@@ -201,22 +202,22 @@ fn weighted(tile: &Mat<f32>, (left, right): (&Weights, &Weights)) -> Mat<f32> {
     right.right(&left.left(tile))
 }
 
-/// Takes components, and squares and entries from what all channels have in common, out of a tile as long as they are worth
-/// their bytes.
+/// Takes rank-1 terms out of a tile, and sub-blocks and entries out of what all channels have in common, as long as they lower
+/// the rate–distortion cost.
 ///
-/// Each is looked for in what the others leave, in turn. What is taken first decides where that ends: components that stand for
-/// what a square holds, or squares where few components would do. So a tile of many parts is begun from both ends, and what
-/// leaves less error and bytes is kept.
-pub(super) fn reduce(rest: &mut Mat<f32>, weights: (&Weights, &Weights), prices: &Prices, color: u32, part: &mut Part) {
+/// Each is looked for in what the others leave, again and again. What is taken first decides where that ends: rank-1 terms that
+/// stand for what a sub-block holds, or sub-blocks where few rank-1 terms would do. So a tile of many parts is begun from both
+/// ends, and what costs less is kept.
+pub(super) fn reduce(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color: u32, part: &mut Part) {
     if color != ALL_CHANNELS {
-        return take(rest, weights, prices, color, part);
+        return take(rest, weights, costs, color, part);
     }
     let cost = |(rest, part): &(Mat<f32>, Part)| {
-        squared_norm(&weighted(rest, weights)) + f64::from(prices.lambda * prices.of(part))
+        squared_norm(&weighted(rest, weights)) + f64::from(costs.lambda * costs.of(part))
     };
-    let mut least = begin(Start::Components, rest, weights, prices);
-    if least.1.components.len() + least.1.squares.len() > FEW_PARTS {
-        let other = begin(Start::Entries, rest, weights, prices);
+    let mut least = begin(Start::Terms, rest, weights, costs);
+    if least.1.terms.len() + least.1.sub_blocks.len() > FEW_PARTS {
+        let other = begin(Start::Entries, rest, weights, costs);
         if cost(&other) < cost(&least) {
             least = other;
         }
@@ -227,44 +228,44 @@ pub(super) fn reduce(rest: &mut Mat<f32>, weights: (&Weights, &Weights), prices:
 }
 
 /// What is left of a tile, and what is taken.
-fn begin(start: Start, tile: &Mat<f32>, weights: (&Weights, &Weights), prices: &Prices) -> (Mat<f32>, Part) {
+fn begin(start: Start, tile: &Mat<f32>, weights: (&Weights, &Weights), costs: &Costs) -> (Mat<f32>, Part) {
     let smooth = match start {
-        Start::Components => tile.clone(),
-        Start::Entries => tile - stands_out(tile, prices),
+        Start::Terms => tile.clone(),
+        Start::Entries => tile - stands_out(tile, costs),
     };
-    // Squares and entries are what stands out from components with all of their bits.
-    let single = stands_out(&(tile - low_rank(&smooth, weights, prices)), prices);
-    let (mut rest, mut part) = (tile - &single, Part::default());
-    take_components(&mut rest, weights, prices, ALL_CHANNELS, &mut part.components);
-    rest += single;
-    take_squares(&mut rest, prices, &mut part.squares);
-    take_entries(&mut rest, prices, &mut part.entries);
-    take(&mut rest, weights, prices, ALL_CHANNELS, &mut part);
+    // Sub-blocks and entries are what stands out from rank-1 terms with all of their bits.
+    let dense_sparse = stands_out(&(tile - low_rank(&smooth, weights, costs)), costs);
+    let (mut rest, mut part) = (tile - &dense_sparse, Part::default());
+    take_terms(&mut rest, weights, costs, ALL_CHANNELS, &mut part.terms);
+    rest += dense_sparse;
+    take_sub_blocks(&mut rest, costs, &mut part.sub_blocks);
+    take_entries(&mut rest, costs, &mut part.entries);
+    take(&mut rest, weights, costs, ALL_CHANNELS, &mut part);
     (rest, part)
 }
 
-/// The components that are worth their bytes, with all of their bits.
-fn low_rank(tile: &Mat<f32>, weights: (&Weights, &Weights), prices: &Prices) -> Mat<f32> {
-    let Some((u, v)) = components(tile, weights, prices.lambda * prices.short) else { return Mat::zeros(SIDE, SIDE) };
+/// The rank-1 terms that lower the cost, with all of their bits.
+fn low_rank(tile: &Mat<f32>, weights: (&Weights, &Weights), costs: &Costs) -> Mat<f32> {
+    let Some((u, v)) = terms(tile, weights, costs.lambda * costs.short) else { return Mat::zeros(SIDE, SIDE) };
     u * v.transpose()
 }
 
-/// The squares and entries that are worth their bytes, with all of their bits; 0 in between.
-fn stands_out(rest: &Mat<f32>, prices: &Prices) -> Mat<f32> {
+/// The sub-blocks and entries that lower the cost, with all of their bits; 0 in between.
+fn stands_out(rest: &Mat<f32>, costs: &Costs) -> Mat<f32> {
     let (mut left, mut part) = (rest.clone(), Part::default());
-    take_squares(&mut left, prices, &mut part.squares);
-    take_entries(&mut left, prices, &mut part.entries);
+    take_sub_blocks(&mut left, costs, &mut part.sub_blocks);
+    take_entries(&mut left, costs, &mut part.entries);
     rest - left
 }
 
-/// Takes components, squares and entries, and again, because few bits leave something.
-fn take(rest: &mut Mat<f32>, weights: (&Weights, &Weights), prices: &Prices, color: u32, part: &mut Part) {
+/// Takes rank-1 terms, sub-blocks and entries, and again, because few bits leave something.
+fn take(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color: u32, part: &mut Part) {
     for _ in 0..MOST_STAGES {
         let before = part.count();
-        take_components(rest, weights, prices, color, &mut part.components);
+        take_terms(rest, weights, costs, color, &mut part.terms);
         if color == ALL_CHANNELS {
-            take_squares(rest, prices, &mut part.squares);
-            take_entries(rest, prices, &mut part.entries);
+            take_sub_blocks(rest, costs, &mut part.sub_blocks);
+            take_entries(rest, costs, &mut part.entries);
         }
         if before == part.count() {
             return;
@@ -272,20 +273,20 @@ fn take(rest: &mut Mat<f32>, weights: (&Weights, &Weights), prices: &Prices, col
     }
 }
 
-/// Takes squares that are worth more than their greatest entries would be.
-fn take_squares(rest: &mut Mat<f32>, prices: &Prices, out: &mut Vec<Square>) {
+/// Takes sub-blocks that cost less than their greatest entries would.
+fn take_sub_blocks(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<DenseSubBlock>) {
     for at in (0..SIDE / EDGE).flat_map(|i| (0..SIDE / EDGE).map(move |j| (i, j))) {
         let (mut most, mut sparse) = (0.0f32, 0.0);
         for c in 0..EDGE {
             for r in 0..EDGE {
                 let value = rest[(at.0 * EDGE + r, at.1 * EDGE + c)];
                 most = most.max(value.abs());
-                sparse += (value * value).min(prices.lambda * prices.entry);
+                sparse += (value * value).min(costs.lambda * costs.entry);
             }
         }
         let step = most / f32::from(i8::MAX);
         let rounding = step * step / 12.0 * (EDGE * EDGE) as f32;
-        if rounding + prices.lambda * prices.square >= sparse {
+        if rounding + costs.lambda * costs.sub_block >= sparse {
             continue;
         }
         let mut values = [0; EDGE * EDGE];
@@ -297,15 +298,15 @@ fn take_squares(rest: &mut Mat<f32>, prices: &Prices, out: &mut Vec<Square>) {
                 values[r * EDGE + c] = steps as i8;
             }
         }
-        out.push(Square { at, step, values });
+        out.push(DenseSubBlock { at, step, values });
     }
 }
 
-fn take_entries(rest: &mut Mat<f32>, prices: &Prices, out: &mut Vec<(u8, u8, f32)>) {
+fn take_entries(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<(u8, u8, f32)>) {
     for c in 0..SIDE {
         for r in 0..SIDE {
             let value = rest[(r, c)];
-            if value * value > prices.lambda * prices.entry {
+            if value * value > costs.lambda * costs.entry {
                 out.push((r as u8, c as u8, value));
                 rest[(r, c)] = 0.0;
             }
@@ -313,8 +314,8 @@ fn take_entries(rest: &mut Mat<f32>, prices: &Prices, out: &mut Vec<(u8, u8, f32
     }
 }
 
-/// Vectors of the components of a tile that take more than `least` from its weighted squared error, one a column: `u vᵀ`.
-fn components(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(Mat<f32>, Mat<f32>)> {
+/// Vectors of the rank-1 terms of a tile that take more than `least` from its weighted squared error, one a column: `u vᵀ`.
+fn terms(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(Mat<f32>, Mat<f32>)> {
     let weighted = weighted(tile, weights);
     // Squares of singular values add up to those of the entries.
     if squared_norm(&weighted) <= f64::from(least) {
@@ -331,20 +332,14 @@ fn components(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Opt
     Some((u, v))
 }
 
-fn take_components(
-    rest: &mut Mat<f32>,
-    weights: (&Weights, &Weights),
-    prices: &Prices,
-    color: u32,
-    out: &mut Vec<Component>,
-) {
-    let Some((u, v)) = components(rest, weights, prices.lambda * prices.short) else { return };
+fn take_terms(rest: &mut Mat<f32>, weights: (&Weights, &Weights), costs: &Costs, color: u32, out: &mut Vec<Term>) {
+    let Some((u, v)) = terms(rest, weights, costs.lambda * costs.short) else { return };
     for (u, v) in u.col_iter().zip(v.col_iter()) {
         let short = Rounded::new(u, v, MOST_SHORT);
         let long = Rounded::new(u, v, MOST_LONG);
         let (Some(short), Some(long)) = (short, long) else { continue };
         let saved = short.error - long.error;
-        let is_short = saved <= prices.lambda * (prices.long - prices.short);
+        let is_short = saved <= costs.lambda * (costs.long - costs.short);
         let rounded = if is_short { short } else { long };
         let scale = rounded.scale;
         for (c, column) in rounded.columns.iter().enumerate() {
@@ -353,11 +348,11 @@ fn take_components(
             }
         }
         let words = [&rounded.rows, &rounded.columns].map(|vector| pack(vector, is_short));
-        out.push(Component { scale, color, is_short, words });
+        out.push(Term { scale, color, is_short, words });
     }
 }
 
-/// `u vᵀ` in whole numbers.
+/// `u vᵀ`, quantised.
 struct Rounded {
     rows: Vec<f32>,
     columns: Vec<f32>,
@@ -374,13 +369,13 @@ impl Rounded {
         if !(step_u > 0.0 && step_v > 0.0) {
             return None;
         }
-        let whole = |x: faer::ColRef<f32>, step: f32| -> Vec<f32> {
+        let quantised = |x: faer::ColRef<f32>, step: f32| -> Vec<f32> {
             x.iter().map(|x| scene::math::floor(x / step + 0.5)).collect()
         };
-        let (rows, columns) = (whole(u, step_u), whole(v, step_v));
+        let (rows, columns) = (quantised(u, step_u), quantised(v, step_v));
         // |u vᵀ − û v̂ᵀ|², with squares and products of the vectors.
-        let products = |x: faer::ColRef<f32>, whole: &[f32], step: f32| {
-            x.iter().zip(whole).fold([0.0f32; 3], |[a, b, c], (x, w)| {
+        let products = |x: faer::ColRef<f32>, w: &[f32], step: f32| {
+            x.iter().zip(w).fold([0.0f32; 3], |[a, b, c], (x, w)| {
                 let w = w * step;
                 [a + x * x, b + w * w, c + x * w]
             })
@@ -390,18 +385,18 @@ impl Rounded {
     }
 }
 
-/// Groups of words of a vector, as [`crate::kernel::tiles::element`] reads them.
+/// Words of a vector, as [`crate::kernel::tiles::element`] reads them.
 fn pack(vector: &[f32], is_short: bool) -> Vec<u32> {
-    let (lanes, half) = (LANES as usize, TWOS / 2);
+    let (lanes, half) = (LANES as usize, PART_PAIRS / 2);
     let mut words = vec![0; if is_short { lanes } else { 2 * lanes }];
     for (r, x) in vector.iter().enumerate() {
         let (part, lane) = (r as u32 / LANES, r % lanes);
-        let (group, bits, bias) = if is_short {
+        let (row, bits, bias) = if is_short {
             (0, 4 * part, SHORT_BIAS)
         } else {
-            (part % TWOS / half, 8 * (part % half + part / TWOS * half), BIAS)
+            (part % PART_PAIRS / half, 8 * (part % half + part / PART_PAIRS * half), BIAS)
         };
-        words[group as usize * lanes + lane] |= ((*x as i32 + bias) as u32) << bits;
+        words[row as usize * lanes + lane] |= ((*x as i32 + bias) as u32) << bits;
     }
     words
 }

@@ -22,17 +22,17 @@ pub(super) enum Matrix<'a> {
     Dense(&'a Mat<f32>),
     /// In a file, in the same order.
     Stored(&'a StoredOperator),
-    /// Columns by place, rows ascending.
+    /// Columns by permuted index, rows ascending.
     Sparse(Vec<Vec<(u32, f32)>>),
 }
 
 impl Matrix<'_> {
-    /// `Ŝ = a^½ F a^-½` by places.
-    fn sparse(factors: &Factors, order: &[u32], place: &[u32]) -> Result<Self, Error> {
+    /// `Ŝ = a^½ F a^-½` by permuted indices.
+    fn sparse(factors: &Factors, order: &[u32], permuted_index: &[u32]) -> Result<Self, Error> {
         factors.check_reciprocal()?;
-        let root: Vec<f32> = factors.area.iter().map(|&a| scene::math::sqrt(a)).collect();
+        let sqrt_area: Vec<f32> = factors.area.iter().map(|&a| scene::math::sqrt(a)).collect();
         let row = |&i: &u32| {
-            let entry = |(j, f): (usize, f32)| (place[j], f * root[i as usize] / root[j]);
+            let entry = |(j, f): (usize, f32)| (permuted_index[j], f * sqrt_area[i as usize] / sqrt_area[j]);
             let mut row: Vec<(u32, f32)> = factors.row(i as usize).map(entry).collect();
             row.sort_unstable_by_key(|entry| entry.0);
             row
@@ -63,8 +63,8 @@ impl Matrix<'_> {
                 let (first, end) = (i * SIDE, (i + 1) * SIDE);
                 for (c, column) in columns.iter().skip(j * SIDE).take(SIDE).enumerate() {
                     let from = column.partition_point(|entry| (entry.0 as usize) < first);
-                    for &(place, value) in column[from..].iter().take_while(|entry| (entry.0 as usize) < end) {
-                        out[(place as usize - first, c)] += value;
+                    for &(row, value) in column[from..].iter().take_while(|entry| (entry.0 as usize) < end) {
+                        out[(row as usize - first, c)] += value;
                     }
                 }
             }
@@ -79,14 +79,14 @@ pub(super) struct Source<'a> {
     /// Red and blue, when they differ from the common one.
     others: Option<[Matrix<'a>; 2]>,
     order: &'a [u32],
-    /// Red and blue of the first axis of the differences, then of the second: unit vectors at a right angle.
-    pub axes: [[f32; 2]; 2],
+    /// Red and blue of the first chroma axis, then of the second: unit vectors at a right angle.
+    pub chroma_axes: [[f32; 2]; 2],
     /// Of each block.
     pub weights: Vec<Weights>,
 }
 
 impl<'a> Source<'a> {
-    pub fn new(channels: Channels<'a>, area: &[f32], order: &'a [u32], place: &[u32]) -> Result<Self, Error> {
+    pub fn new(channels: Channels<'a>, area: &[f32], order: &'a [u32], permuted_index: &[u32]) -> Result<Self, Error> {
         let (common, others) = match channels {
             Channels::One(matrix) => (dense(matrix, order.len())?, None),
             Channels::Three([red, green, blue]) => {
@@ -99,13 +99,13 @@ impl<'a> Source<'a> {
             }
             Channels::Factors(factors) => {
                 check_length("rows", order.len(), factors.patches())?;
-                (Matrix::sparse(&factors, order, place)?, None)
+                (Matrix::sparse(&factors, order, permuted_index)?, None)
             }
         };
-        let root = |&i: &u32| scene::math::sqrt(area[i as usize]);
-        let weights = |block: &[u32]| Weights::new(&block.iter().map(root).collect::<Vec<_>>());
+        let sqrt_area = |&i: &u32| scene::math::sqrt(area[i as usize]);
+        let weights = |block: &[u32]| Weights::new(&block.iter().map(sqrt_area).collect::<Vec<_>>());
         let weights = order.par_chunks(SIDE).map(weights).collect();
-        Ok(Self { common, others, order, axes: [[1.0, 0.0], [0.0, 1.0]], weights })
+        Ok(Self { common, others, order, chroma_axes: [[1.0, 0.0], [0.0, 1.0]], weights })
     }
 
     /// A tile of green, then its differences along both axes when red and blue are others.
@@ -113,7 +113,7 @@ impl<'a> Source<'a> {
         let common = self.common.tile(self.order, at)?;
         let Some([red, blue]) = self.differences(at, &common)? else { return Ok(vec![common]) };
         let along = |[a, b]: [f32; 2]| zip!(&red, &blue).map(|unzip!(red, blue)| a * red + b * blue);
-        let [first, second] = self.axes.map(along);
+        let [first, second] = self.chroma_axes.map(along);
         Ok(vec![common, first, second])
     }
 
@@ -123,11 +123,11 @@ impl<'a> Source<'a> {
         Ok(Some([red.tile(self.order, at)? - common, blue.tile(self.order, at)? - common]))
     }
 
-    /// Turns the axes so that the first has most of what these tiles' red and blue differ from green.
+    /// Rotates the chroma axes so that the first has most of what these tiles' red and blue differ from green.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn turn_axes(&mut self, tiles: &[(usize, usize)]) -> Result<(), Error> {
+    pub fn rotate_axes(&mut self, tiles: &[(usize, usize)]) -> Result<(), Error> {
         let products = |&at: &(usize, usize)| -> Result<[f64; 3], Error> {
             let Some([red, blue]) = self.differences(at, &self.common.tile(self.order, at)?)? else {
                 return Ok([0.0; 3]);
@@ -137,7 +137,7 @@ impl<'a> Source<'a> {
         let own = tiles.par_iter().map(products).collect::<Result<Vec<_>, Error>>()?;
         let [red, both, blue] = own.iter().fold([0.0; 3], |sum, own| std::array::from_fn(|k| sum[k] + own[k]));
         let (sin, cos) = (0.5 * (2.0 * both).atan2(red - blue)).sin_cos();
-        self.axes = [[cos as f32, sin as f32], [-sin as f32, cos as f32]];
+        self.chroma_axes = [[cos as f32, sin as f32], [-sin as f32, cos as f32]];
         Ok(())
     }
 

@@ -9,7 +9,7 @@ use scene::sampling::hash3;
 use transport::Proceed;
 
 use super::encode::{Encoded, Encoder, Progress, Rows};
-use super::reduce::{Part, Prices, SIDE, reduce, squared_norm};
+use super::reduce::{Costs, Part, SIDE, reduce, squared_norm};
 use super::source::{Source, twice};
 use super::{Channels, TileSide};
 use crate::error::Error;
@@ -32,14 +32,14 @@ pub(super) struct SymmetricTiles<'a> {
 }
 
 impl<'a> SymmetricTiles<'a> {
-    pub fn new(channels: Channels<'a>, patches: TileSide<'a>, place: &[u32]) -> Result<Self, Error> {
-        let mut source = Source::new(channels, patches.area, patches.order, place)?;
+    pub fn new(channels: Channels<'a>, patches: TileSide<'a>, permuted_index: &[u32]) -> Result<Self, Error> {
+        let mut source = Source::new(channels, patches.area, patches.order, permuted_index)?;
         let blocks = patches.order.len().div_ceil(SIDE);
         let all: Vec<(usize, usize)> = (0..blocks).flat_map(|i| (i..blocks).map(move |j| (i, j))).collect();
         let is_some =
             |&(i, j): &(usize, usize)| all.len() < MANY_TILES || hash3(i as u32, j as u32, 0).is_multiple_of(PART);
         let some: Vec<(usize, usize)> = all.iter().copied().filter(is_some).collect();
-        source.turn_axes(&some)?;
+        source.rotate_axes(&some)?;
         let norms = source.norms(&all)?;
         let some_norms = if some.len() < all.len() { source.norms(&some)? } else { norms };
         Ok(Self { source, all, some, norms, some_norms, patches: patches.order.len() })
@@ -60,15 +60,15 @@ impl<'a> SymmetricTiles<'a> {
     }
 
     fn part(&self, at: (usize, usize), lambda: f32) -> Result<Part, Error> {
-        let (mut part, prices) = (Part::default(), Prices { lambda, ..Prices::SYMMETRIC });
+        let (mut part, costs) = (Part::default(), Costs { lambda, ..Costs::SYMMETRIC });
         let weights = (&self.source.weights[at.0], &self.source.weights[at.1]);
         let mut planes = self.source.planes(at)?;
         for (plane, color) in planes.iter_mut().zip([ALL_CHANNELS, 0, 1]) {
-            reduce(plane, weights, &prices, color, &mut part);
+            reduce(plane, weights, &costs, color, &mut part);
         }
         part.error = [squared_norm(&planes[0]); 3];
         if let [common, first, second] = &planes[..] {
-            let [one, other] = self.source.axes;
+            let [one, other] = self.source.chroma_axes;
             for (channel, a, b) in [(0, one[0], other[0]), (2, one[1], other[1])] {
                 let rest = zip!(common, first, second).map(|unzip!(common, x, y)| common + a * x + b * y);
                 part.error[channel] = squared_norm(&rest);

@@ -34,7 +34,7 @@ const WALKS_SEED: u32 = 0x6869_6465;
 type Near = (u32, f32);
 
 /// The element of each cell, or [`NONE`]: the `owner` of the most similar sample that the middle of
-/// the cell sees, samples being `edge` m apart. Cells in one place have one element.
+/// the cell sees, with samples every `edge` m. Cells in one place have one element.
 pub(super) fn cell_elements(
     scene: &Scene,
     grids: &[TriangleGrid],
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn the_most_similar_sample_is_of_like_albedo_where_there_is_one() {
-        // A white wall in the plane z = 0 with samples 1 m apart, and one dark sample on it, between them.
+        // A white wall in the plane z = 0 with samples every metre, and one dark sample on it, between them.
         let sample = |x: f32, y: f32, albedo: f32| Sample {
             position: Vec3::new(x, y, 0.0),
             normal: Vec3::Z,

@@ -170,9 +170,9 @@ impl<'a> ReceiverField<'a> {
             let Some(most) = values.reduce(Vec4::max) else { return };
             let slack = most * SLACK;
             let upwards = step[v].cmpgt(Vec4::ZERO);
-            let room = Vec4::select(upwards, most + slack - mean[v], least - slack - mean[v]);
+            let margin = Vec4::select(upwards, most + slack - mean[v], least - slack - mean[v]);
             let moves = step[v].abs().cmpgt(Vec4::splat(f32::MIN_POSITIVE));
-            share = share.min(Vec4::select(moves, room / step[v], Vec4::ONE).min_element());
+            share = share.min(Vec4::select(moves, margin / step[v], Vec4::ONE).min_element());
         }
         let share = share.max(0.0);
         for (entry, change) in weights.iter_mut().zip(changes) {

@@ -69,22 +69,22 @@ impl<'a> ReceiverSamples<'a> {
     }
 
     /// Samples near the receivers that differ most from the mean of their neighbours, at most
-    /// `room`.
-    pub fn worst_places(&self, sampler: &LitSampler, estimates: &Estimates, room: usize, seed: u32) -> Vec<Sample> {
-        if room == 0 || self.samples.len() <= COMPARED {
+    /// `budget`.
+    pub fn worst_places(&self, sampler: &LitSampler, estimates: &Estimates, budget: usize, seed: u32) -> Vec<Sample> {
+        if budget == 0 || self.samples.len() <= COMPARED {
             return Vec::new();
         }
         let nearest = Nearest::new(&self.samples);
         let receivers = (0..self.samples.len()).into_par_iter();
         let errors: Vec<f32> = receivers.map(|k| self.error(&nearest, estimates, k)).collect();
-        let candidates = sampler.candidates((CANDIDATES * room) as u32, seed).into_par_iter();
+        let candidates = sampler.candidates((CANDIDATES * budget) as u32, seed).into_par_iter();
         let wanted = candidates.filter(|sample| mean_error(&nearest, &errors, sample) > TOLERANCE);
         let found = sampler.lit_samples(wanted.collect(), seed);
         let numbered = found.par_iter().enumerate();
         let mut order: Vec<(f32, usize)> =
             numbered.map(|(k, sample)| (mean_error(&nearest, &errors, sample), k)).collect();
         order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        order.truncate(room);
+        order.truncate(budget);
         let mut chosen: Vec<usize> = order.into_iter().map(|(_, k)| k).collect();
         chosen.sort_unstable();
         chosen.into_iter().map(|k| found[k]).collect()

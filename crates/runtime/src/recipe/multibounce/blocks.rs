@@ -34,7 +34,7 @@ pub struct BlockTables {
     /// Patch at each permuted index of the blocks, with factors of 1.
     order: [Range; 2],
     /// Permuted index of each patch, with the scale of its row.
-    place: [Range; 2],
+    permuted_index: [Range; 2],
     parts: Vec<Part>,
     tables: [Named; 2],
     ordered: BufferId,
@@ -65,15 +65,15 @@ impl Table for BlockRows {
 impl BlockTables {
     /// Puts the operator on the device; a binding shows at most `range` bytes.
     pub fn new(plan: &mut Plan, tables: &mut Tables, matrix: &Arc<BlockMatrix>, range: u64, decoder: Decoder) -> Self {
-        let places = matrix.block_count() * BLOCK as usize;
+        let padded_rows = matrix.block_count() * BLOCK as usize;
         let mut order = matrix.permutation().order().to_vec();
-        order.resize(places, NO_ELEMENT);
+        order.resize(padded_rows, NO_ELEMENT);
         Self {
             matrix: Arc::clone(matrix),
             kernel: kernel(decoder, matrix.settings().codec),
-            order: [tables.owned(plan, "block order", order), tables.owned(plan, "ones", vec![Vec4::ONE; places])],
-            place: [
-                tables.part(plan, "block places", matrix, |m| m.permutation().place()),
+            order: [tables.owned(plan, "block order", order), tables.owned(plan, "ones", vec![Vec4::ONE; padded_rows])],
+            permuted_index: [
+                tables.part(plan, "block indices", matrix, |m| m.permutation().place()),
                 tables.part(plan, "row scales", matrix, |m| m.row_scales()),
             ],
             parts: Parts::new(matrix, range, decoder).add(plan, tables),
@@ -81,8 +81,8 @@ impl BlockTables {
                 tables.named_part(plan, "tile_scales", matrix, |m| m.scales()),
                 tables.named_part(plan, "row_start", matrix, |m| &m.outliers().start),
             ],
-            ordered: plan.storage("ordered", rgb_bytes(places)),
-            sums: plan.storage("rows", rgb_bytes(places)),
+            ordered: plan.storage("ordered", rgb_bytes(padded_rows)),
+            sums: plan.storage("rows", rgb_bytes(padded_rows)),
         }
     }
 
@@ -97,8 +97,8 @@ impl BlockTables {
         exitance: BufferId,
         irradiance: BufferId,
     ) -> Result<(), ExecutorError> {
-        let places = (self.matrix.block_count() * BLOCK as usize) as u32;
-        reorder(plan, pass, self.order[0], self.order[1], exitance, self.ordered, places)?;
+        let padded_rows = (self.matrix.block_count() * BLOCK as usize) as u32;
+        reorder(plan, pass, self.order[0], self.order[1], exitance, self.ordered, padded_rows)?;
         for part in &self.parts {
             let own = [
                 ("blocks", part.words),
@@ -111,7 +111,7 @@ impl BlockTables {
             add_pass(plan, pass, self.kernel, &own, &self.tables, &push, push.block_rows)?;
         }
         let patches = self.matrix.len() as u32;
-        reorder(plan, pass, self.place[0], self.place[1], self.sums, irradiance, patches)?;
+        reorder(plan, pass, self.permuted_index[0], self.permuted_index[1], self.sums, irradiance, patches)?;
         Ok(())
     }
 }

@@ -3,10 +3,12 @@
 use std::sync::Arc;
 
 use glam::Vec4;
-use gpu_kernels::params::{CountParams, EnterParams, ProjectParams};
+use gpu_kernels::params::{CountParams, MultiplyVtParams, PermuteInParams};
 use gpu_kernels::table;
 use multibounce::LowRank;
-use multibounce::kernel::tiles::{FACTOR_WORDS, LIGHT_WORDS, PAIRS, PLACES, QUAD, QUARTERS, RUN_PARTS, SPLITS, TILE};
+use multibounce::kernel::tiles::{
+    FACTOR_WORDS, GROUP_VECTORS, LIGHT_WORDS, PAIRS, PERMUTED_INDICES, RUN_INVOCATIONS, SPLITS, TILE, U32X4S,
+};
 use transport::LinearOperator as _;
 
 use crate::executor::ExecutorError;
@@ -21,14 +23,14 @@ pub struct LowRankTables {
     /// What makes irradiance of the sums: the same tables where rows and columns are the same patches.
     rows: Vec<Named>,
     /// Chroma axes: of the differences of red and blue to green.
-    axes: Vec4,
+    chroma_axes: Vec4,
     counts: Counts,
     ordered: BufferId,
     light: BufferId,
     sums: BufferId,
     factors: BufferId,
     products: BufferId,
-    near: BufferId,
+    dense_sparse: BufferId,
 }
 
 /// Sizes of an operator.
@@ -36,9 +38,9 @@ pub struct LowRankTables {
 struct Counts {
     columns: u32,
     rows: u32,
-    /// Groups of vectors of the columns.
-    quads: u32,
-    /// Runs of groups of the columns, and of the rows.
+    /// Packed groups of vectors of the columns.
+    groups: u32,
+    /// Runs of packed groups of the columns, and of the rows.
     column_runs: u32,
     row_runs: u32,
 }
@@ -59,28 +61,28 @@ impl LowRankTables {
         let counts = Counts {
             columns: column_count as u32,
             rows: row_count as u32,
-            quads: operator.project_tables().quads.len() as u32,
+            groups: operator.vt_tables().groups.len() as u32,
             column_runs: operator.column_runs().len().saturating_sub(1) as u32,
             row_runs: operator.runs.len().saturating_sub(1) as u32,
         };
-        Self::with(plan, columns, rows, operator.axes, counts)
+        Self::with(plan, columns, rows, operator.chroma_axes, counts)
     }
 
-    fn with(plan: &mut Plan, columns: Vec<Named>, rows: Vec<Named>, axes: Vec4, counts: Counts) -> Self {
-        let places = counts.rows.next_multiple_of(TILE) as usize;
+    fn with(plan: &mut Plan, columns: Vec<Named>, rows: Vec<Named>, chroma_axes: Vec4, counts: Counts) -> Self {
+        let padded_rows = counts.rows.next_multiple_of(TILE) as usize;
         let column_tiles = u64::from(counts.columns.div_ceil(TILE));
         Self {
             columns,
             rows,
-            axes,
+            chroma_axes,
             counts,
             // Sparse residuals name any of these.
-            ordered: plan.storage("ordered", rgb_bytes(PLACES)),
+            ordered: plan.storage("ordered", rgb_bytes(PERMUTED_INDICES)),
             light: plan.storage("light", u64::from(LIGHT_WORDS * 4) * column_tiles),
-            sums: plan.storage("sums", rgb_bytes((QUAD * counts.quads) as usize)),
+            sums: plan.storage("sums", rgb_bytes((GROUP_VECTORS * counts.groups) as usize)),
             factors: plan.storage("factors", u64::from(FACTOR_WORDS * 4) * u64::from(counts.row_runs)),
-            products: plan.storage("rows", rgb_bytes(SPLITS as usize * places)),
-            near: plan.storage("near", rgb_bytes(places)),
+            products: plan.storage("rows", rgb_bytes(SPLITS as usize * padded_rows)),
+            dense_sparse: plan.storage("dense_sparse", rgb_bytes(padded_rows)),
         }
     }
 
@@ -103,29 +105,29 @@ impl LowRankTables {
             ("sums", Range::from(self.sums)),
             ("factors", Range::from(self.factors)),
             ("rows", Range::from(self.products)),
-            ("near", Range::from(self.near)),
+            ("dense_sparse", Range::from(self.dense_sparse)),
         ];
         let from = self.counts.columns.next_multiple_of(TILE);
         let to = self.counts.rows.next_multiple_of(TILE);
         let count = |count: u32| CountParams { count };
 
         let columns = &self.columns;
-        let enter = EnterParams { count: from, patches: self.counts.columns };
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_ENTER, &own, columns, &enter, from)?;
-        let lanes = from / TILE * QUARTERS;
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_ROUND, &own, columns, &count(lanes), lanes)?;
-        let parts = RUN_PARTS * self.counts.column_runs;
-        let project = ProjectParams { axes: self.axes, count: parts, reserved: [0; 3] };
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_PROJECT, &own, columns, &project, parts)?;
+        let permute_in = PermuteInParams { count: from, patches: self.counts.columns };
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_PERMUTE_IN, &own, columns, &permute_in, from)?;
+        let lanes = from / TILE * U32X4S;
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_QUANTISE, &own, columns, &count(lanes), lanes)?;
+        let invocations = RUN_INVOCATIONS * self.counts.column_runs;
+        let multiply_vt = MultiplyVtParams { chroma_axes: self.chroma_axes, count: invocations, reserved: [0; 3] };
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_MULTIPLY_VT, &own, columns, &multiply_vt, invocations)?;
 
         let rows = &self.rows;
         let runs = self.counts.row_runs;
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_WEIGH, &own, rows, &count(runs), runs)?;
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_REQUANTISE, &own, rows, &count(runs), runs)?;
         let lanes = SPLITS * to / TILE * PAIRS;
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_EXPAND, &own, rows, &count(lanes), lanes)?;
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_NEAR, &own, rows, &count(to / 8), to / 8)?;
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_MULTIPLY_U, &own, rows, &count(lanes), lanes)?;
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_DENSE_SPARSE, &own, rows, &count(to / 8), to / 8)?;
         let receivers = self.counts.rows;
-        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_LEAVE, &own, rows, &count(receivers), receivers)?;
+        add_pass(plan, pass, &table::MULTIBOUNCE_TILES_PERMUTE_OUT, &own, rows, &count(receivers), receivers)?;
         Ok(())
     }
 }
@@ -133,28 +135,28 @@ impl LowRankTables {
 /// Tables that make irradiance of the sums.
 fn row_tables(plan: &mut Plan, tables: &mut Tables, operator: &Arc<LowRank>) -> Vec<Named> {
     vec![
-        tables.named_part(plan, "place", operator, |t| &t.place),
-        tables.named_part(plan, "root", operator, |t| &t.root),
-        tables.named_part(plan, "partner", operator, |t| &t.partner),
-        tables.named_part(plan, "run_start", operator, |t| t.expand_tables().run_start),
-        tables.named_part(plan, "runs", operator, |t| t.expand_tables().runs),
-        tables.named_part(plan, "quads", operator, |t| t.expand_tables().quads),
-        tables.named_part(plan, "words", operator, |t| t.expand_tables().words),
-        tables.named_part(plan, "square_start", operator, |t| t.near_tables().square_start),
-        tables.named_part(plan, "squares", operator, |t| t.near_tables().squares),
-        tables.named_part(plan, "square_words", operator, |t| t.near_tables().square_words),
-        tables.named_part(plan, "row_start", operator, |t| t.near_tables().row_start),
-        tables.named_part(plan, "entries", operator, |t| t.near_tables().entries),
-        tables.named_part(plan, "steps", operator, |t| t.near_tables().steps),
+        tables.named_part(plan, "permuted_index", operator, |t| &t.permuted_index),
+        tables.named_part(plan, "sqrt_area", operator, |t| &t.row_sqrt_area),
+        tables.named_part(plan, "paired", operator, |t| &t.paired),
+        tables.named_part(plan, "run_start", operator, |t| t.u_tables().run_start),
+        tables.named_part(plan, "runs", operator, |t| t.u_tables().runs),
+        tables.named_part(plan, "groups", operator, |t| t.u_tables().groups),
+        tables.named_part(plan, "words", operator, |t| t.u_tables().words),
+        tables.named_part(plan, "sub_block_start", operator, |t| t.dense_sparse_tables().sub_block_start),
+        tables.named_part(plan, "sub_blocks", operator, |t| t.dense_sparse_tables().sub_blocks),
+        tables.named_part(plan, "sub_block_words", operator, |t| t.dense_sparse_tables().sub_block_words),
+        tables.named_part(plan, "row_start", operator, |t| t.dense_sparse_tables().row_start),
+        tables.named_part(plan, "entries", operator, |t| t.dense_sparse_tables().entries),
+        tables.named_part(plan, "steps", operator, |t| t.dense_sparse_tables().steps),
     ]
 }
 
 /// Tables that make sums of the exitance, of columns that are not the rows.
 fn column_tables(plan: &mut Plan, tables: &mut Tables, operator: &Arc<LowRank>) -> Vec<Named> {
     vec![
-        tables.named_part(plan, "root", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.root)),
+        tables.named_part(plan, "sqrt_area", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.sqrt_area)),
         tables.named_part(plan, "runs", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.runs)),
-        tables.named_part(plan, "quads", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.quads)),
+        tables.named_part(plan, "groups", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.groups)),
         tables.named_part(plan, "words", operator, |t| t.columns.as_ref().map_or(&[], |c| &c.words)),
     ]
 }
