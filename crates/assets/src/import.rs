@@ -76,7 +76,7 @@ pub struct LoadedScene {
     pub objects: Vec<String>,
     /// Names of materials, by [`scene::Triangle::material`].
     pub materials: Vec<String>,
-    /// Names of textures, in the order of [`Scene::textures`].
+    /// Names of textures, in the order of [`scene::Geometry::textures`].
     pub textures: Vec<String>,
     /// What was repaired or replaced; each line names the file or material.
     pub warnings: Vec<String>,

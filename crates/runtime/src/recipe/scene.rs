@@ -21,7 +21,8 @@ pub struct SceneTables {
 }
 
 impl SceneTables {
-    /// Puts the geometry on the device, with a capacity of `light_capacity` lights; [`Self::set_lighting`] fills the rest.
+    /// Puts the geometry on the device, with a capacity of `light_capacity` lights; [`Self::set_lights`] and
+    /// [`Self::set_sky_and_emission`] fill the rest.
     pub fn new(plan: &mut Plan, tables: &mut Tables, scene: &Scene, light_capacity: usize) -> Self {
         let geometry = &scene.geometry;
         let mut named = vec![
