@@ -8,7 +8,7 @@ use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
 use patchlight::operator::Codec;
-use patchlight::{Bake, Estimator, MethodSettings, Pictures, Renderer};
+use patchlight::{Bake, Estimator, MethodSettings, Pictures, ReceiverUpdate, Renderer};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::Lighting;
@@ -162,4 +162,59 @@ fn a_method_may_be_changed_between_frames() {
     }
     renderer.set_method(MethodSettings::Classic, &patchlight::Silent).unwrap();
     assert_eq!(picture(&mut renderer, &loaded, &loaded.scene.lighting), classic);
+}
+
+/// Pictures while the light and the camera move, and while they rest.
+fn flight(setup: &Setup, loaded: &LoadedScene, bake: &Arc<Bake>, executor: Box<dyn Executor>) -> Vec<Pictures> {
+    let mut renderer = setup.load(loaded, bake, executor).unwrap();
+    // The light and the camera of each frame: both move, one rests, both rest, one comes back.
+    [(0, 0), (1, 1), (1, 2), (2, 2), (2, 2), (0, 2), (0, 0)]
+        .iter()
+        .enumerate()
+        .map(|(number, &(light, place))| {
+            let mut lighting = loaded.scene.lighting.clone();
+            lighting.lights.iter_mut().for_each(|lamp| lamp.color *= 1.0 + light as f32);
+            let mut camera = loaded.view.camera(SIZE.0, SIZE.1);
+            camera.eye += Vec3::new(0.05, 0.02, 0.0) * place as f32;
+            renderer.picture(&lighting, &camera, number as u32).unwrap().pictures
+        })
+        .collect()
+}
+
+#[test]
+fn what_is_in_view_has_the_light_that_all_have() {
+    for scene in ["cornell", "atrium:3000"] {
+        let loaded = procedural::build(scene).unwrap();
+        let all = setup(MethodSettings::Classic);
+        let in_view = Setup { receivers_updated: ReceiverUpdate::InView, ..all };
+        let bake = all.bake(&loaded).unwrap();
+        let expected = flight(&all, &loaded, &bake, Box::new(Cpu::new()));
+        assert_eq!(flight(&in_view, &loaded, &bake, Box::new(Cpu::new())), expected, "{scene}");
+        if let Some(vulkan) = vulkan() {
+            assert_eq!(flight(&in_view, &loaded, &bake, Box::new(vulkan)), expected, "{scene}, on the device");
+        }
+        // The receivers out of view have their light as soon as somebody asks for it.
+        let mut renderers = [all, in_view].map(|s| s.load(&loaded, &bake, Box::new(Cpu::new())).unwrap());
+        let [all, in_view] = renderers.each_mut().map(|renderer| {
+            picture(renderer, &loaded, &loaded.scene.lighting);
+            renderer.surface_irradiance().unwrap()
+        });
+        assert_eq!(all, in_view);
+    }
+}
+
+#[test]
+fn an_update_computes_less_when_only_a_part_is_in_view() {
+    let loaded = procedural::build("atrium:3000").unwrap();
+    let in_view = Setup { receivers_updated: ReceiverUpdate::InView, ..setup(MethodSettings::Classic) };
+    let mut renderer = in_view.renderer(&loaded, Box::new(Cpu::new())).unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    renderer.update_light(&loaded.scene.lighting, &camera).unwrap();
+    let seen = |renderer: &mut Renderer| {
+        let interpolated = renderer.irradiance().interpolated;
+        renderer.download(interpolated).unwrap().iter().filter(|h| h.truncate() != Vec3::ZERO).count()
+    };
+    let part = seen(&mut renderer);
+    let all = renderer.surface_irradiance().unwrap().iter().filter(|h| **h != Vec3::ZERO).count();
+    assert!(part > 0 && 2 * part < all, "{part} of {all}");
 }

@@ -12,7 +12,8 @@ use ::multibounce::BlockCodec;
 use bytemuck::{Pod, Zeroable};
 use formfactor::kernel::grid::{cell_count, vertex_count};
 use formfactor::kernel::hits::WORD_COUNTS;
-use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
+use formfactor::kernel::view::needed;
+use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid, ViewParams};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
@@ -186,6 +187,25 @@ impl Random {
     fn colors(&mut self, n: usize) -> Vec<Vec4> {
         (0..n).map(|_| self.color()).collect()
     }
+    /// Marks of rows: some of view [`VIEW`], some of these with marked columns, some of others.
+    fn marks(&mut self, n: usize) -> Vec<u32> {
+        (0..n).map(|_| needed(VIEW - 1) + self.below(5)).collect()
+    }
+    /// Rows of which some are needed, and some of these not computed for light [`LIGHT`].
+    fn view_rows(&mut self, n: usize) -> [(&'static str, Data); 3] {
+        let computed: Vec<u32> = (0..n).map(|_| LIGHT - self.below(2)).collect();
+        let marks = self.marks(n);
+        [buffer("marks", &marks), buffer("computed", &computed), buffer("irradiance", &self.colors(n))]
+    }
+}
+
+/// Number of the view in the inputs.
+const VIEW: u32 = 7;
+/// Number of the light.
+const LIGHT: u32 = 9;
+
+fn view(count: u32, first_quad: u32) -> ViewParams {
+    ViewParams { count, first_quad, view: VIEW, light: LIGHT }
 }
 
 /// A heap of triangles over a floor with textures, holes and emission, all kinds of lights and a sky map.
@@ -415,7 +435,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             };
             call(150, p, vec![buffer("points", &points), room::<Vec4>("irradiance", 150)])
         }
-        "scene_primary" | "scene_shade" | "formfactor_interpolate" => {
+        "scene_primary" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
             let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 21);
             let n = 33 * 21;
@@ -451,11 +471,12 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("indirect", &r.colors(n)),
                 buffer("sum", &r.colors(n)),
                 room::<Vec4>("irradiance", n),
+                buffer("marks", &r.marks(values as usize)),
             ];
-            if name == "scene_shade" {
-                call(p.count, p, tables)
-            } else {
-                call(p.count, CountParams { count: p.count }, tables)
+            match name {
+                "scene_shade" => call(p.count, p, tables),
+                "formfactor_mark_pixels" => call(p.count, view(p.count, 0), tables),
+                _ => call(p.count, CountParams { count: p.count }, tables),
             }
         }
         "scene_tone_map" => {
@@ -509,7 +530,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             tables.push(room::<Vec4>("exitance", 200));
             call(200, CountParams { count: 200 }, tables)
         }
-        "formfactor_gather_csr" => {
+        "formfactor_gather_csr" | "formfactor_gather_csr_view" | "formfactor_mark_columns" => {
             let mut row_start = vec![0u32];
             for k in 0..150 {
                 row_start.push(row_start[k] + r.below(12));
@@ -517,16 +538,21 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let entries = row_start[150] as usize;
             let columns: Vec<u32> = (0..entries).map(|_| r.below(90)).collect();
             let values: Vec<f32> = (0..entries).map(|_| r.unit()).collect();
-            let tables = vec![
-                buffer("row_start", &row_start),
-                buffer("columns", &columns),
-                buffer("values", &values),
-                buffer("exitance", &r.colors(90)),
-                room::<Vec4>("irradiance", 150),
-            ];
-            call(150, CountParams { count: 150 }, tables)
+            let rows = vec![buffer("row_start", &row_start), buffer("columns", &columns)];
+            let with = |tables: Vec<(&'static str, Data)>| rows.into_iter().chain(tables).collect();
+            if name == "formfactor_mark_columns" {
+                let marks = vec![buffer("row_marks", &r.marks(150)), buffer("marks", &r.marks(90))];
+                return call(150, view(150, 0), with(marks));
+            }
+            let mut tables = vec![buffer("values", &values), buffer("exitance", &r.colors(90))];
+            if name == "formfactor_gather_csr_view" {
+                tables.extend(r.view_rows(150));
+                return call(150, view(150, 0), with(tables));
+            }
+            tables.push(room::<Vec4>("irradiance", 150));
+            call(150, CountParams { count: 150 }, with(tables))
         }
-        "formfactor_gather_hits" => {
+        "formfactor_gather_hits" | "formfactor_gather_hits_view" => {
             // Half of the hits lie in a few columns: counts from one to more than four different columns can have.
             let (rows, rays, columns) = (150, 300, 90);
             let hits: Vec<u32> =
@@ -538,14 +564,18 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let skipped = 17;
             let first_quad = rows_of_hits.row_start()[skipped] / WORD_COUNTS * WORD_COUNTS;
             let (rows, first) = (rows - skipped as u32, first_quad as usize);
-            let tables = vec![
+            let mut tables = vec![
                 buffer("row_start", &rows_of_hits.row_start()[skipped..]),
                 buffer("quads", &rows_of_hits.quads()[first..]),
                 buffer("counts", &rows_of_hits.count_words()[first / WORD_COUNTS as usize..]),
                 buffer("scales", &rows_of_hits.scales()[skipped..]),
                 buffer("exitance", &r.colors(columns as usize)),
-                room::<Vec4>("irradiance", rows as usize),
             ];
+            if name == "formfactor_gather_hits_view" {
+                tables.extend(r.view_rows(rows as usize));
+                return call(rows, view(rows, first_quad), tables);
+            }
+            tables.push(room::<Vec4>("irradiance", rows as usize));
             call(rows, HitsParams { rows, first_quad }, tables)
         }
         "formfactor_gather" | "formfactor_gather_half" => {

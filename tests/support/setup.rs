@@ -6,7 +6,8 @@ use assets::LoadedScene;
 use patches::PatchKind;
 use patchlight::operator::Decode;
 use patchlight::{
-    Bake, BakeSettings, Estimator, MethodSettings, ReceiverKind, RenderSettings, Renderer, Result, Silent,
+    Bake, BakeSettings, Estimator, MethodSettings, ReceiverKind, ReceiverUpdate, RenderSettings, Renderer, Result,
+    Silent,
 };
 use runtime::executor::Executor;
 
@@ -37,6 +38,8 @@ pub struct Setup {
     pub decode: Decode,
     /// Sub-frames a picture.
     pub sub_frames: u32,
+    /// Which receivers an update computes.
+    pub receivers_updated: ReceiverUpdate,
     /// Picture size, pixels.
     pub size: (u32, u32),
 }
@@ -58,6 +61,7 @@ impl Default for Setup {
             method: render.method,
             decode: render.decode,
             sub_frames: render.sub_frames,
+            receivers_updated: render.receivers,
             size: render.size,
         }
     }
@@ -99,6 +103,7 @@ impl Setup {
             eye: loaded.view.eye,
             size: self.size,
             sub_frames: self.sub_frames,
+            receivers: self.receivers_updated,
             ..RenderSettings::default()
         };
         Renderer::new(Arc::clone(bake), executor, &settings, &Silent)

@@ -3,4 +3,4 @@
 pub mod hemisphere;
 pub mod product;
 
-pub use transport::kernel::{grid, hits};
+pub use transport::kernel::{grid, hits, view};

@@ -23,4 +23,4 @@ pub struct HemisphereParams {
 }
 const _: () = assert!(size_of::<HemisphereParams>() == 32);
 
-pub use transport::{GatherParams, HitsParams, Patch, ReceiverCell, TriangleGrid};
+pub use transport::{GatherParams, HitsParams, Patch, ReceiverCell, TriangleGrid, ViewParams};

@@ -1,10 +1,10 @@
 //! Kernels of the form factors and of the products with them.
 
 use ::formfactor::kernel::product::{LANES, ROWS_TOGETHER};
-use ::formfactor::kernel::{hemisphere, hits, product};
-use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid};
+use ::formfactor::kernel::{hemisphere, hits, product, view};
+use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid, ViewParams};
 use ::scene::kernel::bvh;
-use ::scene::{Hit, Rgb, SurfacePoint, Triangle};
+use ::scene::{Hit, NONE, Rgb, SurfacePoint, Triangle};
 use glam::{UVec2, Vec4};
 use spirv_std::arch::workgroup_memory_barrier_with_group_sync;
 
@@ -128,6 +128,83 @@ kernels! {
         let point = points[k as usize];
         product::interpolate_pixel(grids, receiver_cells, vertices, triangles, values, hit, point)
     }
+
+    /// Marks the interpolation points that the pixels of a view take light from:
+    /// [`view::pixel_vertices`]. One invocation per pixel.
+    FORMFACTOR_MARK_PIXELS = "formfactor_mark_pixels"(p: ViewParams) for k in 0..count {
+        hits: read [Hit; count],
+        points: read [SurfacePoint; count],
+        triangles: read [Triangle; 1],
+        grids: read [TriangleGrid; triangles.len()],
+        receiver_cells: read [ReceiverCell],
+        vertices: read [u32],
+        marks: update [u32],
+    } invocation {
+        let hit = hits[k as usize];
+        let point = points[k as usize];
+        let (ids, _) =
+            view::pixel_vertices(grids, receiver_cells, vertices, triangles, hit, point);
+        if ids.x != NONE {
+            view::mark(marks, ids.x, p.view);
+            view::mark(marks, ids.y, p.view);
+            view::mark(marks, ids.z, p.view);
+        }
+    } host crate::host::view::mark_pixels;
+
+    /// Marks the columns of the rows that a view needs, once for each view: [`view::mark`]. One
+    /// invocation per row.
+    FORMFACTOR_MARK_COLUMNS = "formfactor_mark_columns"(p: ViewParams) for k in 0..count {
+        row_start: read [u32],
+        columns: read [u32],
+        row_marks: update [u32],
+        marks: update [u32],
+    } invocation {
+        if row_marks[k as usize] == view::needed(p.view) {
+            row_marks[k as usize] = view::needed(p.view) + 1;
+            for entry in row_start[k as usize]..row_start[k as usize + 1] {
+                view::mark(marks, columns[entry as usize], p.view);
+            }
+        }
+    } host crate::host::view::mark_columns;
+
+    /// [`FORMFACTOR_GATHER_CSR`] of the rows that a view needs and that are not computed for the
+    /// light yet. One invocation per row.
+    FORMFACTOR_GATHER_CSR_VIEW = "formfactor_gather_csr_view"(p: ViewParams) for k in 0..count {
+        row_start: read [u32],
+        columns: read [u32],
+        values: read [f32],
+        exitance: read [Rgb],
+        marks: read [u32; count],
+        computed: update [u32] as light,
+        irradiance: update [Rgb] as before,
+    } each {
+        if view::is_needed(marks[k as usize], p.view) && light != p.light {
+            (p.light, product::gather_row_sparse(k, row_start, columns, values, exitance))
+        } else {
+            (light, before)
+        }
+    } host crate::host::view::gather_csr;
+
+    /// [`FORMFACTOR_GATHER_HITS`] of the rows that a view needs and that are not computed for the
+    /// light yet. One invocation per row.
+    FORMFACTOR_GATHER_HITS_VIEW = "formfactor_gather_hits_view"(p: ViewParams) for k in 0..count {
+        row_start: read [u32],
+        quads: read [UVec2],
+        counts: read [u32],
+        scales: read [f32],
+        exitance: read [Rgb],
+        marks: read [u32; count],
+        computed: update [u32] as light,
+        irradiance: update [Rgb] as before,
+    } each {
+        if view::is_needed(marks[k as usize], p.view) && light != p.light {
+            let first = p.first_quad;
+            let row = hits::gather_row_hits(k, first, row_start, quads, counts, scales, exitance);
+            (p.light, row)
+        } else {
+            (light, before)
+        }
+    } host crate::host::view::gather_hits;
 }
 
 /// Leaves the sum over all lanes of row r in `shared[r * LANES]`: [`product::combine`] in a tree.

@@ -9,6 +9,7 @@ pub(crate) mod multibounce;
 pub(crate) mod patches;
 pub(crate) mod temporal;
 pub(crate) mod tiles;
+pub(crate) mod view;
 
 use std::any::Any;
 use std::vec::Vec;

@@ -15,7 +15,7 @@
 //! ```
 //! use std::sync::Arc;
 //!
-//! use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
+//! use patchlight::{Bake, BakeSettings, ReceiverUpdate, RenderSettings, Renderer, Silent};
 //! use runtime::cpu::Cpu;
 //!
 //! let loaded = assets::load_or_build("cornell")?;
@@ -55,5 +55,5 @@ pub use method::{Method, MethodReport, MethodSettings};
 pub use observe::run_phase;
 pub use picture::{Picture, Pictures};
 pub use pixels::PixelGather;
-pub use renderer::{FrameResult, LightUpdate, ReceiverBuffers, RenderSettings, Renderer};
+pub use renderer::{FrameResult, LightUpdate, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer};
 pub use transport::{Observer, Phase, Silent};

@@ -60,6 +60,12 @@ pub trait Method: Send {
         false
     }
 
+    /// Whether H follows from E alone: nothing of it from the frames before, nothing from the camera. Then a light update under
+    /// the lighting of the one before has nothing to do.
+    fn depends_on_source_alone(&self) -> bool {
+        false
+    }
+
     /// Called once after the plan is loaded and its buffers are zeros.
     ///
     /// # Errors

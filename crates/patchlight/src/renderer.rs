@@ -22,12 +22,23 @@ use crate::method::{Method, MethodReport, MethodSettings, Preparation, firstshot
 use crate::operator::{Build, Decode};
 use crate::picture::{Picture, Pictures};
 use crate::pixels::PixelGather;
-use crate::stage::{direct, gather, shade, source};
+use crate::stage::{direct, gather, shade, source, view};
 
 /// Rays of a row of [`Renderer::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
 /// Capacity for lights, at least.
 const LEAST_LIGHTS: usize = 16;
+
+/// Which receivers a light update computes. What is computed is the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ReceiverUpdate {
+    /// All: one update serves any number of views.
+    #[default]
+    All,
+    /// Those behind what the camera shows, in each sub-frame anew: the least work for a picture of few sub-frames. Receivers
+    /// on the mesh only; with others, and with a method that finds the irradiance of receivers itself, all.
+    InView,
+}
 
 /// Settings of [`Renderer::new`].
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +55,8 @@ pub struct RenderSettings {
     pub size: (u32, u32),
     /// Sub-frames a picture: positions in each pixel, and shadow rays of area lights.
     pub sub_frames: u32,
+    /// Which receivers a light update computes.
+    pub receivers: ReceiverUpdate,
 }
 
 impl Default for RenderSettings {
@@ -56,6 +69,7 @@ impl Default for RenderSettings {
             eye: Vec3::ZERO,
             size: (960, 540),
             sub_frames: 16,
+            receivers: ReceiverUpdate::All,
         }
     }
 }
@@ -88,7 +102,7 @@ pub struct ReceiverBuffers {
     /// Exitance of the elements.
     pub element_exitance: BufferId,
     /// Irradiance of the interpolation points of the mesh ([`patches::MeshReceivers::interpolation`]): what pixels take
-    /// theirs from.
+    /// theirs from. With [`ReceiverUpdate::InView`], those in view.
     pub interpolated: BufferId,
     /// First exitance of the patches.
     pub source: BufferId,
@@ -112,10 +126,16 @@ struct Frame {
     source: source::Source,
     shade: shade::Shade,
     buffers: ReceiverBuffers,
-    /// Passes up to the first exitance, those of the method, and those from its irradiance to the interpolation points.
+    /// Passes up to the first exitance, those of the method, and those from its irradiance to the elements.
     before: Vec<PassId>,
     method: Vec<PassId>,
-    after: Vec<PassId>,
+    elements: Vec<PassId>,
+    /// From the elements to all receivers and interpolation points.
+    receivers: Vec<PassId>,
+    /// The same of what is in view, where that is all that an update computes.
+    view: Option<view::View>,
+    /// Whether the light of the scene's lighting is on the device.
+    is_lit: bool,
 }
 
 impl Renderer {
@@ -166,20 +186,58 @@ impl Renderer {
 
     /// Finds the light of a frame: direct light → first exitance → the method → interpolation points. Lights may be added,
     /// removed and changed, and so may the sky and the emission of materials. Submits the work and waits for nothing, but where
-    /// more lights or another sky map need larger buffers, and with photons, which are traced first.
+    /// more lights or another sky map need larger buffers, and with photons, which are traced first. Under the lighting of the
+    /// update before, only what may still change is found.
     ///
     /// # Errors
     /// Lighting that does not suit the scene; what the device says.
     pub fn update_light(&mut self, lighting: &Lighting, camera: &Camera) -> Result<LightUpdate, Error> {
-        self.set_lighting(lighting)?;
+        let update = self.update_elements(lighting, camera)?;
+        if self.frame.view.is_some() {
+            self.set_shot(camera, update.number)?;
+            let view = self.frame.view.as_ref().map(view::View::passes).unwrap_or_default();
+            let passes: Vec<PassId> = self.frame.shade.first_primary().iter().copied().chain(view).collect();
+            self.executor.submit_passes(&passes)?;
+        }
+        Ok(update)
+    }
+
+    /// A light update up to the elements, and to all receivers if these are updated.
+    fn update_elements(&mut self, lighting: &Lighting, camera: &Camera) -> Result<LightUpdate, Error> {
+        let is_other = self.set_lighting(lighting)? || !self.frame.is_lit;
         let input = FrameInput { lighting: &self.scene.lighting, camera, number: self.number };
         let executor = self.executor.as_mut();
-        self.method.before_frame(&input, executor)?;
-        let mut times = submit_light(&self.frame, self.method.as_mut(), executor)?;
+        let frame = &mut self.frame;
+        let mut times = Vec::new();
+        let is_lit_anew = is_other || !self.method.depends_on_source_alone();
+        if is_lit_anew {
+            self.method.before_frame(&input, executor)?;
+            if is_other {
+                executor.submit_passes(&frame.before)?;
+            }
+            times = submit_light(frame, self.method.as_mut(), executor)?;
+            frame.is_lit = true;
+        }
+        if let Some(view) = &mut frame.view {
+            view.set(executor, camera, is_lit_anew)?;
+        }
         times.extend(executor.finished_times()?);
         let number = self.number;
         self.number = self.number.wrapping_add(1);
         Ok(LightUpdate { number, times })
+    }
+
+    /// Makes the passes of the pixels ready for a camera, with the random numbers of frame `number`.
+    fn set_shot(&mut self, camera: &Camera, number: u32) -> Result<(), Error> {
+        let seeds = shade::sub_frame_seeds(number, self.frame.shade.sub_frames(), self.bake.settings.seed);
+        let shot = shade::Shot {
+            camera,
+            light_count: self.scene.lighting.lights.len() as u32,
+            emitter_count: self.scene.emitters.len() as u32,
+            has_sky: self.scene.has_sky(),
+            seeds: &seeds,
+        };
+        Ok(self.frame.shade.set(self.executor.as_mut(), &shot)?)
     }
 
     /// Device buffers of the light.
@@ -228,17 +286,9 @@ impl Renderer {
     /// As [`Self::update_light`].
     pub fn picture(&mut self, lighting: &Lighting, camera: &Camera, number: u32) -> Result<FrameResult, Error> {
         self.executor.wait()?;
-        let update = self.update_light(lighting, camera)?;
-        let seeds = shade::sub_frame_seeds(number, self.frame.shade.sub_frames(), self.bake.settings.seed);
-        let shot = shade::Shot {
-            camera,
-            light_count: self.scene.lighting.lights.len() as u32,
-            emitter_count: self.scene.emitters.len() as u32,
-            has_sky: self.scene.has_sky(),
-            seeds: &seeds,
-        };
+        let update = self.update_elements(lighting, camera)?;
+        self.set_shot(camera, number)?;
         let executor = self.executor.as_mut();
-        self.frame.shade.set(executor, &shot)?;
         executor.submit_passes(self.frame.shade.passes())?;
         let mut times = update.times;
         times.extend(executor.wait()?);
@@ -281,7 +331,12 @@ impl Renderer {
     pub fn surface_irradiance(&mut self) -> Result<Vec<Vec3>, Error> {
         let buffer = match self.bake.settings.receivers {
             ReceiverKind::Patches => self.frame.buffers.patches,
-            ReceiverKind::Mesh => self.frame.buffers.interpolated,
+            ReceiverKind::Mesh => {
+                if self.frame.view.is_some() {
+                    self.executor.submit_passes(&self.frame.receivers)?;
+                }
+                self.frame.buffers.interpolated
+            }
             ReceiverKind::Pixels => self.frame.buffers.elements,
         };
         Ok(self.download(buffer)?.iter().map(|h| h.truncate()).collect())
@@ -394,19 +449,23 @@ impl Renderer {
         bytes
     }
 
-    /// Takes over what shines, and puts on the device what has changed of it.
-    fn set_lighting(&mut self, lighting: &Lighting) -> Result<(), Error> {
+    /// Takes over what shines, and puts on the device what has changed of it; says whether anything has.
+    fn set_lighting(&mut self, lighting: &Lighting) -> Result<bool, Error> {
+        if self.frame.is_lit && self.scene.lighting == *lighting {
+            return Ok(false);
+        }
         let sky_changes = self.scene.lighting.sky != lighting.sky
             || self.scene.lighting.sky_map != lighting.sky_map
             || self.scene.lighting.emission != lighting.emission;
         self.scene.set_lighting(lighting.clone())?;
         if !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
-            return self.load().and_then(|()| self.upload_lights());
+            self.load()?;
+            return self.upload_lights().map(|()| true);
         }
         if sky_changes {
             self.frame.upload_sky(&self.bake, &self.scene, self.executor.as_mut())?;
         }
-        self.upload_lights()
+        self.upload_lights().map(|()| true)
     }
 
     fn upload_lights(&mut self) -> Result<(), Error> {
@@ -433,21 +492,21 @@ fn prepare(
     settings.method.prepare(&with, executor)
 }
 
-/// Submits the passes of a light update; times of the host's part.
+/// Submits the passes of a light update from the first exitance on; times of the host's part.
 fn submit_light(
     frame: &Frame,
     method: &mut dyn Method,
     executor: &mut (dyn Executor + 'static),
 ) -> Result<Vec<PassTime>, Error> {
-    executor.submit_passes(&frame.before)?;
-    let submitted = method.submit(executor);
-    let Some(times) = submitted else {
-        let rest: Vec<PassId> = frame.method.iter().chain(&frame.after).copied().collect();
+    let receivers: &[PassId] = if frame.view.is_some() { &[] } else { &frame.receivers };
+    let after = frame.elements.iter().chain(receivers).copied();
+    let Some(times) = method.submit(executor) else {
+        let rest: Vec<PassId> = frame.method.iter().copied().chain(after).collect();
         executor.submit_passes(&rest)?;
         return Ok(Vec::new());
     };
     let times = times?;
-    executor.submit_passes(&frame.after)?;
+    executor.submit_passes(&after.collect::<Vec<_>>())?;
     Ok(times)
 }
 
@@ -469,9 +528,18 @@ impl Frame {
         let before = frame.plan.all_passes();
         method.add_passes(&mut frame)?;
         let own = frame.plan.all_passes().split_off(before.len());
-        gather::add(&mut frame, method)?;
-        let after = frame.plan.all_passes().split_off(before.len() + own.len());
-        let shade = shade::add(&mut frame, &tables, settings.size, settings.sub_frames)?;
+        gather::add_elements(&mut frame, method)?;
+        let elements = frame.plan.all_passes().split_off(before.len() + own.len());
+        let receiver_tables = gather::add_receivers(&mut frame, method)?;
+        let receivers = frame.plan.all_passes().split_off(before.len() + own.len() + elements.len());
+        let indirect = shade::Indirect::of_bake(&mut frame);
+        let mut shade = shade::add(&mut frame, &tables, &indirect, settings.size, settings.sub_frames)?;
+        let mut view = None;
+        if let Some(receiver_tables) = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView) {
+            let passes = view::add(&mut frame, &tables, &receiver_tables, &indirect, &shade)?;
+            shade.add_after_primary(&passes.passes());
+            view = Some(passes);
+        }
         let buffers = ReceiverBuffers {
             patches: frame.irradiance(),
             elements: frame.elements.irradiance.buffer,
@@ -487,7 +555,22 @@ impl Frame {
             executor.clear(buffer)?;
         }
         shade.clear(executor)?;
-        let loaded = Self { tables, direct, source, shade, buffers, before, method: own, after };
+        if let Some(view) = &view {
+            view.clear(executor)?;
+        }
+        let loaded = Self {
+            tables,
+            direct,
+            source,
+            shade,
+            buffers,
+            before,
+            method: own,
+            elements,
+            receivers,
+            view,
+            is_lit: false,
+        };
         loaded.upload_sky(bake, scene, executor)?;
         method.start(executor)?;
         Ok(loaded)

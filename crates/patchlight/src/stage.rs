@@ -7,3 +7,4 @@ pub mod direct;
 pub mod gather;
 pub mod shade;
 pub mod source;
+pub mod view;

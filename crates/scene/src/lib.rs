@@ -42,8 +42,8 @@ pub mod types;
 pub mod host;
 
 pub use error::Error;
-pub use kernel::{GeometryTables, Hierarchy};
 pub use kernel::light::Lights;
+pub use kernel::{GeometryTables, Hierarchy};
 pub use types::*;
 
 #[cfg(feature = "std")]

@@ -3,3 +3,4 @@
 pub mod grid;
 pub mod hits;
 pub mod product;
+pub mod view;

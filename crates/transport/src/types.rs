@@ -71,3 +71,18 @@ pub struct HitsParams {
     pub first_quad: u32,
 }
 const _: () = assert!(size_of::<HitsParams>() == 8);
+
+/// Settings of the kernels that compute only the rows a view needs ([`crate::kernel::view`]).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct ViewParams {
+    /// Rows, or pixels.
+    pub count: u32,
+    /// Number of the first quad that is bound, with rows of counts of hits; else 0.
+    pub first_quad: u32,
+    /// Number of the view, from 1 on.
+    pub view: u32,
+    /// Number of the light, from 1 on.
+    pub light: u32,
+}
+const _: () = assert!(size_of::<ViewParams>() == 16);

@@ -6,6 +6,7 @@ use ::formfactor::{GatherParams, HitsParams};
 use ::scene::Rgb;
 use glam::{UVec2, Vec4};
 use rayon::prelude::*;
+use std::vec::Vec;
 
 use super::{Bound, HostCall, HostError, fill};
 use crate::half::unpack_half4;
@@ -83,38 +84,61 @@ pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), Hos
     let entries = row_start[n] as usize;
     let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
     let exitance = exitance.read::<Rgb>(0)?;
-    // `gather_row_sparse` with what is known of a row checked once.
-    fill(irradiance.write(n)?, |k| {
-        let own = row_start[k as usize] as usize..row_start[k as usize + 1] as usize;
-        let entries = columns[own.clone()].iter().zip(&values[own]);
-        entries.fold(Vec4::ZERO, |sum, (&column, &value)| sum + exitance[column as usize] * value)
-    });
+    fill(irradiance.write(n)?, |k| sparse_row(k as usize, row_start, columns, values, exitance));
     Ok(())
+}
+
+/// `gather_row_sparse` with what is known of a row checked once.
+#[inline]
+pub(super) fn sparse_row(k: usize, row_start: &[u32], columns: &[u32], values: &[f32], exitance: &[Rgb]) -> Rgb {
+    let own = row_start[k] as usize..row_start[k + 1] as usize;
+    let entries = columns[own.clone()].iter().zip(&values[own]);
+    entries.fold(Vec4::ZERO, |sum, (&column, &value)| sum + exitance[column as usize] * value)
 }
 
 pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [row_start, quads, counts, scales, exitance, irradiance]) = call.parts::<HitsParams, 6>(kernel)?;
     let n = p.rows as usize;
-    let row_start = row_start.read::<u32>(n + 1)?;
-    let bound = row_start[n].saturating_sub(p.first_quad);
-    let quads = quads.read::<UVec2>(bound as usize)?;
-    let counts = counts.read::<u32>(bound.div_ceil(WORD_COUNTS) as usize)?;
-    let (scales, exitance) = (scales.read::<f32>(n)?, exitance.read::<Rgb>(0)?);
-    // `gather_row_hits` with what is known of a row checked once, and an entry for every number of 16 bits.
-    let counts: &[u8] = bytemuck::cast_slice(counts);
-    let known = exitance.len().min(MOST_COLUMNS);
-    let mut table = std::vec![Vec4::ZERO; MOST_COLUMNS];
-    table[..known].copy_from_slice(&exitance[..known]);
-    let Some(table) = table.first_chunk::<MOST_COLUMNS>() else { return Ok(()) };
-    fill(irradiance.write(n)?, |k| {
-        let quad = |k: usize| (row_start[k] - p.first_quad) as usize;
-        let own = quad(k as usize)..quad(k as usize + 1);
+    let rows = HitRows::new(n, p.first_quad, [row_start, quads, counts, scales, exitance])?;
+    fill(irradiance.write(n)?, |k| rows.gather(k as usize));
+    Ok(())
+}
+
+/// `gather_row_hits` with what is known of a row checked once, and an entry for every number of 16 bits.
+pub(super) struct HitRows<'a> {
+    first_quad: u32,
+    row_start: &'a [u32],
+    quads: &'a [UVec2],
+    counts: &'a [u8],
+    scales: &'a [f32],
+    exitance: Vec<Vec4>,
+}
+
+impl<'a> HitRows<'a> {
+    /// `n` rows, by their starts, quads, counts, scales, and the exitance.
+    pub(super) fn new(n: usize, first_quad: u32, bound: [Bound<'a, '_>; 5]) -> Result<Self, HostError> {
+        let [row_start, quads, counts, scales, exitance] = bound;
+        let row_start = row_start.read::<u32>(n + 1)?;
+        let bound = row_start[n].saturating_sub(first_quad);
+        let quads = quads.read::<UVec2>(bound as usize)?;
+        let counts = bytemuck::cast_slice(counts.read::<u32>(bound.div_ceil(WORD_COUNTS) as usize)?);
+        let (scales, light) = (scales.read::<f32>(n)?, exitance.read::<Rgb>(0)?);
+        let known = light.len().min(MOST_COLUMNS);
+        let mut exitance = std::vec![Vec4::ZERO; MOST_COLUMNS];
+        exitance[..known].copy_from_slice(&light[..known]);
+        Ok(Self { first_quad, row_start, quads, counts, scales, exitance })
+    }
+
+    #[inline]
+    pub(super) fn gather(&self, k: usize) -> Rgb {
+        let Some(table) = self.exitance.first_chunk::<MOST_COLUMNS>() else { return Vec4::ZERO };
+        let quad = |k: usize| (self.row_start[k] - self.first_quad) as usize;
+        let own = quad(k)..quad(k + 1);
         let mut sum = Vec4::ZERO;
-        for (four, &count) in quads[own.clone()].iter().zip(&counts[own]) {
+        for (four, &count) in self.quads[own.clone()].iter().zip(&self.counts[own]) {
             let b = |column: u32| table[(column & 0xffff) as usize];
             sum += ((b(four.x) + b(four.x >> 16)) + (b(four.y) + b(four.y >> 16))) * f32::from(count);
         }
-        (sum * (COUNT_STEP * scales[k as usize])).truncate().extend(0.0)
-    });
-    Ok(())
+        (sum * (COUNT_STEP * self.scales[k])).truncate().extend(0.0)
+    }
 }

@@ -38,7 +38,7 @@ const LEAST_ROTATION: f32 = 0.05;
 /// Irradiance is rotated by no more than this, however much the normal differs.
 const MOST_ROTATION: f32 = 0.5;
 /// Smoothed values begin at multiples of this: ranges of a buffer do at 256 bytes.
-const ALIGNED: usize = 16;
+const ALIGNED: usize = 64;
 /// Rows of an operator that are made together.
 const BLOCK_ROWS: usize = 1 << 16;
 

@@ -37,6 +37,10 @@ impl Method for Classic {
         Ok(())
     }
 
+    fn depends_on_source_alone(&self) -> bool {
+        true
+    }
+
     fn report(&self) -> MethodReport {
         MethodReport { bytes: bytes([("form_factors", self.bytes)]), ..MethodReport::default() }
     }

@@ -63,6 +63,10 @@ impl Method for Multibounce {
         Ok(())
     }
 
+    fn depends_on_source_alone(&self) -> bool {
+        true
+    }
+
     fn report(&self) -> MethodReport {
         let operator: u64 = self.operator.bytes();
         MethodReport { bytes: bytes([("operator", operator)]), ..MethodReport::default() }

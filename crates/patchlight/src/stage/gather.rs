@@ -10,24 +10,48 @@ use crate::frame::FramePlan;
 use crate::method::Method;
 use transport::QUADRANTS;
 
-/// Adds the passes.
+/// Rows from the elements to the interpolation points on the device.
+#[derive(Clone, Debug)]
+pub struct ReceiverTables {
+    /// From the elements to the quadrants of the receivers.
+    pub rows: HitTables,
+    /// From the quadrants to the smoothed values.
+    pub smoothing: SparseTables,
+    /// From both to the interpolation points.
+    pub weights: SparseTables,
+}
+
+/// Adds the passes to the elements.
 ///
 /// # Errors
 /// What the plan and the method say.
-pub fn add(frame: &mut FramePlan, method: &mut dyn Method) -> Result<(), crate::Error> {
+pub fn add_elements(frame: &mut FramePlan, method: &mut dyn Method) -> Result<(), crate::Error> {
     if frame.has_element_bounce() && !method.finds_element_irradiance() {
         add_element_bounce(frame, method)?;
     }
     frame.elements.bounce(&mut frame.plan, "lookup")?;
+    Ok(())
+}
+
+/// Adds the passes from the elements to all receivers and interpolation points; gives the tables, if there are receivers and
+/// the method does not find their irradiance itself.
+///
+/// # Errors
+/// What the plan and the method say.
+pub fn add_receivers(frame: &mut FramePlan, method: &mut dyn Method) -> Result<Option<ReceiverTables>, crate::Error> {
     if frame.bake.receivers.points.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
-    if !method.add_receiver_passes(frame)? {
-        let rows = HitTables::new(&mut frame.plan, &mut frame.tables, &frame.bake.receivers.rows);
+    let is_found = method.add_receiver_passes(frame)?;
+    let mut rows = None;
+    if !is_found {
+        let tables = HitTables::new(&mut frame.plan, &mut frame.tables, &frame.bake.receivers.rows);
         let range = frame.binding_bytes();
-        rows.gather(&mut frame.plan, "lookup", range, frame.elements.exitance.buffer, frame.received)?;
+        tables.gather(&mut frame.plan, "lookup", range, frame.elements.exitance.buffer, frame.received)?;
+        rows = Some(tables);
     }
-    Ok(add_interpolation(frame)?)
+    let (smoothing, weights) = add_interpolation(frame)?;
+    Ok(rows.map(|rows| ReceiverTables { rows, smoothing, weights }))
 }
 
 /// The first of the two last bounces: between elements, each with its own first exitance and its share of what the patch
@@ -75,7 +99,7 @@ fn add_patch_light(frame: &mut FramePlan) -> Result<(), ExecutorError> {
 }
 
 /// From the quadrants of the receivers to smoothed values, and from both to the interpolation points.
-fn add_interpolation(frame: &mut FramePlan) -> Result<(), ExecutorError> {
+fn add_interpolation(frame: &mut FramePlan) -> Result<(SparseTables, SparseTables), ExecutorError> {
     let receivers = &frame.bake.receivers;
     let count = receivers.points.len();
     let quadrants = frame.received.range(0, rgb_bytes(QUADRANTS * count));
@@ -86,5 +110,5 @@ fn add_interpolation(frame: &mut FramePlan) -> Result<(), ExecutorError> {
     smoothing.gather(plan, "lookup", quadrants, smooth)?;
     let weights = SparseTables::new(plan, tables, "interpolation", &receivers.weights);
     weights.gather(plan, "lookup", frame.received, frame.interpolated)?;
-    Ok(())
+    Ok((smoothing, weights))
 }

@@ -6,8 +6,8 @@ use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::formfactor::interpolate;
 use runtime::recipe::patches::LookupTables;
-use runtime::recipe::rgb_bytes;
 use runtime::recipe::scene::SceneTables;
+use runtime::recipe::{Named, rgb_bytes};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, SurfacePoint};
 
@@ -76,13 +76,13 @@ pub struct PixelBuffers {
 pub fn add(
     frame: &mut FramePlan,
     scene: &SceneTables,
+    indirect: &Indirect,
     size: (u32, u32),
     sub_frames: u32,
 ) -> Result<Shade, ExecutorError> {
     let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
-    let indirect = Indirect::of_bake(frame);
     let settings = PixelSettings { size, sub_frames, direct, has_separate_direct: true };
-    add_pixels(&mut frame.plan, scene, &indirect, &settings)
+    add_pixels(&mut frame.plan, scene, indirect, &settings)
 }
 
 /// Adds the passes of pictures of a scene whose indirect light is anywhere.
@@ -143,7 +143,7 @@ pub enum Indirect {
 
 impl Indirect {
     /// The receivers of a bake.
-    fn of_bake(frame: &mut FramePlan) -> Self {
+    pub fn of_bake(frame: &mut FramePlan) -> Self {
         let plan = &mut frame.plan;
         let tables = &mut frame.tables;
         let by_patches = frame.bake.settings.receivers == ReceiverKind::Patches;
@@ -157,6 +157,16 @@ impl Indirect {
             cells: tables.part(plan, "receiver_cells", points, |points| &points.cells),
             vertices: tables.part(plan, "vertices", points, |points| &points.vertices),
             values: frame.interpolated.into(),
+        }
+    }
+
+    /// Bindings of the mesh of the interpolation points.
+    pub fn mesh(&self) -> Vec<Named> {
+        match *self {
+            Self::Patches { .. } => Vec::new(),
+            Self::Interpolation { grids, cells, vertices, .. } => {
+                vec![("grids", grids), ("receiver_cells", cells), ("vertices", vertices)]
+            }
         }
     }
 
@@ -174,14 +184,9 @@ impl Indirect {
                 own.push(("values", values));
                 lookup.at_points(plan, "shade", &own, pixels)
             }
-            Self::Interpolation { grids, cells, vertices, values } => {
-                own.extend([
-                    ("hits", Range::from(buffers.hits)),
-                    ("grids", grids),
-                    ("receiver_cells", cells),
-                    ("vertices", vertices),
-                    ("values", values),
-                ]);
+            Self::Interpolation { values, .. } => {
+                own.extend([("hits", Range::from(buffers.hits)), ("values", values)]);
+                own.extend(self.mesh());
                 own.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
                 interpolate(plan, "shade", &own, pixels)
             }
@@ -244,6 +249,25 @@ impl Shade {
             executor.clear(self.no_light)?;
         }
         Ok(())
+    }
+
+    /// Number of pixels.
+    pub fn pixel_count(&self) -> u32 {
+        self.settings.size.0 * self.settings.size.1
+    }
+
+    /// Lets these passes follow the primary rays of every sub-frame.
+    pub fn add_after_primary(&mut self, passes: &[PassId]) {
+        for sub_frame in &mut self.sub_frames {
+            let first = sub_frame.passes.iter().position(|&pass| pass == sub_frame.primary).map_or(0, |k| k + 1);
+            sub_frame.passes.splice(first..first, passes.iter().copied());
+        }
+        self.passes = self.sub_frames.iter().flat_map(|sub_frame| sub_frame.passes.clone()).collect();
+    }
+
+    /// The pass of the primary rays of the first sub-frame.
+    pub fn first_primary(&self) -> &[PassId] {
+        self.sub_frames.first().map_or(&[], |sub_frame| std::slice::from_ref(&sub_frame.primary))
     }
 
     /// Number of sub-frames.

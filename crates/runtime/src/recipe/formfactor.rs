@@ -8,7 +8,7 @@ use formfactor::HemisphereParams;
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
 use transport::kernel::hits::WORD_COUNTS;
-use transport::{Csr, HitCounts, HitsParams, LinearOperator as _};
+use transport::{Csr, HitCounts, HitsParams, LinearOperator as _, ViewParams};
 
 use super::{Bindings, Named, Tables, add_pass, rgb_bytes, row_blocks};
 use crate::executor::ExecutorError;
@@ -55,6 +55,85 @@ impl SparseTables {
         let count = CountParams { count: self.rows };
         add_pass(plan, pass, &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, self.rows)
     }
+}
+
+impl SparseTables {
+    /// Adds the pass that marks the columns of the rows that a view needs.
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn mark_columns(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        row_marks: impl Into<Range>,
+        marks: impl Into<Range>,
+    ) -> Result<ViewPass, ExecutorError> {
+        let own = [
+            ("row_start", self.row_start),
+            ("columns", self.columns),
+            ("row_marks", row_marks.into()),
+            ("marks", marks.into()),
+        ];
+        view_pass(plan, pass, &table::FORMFACTOR_MARK_COLUMNS, &own, self.rows)
+    }
+
+    /// Adds the pass of `irradiance = F exitance` for the rows that a view needs.
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn gather_view(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        exitance: impl Into<Range>,
+        irradiance: impl Into<Range>,
+        rows: ViewRows,
+    ) -> Result<ViewPass, ExecutorError> {
+        let own = [
+            ("row_start", self.row_start),
+            ("columns", self.columns),
+            ("values", self.values),
+            ("exitance", exitance.into()),
+            ("irradiance", irradiance.into()),
+            ("marks", rows.marks),
+            ("computed", rows.computed),
+        ];
+        view_pass(plan, pass, &table::FORMFACTOR_GATHER_CSR_VIEW, &own, self.rows)
+    }
+}
+
+/// A pass that computes only what a view needs, and its push constants, of which the numbers of the view and the light
+/// change.
+pub type ViewPass = (PassId, ViewParams);
+
+/// Which rows a view needs, and for which light each was computed: a number of 32 bits a row.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewRows {
+    /// Marks ([`formfactor::kernel::view`]).
+    pub marks: Range,
+    /// Number of the light.
+    pub computed: Range,
+}
+
+fn view_pass(
+    plan: &mut Plan,
+    pass: &str,
+    kernel: &'static table::Kernel,
+    own: Bindings,
+    count: u32,
+) -> Result<ViewPass, ExecutorError> {
+    let params = ViewParams { count, ..ViewParams::default() };
+    Ok((add_pass(plan, pass, kernel, own, &[], &params, count)?, params))
+}
+
+/// Adds the pass that marks the interpolation points that the pixels of a view take light from. Bindings: `hits`, `points`,
+/// `triangles`, `grids`, `receiver_cells`, `vertices`, `marks`.
+///
+/// # Errors
+/// Buffers that are missing or too short.
+pub fn mark_pixels(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32) -> Result<ViewPass, ExecutorError> {
+    view_pass(plan, pass, &table::FORMFACTOR_MARK_PIXELS, bindings, pixels)
 }
 
 /// What a bounce works on, each with one RGB value a patch (or element): albedo ρ, first exitance E and irradiance H in,
@@ -198,6 +277,36 @@ impl HitTables {
             add_pass(plan, pass, &table::FORMFACTOR_GATHER_HITS, &light, &tables, &push, push.rows)?;
         }
         Ok(())
+    }
+
+    /// Adds the passes of `irradiance = F exitance` for the rows that a view needs.
+    ///
+    /// # Errors
+    /// Buffers that are too short.
+    pub fn gather_view(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        range: u64,
+        exitance: BufferId,
+        irradiance: BufferId,
+        (marks, computed): (BufferId, BufferId),
+    ) -> Result<Vec<ViewPass>, ExecutorError> {
+        let mut passes = Vec::new();
+        for RowBlock { rows, tables, first_quad } in self.blocks(range) {
+            let of_rows =
+                |buffer: BufferId, stride: u64| buffer.range(stride * rows.start as u64, stride * rows.len() as u64);
+            let own = [
+                ("exitance", Range::from(exitance)),
+                ("irradiance", of_rows(irradiance, rgb_bytes(1))),
+                ("marks", of_rows(marks, 4)),
+                ("computed", of_rows(computed, 4)),
+            ];
+            let params = ViewParams { count: rows.len() as u32, first_quad, ..ViewParams::default() };
+            let kernel = &table::FORMFACTOR_GATHER_HITS_VIEW;
+            passes.push((add_pass(plan, pass, kernel, &own, &tables, &params, params.count)?, params));
+        }
+        Ok(passes)
     }
 
     /// Blocks of rows whose quads fit into one binding.

@@ -4,6 +4,7 @@
 use glam::{UVec3, Vec2, Vec3, Vec4};
 use scene::{Hit, NONE, SurfacePoint, Triangle};
 
+use super::view::{pixel_vertices, vertices_at};
 use crate::types::{ReceiverCell, TriangleGrid};
 
 /// Number of cells of a grid with `divisions` divisions of each edge.
@@ -137,11 +138,7 @@ pub fn interpolate_pixel(
     hit: Hit,
     point: SurfacePoint,
 ) -> Vec4 {
-    if hit.triangle == NONE {
-        return Vec4::ZERO;
-    }
-    let t = triangles[hit.triangle as usize];
-    interpolate_receivers(grids, cells, vertices, values, hit, t.edge_a.cross(t.edge_b).dot(point.normal) > 0.0)
+    weighted(values, pixel_vertices(grids, cells, vertices, triangles, hit, point))
 }
 
 /// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell and not negative, zero where there are
@@ -156,23 +153,18 @@ pub fn interpolate_receivers(
     hit: Hit,
     front: bool,
 ) -> Vec4 {
-    if hit.triangle == NONE {
+    weighted(values, vertices_at(grids, cells, vertices, hit, front))
+}
+
+/// Value between three vertices, not negative; zero where there are none.
+#[inline]
+fn weighted(values: &[Vec4], (ids, w): (UVec3, Vec3)) -> Vec4 {
+    if ids.x == NONE {
         return Vec4::ZERO;
     }
-    let grid = grids[hit.triangle as usize];
-    let first = if front { grid.front } else { grid.back };
-    if first == NONE {
-        return Vec4::ZERO;
-    }
-    let (index, s, t) = place_in_cell(grid.divisions, hit.u, hit.v);
-    let cell = cells[(first + index) as usize];
-    if cell.first == NONE {
-        return Vec4::ZERO;
-    }
-    let (ids, w) = interpolate(cell.divisions, s, t);
-    let a = values[vertices[(cell.first + ids.x) as usize] as usize];
-    let b = values[vertices[(cell.first + ids.y) as usize] as usize];
-    let c = values[vertices[(cell.first + ids.z) as usize] as usize];
+    let a = values[ids.x as usize];
+    let b = values[ids.y as usize];
+    let c = values[ids.z as usize];
     (a * w.x + b * w.y + c * w.z).max(Vec4::ZERO)
 }
 

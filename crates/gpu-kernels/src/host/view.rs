@@ -1,0 +1,138 @@
+//! Host forms of the kernels that compute only the rows a view needs.
+
+use std::vec::Vec;
+
+use ::formfactor::kernel::view::{is_needed, needed, pixel_vertices};
+use ::formfactor::{ReceiverCell, TriangleGrid, ViewParams};
+use ::scene::{Hit, NONE, Rgb, SurfacePoint, Triangle};
+use rayon::prelude::*;
+
+use super::formfactor::{HitRows, sparse_row};
+use super::{Bound, HostCall, HostError};
+use crate::table::Kernel;
+
+/// Rows or pixels that a core takes at once.
+const TOGETHER: usize = 4096;
+
+/// Rows by number, a bit each: every core collects its own, then they are united.
+struct RowSet(Vec<u64>);
+
+impl RowSet {
+    fn new(rows: usize) -> Self {
+        Self(std::vec![0; rows.div_ceil(64)])
+    }
+
+    #[inline]
+    fn insert(&mut self, row: u32) {
+        self.0[row as usize / 64] |= 1 << (row % 64);
+    }
+
+    fn united(mut self, other: Self) -> Self {
+        for (a, b) in self.0.iter_mut().zip(other.0) {
+            *a |= b;
+        }
+        self
+    }
+
+    /// Marks the rows for a view.
+    fn mark(&self, marks: &mut [u32], view: u32) {
+        marks.par_chunks_mut(64 * TOGETHER).zip(self.0.par_chunks(TOGETHER)).for_each(|(marks, words)| {
+            for (marks, &word) in marks.chunks_mut(64).zip(words) {
+                let mut left = word;
+                while left != 0 {
+                    let mark = &mut marks[left.trailing_zeros() as usize];
+                    left &= left - 1;
+                    if !is_needed(*mark, view) {
+                        *mark = needed(view);
+                    }
+                }
+            }
+        });
+    }
+}
+
+pub(crate) fn mark_pixels(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let (p, [hits, points, triangles, grids, cells, vertices, marks]) = call.parts::<ViewParams, 7>(kernel)?;
+    let n = p.count as usize;
+    let (hits, points) = (hits.read::<Hit>(n)?, points.read::<SurfacePoint>(n)?);
+    let triangles = triangles.read::<Triangle>(1)?;
+    let grids = grids.read::<TriangleGrid>(triangles.len())?;
+    let (cells, vertices) = (cells.read::<ReceiverCell>(0)?, vertices.read::<u32>(0)?);
+    let marks = marks.whole::<u32>()?;
+    let rows = marks.len();
+    let pixels = hits[..n].par_chunks(TOGETHER).zip(points[..n].par_chunks(TOGETHER));
+    let seen = pixels.fold(
+        || RowSet::new(rows),
+        |mut set, (hits, points)| {
+            for (&hit, &point) in hits.iter().zip(points) {
+                let (ids, _) = pixel_vertices(grids, cells, vertices, triangles, hit, point);
+                if ids.x != NONE {
+                    ids.to_array().iter().for_each(|&id| set.insert(id));
+                }
+            }
+            set
+        },
+    );
+    seen.reduce(|| RowSet::new(rows), RowSet::united).mark(marks, p.view);
+    Ok(())
+}
+
+pub(crate) fn mark_columns(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let (p, [row_start, columns, row_marks, marks]) = call.parts::<ViewParams, 4>(kernel)?;
+    let n = p.count as usize;
+    let row_start = row_start.read::<u32>(n + 1)?;
+    let columns = columns.read::<u32>(row_start[n] as usize)?;
+    let row_marks = row_marks.write::<u32>(n)?;
+    let marks = marks.whole::<u32>()?;
+    let rows = marks.len();
+    let needing = row_marks.par_chunks_mut(TOGETHER).enumerate().fold(
+        || RowSet::new(rows),
+        |mut set, (chunk, row_marks)| {
+            for (k, mark) in row_marks.iter_mut().enumerate().filter(|(_, mark)| **mark == needed(p.view)) {
+                *mark = needed(p.view) + 1;
+                let row = chunk * TOGETHER + k;
+                let own = &columns[row_start[row] as usize..row_start[row + 1] as usize];
+                own.iter().for_each(|&column| set.insert(column));
+            }
+            set
+        },
+    );
+    needing.reduce(|| RowSet::new(rows), RowSet::united).mark(marks, p.view);
+    Ok(())
+}
+
+/// Computes the rows that a view needs and that are of another light.
+fn gather(
+    p: &ViewParams,
+    [marks, computed, irradiance]: [Bound; 3],
+    row: impl Fn(usize) -> Rgb + Sync,
+) -> Result<(), HostError> {
+    let n = p.count as usize;
+    let marks = &marks.read::<u32>(n)?[..n];
+    let (computed, irradiance) = (computed.write::<u32>(n)?, irradiance.write::<Rgb>(n)?);
+    let rows = computed.par_iter_mut().zip(irradiance).zip(marks).with_min_len(TOGETHER / 8).enumerate();
+    rows.for_each(|(k, ((light, irradiance), &mark))| {
+        if is_needed(mark, p.view) && *light != p.light {
+            (*light, *irradiance) = (p.light, row(k));
+        }
+    });
+    Ok(())
+}
+
+pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let (p, [row_start, columns, values, exitance, marks, computed, irradiance]) =
+        call.parts::<ViewParams, 7>(kernel)?;
+    let n = p.count as usize;
+    let row_start = row_start.read::<u32>(n + 1)?;
+    let entries = row_start[n] as usize;
+    let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
+    let exitance = exitance.read::<Rgb>(0)?;
+    gather(&p, [marks, computed, irradiance], |k| sparse_row(k, row_start, columns, values, exitance))
+}
+
+pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let (p, [row_start, quads, counts, scales, exitance, marks, computed, irradiance]) =
+        call.parts::<ViewParams, 8>(kernel)?;
+    let rows = HitRows::new(p.count as usize, p.first_quad, [row_start, quads, counts, scales, exitance])?;
+    gather(&p, [marks, computed, irradiance], |k| rows.gather(k))
+}

@@ -1,0 +1,135 @@
+//! Irradiance of what a view shows: of the interpolation points that its pixels take light from, and of the receivers behind
+//! these. The others keep what an earlier light gave them until they come into view, and are exact then: nothing of an
+//! irradiance depends on that of the frame before.
+
+use formfactor::kernel::view::needed;
+use runtime::executor::{Executor, ExecutorError};
+use runtime::plan::{BufferId, PassId, Range};
+use runtime::recipe::formfactor::{ViewPass, ViewRows, mark_pixels};
+use runtime::recipe::rgb_bytes;
+use runtime::recipe::scene::SceneTables;
+use scene::Camera;
+use transport::QUADRANTS;
+
+use super::gather::ReceiverTables;
+use super::shade::{Indirect, Shade};
+use crate::frame::FramePlan;
+
+/// Name of the passes.
+pub const PASS: &str = "view";
+
+/// The passes, and for what view and what light they are.
+#[derive(Clone, Debug)]
+pub struct View {
+    passes: Vec<ViewPass>,
+    /// What is zeros at first.
+    cleared: Vec<BufferId>,
+    camera: Option<Camera>,
+    view: u32,
+    light: u32,
+}
+
+/// Marks of rows, and for which light each row was computed.
+#[derive(Clone, Copy)]
+struct Rows {
+    marks: BufferId,
+    computed: BufferId,
+}
+
+impl Rows {
+    fn new(frame: &mut FramePlan, count: usize) -> Self {
+        let mut table = |name: &str| frame.plan.storage(name, 4 * count as u64);
+        Self { marks: table("marks"), computed: table("computed") }
+    }
+
+    /// `count` rows from the first on.
+    fn part(&self, first: usize, count: usize) -> ViewRows {
+        let range = |buffer: BufferId| buffer.range(4 * first as u64, 4 * count as u64);
+        ViewRows { marks: range(self.marks), computed: range(self.computed) }
+    }
+}
+
+/// Adds the passes after those of the pixels, whose primary rays say what is in view.
+///
+/// # Errors
+/// What the plan says.
+pub fn add(
+    frame: &mut FramePlan,
+    scene: &SceneTables,
+    tables: &ReceiverTables,
+    indirect: &Indirect,
+    shade: &Shade,
+) -> Result<View, ExecutorError> {
+    let receivers = &frame.bake.receivers;
+    let (count, first_smooth) = (receivers.points.len(), receivers.first_smooth());
+    let point_count = receivers.interpolation.points.len();
+    let points = Rows::new(frame, point_count);
+    let received = Rows::new(frame, first_smooth + count);
+    let quadrants = received.part(0, QUADRANTS * count);
+    let smooth = received.part(first_smooth, count);
+    let quadrant_values = frame.received.range(0, rgb_bytes(QUADRANTS * count));
+    let smooth_values = frame.received.range(rgb_bytes(first_smooth), rgb_bytes(count));
+    let range = frame.binding_bytes();
+    let exitance = frame.elements.exitance.buffer;
+    let plan = &mut frame.plan;
+
+    let mut seen = vec![
+        ("hits", Range::from(shade.pixels.hits)),
+        ("points", Range::from(shade.pixels.points)),
+        ("marks", Range::from(points.marks)),
+    ];
+    seen.extend(indirect.mesh());
+    seen.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
+    let mut passes = vec![mark_pixels(plan, PASS, &seen, shade.pixel_count())?];
+    passes.push(tables.weights.mark_columns(plan, PASS, points.marks, received.marks)?);
+    passes.push(tables.smoothing.mark_columns(plan, PASS, smooth.marks, quadrants.marks)?);
+    let of_quadrants = (received.marks, received.computed);
+    passes.extend(tables.rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?);
+    passes.push(tables.smoothing.gather_view(plan, PASS, quadrant_values, smooth_values, smooth)?);
+    let all_points = points.part(0, point_count);
+    passes.push(tables.weights.gather_view(plan, PASS, frame.received, frame.interpolated, all_points)?);
+
+    let cleared =
+        vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
+    Ok(View { passes, cleared, camera: None, view: 0, light: 0 })
+}
+
+impl View {
+    /// The passes, in their order.
+    pub fn passes(&self) -> Vec<PassId> {
+        self.passes.iter().map(|&(pass, _)| pass).collect()
+    }
+
+    /// Fills what the first frame finds.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
+        self.cleared.iter().try_for_each(|&buffer| executor.clear(buffer))
+    }
+
+    /// Makes the passes ready for a camera, and for another light where it `is_lit_anew`.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set(
+        &mut self,
+        executor: &mut (dyn Executor + 'static),
+        camera: &Camera,
+        is_lit_anew: bool,
+    ) -> Result<(), ExecutorError> {
+        let is_other = self.camera.as_ref() != Some(camera);
+        if is_other && needed(self.view) > u32::MAX - 4 || self.light == u32::MAX {
+            // The numbers are used up.
+            self.clear(executor)?;
+            (self.view, self.light) = (0, 0);
+        }
+        self.view += u32::from(is_other);
+        self.light += u32::from(is_lit_anew);
+        self.camera = Some(*camera);
+        for &(pass, params) in &self.passes {
+            executor.push(pass, &transport::ViewParams { view: self.view, light: self.light, ..params })?;
+        }
+        Ok(())
+    }
+}
