@@ -29,11 +29,14 @@ use patchlight::method::{FeedbackSettings, FirstShotSettings};
 use patchlight::operator::{Build, Codec, Decode, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{
-    Bake, BakeSettings, Estimator, FrameResult, MethodSettings, Pictures, ReceiverKind, RenderSettings, Renderer,
+    Bake, BakeSettings, Estimator, FrameResult, MethodSettings, Pictures, ReceiverKind, ReceiverUpdate, RenderSettings,
+    Renderer,
 };
 use runtime::executor::{DeviceChoice, Executor, open};
 use runtime::recipe::multibounce::Decoder;
 
+/// Most sub-frames with which frames update only the receivers in view.
+const MOST_SUB_FRAMES_IN_VIEW: u32 = 2;
 /// Paths a point when a reference asks for irradiance at points.
 const POINT_PATHS: u32 = 4096;
 /// Phases before the first frame that the summary tells.
@@ -252,13 +255,20 @@ impl Job<'_> {
 
     fn render_settings(&self, decode: Decode) -> RenderSettings {
         let args = self.args;
+        let sub_frames = args.spp.unwrap_or(16);
+        // To see what is in view takes time in every sub-frame; many of them see all that a picture needs many times.
+        let receivers = match args.frames > 1 && sub_frames <= MOST_SUB_FRAMES_IN_VIEW {
+            true => ReceiverUpdate::InView,
+            false => ReceiverUpdate::All,
+        };
         RenderSettings {
             method: self.method(),
             decode,
             build: Build { on: args.build_on.place(), memory_limit: args.memory_limit, folder: self.out.to_path_buf() },
             eye: self.loaded.view.eye,
             size: self.size,
-            sub_frames: args.spp.unwrap_or(16),
+            sub_frames,
+            receivers,
         }
     }
 

@@ -141,6 +141,39 @@ fn bench_firstshot_compares_both_ways_to_shoot() {
 }
 
 #[test]
+fn bench_frame_tells_where_the_time_of_light_updates_goes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["bench", "frame", "atrium:3000", "--counts", "150", "--frames", "3", "--quiet"];
+    arguments.extend(["--size", "64x48", "--rays", "64", "--receiver-rays", "32", "--device", "cpu", "--out", out]);
+    let markdown = succeeds(&arguments);
+    assert!(markdown.contains("| nothing moves |") && markdown.contains("ms to read once"), "{markdown}");
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&summary["name"], &summary["frames"]), (&"frame".into(), &3.into()));
+    let row = |method: &str, event: &str, receivers: &str| {
+        let is_row = |row: &&serde_json::Value| {
+            row["method"] == method && row["event"] == event && row["receivers_updated"] == receivers
+        };
+        summary["rows"].as_array().unwrap().iter().find(is_row).unwrap_or_else(|| panic!("{method}, {event}")).clone()
+    };
+    let number = |row: &serde_json::Value, key: &str| row["light_update"][key].as_f64().unwrap();
+    let (part, all) = (row("tiles 1 %", "lights move", "in view"), row("tiles 1 %", "lights move", "all"));
+    assert!(number(&part, "visible_points") < number(&all, "visible_points"));
+    assert!(number(&part, "visible_receivers") <= number(&all, "visible_receivers"));
+    for method in ["temporal", "local", "classic"] {
+        assert!(number(&row(method, "lights move", "in view"), "median_ms") > 0.0);
+    }
+    // Where nothing moves, nothing between the lights and the elements runs.
+    let rest = row("tiles 1 %", "nothing moves", "in view");
+    for pass in ["direct", "gather", "method", "lookup"] {
+        assert_eq!(rest["passes"][pass].as_f64(), Some(0.0), "{pass}");
+        assert!(part["passes"][pass].as_f64().unwrap() > 0.0, "{pass}");
+    }
+    assert!(leftovers(folder.path()).is_empty());
+}
+
+#[test]
 fn a_bench_that_is_not_known_is_wrong_usage() {
     let message = fails(2, &["bench", "chairs"]);
     assert!(message.contains("chairs") && message.contains("patches"), "{message}");

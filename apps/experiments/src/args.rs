@@ -102,6 +102,9 @@ pub enum Experiment {
     Local,
     /// Photons to an error: from where lights fall first, and from the lights.
     Firstshot,
+    /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for those in
+    /// view; where the time goes, and how far from the bandwidth that is.
+    Frame,
 }
 
 /// `patchlight bench`.
@@ -110,7 +113,7 @@ pub struct Bench {
     /// The experiment.
     #[arg(value_enum)]
     pub name: Experiment,
-    /// Scene files or built-in scenes [default: cornell atrium].
+    /// Scene files or built-in scenes [default: frame office, others cornell atrium].
     pub scenes: Vec<String>,
     /// Patches [default: patches 1000,2000,5000,10000,20000, firstshot 4000, others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
@@ -139,18 +142,18 @@ pub struct Bench {
     /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path traced.
     #[arg(long)]
     pub references: Option<PathBuf>,
-    /// Size of path-traced references.
-    #[arg(long, default_value = "480x360", value_parser = parse_size)]
-    pub size: (u32, u32),
+    /// Size of path-traced references, or of the view of frames [default: frame 960x540, others 480x360].
+    #[arg(long, value_parser = parse_size)]
+    pub size: Option<(u32, u32)>,
     /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     pub spp: u32,
     /// Sub-frames of a picture.
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub sub_frames: u32,
-    /// Frames whose times give the median.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub frames: u32,
+    /// Frames whose times give the median [default: frame 30, others 3].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub frames: Option<u32>,
     /// Rays a row of the form factors.
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=131_072))]
     pub rays: u32,
@@ -169,6 +172,16 @@ pub struct Bench {
 }
 
 impl Bench {
+    /// Size of path-traced references, or of the view of frames.
+    pub fn size(&self) -> (u32, u32) {
+        self.size.unwrap_or(if self.name == Experiment::Frame { (960, 540) } else { (480, 360) })
+    }
+
+    /// Frames whose times give the median.
+    pub fn frames(&self) -> u32 {
+        self.frames.unwrap_or(if self.name == Experiment::Frame { 30 } else { 3 })
+    }
+
     /// Rays from each receiver.
     pub fn receiver_rays(&self) -> u32 {
         self.receiver_rays.unwrap_or(match self.name {

@@ -1,6 +1,7 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
 mod firstshot;
+mod frame;
 mod lights;
 mod local;
 mod operator;
@@ -65,7 +66,8 @@ struct Basis {
 
 impl Basis {
     fn new(common: &Common, args: &Bench, most_patches: u32) -> Self {
-        let Bench { rays, sub_frames, size, spp, .. } = *args;
+        let Bench { rays, sub_frames, spp, .. } = *args;
+        let size = args.size();
         Self { seed: common.seed, rays, receiver_rays: args.receiver_rays(), sub_frames, size, spp, most_patches }
     }
 }
@@ -98,6 +100,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Operator => operator::run(common, args),
         Experiment::Temporal => temporal::run(common, args),
         Experiment::Local => local::run(common, args),
+        Experiment::Frame => frame::run(common, args),
         Experiment::Firstshot => {
             common.native_only("bench firstshot")?;
             firstshot::run(common, args)

@@ -178,6 +178,28 @@ impl Renderer {
         self.load()
     }
 
+    /// Changes which receivers a light update computes; light starts anew.
+    ///
+    /// # Errors
+    /// A device that is too small.
+    pub fn set_receivers(&mut self, receivers: ReceiverUpdate) -> Result<(), Error> {
+        self.settings.receivers = receivers;
+        self.load()
+    }
+
+    /// Receivers and interpolation points that the last light update was for; waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn count_updated(&mut self) -> Result<(usize, usize), Error> {
+        let receivers = &self.bake.receivers;
+        let all = (receivers.points.len(), receivers.interpolation.points.len());
+        match &self.frame.view {
+            Some(view) => Ok(view.count(self.executor.as_mut(), all.0)?),
+            None => Ok(all),
+        }
+    }
+
     fn load(&mut self) -> Result<(), Error> {
         let executor = self.executor.as_mut();
         self.frame = Frame::load(&self.bake, &self.scene, executor, &self.settings, self.method.as_mut())?;
@@ -334,6 +356,8 @@ impl Renderer {
             ReceiverKind::Mesh => {
                 if self.frame.view.is_some() {
                     self.executor.submit_passes(&self.frame.receivers)?;
+                    // No time of a frame.
+                    self.executor.wait()?;
                 }
                 self.frame.buffers.interpolated
             }

@@ -192,7 +192,7 @@ impl Measuring<'_> {
 
     /// Width and height of the pictures.
     fn size(&self) -> (u32, u32) {
-        self.truth.map_or(self.args.size, Truth::size)
+        self.truth.map_or(self.args.size(), Truth::size)
     }
 
     fn load(&self, bake: &Arc<Bake>, method: MethodSettings, progress: &Progress) -> Result<Renderer, Error> {

@@ -107,7 +107,7 @@ pub fn one_scene(
     progress.note(&format!("{}: reference", loaded.name));
     let truth = match Truth::find(args.references.as_deref(), &loaded)? {
         Some(truth) => truth,
-        None => Truth::traced_with_points(&loaded, args.size, args.spp, common.seed, &progress)?,
+        None => Truth::traced_with_points(&loaded, args.size(), args.spp, common.seed, &progress)?,
     };
     let out = out.join(&loaded.name);
     let main_count = main_count(&args.counts) as usize;
@@ -208,7 +208,7 @@ impl Experiment<'_> {
         let (mut renderer, bake_s) = self.bake(&case)?;
         // Exact receivers are not what a frame would do: their time says nothing.
         let is_timed = settings.receivers != ReceiverKind::Pixels;
-        let frames = if is_timed { self.args.frames } else { 1 };
+        let frames = if is_timed { self.args.frames() } else { 1 };
         let shown = self.frames(&mut renderer, &self.loaded.scene.lighting.lights, case.size, frames)?;
         let points = if truth.points.is_empty() { None } else { Some(renderer.irradiance_at(&truth.points)?) };
         if is_main {
@@ -425,7 +425,7 @@ impl Experiment<'_> {
 
     /// One bake with the scene's own lights, frames with others.
     fn lights(&mut self, truth: &Truth) -> Result<(), Error> {
-        let case = self.case(PatchKind::Cluster, self.main_count, self.args.size);
+        let case = self.case(PatchKind::Cluster, self.main_count, self.args.size());
         self.progress.note(&format!("{}: lights that the bake has not seen", self.loaded.name));
         let mut baked = None;
         let own = ("the scene's own".to_owned(), self.loaded.scene.lighting.lights.clone());
@@ -546,7 +546,7 @@ impl Experiment<'_> {
                 self.args.sub_frames,
                 self.args.rays,
                 self.args.receiver_rays(),
-                self.args.frames,
+                self.args.frames(),
                 self.main_count
             ),
         ];

@@ -107,7 +107,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         let loaded = output::import(scene, &progress)?;
         let truth = match Truth::find(args.references.as_deref(), &loaded)? {
             Some(truth) => truth,
-            None => Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size, args.spp, common.seed, &progress)?,
+            None => {
+                Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size(), args.spp, common.seed, &progress)?
+            }
         };
         progress.note(&format!("compared with {}", truth.source));
         for &count in &counts {

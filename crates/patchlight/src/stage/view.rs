@@ -2,7 +2,7 @@
 //! these. The others keep what an earlier light gave them until they come into view, and are exact then: nothing of an
 //! irradiance depends on that of the frame before.
 
-use formfactor::kernel::view::needed;
+use formfactor::kernel::view::{is_needed, needed};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Range};
 use runtime::recipe::formfactor::{ViewPass, ViewRows, mark_pixels};
@@ -24,6 +24,8 @@ pub struct View {
     passes: Vec<ViewPass>,
     /// What is zeros at first.
     cleared: Vec<BufferId>,
+    points: BufferId,
+    received: BufferId,
     camera: Option<Camera>,
     view: u32,
     light: u32,
@@ -91,7 +93,8 @@ pub fn add(
 
     let cleared =
         vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
-    Ok(View { passes, cleared, camera: None, view: 0, light: 0 })
+    let (points, received) = (points.marks, received.marks);
+    Ok(View { passes, cleared, points, received, camera: None, view: 0, light: 0 })
 }
 
 impl View {
@@ -106,6 +109,22 @@ impl View {
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
         self.cleared.iter().try_for_each(|&buffer| executor.clear(buffer))
+    }
+
+    /// Receivers of which a quadrant, and interpolation points, that the view needs; of so many receivers. Waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn count(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        receivers: usize,
+    ) -> Result<(usize, usize), ExecutorError> {
+        let marks: Vec<u32> = executor.download_table(self.received)?;
+        let in_view = |marks: &[u32]| marks.iter().any(|&mark| is_needed(mark, self.view));
+        let count = marks[..QUADRANTS * receivers].chunks(QUADRANTS).filter(|quadrants| in_view(quadrants)).count();
+        let points: Vec<u32> = executor.download_table(self.points)?;
+        Ok((count, points.iter().filter(|&&mark| is_needed(mark, self.view)).count()))
     }
 
     /// Makes the passes ready for a camera, and for another light where it `is_lit_anew`.
