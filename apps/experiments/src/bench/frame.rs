@@ -32,7 +32,7 @@ const EPSILON: f64 = 0.01;
 /// Passes of pixels, which are no part of a light update.
 const PIXELS: &str = "shade";
 /// Passes of a light update, in their order; "update" is the matrix round the camera.
-const PASSES: [&str; 6] = ["direct", "gather", "update", "method", "lookup", "view"];
+const PASSES: [&str; 7] = ["direct", "gather", "update", "method", "lookup", "mark", "view"];
 
 /// What happens from frame to frame.
 #[derive(Clone, Copy, PartialEq)]

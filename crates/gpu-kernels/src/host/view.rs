@@ -11,10 +11,17 @@ use super::formfactor::{HitRows, sparse_row};
 use super::{Bound, HostCall, HostError};
 use crate::table::Kernel;
 
-/// Rows or pixels that a core takes at once.
+/// Rows that a core takes at once.
 const TOGETHER: usize = 4096;
+/// Parts for each core of what is marked: each has a set of its own.
+const PARTS: usize = 4;
 
-/// Rows by number, a bit each: every core collects its own, then they are united.
+/// Rows or pixels of a part.
+fn part_of(count: usize) -> usize {
+    count.div_ceil(PARTS * rayon::current_num_threads()).max(TOGETHER)
+}
+
+/// Rows by number, a bit each: every part of the work collects its own, then they are united.
 struct RowSet(Vec<u64>);
 
 impl RowSet {
@@ -60,20 +67,20 @@ pub(crate) fn mark_pixels(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
     let (cells, vertices) = (cells.read::<ReceiverCell>(0)?, vertices.read::<u32>(0)?);
     let marks = marks.whole::<u32>()?;
     let rows = marks.len();
-    let pixels = hits[..n].par_chunks(TOGETHER).zip(points[..n].par_chunks(TOGETHER));
-    let seen = pixels.fold(
-        || RowSet::new(rows),
-        |mut set, (hits, points)| {
-            for (&hit, &point) in hits.iter().zip(points) {
-                let (ids, _) = pixel_vertices(grids, cells, vertices, triangles, hit, point);
-                if ids.x != NONE {
-                    ids.to_array().iter().for_each(|&id| set.insert(id));
-                }
+    let part = part_of(n);
+    let seen = hits[..n].par_chunks(part).zip(points[..n].par_chunks(part)).map(|(hits, points)| {
+        let mut set = RowSet::new(rows);
+        for (&hit, &point) in hits.iter().zip(points) {
+            let (ids, _) = pixel_vertices(grids, cells, vertices, triangles, hit, point);
+            if ids.x != NONE {
+                ids.to_array().iter().for_each(|&id| set.insert(id));
             }
-            set
-        },
-    );
-    seen.reduce(|| RowSet::new(rows), RowSet::united).mark(marks, p.view);
+        }
+        set
+    });
+    if let Some(seen) = seen.reduce_with(RowSet::united) {
+        seen.mark(marks, p.view);
+    }
     Ok(())
 }
 
@@ -85,19 +92,20 @@ pub(crate) fn mark_columns(kernel: &Kernel, call: &mut HostCall) -> Result<(), H
     let row_marks = row_marks.write::<u32>(n)?;
     let marks = marks.whole::<u32>()?;
     let rows = marks.len();
-    let needing = row_marks.par_chunks_mut(TOGETHER).enumerate().fold(
-        || RowSet::new(rows),
-        |mut set, (chunk, row_marks)| {
-            for (k, mark) in row_marks.iter_mut().enumerate().filter(|(_, mark)| **mark == needed(p.view)) {
-                *mark = needed(p.view) + 1;
-                let row = chunk * TOGETHER + k;
-                let own = &columns[row_start[row] as usize..row_start[row + 1] as usize];
-                own.iter().for_each(|&column| set.insert(column));
-            }
-            set
-        },
-    );
-    needing.reduce(|| RowSet::new(rows), RowSet::united).mark(marks, p.view);
+    let part = part_of(n);
+    let needing = row_marks.par_chunks_mut(part).enumerate().map(|(chunk, row_marks)| {
+        let mut set = RowSet::new(rows);
+        for (k, mark) in row_marks.iter_mut().enumerate().filter(|(_, mark)| **mark == needed(p.view)) {
+            *mark = needed(p.view) + 1;
+            let row = chunk * part + k;
+            let own = &columns[row_start[row] as usize..row_start[row + 1] as usize];
+            own.iter().for_each(|&column| set.insert(column));
+        }
+        set
+    });
+    if let Some(needing) = needing.reduce_with(RowSet::united) {
+        needing.mark(marks, p.view);
+    }
     Ok(())
 }
 

@@ -15,7 +15,9 @@ use super::gather::ReceiverTables;
 use super::shade::{Indirect, Shade};
 use crate::frame::FramePlan;
 
-/// Name of the passes.
+/// Name of the passes that find out what is in view.
+pub const MARK: &str = "mark";
+/// Name of those that compute it.
 pub const PASS: &str = "view";
 
 /// The passes, and for what view and what light they are.
@@ -82,9 +84,9 @@ pub fn add(
     ];
     seen.extend(indirect.mesh());
     seen.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-    let mut passes = vec![mark_pixels(plan, PASS, &seen, shade.pixel_count())?];
-    passes.push(tables.weights.mark_columns(plan, PASS, points.marks, received.marks)?);
-    passes.push(tables.smoothing.mark_columns(plan, PASS, smooth.marks, quadrants.marks)?);
+    let mut passes = vec![mark_pixels(plan, MARK, &seen, shade.pixel_count())?];
+    passes.push(tables.weights.mark_columns(plan, MARK, points.marks, received.marks)?);
+    passes.push(tables.smoothing.mark_columns(plan, MARK, smooth.marks, quadrants.marks)?);
     let of_quadrants = (received.marks, received.computed);
     passes.extend(tables.rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?);
     passes.push(tables.smoothing.gather_view(plan, PASS, quadrant_values, smooth_values, smooth)?);
