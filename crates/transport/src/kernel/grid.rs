@@ -29,6 +29,10 @@ pub fn vertex_at(divisions: u32, i: u32, j: u32) -> u32 {
 /// for a cell that stands on its tip.
 #[inline]
 fn locate(divisions: u32, u: f32, v: f32) -> (u32, u32, u32) {
+    // The one cell of most triangles.
+    if divisions == 1 {
+        return (0, 0, 0);
+    }
     let n = divisions as f32;
     let x = if u > 0.0 { u * n } else { 0.0 };
     let y = if v > 0.0 { v * n } else { 0.0 };
