@@ -215,6 +215,16 @@ fn an_update_computes_less_when_only_a_part_is_in_view() {
         renderer.download(interpolated).unwrap().iter().filter(|h| h.truncate() != Vec3::ZERO).count()
     };
     let part = seen(&mut renderer);
+    // Other light, the same camera: the same points, and theirs is the light that all updates give.
+    let mut bright = loaded.scene.lighting.clone();
+    bright.lights.iter_mut().for_each(|lamp| lamp.color *= 2.0);
+    renderer.update_light(&bright, &camera).unwrap();
+    assert_eq!(seen(&mut renderer), part);
+    let interpolated = renderer.irradiance().interpolated;
+    let in_view = renderer.download(interpolated).unwrap();
+    let exact = renderer.surface_irradiance().unwrap();
+    let wrong = in_view.iter().zip(&exact).filter(|(h, exact)| h.truncate() != Vec3::ZERO && h.truncate() != **exact);
+    assert_eq!(wrong.count(), 0);
     let all = renderer.surface_irradiance().unwrap().iter().filter(|h| **h != Vec3::ZERO).count();
     assert!(part > 0 && 2 * part < all, "{part} of {all}");
 }

@@ -119,6 +119,12 @@ pub struct Renderer {
     number: u32,
 }
 
+/// What is new in a light update: the light of the elements, and the camera whose view is computed.
+struct News {
+    is_light: bool,
+    is_view: bool,
+}
+
 /// The loaded plan.
 struct Frame {
     tables: SceneTables,
@@ -214,25 +220,32 @@ impl Renderer {
     /// # Errors
     /// Lighting that does not suit the scene; what the device says.
     pub fn update_light(&mut self, lighting: &Lighting, camera: &Camera) -> Result<LightUpdate, Error> {
-        let update = self.update_elements(lighting, camera)?;
-        if self.frame.view.is_some() {
-            self.set_shot(camera, update.number)?;
-            let view = self.frame.view.as_ref().map(view::View::passes).unwrap_or_default();
-            let passes: Vec<PassId> = self.frame.shade.first_primary().iter().copied().chain(view).collect();
-            self.executor.submit_passes(&passes)?;
-        }
+        let (update, news) = self.update_elements(lighting, camera)?;
+        let Some(view) = &self.frame.view else { return Ok(update) };
+        let passes = match news {
+            News { is_view: true, .. } => {
+                let primary = self.frame.shade.first_primary().to_vec();
+                let passes = [primary, view.passes()].concat();
+                // The same places in the pixels for every camera: what is in view follows from the camera alone.
+                self.set_shot(camera, 0)?;
+                passes
+            }
+            News { is_light: true, .. } => view.gathers(),
+            _ => Vec::new(),
+        };
+        self.executor.submit_passes(&passes)?;
         Ok(update)
     }
 
     /// A light update up to the elements, and to all receivers if these are updated.
-    fn update_elements(&mut self, lighting: &Lighting, camera: &Camera) -> Result<LightUpdate, Error> {
+    fn update_elements(&mut self, lighting: &Lighting, camera: &Camera) -> Result<(LightUpdate, News), Error> {
         let is_other = self.set_lighting(lighting)? || !self.frame.is_lit;
         let input = FrameInput { lighting: &self.scene.lighting, camera, number: self.number };
         let executor = self.executor.as_mut();
         let frame = &mut self.frame;
         let mut times = Vec::new();
-        let is_lit_anew = is_other || !self.method.depends_on_source_alone();
-        if is_lit_anew {
+        let is_light = is_other || !self.method.depends_on_source_alone();
+        if is_light {
             self.method.before_frame(&input, executor)?;
             if is_other {
                 executor.submit_passes(&frame.before)?;
@@ -240,13 +253,14 @@ impl Renderer {
             times = submit_light(frame, self.method.as_mut(), executor)?;
             frame.is_lit = true;
         }
-        if let Some(view) = &mut frame.view {
-            view.set(executor, camera, is_lit_anew)?;
-        }
+        let is_view = match &mut frame.view {
+            Some(view) => view.set(executor, camera, is_light)?,
+            None => false,
+        };
         times.extend(executor.finished_times()?);
         let number = self.number;
         self.number = self.number.wrapping_add(1);
-        Ok(LightUpdate { number, times })
+        Ok((LightUpdate { number, times }, News { is_light, is_view }))
     }
 
     /// Makes the passes of the pixels ready for a camera, with the random numbers of frame `number`.
@@ -308,7 +322,7 @@ impl Renderer {
     /// As [`Self::update_light`].
     pub fn picture(&mut self, lighting: &Lighting, camera: &Camera, number: u32) -> Result<FrameResult, Error> {
         self.executor.wait()?;
-        let update = self.update_elements(lighting, camera)?;
+        let (update, _) = self.update_elements(lighting, camera)?;
         self.set_shot(camera, number)?;
         let executor = self.executor.as_mut();
         executor.submit_passes(self.frame.shade.passes())?;

@@ -9,7 +9,7 @@ use scene::{Camera, Light};
 use serde::Serialize;
 
 use super::{Machine, Setup, load, suited_settings};
-use crate::args::{Animate, Bench, Common};
+use crate::args::{Animate, Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::output;
 use crate::progress::{Progress, is_cancelled};
@@ -39,6 +39,8 @@ const PASSES: [&str; 7] = ["direct", "gather", "update", "method", "lookup", "ma
 enum Event {
     /// Suns, or where there are none all lights, move.
     Move,
+    /// So do they, and the camera flies.
+    Fly,
     /// Nothing changes.
     Rest,
     /// One of the lamps goes on and off.
@@ -49,6 +51,7 @@ impl Event {
     fn name(self) -> &'static str {
         match self {
             Self::Move => "lights move",
+            Self::Fly => "lights and camera move",
             Self::Rest => "nothing moves",
             Self::Switch => "a lamp is switched",
         }
@@ -155,8 +158,8 @@ impl Measuring<'_> {
         };
         let mut renderer = load(common, &bake, &render, progress)?;
         let events = match loaded.scene.lighting.lights.len() {
-            0 | 1 => &[Event::Move, Event::Rest][..],
-            _ => &[Event::Move, Event::Rest, Event::Switch],
+            0 | 1 => &[Event::Move, Event::Fly, Event::Rest][..],
+            _ => &[Event::Move, Event::Fly, Event::Rest, Event::Switch],
         };
         for &event in events {
             keep(self.frames(&mut renderer, "tiles 1 %", event, ReceiverUpdate::InView)?)?;
@@ -173,11 +176,18 @@ impl Measuring<'_> {
         Ok(())
     }
 
-    /// The lights of a frame.
-    fn lights(&self, event: Event, movement: &Movement, number: u32) -> Vec<Light> {
+    /// The lights and the camera of a frame.
+    fn shot(&self, event: Event, movement: &Movement, number: u32) -> (Vec<Light>, Camera) {
+        let (lights, view) = movement.at(number);
+        let size = self.args.size();
+        let view = if event == Event::Fly { view } else { self.loaded.view };
+        (self.lights(event, lights, number), view.camera(size.0, size.1))
+    }
+
+    fn lights(&self, event: Event, moved: Vec<Light>, number: u32) -> Vec<Light> {
         let own = &self.loaded.scene.lighting.lights;
         match event {
-            Event::Move => movement.at(number).0,
+            Event::Move | Event::Fly => moved,
             Event::Rest => own.clone(),
             Event::Switch => {
                 let mut lights = own.clone();
@@ -198,14 +208,13 @@ impl Measuring<'_> {
         receivers: ReceiverUpdate,
     ) -> Result<Row, Error> {
         let Self { args, loaded, progress, .. } = *self;
-        let size = args.size();
-        let camera: Camera = loaded.view.camera(size.0, size.1);
         let frames = args.frames();
-        let movement = Movement::new(loaded, (Animate::Sun, None), frames + 1, &Progress::new(true));
+        let movement = Movement::new(loaded, (Animate::Sun, Some(CameraPath::Fly)), frames + 1, &Progress::new(true));
         let mut whole = Vec::new();
         let mut by_pass: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
         for number in 0..=frames {
-            let lighting = with_lights(&loaded.scene, &self.lights(event, &movement, number));
+            let (lights, camera) = self.shot(event, &movement, number);
+            let lighting = with_lights(&loaded.scene, &lights);
             let start = Instant::now();
             let times = renderer.advance(&lighting, &camera)?;
             let ms = 1e3 * start.elapsed().as_secs_f64() - pass_ms(&times, PIXELS);
@@ -263,7 +272,8 @@ fn tables(machine: &Machine, rows: &[Row]) -> Vec<Table> {
                 let update = &row.light_update;
                 let texts = [&row.scene, &row.method, row.event, row.receivers_updated].map(str::to_owned);
                 let passes = PASSES.map(|pass| row.passes.get(pass).copied().unwrap_or(0.0));
-                let numbers = [update.median_ms, update.max_ms].into_iter().chain(passes);
+                // A sum of nothing may be a negative zero.
+                let numbers = [update.median_ms, update.max_ms].into_iter().chain(passes).map(|ms| ms + 0.0);
                 let found = [
                     format!("{} of {}", update.visible_receivers, row.receivers),
                     format!("{} of {}", update.visible_points, row.interpolation_points),

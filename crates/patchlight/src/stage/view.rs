@@ -23,7 +23,9 @@ pub const PASS: &str = "view";
 /// The passes, and for what view and what light they are.
 #[derive(Clone, Debug)]
 pub struct View {
-    passes: Vec<ViewPass>,
+    /// Passes that find out what is in view, and those that compute it.
+    marks: Vec<ViewPass>,
+    gathers: Vec<ViewPass>,
     /// What is zeros at first.
     cleared: Vec<BufferId>,
     points: BufferId,
@@ -84,25 +86,30 @@ pub fn add(
     ];
     seen.extend(indirect.mesh());
     seen.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-    let mut passes = vec![mark_pixels(plan, MARK, &seen, shade.pixel_count())?];
-    passes.push(tables.weights.mark_columns(plan, MARK, points.marks, received.marks)?);
-    passes.push(tables.smoothing.mark_columns(plan, MARK, smooth.marks, quadrants.marks)?);
+    let mut marks = vec![mark_pixels(plan, MARK, &seen, shade.pixel_count())?];
+    marks.push(tables.weights.mark_columns(plan, MARK, points.marks, received.marks)?);
+    marks.push(tables.smoothing.mark_columns(plan, MARK, smooth.marks, quadrants.marks)?);
     let of_quadrants = (received.marks, received.computed);
-    passes.extend(tables.rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?);
-    passes.push(tables.smoothing.gather_view(plan, PASS, quadrant_values, smooth_values, smooth)?);
+    let mut gathers = tables.rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?;
+    gathers.push(tables.smoothing.gather_view(plan, PASS, quadrant_values, smooth_values, smooth)?);
     let all_points = points.part(0, point_count);
-    passes.push(tables.weights.gather_view(plan, PASS, frame.received, frame.interpolated, all_points)?);
+    gathers.push(tables.weights.gather_view(plan, PASS, frame.received, frame.interpolated, all_points)?);
 
     let cleared =
         vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
     let (points, received) = (points.marks, received.marks);
-    Ok(View { passes, cleared, points, received, camera: None, view: 0, light: 0 })
+    Ok(View { marks, gathers, cleared, points, received, camera: None, view: 0, light: 0 })
 }
 
 impl View {
     /// The passes, in their order.
     pub fn passes(&self) -> Vec<PassId> {
-        self.passes.iter().map(|&(pass, _)| pass).collect()
+        self.marks.iter().chain(&self.gathers).map(|&(pass, _)| pass).collect()
+    }
+
+    /// Those that compute what is known to be in view.
+    pub fn gathers(&self) -> Vec<PassId> {
+        self.gathers.iter().map(|&(pass, _)| pass).collect()
     }
 
     /// Fills what the first frame finds.
@@ -129,7 +136,7 @@ impl View {
         Ok((count, points.iter().filter(|&&mark| is_needed(mark, self.view)).count()))
     }
 
-    /// Makes the passes ready for a camera, and for another light where it `is_lit_anew`.
+    /// Makes the passes ready for a camera, and for another light where it `is_lit_anew`; says whether the camera is another.
     ///
     /// # Errors
     /// What the device says.
@@ -138,7 +145,7 @@ impl View {
         executor: &mut (dyn Executor + 'static),
         camera: &Camera,
         is_lit_anew: bool,
-    ) -> Result<(), ExecutorError> {
+    ) -> Result<bool, ExecutorError> {
         let is_other = self.camera.as_ref() != Some(camera);
         if is_other && needed(self.view) > u32::MAX - 4 || self.light == u32::MAX {
             // The numbers are used up.
@@ -148,9 +155,9 @@ impl View {
         self.view += u32::from(is_other);
         self.light += u32::from(is_lit_anew);
         self.camera = Some(*camera);
-        for &(pass, params) in &self.passes {
+        for &(pass, params) in self.marks.iter().chain(&self.gathers) {
             executor.push(pass, &transport::ViewParams { view: self.view, light: self.light, ..params })?;
         }
-        Ok(())
+        Ok(is_other)
     }
 }
