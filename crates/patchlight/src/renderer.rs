@@ -572,12 +572,9 @@ impl Frame {
         let receivers = frame.plan.all_passes().split_off(before.len() + own.len() + elements.len());
         let indirect = shade::Indirect::of_bake(&mut frame);
         let mut shade = shade::add(&mut frame, &tables, &indirect, settings.size, settings.sub_frames)?;
-        let mut view = None;
-        if let Some(receiver_tables) = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView) {
-            let passes = view::add(&mut frame, &tables, &receiver_tables, &indirect, &shade)?;
-            shade.add_after_primary(&passes.passes());
-            view = Some(passes);
-        }
+        let in_view = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView);
+        let view = in_view.map(|receivers| view::add(&mut frame, &tables, &receivers, &indirect, &mut shade));
+        let view = view.transpose()?;
         let buffers = ReceiverBuffers {
             patches: frame.irradiance(),
             elements: frame.elements.irradiance.buffer,

@@ -13,6 +13,8 @@ use crate::table::Kernel;
 
 /// Rows that a core takes at once.
 const TOGETHER: usize = 4096;
+/// Rows whose marks are looked at together.
+const PACK: usize = 64;
 /// Parts for each core of what is marked: each has a set of its own.
 const PARTS: usize = 4;
 
@@ -118,10 +120,16 @@ fn gather(
     let n = p.count as usize;
     let marks = &marks.read::<u32>(n)?[..n];
     let (computed, irradiance) = (computed.write::<u32>(n)?, irradiance.write::<Rgb>(n)?);
-    let rows = computed.par_iter_mut().zip(irradiance).zip(marks).with_min_len(TOGETHER / 8).enumerate();
-    rows.for_each(|(k, ((light, irradiance), &mark))| {
-        if is_needed(mark, p.view) && *light != p.light {
-            (*light, *irradiance) = (p.light, row(k));
+    let parts = computed.par_chunks_mut(PACK).zip(irradiance.par_chunks_mut(PACK)).zip(marks.par_chunks(PACK));
+    parts.with_min_len(TOGETHER / PACK / 8).enumerate().for_each(|(pack, ((computed, irradiance), marks))| {
+        // Most rows are out of view, and their neighbours with them.
+        if !marks.iter().fold(false, |any, &mark| any | is_needed(mark, p.view)) {
+            return;
+        }
+        for (k, ((light, irradiance), &mark)) in computed.iter_mut().zip(irradiance).zip(marks).enumerate() {
+            if is_needed(mark, p.view) && *light != p.light {
+                (*light, *irradiance) = (p.light, row(PACK * pack + k));
+            }
         }
     });
     Ok(())

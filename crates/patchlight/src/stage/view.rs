@@ -55,7 +55,7 @@ impl Rows {
     }
 }
 
-/// Adds the passes after those of the pixels, whose primary rays say what is in view.
+/// Adds the passes, behind the primary rays of every sub-frame, which say what is in view.
 ///
 /// # Errors
 /// What the plan says.
@@ -64,7 +64,7 @@ pub fn add(
     scene: &SceneTables,
     tables: &ReceiverTables,
     indirect: &Indirect,
-    shade: &Shade,
+    shade: &mut Shade,
 ) -> Result<View, ExecutorError> {
     let receivers = &frame.bake.receivers;
     let (count, first_smooth) = (receivers.points.len(), receivers.first_smooth());
@@ -98,7 +98,9 @@ pub fn add(
     let cleared =
         vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
     let (points, received) = (points.marks, received.marks);
-    Ok(View { marks, gathers, cleared, points, received, camera: None, view: 0, light: 0 })
+    let view = View { marks, gathers, cleared, points, received, camera: None, view: 0, light: 0 };
+    shade.add_after_primary(&view.passes());
+    Ok(view)
 }
 
 impl View {
