@@ -15,7 +15,7 @@
 //! ```
 //! use std::sync::Arc;
 //!
-//! use patchlight::{Bake, BakeSettings, ReceiverUpdate, RenderSettings, Renderer, Silent};
+//! use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
 //! use runtime::cpu::Cpu;
 //!
 //! let loaded = assets::load_or_build("cornell")?;
