@@ -119,8 +119,8 @@ pub struct Renderer {
     number: u32,
 }
 
-/// What is new in a light update: the light of the elements, and the camera whose view is computed.
-struct News {
+/// What changes in a light update: the light of the elements, and the camera whose view is computed.
+struct Changes {
     is_light: bool,
     is_view: bool,
 }
@@ -220,17 +220,17 @@ impl Renderer {
     /// # Errors
     /// Lighting that does not suit the scene; what the device says.
     pub fn update_light(&mut self, lighting: &Lighting, camera: &Camera) -> Result<LightUpdate, Error> {
-        let (update, news) = self.update_elements(lighting, camera)?;
+        let (update, changes) = self.update_elements(lighting, camera)?;
         let Some(view) = &self.frame.view else { return Ok(update) };
-        let passes = match news {
-            News { is_view: true, .. } => {
+        let passes = match changes {
+            Changes { is_view: true, .. } => {
                 let primary = self.frame.shade.first_primary().to_vec();
                 let passes = [primary, view.passes()].concat();
                 // The same places in the pixels for every camera: what is in view follows from the camera alone.
                 self.set_shot(camera, 0)?;
                 passes
             }
-            News { is_light: true, .. } => view.gathers(),
+            Changes { is_light: true, .. } => view.gathers(),
             _ => Vec::new(),
         };
         self.executor.submit_passes(&passes)?;
@@ -238,29 +238,31 @@ impl Renderer {
     }
 
     /// A light update up to the elements, and to all receivers if these are updated.
-    fn update_elements(&mut self, lighting: &Lighting, camera: &Camera) -> Result<(LightUpdate, News), Error> {
+    fn update_elements(&mut self, lighting: &Lighting, camera: &Camera) -> Result<(LightUpdate, Changes), Error> {
         let is_other = self.set_lighting(lighting)? || !self.frame.is_lit;
         let input = FrameInput { lighting: &self.scene.lighting, camera, number: self.number };
         let executor = self.executor.as_mut();
         let frame = &mut self.frame;
         let mut times = Vec::new();
         let is_light = is_other || !self.method.depends_on_source_alone();
+        // Until all is submitted: what fails on the way is found again.
+        frame.is_lit = false;
         if is_light {
             self.method.before_frame(&input, executor)?;
             if is_other {
                 executor.submit_passes(&frame.before)?;
             }
             times = submit_light(frame, self.method.as_mut(), executor)?;
-            frame.is_lit = true;
         }
         let is_view = match &mut frame.view {
             Some(view) => view.set(executor, camera, is_light)?,
             None => false,
         };
+        frame.is_lit = true;
         times.extend(executor.finished_times()?);
         let number = self.number;
         self.number = self.number.wrapping_add(1);
-        Ok((LightUpdate { number, times }, News { is_light, is_view }))
+        Ok((LightUpdate { number, times }, Changes { is_light, is_view }))
     }
 
     /// Makes the passes of the pixels ready for a camera, with the random numbers of frame `number`.
