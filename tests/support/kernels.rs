@@ -421,11 +421,12 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let tables = vec![buffer("rays", &rays), room::<Hit>("hits", n), room::<u32>("stopped", n)];
             call(n as u32, CountParams { count: n as u32 }, tables)
         }
-        "scene_direct_light" => {
+        "scene_direct_light" | "scene_direct_shares" | "scene_add_lights" => {
             let points = surface_points(r, scene, 150);
+            let lights = scene.lighting.lights.len();
             let p = DirectParams {
                 count: 150,
-                light_count: scene.lighting.lights.len() as u32,
+                light_count: lights as u32,
                 emitter_count: scene.emitters.len() as u32,
                 area_rays: 5,
                 sky_rays: 7,
@@ -433,7 +434,18 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 ray_offset: scene.geometry.ray_offset,
                 first: 11,
             };
-            call(150, p, vec![buffer("points", &points), room::<Vec4>("irradiance", 150)])
+            // All but the first light have changed, the last one first.
+            let changed: Vec<u32> = (1..lights as u32).rev().collect();
+            let p =
+                if name == "scene_direct_shares" { DirectParams { light_count: changed.len() as u32, ..p } } else { p };
+            let tables = vec![
+                buffer("points", &points),
+                buffer("changed", &changed),
+                buffer("shares", &r.floats(150 * lights)),
+                buffer("surroundings", &r.colors(150)),
+                room::<Vec4>("irradiance", 150),
+            ];
+            call(150, p, tables)
         }
         "scene_primary" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);

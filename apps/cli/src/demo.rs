@@ -317,6 +317,7 @@ impl Stage<'_> {
             photons: photons.map(|photons| PhotonCounts::of(&photons.shot().round())),
             frames: self.effort.frames,
             seed: self.common.seed,
+            light_update: None,
             passes: times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect(),
             bake: BTreeMap::new(),
             peak_memory_bytes: peak_memory_bytes(),

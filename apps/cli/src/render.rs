@@ -18,8 +18,8 @@ use experiments::path;
 use experiments::photons;
 use experiments::progress::{Progress, is_cancelled};
 use experiments::report::significant;
-use experiments::sequence::{Movement, Sequence, Shot};
-use experiments::summary::{PassTimes, PhotonCounts, Summary};
+use experiments::sequence::{Movement, Sequence, Shot, light_update_ms};
+use experiments::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
 use experiments::worst_blocks::worst_blocks;
 use patchlight::debug::DebugPicture;
 use patchlight::memory::peak_memory_bytes;
@@ -323,6 +323,7 @@ impl Job<'_> {
         let movement = self.movement();
         let mut sequence = Sequence::new(loaded.exposure_stops);
         let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        let mut updates = Vec::new();
         let mut last = None;
         for number in 0..args.frames {
             let (lights, view) = movement.at(number);
@@ -342,6 +343,7 @@ impl Job<'_> {
                 output::write_debug(&out.join("debug"), &pictures)?;
             }
             let FrameResult { pictures, times: passes } = done;
+            updates.push(light_update_ms(&passes));
             for (name, ms) in passes {
                 times.entry(name).or_default().push(ms);
             }
@@ -354,6 +356,15 @@ impl Job<'_> {
             progress.note(&line);
         }
         summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
+        let (visible_receivers, visible_points) = renderer.count_updated()?;
+        summary.light_update = PassTimes::of(&updates).map(|PassTimes { median_ms, max_ms }| LightUpdate {
+            median_ms,
+            max_ms,
+            frames_ms: updates,
+            visible_receivers,
+            visible_points,
+            bytes: renderer.bytes().values().sum(),
+        });
         last.ok_or(Error::Cancelled)
     }
 
@@ -461,6 +472,9 @@ fn print(s: &Summary) {
     }
     for (name, t) in &s.passes {
         println!("{:14} median {:.2} ms, max {:.2} ms", format!("pass {name}"), t.median_ms, t.max_ms);
+    }
+    if let Some(update) = &s.light_update {
+        println!("{:14} median {:.2} ms, max {:.2} ms", "light update", update.median_ms, update.max_ms);
     }
     for (name, count) in &s.bytes {
         println!("{:14} {}", format!("bytes {name}"), output::bytes(*count));

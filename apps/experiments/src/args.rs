@@ -115,7 +115,7 @@ pub struct Bench {
     pub name: Experiment,
     /// Scene files or built-in scenes [default: frame office, others cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, firstshot 4000, others 10000].
+    /// Patches [default: patches 1000,2000,5000,10000,20000, firstshot 4000, curves 1000,2000,4000,8000, others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
@@ -166,6 +166,9 @@ pub struct Bench {
     /// Relative errors (Frobenius) of the same, compressed.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03", value_parser = parse_epsilon)]
     pub receiver_epsilons: Vec<f64>,
+    /// Light updates over patches, receivers, triangles (of the atrium) and lights, instead of one size (frame).
+    #[arg(long)]
+    pub curves: bool,
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
     #[arg(long)]
     pub resume: bool,

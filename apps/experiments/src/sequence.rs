@@ -119,6 +119,14 @@ pub fn pass_ms(times: &[(String, f64)], name: &str) -> f64 {
     times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum()
 }
 
+/// Passes of pixels, which are no part of a light update.
+pub const PIXELS: &str = "shade";
+
+/// Milliseconds of a frame up to the irradiance of every visible point: all passes but those of the pixels.
+pub fn light_update_ms(times: &[(String, f64)]) -> f64 {
+    times.iter().filter(|(name, _)| name != PIXELS).map(|(_, ms)| ms).sum()
+}
+
 /// What the frames measured, and the light of the last.
 pub struct Sequence {
     frames: Vec<Measured>,

@@ -23,6 +23,24 @@ impl PassTimes {
     }
 }
 
+/// Whole light updates: from "a light has moved" to irradiance at every visible point.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LightUpdate {
+    /// Median over the frames, ms.
+    pub median_ms: f64,
+    /// Greatest, ms.
+    pub max_ms: f64,
+    /// Of each frame, ms: all its passes but those of the pixels.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub frames_ms: Vec<f64>,
+    /// Receivers whose light the last update found.
+    pub visible_receivers: usize,
+    /// Interpolation points likewise.
+    pub visible_points: usize,
+    /// Bytes of all that frames hold beside the scene.
+    pub bytes: u64,
+}
+
 /// Photons of the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PhotonCounts {
@@ -76,6 +94,9 @@ pub struct Summary {
     /// Time a frame of each pass: direct, gather, method, lookup, shade.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub passes: BTreeMap<String, PassTimes>,
+    /// Whole light updates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light_update: Option<LightUpdate>,
     /// Seconds of each phase before the first frame.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub bake: BTreeMap<String, f64>,

@@ -7,6 +7,7 @@ pub(crate) mod formfactor;
 pub(crate) mod localmatrix;
 pub(crate) mod multibounce;
 pub(crate) mod patches;
+pub(crate) mod scene;
 pub(crate) mod temporal;
 pub(crate) mod tiles;
 pub(crate) mod view;

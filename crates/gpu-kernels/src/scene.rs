@@ -1,7 +1,7 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
 use ::scene::kernel::{bvh, camera, light, shade};
-use ::scene::{DirectParams, Hit, Ray, Rgb, SurfacePoint};
+use ::scene::{DirectParams, Hit, Light, Ray, Rgb, SurfacePoint};
 use glam::Vec3;
 
 use crate::params::{CountParams, PixelParams, ToneMapParams};
@@ -40,6 +40,39 @@ kernels! {
         };
         let at = p.first + k;
         light::direct_irradiance(&geometry, p, at, points[k as usize], &lights, stopped).extend(0.0)
+    }
+
+    /// Share of the colour of every light in `changed` that arrives at every point as irradiance:
+    /// [`light::irradiance_share`] with shadow rays by [`bvh::any_hit`]. `light_count` says how many have changed; `shares` holds
+    /// `count` values for each light. One invocation per point.
+    SCENE_DIRECT_SHARES = "scene_direct_shares"(p: DirectParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        geometry: GeometryTables,
+        lights: read [Light],
+        changed: read [u32; p.light_count as usize],
+        shares: update [f32],
+    } invocation {
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        let at = p.first + k;
+        for number in 0..p.light_count {
+            let slot = changed[number as usize];
+            let light = lights[slot as usize];
+            let share = light::irradiance_share(p, at, slot, &light, points[k as usize], stopped);
+            shares[(slot * p.count + k) as usize] = share;
+        }
+    } host crate::host::scene::direct_shares;
+
+    /// Direct irradiance at every point, W/m², from the shares of the lights and what emitters and sky
+    /// send there: [`light::add_lights`]. One invocation per point.
+    SCENE_ADD_LIGHTS = "scene_add_lights"(p: DirectParams) for k in 0..count {
+        lights: read [Light; p.light_count as usize],
+        shares: read [f32; p.light_count as usize * count],
+        surroundings: read [Rgb; count],
+        irradiance: write [Rgb],
+    } each {
+        light::add_lights(k, p, lights, shares, surroundings[k as usize])
     }
 
     /// What every pixel's primary ray meets, as a hit and as a point to be lit:

@@ -132,8 +132,8 @@ struct Frame {
     source: source::Source,
     shade: shade::Shade,
     buffers: ReceiverBuffers,
-    /// Passes up to the first exitance, those of the method, and those from its irradiance to the elements.
-    before: Vec<PassId>,
+    /// Passes of the first exitance, those of the method, and those from its irradiance to the elements.
+    source_passes: Vec<PassId>,
     method: Vec<PassId>,
     elements: Vec<PassId>,
     /// From the elements to all receivers and interpolation points.
@@ -239,18 +239,18 @@ impl Renderer {
 
     /// A light update up to the elements, and to all receivers if these are updated.
     fn update_elements(&mut self, lighting: &Lighting, camera: &Camera) -> Result<(LightUpdate, Changes), Error> {
-        let is_other = self.set_lighting(lighting)? || !self.frame.is_lit;
+        let direct = self.set_lighting(lighting)?;
         let input = FrameInput { lighting: &self.scene.lighting, camera, number: self.number };
         let executor = self.executor.as_mut();
         let frame = &mut self.frame;
         let mut times = Vec::new();
-        let is_light = is_other || !self.method.depends_on_source_alone();
+        let is_light = !direct.is_empty() || !self.method.depends_on_source_alone();
         // Until all is submitted: what fails on the way is found again.
         frame.is_lit = false;
         if is_light {
             self.method.before_frame(&input, executor)?;
-            if is_other {
-                executor.submit_passes(&frame.before)?;
+            if !direct.is_empty() {
+                executor.submit_passes(&[&direct[..], &frame.source_passes].concat())?;
             }
             times = submit_light(frame, self.method.as_mut(), executor)?;
         }
@@ -480,6 +480,7 @@ impl Renderer {
         let mut bytes = BTreeMap::from([
             ("elements".to_owned(), factors.element_bytes(has_factors)),
             ("samples".to_owned(), size_of_val(&mesh.points[..]) as u64),
+            ("light shares".to_owned(), self.frame.direct.bytes(mesh.points.len())),
             ("receivers".to_owned(), receivers.rows.bytes()),
             ("smoothing".to_owned(), receivers.smoothing.bytes()),
             ("interpolation".to_owned(), receivers.weights.bytes()),
@@ -489,10 +490,13 @@ impl Renderer {
         bytes
     }
 
-    /// Takes over what shines, and puts on the device what has changed of it; says whether anything has.
-    fn set_lighting(&mut self, lighting: &Lighting) -> Result<bool, Error> {
+    /// Takes over what shines, and puts on the device what has changed of it; the passes of direct light that this asks for.
+    fn set_lighting(&mut self, lighting: &Lighting) -> Result<Vec<PassId>, Error> {
         if self.frame.is_lit && self.scene.lighting == *lighting {
-            return Ok(false);
+            return Ok(Vec::new());
+        }
+        if !self.frame.is_lit {
+            self.frame.direct.forget();
         }
         let sky_changes = self.scene.lighting.sky != lighting.sky
             || self.scene.lighting.sky_map != lighting.sky_map
@@ -500,24 +504,24 @@ impl Renderer {
         self.scene.set_lighting(lighting.clone())?;
         if !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
             self.load()?;
-            return self.upload_lights().map(|()| true);
-        }
-        if sky_changes {
+        } else if sky_changes {
             self.frame.upload_sky(&self.bake, &self.scene, self.executor.as_mut())?;
+            self.frame.direct.forget_surroundings();
         }
-        self.upload_lights().map(|()| true)
+        self.set_lights()
     }
 
-    fn upload_lights(&mut self) -> Result<(), Error> {
+    fn set_lights(&mut self) -> Result<Vec<PassId>, Error> {
         let executor = self.executor.as_mut();
-        self.frame.tables.set_lights(executor, &self.scene.lighting.lights)?;
-        let direct = DirectParams {
-            light_count: self.scene.lighting.lights.len() as u32,
+        let lights = &self.scene.lighting.lights;
+        self.frame.tables.set_lights(executor, lights)?;
+        let params = DirectParams {
+            light_count: lights.len() as u32,
             emitter_count: self.scene.emitters.len() as u32,
             sky_rays: if self.scene.lighting.sky.map_width == 0 { 0 } else { self.bake.settings.sample_rays },
             ..self.bake.direct
         };
-        Ok(executor.push(self.frame.direct.pass, &direct)?)
+        Ok(self.frame.direct.set(executor, lights, &params)?)
     }
 }
 
@@ -566,6 +570,7 @@ impl Frame {
         let direct = direct::add(&mut frame, &tables)?;
         let source = source::add(&mut frame, &direct)?;
         let before = frame.plan.all_passes();
+        let source_passes = source.passes.to_vec();
         method.add_passes(&mut frame)?;
         let own = frame.plan.all_passes().split_off(before.len());
         gather::add_elements(&mut frame, method)?;
@@ -591,6 +596,7 @@ impl Frame {
         for buffer in cleared {
             executor.clear(buffer)?;
         }
+        direct.clear(executor)?;
         shade.clear(executor)?;
         if let Some(view) = &view {
             view.clear(executor)?;
@@ -601,7 +607,7 @@ impl Frame {
             source,
             shade,
             buffers,
-            before,
+            source_passes,
             method: own,
             elements,
             receivers,

@@ -1,10 +1,14 @@
 //! `bench frame`: whole light updates, from "a light has moved" to irradiance at every visible point.
 
+mod curves;
+mod floors;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::Vec3;
 use scene::{Camera, Light};
 use serde::Serialize;
 
@@ -14,8 +18,8 @@ use crate::error::Error;
 use crate::output;
 use crate::progress::{Progress, is_cancelled};
 use crate::report::{Section, Table, page};
-use crate::sequence::{Movement, pass_ms};
-use crate::summary::PassTimes;
+use crate::sequence::{Movement, PIXELS, pass_ms};
+use crate::summary::{LightUpdate, PassTimes};
 use assets::import::LoadedScene;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::{LocalSettings, TemporalSettings};
@@ -29,8 +33,8 @@ const SCENES: [&str; 1] = ["office"];
 const COUNT: u32 = 10_000;
 /// Relative error of the compressed operator.
 const EPSILON: f64 = 0.01;
-/// Passes of pixels, which are no part of a light update.
-const PIXELS: &str = "shade";
+/// The method with it.
+const TILES: &str = "tiles 1 %";
 /// Passes of a light update, in their order; "update" is the matrix round the camera.
 const PASSES: [&str; 7] = ["direct", "gather", "update", "method", "lookup", "mark", "view"];
 
@@ -61,30 +65,34 @@ impl Event {
 /// A measurement.
 #[derive(Clone, Serialize)]
 struct Row {
+    /// The curve that it is a point of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    curve: Option<&'static str>,
     scene: String,
     method: String,
     event: &'static str,
     /// Which receivers are updated.
     receivers_updated: &'static str,
+    triangles: usize,
+    lights: usize,
     patches: usize,
     receivers: usize,
     interpolation_points: usize,
     light_update: LightUpdate,
     /// Medians of the passes.
     passes: BTreeMap<&'static str, f64>,
+    /// What passes must do at least.
+    work: BTreeMap<&'static str, Work>,
     bytes: BTreeMap<String, u64>,
 }
 
-/// Whole light updates.
-#[derive(Clone, Serialize)]
-struct LightUpdate {
-    median_ms: f64,
-    max_ms: f64,
-    /// Receivers, and interpolation points, whose light was found.
-    visible_receivers: usize,
-    visible_points: usize,
-    /// Bytes of all that frames hold beside the scene.
+/// What a pass must do at least.
+#[derive(Clone, Copy, Serialize)]
+struct Work {
+    /// Tables that it reads and values that it writes.
     bytes: u64,
+    /// Multiplications and additions of single numbers; those of rays are not counted.
+    operations: u64,
 }
 
 #[derive(Serialize)]
@@ -100,7 +108,8 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Setup { out, machine, scenes, counts } = Setup::new(common, args, "frame", &SCENES, &[COUNT])?;
+    let Setup { out, machine, scenes, counts } =
+        Setup::new(common, args, "frame", &SCENES, if args.curves { &curves::COUNTS } else { &[COUNT] })?;
     let mut rows: Vec<Row> = Vec::new();
     let results = |rows: &[Row]| {
         output::json(&Results {
@@ -113,23 +122,29 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
             rows,
         })
     };
+    let operations_g = floors::operations_g();
+    let mut keep = |row: Row| {
+        rows.push(row);
+        // What is known is kept when the rest fails or is stopped.
+        output::write_text(&out.join("summary.json"), &results(&rows))?;
+        write_report(&machine, operations_g, &rows, &out)
+    };
     for scene in scenes {
         let progress = Progress::new(common.quiet);
         let loaded = output::import(scene, &progress)?;
+        let measuring = Measuring { common, args, loaded: &loaded, progress: &progress };
+        if args.curves {
+            curves::measure(&measuring, &counts, &mut keep)?;
+            continue;
+        }
         for &count in &counts {
-            let measuring = Measuring { common, args, loaded: &loaded, progress: &progress };
-            measuring.measure(count as usize, &mut |row| {
-                rows.push(row);
-                // What is known is kept when the rest fails or is stopped.
-                output::write_text(&out.join("summary.json"), &results(&rows))
-            })?;
-            write_report(&machine, &rows, &out)?;
+            measuring.measure(count as usize, &mut keep)?;
         }
     }
     if common.json {
         println!("{}", results(&rows));
     } else {
-        tables(&machine, &rows).iter().for_each(|table| println!("{}", table.markdown()));
+        tables(&machine, operations_g, &rows).iter().for_each(|table| println!("{}", table.markdown()));
         println!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
@@ -147,25 +162,16 @@ impl Measuring<'_> {
         let Self { common, args, loaded, progress } = *self;
         let settings = suited_settings(common, args, loaded, count);
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
-        let tiles = MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON });
-        let render = RenderSettings {
-            method: tiles,
-            eye: loaded.view.eye,
-            size: args.size(),
-            sub_frames: 1,
-            receivers: ReceiverUpdate::InView,
-            ..RenderSettings::default()
-        };
-        let mut renderer = load(common, &bake, &render, progress)?;
+        let mut renderer = load(common, &bake, &self.render_settings(), progress)?;
         let events = match loaded.scene.lighting.lights.len() {
             0 | 1 => &[Event::Move, Event::Fly, Event::Rest][..],
             _ => &[Event::Move, Event::Fly, Event::Rest, Event::Switch],
         };
         for &event in events {
-            keep(self.frames(&mut renderer, "tiles 1 %", event, ReceiverUpdate::InView)?)?;
+            keep(self.frames(&mut renderer, TILES, event, ReceiverUpdate::InView)?)?;
         }
         renderer.set_receivers(ReceiverUpdate::All)?;
-        keep(self.frames(&mut renderer, "tiles 1 %", Event::Move, ReceiverUpdate::All)?)?;
+        keep(self.frames(&mut renderer, TILES, Event::Move, ReceiverUpdate::All)?)?;
         renderer.set_receivers(ReceiverUpdate::InView)?;
         let temporal = MethodSettings::Temporal(TemporalSettings::default());
         let local = MethodSettings::Local(LocalSettings::default());
@@ -174,6 +180,18 @@ impl Measuring<'_> {
             keep(self.frames(&mut renderer, name, Event::Move, ReceiverUpdate::InView)?)?;
         }
         Ok(())
+    }
+
+    /// Tiles, what is in view.
+    fn render_settings(&self) -> RenderSettings {
+        RenderSettings {
+            method: MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }),
+            eye: self.loaded.view.eye,
+            size: self.args.size(),
+            sub_frames: 1,
+            receivers: ReceiverUpdate::InView,
+            ..RenderSettings::default()
+        }
     }
 
     /// The lights and the camera of a frame.
@@ -192,14 +210,14 @@ impl Measuring<'_> {
             Event::Switch => {
                 let mut lights = own.clone();
                 if number % 2 == 1 {
-                    lights.remove(own.len() / 2);
+                    lights[own.len() / 2].color = Vec3::ZERO;
                 }
                 lights
             }
         }
     }
 
-    /// Light updates of all frames; the first one, which makes memory ready, does not count.
+    /// Light updates of all frames of an event.
     fn frames(
         &self,
         renderer: &mut Renderer,
@@ -207,14 +225,28 @@ impl Measuring<'_> {
         event: Event,
         receivers: ReceiverUpdate,
     ) -> Result<Row, Error> {
-        let Self { args, loaded, progress, .. } = *self;
+        let Self { args, loaded, .. } = *self;
         let frames = args.frames();
         let movement = Movement::new(loaded, (Animate::Sun, Some(CameraPath::Fly)), frames + 1, &Progress::new(true));
+        let named = Named { method, event: event.name(), receivers };
+        self.measured(renderer, &named, &|number| self.shot(event, &movement, number))
+    }
+
+    /// Light updates of all frames of a movement; the first one, which makes memory ready, does not count.
+    fn measured(
+        &self,
+        renderer: &mut Renderer,
+        named: &Named,
+        shot: &dyn Fn(u32) -> (Vec<Light>, Camera),
+    ) -> Result<Row, Error> {
+        let Self { args, loaded, progress, .. } = *self;
         let mut whole = Vec::new();
         let mut by_pass: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
-        for number in 0..=frames {
-            let (lights, camera) = self.shot(event, &movement, number);
-            let lighting = with_lights(&loaded.scene, &lights);
+        let mut lights = 0;
+        for number in 0..=args.frames() {
+            let (shining, camera) = shot(number);
+            lights = shining.len();
+            let lighting = with_lights(&loaded.scene, &shining);
             let start = Instant::now();
             let times = renderer.advance(&lighting, &camera)?;
             let ms = 1e3 * start.elapsed().as_secs_f64() - pass_ms(&times, PIXELS);
@@ -228,39 +260,55 @@ impl Measuring<'_> {
                 }
             }
         }
-        let PassTimes { median_ms, max_ms } =
-            PassTimes::of(&whole).unwrap_or(PassTimes { median_ms: 0.0, max_ms: 0.0 });
-        progress.note(&format!("{}: {method}, {}: {median_ms:.2} ms", loaded.name, event.name()));
+        let times = PassTimes::of(&whole).unwrap_or(PassTimes { median_ms: 0.0, max_ms: 0.0 });
+        let Named { method, event, receivers } = *named;
+        progress.note(&format!("{}: {method}, {event}: {:.2} ms", loaded.name, times.median_ms));
+        let found = renderer.count_updated()?;
         let bytes = renderer.bytes();
-        let (visible_receivers, visible_points) = renderer.count_updated()?;
         let bake = renderer.bake();
+        let mut work = floors::work(bake, lights, receivers, found);
+        if event == Event::Fly.name() {
+            work.insert("mark", floors::of_pixels(args.size()));
+        }
         Ok(Row {
+            curve: None,
             scene: loaded.name.clone(),
             method: method.to_owned(),
-            event: event.name(),
+            event,
             receivers_updated: match receivers {
                 ReceiverUpdate::All => "all",
                 ReceiverUpdate::InView => "in view",
             },
+            triangles: loaded.scene.geometry.triangles.len(),
+            lights,
             patches: bake.mesh.patches.len(),
             receivers: bake.receivers.points.len(),
             interpolation_points: bake.receivers.interpolation.points.len(),
             light_update: LightUpdate {
-                median_ms,
-                max_ms,
-                visible_receivers,
-                visible_points,
+                median_ms: times.median_ms,
+                max_ms: times.max_ms,
+                frames_ms: Vec::new(),
+                visible_receivers: found.0,
+                visible_points: found.1,
                 bytes: bytes.values().sum(),
             },
             passes: by_pass.into_iter().filter_map(|(pass, t)| Some((pass, PassTimes::of(&t)?.median_ms))).collect(),
+            work,
             bytes,
         })
     }
 }
 
+/// What is measured.
+struct Named<'a> {
+    method: &'a str,
+    event: &'static str,
+    receivers: ReceiverUpdate,
+}
+
 /// Times of whole light updates and of their passes, and what the updates would take if memory were all that counts.
-fn tables(machine: &Machine, rows: &[Row]) -> Vec<Table> {
-    let head = ["scene", "method", "what happens", "receivers", "median ms", "max ms"];
+fn tables(machine: &Machine, operations_g: f64, rows: &[Row]) -> Vec<Table> {
+    let head = ["scene", "method", "what happens", "updated", "triangles", "patches", "lights", "median ms", "max ms"];
     let times = Table {
         caption: "Whole light updates, from \"a light has moved\" to irradiance at every visible point; passes, medians in ms. \
                   The primary rays of the pixels, which say what is in view, are not counted."
@@ -278,11 +326,12 @@ fn tables(machine: &Machine, rows: &[Row]) -> Vec<Table> {
                     format!("{} of {}", update.visible_receivers, row.receivers),
                     format!("{} of {}", update.visible_points, row.interpolation_points),
                 ];
-                texts.into_iter().chain(numbers.map(|ms| format!("{ms:.2}"))).chain(found).collect()
+                let sizes = [row.triangles, row.patches, row.lights].map(|n| n.to_string());
+                texts.into_iter().chain(sizes).chain(numbers.map(|ms| format!("{ms:.2}"))).chain(found).collect()
             })
             .collect(),
     };
-    vec![times, memory_table(machine, rows)]
+    vec![times, floors::table(machine, operations_g, rows), memory_table(machine, rows)]
 }
 
 /// What frames hold, and how long it takes to read it once.
@@ -313,14 +362,14 @@ fn memory_table(machine: &Machine, rows: &[Row]) -> Table {
     }
 }
 
-fn write_report(machine: &Machine, rows: &[Row], out: &Path) -> Result<(), Error> {
+fn write_report(machine: &Machine, operations_g: f64, rows: &[Row], out: &Path) -> Result<(), Error> {
     let section = Section {
         title: "Light updates".to_owned(),
         text: Vec::new(),
         figures: Vec::new(),
         strip: Vec::new(),
-        tables: tables(machine, rows),
-        plots: Vec::new(),
+        tables: tables(machine, operations_g, rows),
+        plots: curves::plots(rows),
     };
     output::write_text(&out.join("report.html"), &page("Patchlight: light updates", &[], [&section]))
 }

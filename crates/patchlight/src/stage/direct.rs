@@ -1,35 +1,141 @@
 //! Direct irradiance at the samples of the elements, or of what stands for them, W/m².
 
-use runtime::executor::ExecutorError;
+use bytemuck::Zeroable as _;
+use glam::{Vec3, Vec4};
+use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::rgb_bytes;
 use runtime::recipe::scene::SceneTables;
-use scene::DirectParams;
+use scene::{DirectParams, Light};
 
 use crate::frame::FramePlan;
 
-/// The pass of direct light, whose push constants have the number of lights.
-#[derive(Clone, Copy, Debug)]
+/// Direct light at points that stay: what reaches them of each light is kept, so that only lights that have moved are traced.
+#[derive(Debug)]
 pub struct DirectLight {
-    /// The pass.
-    pub pass: PassId,
     /// Irradiance at the samples.
     pub irradiance: BufferId,
     /// The samples.
     pub points: Range,
+    /// What arrives of each light that has changed.
+    trace: PassId,
+    /// What emitters and sky send.
+    surround: PassId,
+    /// The sum of all.
+    add: PassId,
+    changed: BufferId,
+    shares: BufferId,
+    /// Lights whose shares are on the device, without their colours.
+    traced: Vec<Light>,
+    is_surrounded: bool,
 }
 
-/// Adds the pass for the samples of a bake.
+/// Adds the passes for the samples of a bake.
 ///
 /// # Errors
 /// What the plan says.
 pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, ExecutorError> {
     let mesh = &frame.bake.mesh;
     let points = frame.tables.part(&mut frame.plan, "points", mesh, |mesh| &mesh.points);
-    at_points(&mut frame.plan, scene, points, &frame.bake.direct)
+    let params = &frame.bake.direct;
+    let plan = &mut frame.plan;
+    let capacity = scene.light_capacity();
+    let count = params.count as usize;
+    let irradiance = plan.storage("direct irradiance", rgb_bytes(count));
+    let surroundings = plan.storage("surroundings", rgb_bytes(count));
+    let shares = plan.storage("light shares", (capacity * count * size_of::<f32>()) as u64);
+    let changed = plan.storage("changed lights", (capacity * size_of::<u32>()) as u64);
+
+    let own = [("points", points), ("changed", changed.into()), ("shares", shares.into())];
+    let trace = scene.direct_shares(plan, "direct", &own, params)?;
+    let own = [("points", points), ("irradiance", Range::from(surroundings))];
+    let surround = scene.direct_light(plan, "direct", &own, params)?;
+    let own = [("shares", shares.into()), ("surroundings", surroundings.into()), ("irradiance", irradiance.into())];
+    let add = scene.add_lights(plan, "direct", &own, params)?;
+    Ok(DirectLight {
+        irradiance,
+        points,
+        trace,
+        surround,
+        add,
+        changed,
+        shares,
+        traced: Vec::new(),
+        is_surrounded: false,
+    })
 }
 
-/// Adds the pass for `params.count` samples anywhere. Shapes: `points[count]` of `SurfacePoint`.
+impl DirectLight {
+    /// Before the first frame.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
+        executor.clear(self.shares)
+    }
+
+    /// Makes the passes ready for lights; those that are to be submitted.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set(
+        &mut self,
+        executor: &mut dyn Executor,
+        lights: &[Light],
+        params: &DirectParams,
+    ) -> Result<Vec<PassId>, ExecutorError> {
+        let mut passes = Vec::new();
+        self.traced.resize(lights.len(), Light::zeroed());
+        let mut changed = Vec::new();
+        for (slot, (light, traced)) in lights.iter().zip(&mut self.traced).enumerate() {
+            let place = Light { color: Vec3::ONE, ..*light };
+            if *traced != place {
+                *traced = place;
+                changed.push(slot as u32);
+            }
+        }
+        if !changed.is_empty() {
+            executor.push(self.trace, &DirectParams { light_count: changed.len() as u32, ..*params })?;
+            executor.upload(self.changed, &changed)?;
+            passes.push(self.trace);
+        }
+        if !self.is_surrounded {
+            executor.push(self.surround, &DirectParams { light_count: 0, ..*params })?;
+            passes.push(self.surround);
+            self.is_surrounded = true;
+        }
+        executor.push(self.add, params)?;
+        passes.push(self.add);
+        Ok(passes)
+    }
+
+    /// Bytes of what is kept of all lights at so many samples.
+    pub fn bytes(&self, samples: usize) -> u64 {
+        (self.traced.len() * samples * size_of::<f32>() + samples * size_of::<Vec4>()) as u64
+    }
+
+    /// Emitters or the sky have changed.
+    pub fn forget_surroundings(&mut self) {
+        self.is_surrounded = false;
+    }
+
+    /// Nothing that was traced counts any more.
+    pub fn forget(&mut self) {
+        self.traced.clear();
+        self.forget_surroundings();
+    }
+}
+
+/// The pass of direct light at points that change.
+#[derive(Clone, Copy, Debug)]
+pub struct PointLight {
+    /// The pass, whose push constants have the number of lights.
+    pub pass: PassId,
+    /// Irradiance at the points.
+    pub irradiance: BufferId,
+}
+
+/// Adds the pass for `params.count` points anywhere. Shapes: `points[count]` of `SurfacePoint`.
 ///
 /// # Errors
 /// What the plan says.
@@ -38,9 +144,9 @@ pub fn at_points(
     scene: &SceneTables,
     points: Range,
     params: &DirectParams,
-) -> Result<DirectLight, ExecutorError> {
+) -> Result<PointLight, ExecutorError> {
     let irradiance = plan.storage("direct irradiance", rgb_bytes(params.count as usize));
     let own = [("points", points), ("irradiance", Range::from(irradiance))];
     let pass = scene.direct_light(plan, "direct", &own, params)?;
-    Ok(DirectLight { pass, irradiance, points })
+    Ok(PointLight { pass, irradiance })
 }

@@ -4,7 +4,7 @@ use glam::Vec4;
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
 use runtime::executor::ExecutorError;
-use runtime::plan::{BufferId, Range};
+use runtime::plan::{BufferId, PassId, Range};
 use runtime::recipe::add_pass;
 use runtime::recipe::formfactor::assemble_source;
 use scene::Lighting;
@@ -13,9 +13,11 @@ use super::direct::DirectLight;
 use crate::bake::Bake;
 use crate::frame::FramePlan;
 
-/// What changes in the stage with the sky.
+/// The passes, and what changes in them with the sky.
 #[derive(Clone, Copy, Debug)]
 pub struct Source {
+    /// Elements, then patches.
+    pub passes: [PassId; 2],
     /// What elements reflect of a constant sky, W/m².
     pub emission: BufferId,
 }
@@ -38,7 +40,7 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
         ("emission", Range::from(emission)),
         ("source", frame.elements.source),
     ];
-    assemble_source(plan, "gather", &own, frame.elements.count)?;
+    let of_elements = assemble_source(plan, "gather", &own, frame.elements.count)?;
 
     // A patch has the mean of its elements by area.
     let numbers: Vec<u32> = (0..elements as u32).collect();
@@ -50,8 +52,8 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
         ("irradiance", frame.patches.source),
     ];
     let count = CountParams { count: frame.patches.count };
-    add_pass(plan, "gather", &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, count.count)?;
-    Ok(Source { emission })
+    let of_patches = add_pass(plan, "gather", &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, count.count)?;
+    Ok(Source { passes: [of_elements, of_patches], emission })
 }
 
 /// First exitance that a constant sky gives each element: `ρ π L s`, with the share s of its hemisphere that sees the sky.

@@ -20,7 +20,7 @@ use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
 use super::bake::POINTS;
 use crate::bake::direct_params;
 use crate::error::Error;
-use crate::stage::direct::{self, DirectLight};
+use crate::stage::direct::{self, PointLight};
 use crate::stage::shade::{self, Indirect, PixelSettings, Shade, Shot};
 
 /// Shadow rays of a point or pixel to each rectangle light, and to a sky map.
@@ -85,7 +85,7 @@ struct Samples {
     albedo: BufferId,
     emission: BufferId,
     source: BufferId,
-    direct: DirectLight,
+    direct: PointLight,
     passes: [PassId; 3],
     /// Number of points.
     count: u32,

@@ -106,6 +106,36 @@ impl SceneTables {
         add_pass(plan, pass, &table::SCENE_DIRECT_LIGHT, bindings, &self.named, params, params.count)
     }
 
+    /// Adds the pass of the share of each changed light's colour that arrives at points. `params.light_count` is the number of
+    /// changed lights. Bindings: `points`, `changed` (their numbers), `shares` (`light_capacity · count`).
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn direct_shares(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &DirectParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_DIRECT_SHARES, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the pass of direct irradiance at points, W/m², from the shares of the lights. Bindings: `shares`, `surroundings`
+    /// (what emitters and sky send there, W/m²), `irradiance`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn add_lights(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &DirectParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_ADD_LIGHTS, bindings, &self.named, params, params.count)
+    }
+
     /// Adds the pass of the nearest hits of rays. Bindings: `rays`, `hits`.
     ///
     /// # Errors

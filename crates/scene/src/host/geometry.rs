@@ -12,7 +12,7 @@ use super::wide::WideBvh;
 use crate::Visibility;
 use crate::error::Error;
 use crate::kernel::GeometryTables;
-use crate::kernel::bvh::{FAR, Hierarchy, STACK_SIZE};
+use crate::kernel::bvh::{FAR, Hierarchy, STACK_SIZE, any_hit_again};
 use crate::types::*;
 
 /// Triangles with their hierarchy, materials and textures: what never changes, shared by all
@@ -42,7 +42,7 @@ pub struct Geometry {
 
 /// What was in the way of a ray, if anything has been yet.
 #[derive(Clone, Copy, Debug)]
-pub struct Occluder(u32);
+pub struct Occluder(pub(crate) u32);
 
 impl Default for Occluder {
     fn default() -> Self {
@@ -129,12 +129,8 @@ impl Geometry {
     /// in the way of the `last` one is asked first.
     #[inline]
     pub fn occluded_again(&self, origin: Vec3, direction: Vec3, t_max: f32, last: &Cell<Occluder>) -> bool {
-        let tables = self.tables();
-        let is_hole = |triangle, u, v| tables.is_hole(triangle, u, v);
-        let Occluder(mut packet) = last.get();
-        let is_occluded = self.wide.occluded_again(origin, direction, t_max, is_hole, &mut packet);
-        last.set(Occluder(packet));
-        is_occluded
+        let tables = GeometryTables { hierarchy: self.hierarchy(), ..self.tables() };
+        any_hit_again(&tables, origin, direction, t_max, last)
     }
 
     /// Longest edge of a triangle, m.

@@ -205,6 +205,29 @@ pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) ->
     traverse(g, origin, direction, t_max, true).triangle != NONE
 }
 
+/// [`any_hit`] on the host for rays that follow each other from near by to one light: what was in the way of the `last` one is
+/// asked first.
+#[cfg(feature = "std")]
+#[inline]
+pub fn any_hit_again(
+    g: &GeometryTables,
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+    last: &core::cell::Cell<crate::host::Occluder>,
+) -> bool {
+    match g.hierarchy.wide {
+        Some(wide) => {
+            let crate::host::Occluder(mut packet) = last.get();
+            let is_hole = |triangle, u, v| g.is_hole(triangle, u, v);
+            let is_stopped = wide.occluded_again(origin, direction, t_max, is_hole, &mut packet);
+            last.set(crate::host::Occluder(packet));
+            is_stopped
+        }
+        None => any_hit(g, origin, direction, t_max),
+    }
+}
+
 #[inline]
 fn traverse(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, stop_at_any: bool) -> Hit {
     let mut best = Hit { triangle: NONE, u: 0.0, v: 0.0, t: t_max };

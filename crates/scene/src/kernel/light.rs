@@ -104,17 +104,17 @@ pub fn unoccluded(light: &Light, origin: Vec3, normal: Vec3) -> Arrival {
     Arrival { share, to_light: to, t_max: 1.0 }
 }
 
-/// Irradiance from one light, without shadow rays for parts behind the surface. `index` numbers the point, `slot` the light.
+/// Irradiance from one light over its `color`, without shadow rays for parts behind the surface. `index` numbers the point,
+/// `slot` the light.
 #[inline]
-fn light_irradiance(
+fn light_share(
     p: &DirectParams,
     index: u32,
     slot: u32,
     light: &Light,
-    origin: Vec3,
-    normal: Vec3,
+    (origin, normal): (Vec3, Vec3),
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
-) -> Vec3 {
+) -> f32 {
     if light.kind == LIGHT_RECT {
         let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
         let shift = (hash3(index, 2 * slot, p.seed), hash3(index, 2 * slot + 1, p.seed));
@@ -127,14 +127,39 @@ fn light_irradiance(
                 sum += c;
             }
         }
-        return light.color * (sum * light.area / p.area_rays as f32);
+        return sum * light.area / p.area_rays as f32;
     }
     let arrival = unoccluded(light, origin, normal);
-    if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) {
-        light.color * arrival.share
-    } else {
-        Vec3::ZERO
+    if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) { arrival.share } else { 0.0 }
+}
+
+/// Share of a light's `color` that arrives at a point as irradiance: 1 (parallel light), 1/m² (point, spot) or sr (rectangle).
+/// It depends on where the light is, not on how bright, so that it can be kept while lights are dimmed and switched.
+#[inline]
+pub fn irradiance_share(
+    p: &DirectParams,
+    index: u32,
+    slot: u32,
+    light: &Light,
+    point: SurfacePoint,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> f32 {
+    let normal = point.normal;
+    if normal.dot(normal) < 0.5 {
+        return 0.0;
     }
+    light_share(p, index, slot, light, (point.position + normal * p.ray_offset, normal), occluded)
+}
+
+/// H_d of point `k`, W/m²: the light of emitters and sky there, and of each light its colour times the point's share of it.
+/// Shapes: `shares[light_count · count]`, light by light.
+#[inline]
+pub fn add_lights(k: u32, p: &DirectParams, lights: &[Light], shares: &[f32], surroundings: Vec4) -> Vec4 {
+    let mut sum = Vec3::ZERO;
+    for slot in 0..p.light_count {
+        sum += lights[slot as usize].color * shares[(slot * p.count + k) as usize];
+    }
+    (sum + surroundings.truncate()).extend(0.0)
 }
 
 /// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light, `area_rays` to each
@@ -156,7 +181,8 @@ pub fn direct_irradiance(
     let origin = point.position + normal * p.ray_offset;
     let mut sum = Vec3::ZERO;
     for slot in 0..p.light_count {
-        sum += light_irradiance(p, index, slot, &lights.lights[slot as usize], origin, normal, occluded);
+        let light = &lights.lights[slot as usize];
+        sum += light.color * light_share(p, index, slot, light, (origin, normal), occluded);
     }
     if p.emitter_count > 0 && p.area_rays > 0 {
         let shift = (hash3(index, 0x656d_6974, p.seed), hash3(index, 0x656d_6975, p.seed));
