@@ -107,6 +107,42 @@ fn lights_that_come_and_go_leave_nothing_behind() {
     }
 }
 
+/// Only lights that have moved are traced: whatever came before, the light is that of a renderer which knows nothing of it.
+#[test]
+fn lights_that_are_kept_are_those_that_would_be_found() {
+    let loaded = procedural::build("office").unwrap();
+    let setup = setup(MethodSettings::Classic);
+    let bake = setup.bake(&loaded).unwrap();
+    let mut renderer = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+    let mut lighting = loaded.scene.lighting.clone();
+    let mut before = picture(&mut renderer, &loaded, &lighting);
+    let changes: [fn(&mut Lighting); 6] = [
+        |lighting| lighting.lights[1].position += Vec3::X * 0.3,
+        |lighting| lighting.lights[2].color = Vec3::ZERO,
+        |lighting| lighting.lights[0].color *= 2.0,
+        |lighting| {
+            // A lamp that is dark moves, and shines again.
+            lighting.lights[2].position -= Vec3::Z * 0.2;
+            lighting.lights[2].color = Vec3::splat(9.0);
+        },
+        |lighting| {
+            lighting.lights.remove(1);
+        },
+        |lighting| {
+            let lamp = lighting.lights[0];
+            lighting.lights.insert(1, scene::Light { position: lamp.position - Vec3::Y * 0.4, ..lamp });
+        },
+    ];
+    for (k, change) in changes.into_iter().enumerate() {
+        change(&mut lighting);
+        let after = picture(&mut renderer, &loaded, &lighting);
+        let expected = afresh(&setup, &loaded, &bake, Box::new(Cpu::new()), &lighting);
+        assert!(after == expected, "change {k}");
+        assert!(after.indirect != before.indirect, "change {k} shows nothing");
+        before = after;
+    }
+}
+
 #[test]
 fn sky_and_emission_change_as_if_the_renderer_had_begun_with_them() {
     let loaded = procedural::build("atrium:3000").unwrap();
