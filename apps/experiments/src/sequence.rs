@@ -116,7 +116,7 @@ pub struct Shot<'a> {
 
 /// Milliseconds of all passes of one name.
 pub fn pass_ms(times: &[(String, f64)], name: &str) -> f64 {
-    times.iter().filter(|(n, _)| n == name).map(|(_, ms)| ms).sum()
+    times.iter().filter(|(n, _)| n == name).fold(0.0, |sum, (_, ms)| sum + ms)
 }
 
 /// Passes of pixels, which are no part of a light update.
