@@ -318,7 +318,8 @@ fn tables(machine: &Machine, operations_g: f64, rows: &[Row]) -> Vec<Table> {
             .iter()
             .map(|row| {
                 let update = &row.light_update;
-                let texts = [&row.scene, &row.method, row.event, row.receivers_updated].map(str::to_owned);
+                let event = row.curve.map_or(row.event.to_owned(), |curve| format!("{}, over {curve}", row.event));
+                let texts = [row.scene.clone(), row.method.clone(), event, row.receivers_updated.to_owned()];
                 let passes = PASSES.map(|pass| row.passes.get(pass).copied().unwrap_or(0.0));
                 // A sum of nothing may be a negative zero.
                 let numbers = [update.median_ms, update.max_ms].into_iter().chain(passes).map(|ms| ms + 0.0);
