@@ -9,6 +9,7 @@ mod picture;
 mod receivers;
 mod scene;
 mod sides;
+mod sky;
 mod wide;
 
 pub(crate) use wide::WideBvh;
@@ -19,3 +20,4 @@ pub use picture::{Picture, scale_to_stops, stops_to_scale};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
 pub use sides::{POINT_WALKS, SidePolicy, Sides, find_sides, is_open};
+pub use sky::{SKY_BINS, sky_bin, sky_exitance};

@@ -2,7 +2,7 @@
 
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table;
-use scene::{DirectParams, Light, Scene};
+use scene::{DirectParams, LargeParams, Light, Scene, ShareParams};
 
 use super::{Bindings, Named, Tables, add_pass};
 use crate::executor::{Executor, ExecutorError};
@@ -106,6 +106,37 @@ impl SceneTables {
         add_pass(plan, pass, &table::SCENE_DIRECT_LIGHT, bindings, &self.named, params, params.count)
     }
 
+    /// Adds the pass of irradiance at points from the sky and from parallel, point and spot lights, W/m². Bindings: `points`,
+    /// `from_sky`, `irradiance`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn sharp_light(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &DirectParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_SHARP_LIGHT, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the passes of a sub-frame's radiance from rectangles and emitters, W/m²/sr: were nothing in the way, and of
+    /// samples of it, those that are seen and all. Bindings: `hits`, `points`, `open`, `seen`, `sampled`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn large_light(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &LargeParams,
+    ) -> Result<[PassId; 2], ExecutorError> {
+        let mut add = |kernel| add_pass(plan, pass, kernel, bindings, &self.named, params, params.count);
+        Ok([add(&table::SCENE_OPEN_LIGHT)?, add(&table::SCENE_SEEN_LIGHT)?])
+    }
+
     /// Adds the pass of the nearest hits of rays. Bindings: `rays`, `hits`.
     ///
     /// # Errors
@@ -164,6 +195,20 @@ impl SceneTables {
     ) -> Result<PassId, ExecutorError> {
         add_pass(plan, pass, &table::SCENE_SHADE, bindings, &self.named, params, params.count)
     }
+}
+
+/// Adds the pass that adds the radiance from rectangles and emitters to the sums of pixels, W/m²/sr: with nothing in the way,
+/// times the share of the samples that is seen. Bindings: `points`, `open`, `seen`, `sampled`, `full`, `direct`.
+///
+/// # Errors
+/// Buffers that are missing or too short.
+pub fn add_large_light(
+    plan: &mut Plan,
+    pass: &str,
+    bindings: Bindings,
+    params: &ShareParams,
+) -> Result<PassId, ExecutorError> {
+    add_pass(plan, pass, &table::SCENE_ADD_LARGE_LIGHT, bindings, &[], params, params.count)
 }
 
 /// Adds the pass of displayed colours: bytes red, green, blue, 255. Bindings: `sum`, `pixels`.
