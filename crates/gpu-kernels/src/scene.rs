@@ -1,7 +1,7 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
 use ::scene::kernel::{bvh, camera, large, light, shade};
-use ::scene::{DirectParams, Hit, LargeParams, Ray, Rgb, ShareParams, SurfacePoint};
+use ::scene::{DirectParams, EmitterGroup, Hit, LargeParams, Ray, Rgb, ShareParams, SurfacePoint};
 use glam::Vec3;
 
 use crate::params::{CountParams, PixelParams, ToneMapParams};
@@ -103,10 +103,11 @@ kernels! {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: Lights,
+        groups: read [EmitterGroup],
         open: update [Rgb] as open_before,
     } each {
         let i = k as usize;
-        large::add_open_light(&geometry, &lights, p, k, hits[i], points[i], open_before)
+        large::add_open_light(&geometry, &lights, groups, p, k, hits[i], points[i], open_before)
     }
 
     /// Adds one sub-frame to every pixel's samples of rectangles and emitters, those that it sees

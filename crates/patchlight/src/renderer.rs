@@ -283,6 +283,7 @@ impl Renderer {
             camera,
             light_count: self.scene.lighting.lights.len() as u32,
             emitter_count: self.scene.emitters.len() as u32,
+            group_count: self.scene.emitter_groups.len() as u32,
             has_sky: self.scene.has_sky(),
             seeds: &seeds,
         };

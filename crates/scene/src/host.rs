@@ -3,6 +3,7 @@
 mod camera;
 pub mod clip;
 mod geometry;
+mod groups;
 mod hierarchy;
 mod lighting;
 mod picture;
@@ -15,6 +16,7 @@ mod wide;
 pub(crate) use wide::WideBvh;
 
 pub use geometry::{Geometry, Occluder, texel_count};
+pub use groups::MOST_EMITTER_GROUPS;
 pub use lighting::Lighting;
 pub use picture::{Picture, scale_to_stops, stops_to_scale};
 pub use receivers::ReceiverSet;

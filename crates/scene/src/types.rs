@@ -159,6 +159,34 @@ pub struct Emitter {
 }
 const _: () = assert!(size_of::<Emitter>() == 16);
 
+/// Near emissive triangles as one, seen from afar: their power by direction ω from them is about
+/// `Σ A L max(0, n·ω) ≈ 3/32 Σ A L + ½ ω·Σ A L n + 15/32 ω·(Σ A L n nᵀ) ω`, the first three bands of spherical harmonics of each.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct EmitterGroup {
+    /// Centre, m.
+    pub centre: Vec3,
+    /// `Σ A L` with the luminance L of each, W/sr.
+    pub power: f32,
+    /// Colour of the power: RGB over luminance.
+    pub color: Vec3,
+    /// 1 where all normals are one: then the power by direction is `max(0, ω·Σ A L n)`.
+    pub is_flat: u32,
+    /// `Σ A L n`.
+    pub normal: Vec3,
+    /// First of the squares on the diagonal of `Σ A L n nᵀ`.
+    pub squares_x: f32,
+    /// The second and the third, and 0.
+    pub squares_yz: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+    /// Its products xy, yz and zx.
+    pub products: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved_b: u32,
+}
+const _: () = assert!(size_of::<EmitterGroup>() == 80);
+
 /// Light from every direction that sees no geometry.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -299,8 +327,12 @@ pub struct LargeParams {
     pub stride: u32,
     /// Distance by which rays start above a surface, m.
     pub ray_offset: f32,
+    /// Number of groups of emitters; 0 where each counts by itself.
+    pub group_count: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 3],
 }
-const _: () = assert!(size_of::<LargeParams>() == 96);
+const _: () = assert!(size_of::<LargeParams>() == 112);
 
 /// Settings of the kernel that averages visibility over pixels.
 #[repr(C)]

@@ -291,6 +291,8 @@ pub struct Shot<'a> {
     pub light_count: u32,
     /// Number of emissive triangles.
     pub emitter_count: u32,
+    /// Number of their groups.
+    pub group_count: u32,
     /// Whether pixels look for the sky.
     pub has_sky: bool,
     /// Seed of each sub-frame, of its positions in the pixels and of its shadow rays.

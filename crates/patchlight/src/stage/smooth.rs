@@ -144,6 +144,8 @@ impl SmoothLight {
             first_sample: rays * sub_frame,
             stride: (rays * self.sub_frames).next_power_of_two(),
             ray_offset,
+            group_count: shot.group_count,
+            reserved: [0; 3],
         };
         passes.large.into_iter().try_for_each(|pass| executor.push(pass, &push))
     }

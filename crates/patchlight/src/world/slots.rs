@@ -358,6 +358,7 @@ impl SlotFrame {
             camera,
             light_count: scene.lighting.lights.len() as u32,
             emitter_count: 0,
+            group_count: 0,
             has_sky: samples_sky(scene),
             seeds: &seeds,
         };

@@ -2,7 +2,7 @@
 
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table;
-use scene::{DirectParams, LargeParams, Light, Scene, ShareParams};
+use scene::{DirectParams, EmitterGroup, LargeParams, Light, MOST_EMITTER_GROUPS, Scene, ShareParams};
 
 use super::{Bindings, Named, Tables, add_pass};
 use crate::executor::{Executor, ExecutorError};
@@ -16,6 +16,7 @@ pub struct SceneTables {
     light_capacity: usize,
     materials: BufferId,
     emitters: BufferId,
+    groups: BufferId,
     sky: BufferId,
     sky_map: BufferId,
 }
@@ -34,13 +35,20 @@ impl SceneTables {
         ];
         let materials = plan.storage_for("materials", &scene.materials);
         let emitters = plan.storage_for("emitters", &scene.emitters);
+        let groups = plan.storage("groups", (MOST_EMITTER_GROUPS * size_of::<EmitterGroup>()) as u64);
         let sky = plan.storage_for("sky", &[scene.lighting.sky]);
         let sky_map = plan.storage_for("sky_map", &scene.lighting.sky_map);
         let lights = plan.storage("lights", (light_capacity * size_of::<Light>()) as u64);
-        let changing =
-            [("materials", materials), ("emitters", emitters), ("sky", sky), ("sky_map", sky_map), ("lights", lights)];
+        let changing = [
+            ("materials", materials),
+            ("emitters", emitters),
+            ("groups", groups),
+            ("sky", sky),
+            ("sky_map", sky_map),
+            ("lights", lights),
+        ];
         named.extend(changing.map(|(name, buffer)| (name, Range::from(buffer))));
-        Self { named, lights, light_capacity, materials, emitters, sky, sky_map }
+        Self { named, lights, light_capacity, materials, emitters, groups, sky, sky_map }
     }
 
     /// The buffers by the names of the kernels' bindings.
@@ -89,6 +97,9 @@ impl SceneTables {
         executor.upload(self.sky, &[scene.lighting.sky])?;
         executor.upload(self.sky_map, &scene.lighting.sky_map[..])?;
         executor.upload(self.materials, &scene.materials[..])?;
+        let mut groups = scene.emitter_groups.to_vec();
+        groups.resize(MOST_EMITTER_GROUPS, EmitterGroup::default());
+        executor.upload(self.groups, &groups)?;
         executor.upload(self.emitters, &scene.emitters[..])
     }
 

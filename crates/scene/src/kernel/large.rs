@@ -9,16 +9,18 @@ use glam::{Vec3, Vec4};
 use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, pick_emitter, unoccluded};
-use crate::math::{abs, atan2, luminance};
+use crate::math::{abs, atan2, clamp, luminance};
 use crate::sampling::{hash3, sobol2_fast, uniform_triangle, unit};
-use crate::types::{DirectParams, Emitter, Hit, LIGHT_RECT, LargeParams, Light, NONE, ShareParams, SurfacePoint};
+use crate::types::{
+    DirectParams, Emitter, EmitterGroup, Hit, LIGHT_RECT, LargeParams, Light, NONE, ShareParams, SurfacePoint,
+};
 
 /// Edge of the squares of pixels whose shadow rays together are one pattern.
 pub const TILE: u32 = 4;
-/// Emitters up to this many count exactly where nothing is in the way; more are sampled.
+/// Emitters up to this many count exactly where nothing is in the way; more by groups.
 pub const MOST_EXACT_EMITTERS: u32 = 64;
-/// Points of emitters in a sub-frame where they are sampled.
-const EMITTER_POINTS: u32 = 16;
+/// Points of many emitters among which that of a shadow ray is chosen.
+const CANDIDATES: u32 = 8;
 /// Points of a triangle whose emission is textured.
 const TEXTURED_POINTS: u32 = 4;
 /// A polygon whose squared extent is below this share of its squared distance is as good as a point: to 10⁻⁴.
@@ -203,11 +205,39 @@ fn reflection(g: &GeometryTables, lights: &Lights, p: &LargeParams, index: u32, 
     g.albedo(hit.triangle, hit.u, hit.v) * FRAC_1_PI
 }
 
+/// Irradiance of a group of emitters at a point, W/m², were nothing in the way.
+#[inline]
+pub fn group_irradiance(group: &EmitterGroup, origin: Vec3, normal: Vec3) -> Vec3 {
+    let to = group.centre - origin;
+    let squared = to.length_squared();
+    let cosine = to.dot(normal);
+    if cosine <= 0.0 || squared <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let inverse = 1.0 / to.length();
+    let away = to * -inverse;
+    let along = group.normal.dot(away);
+    let power = if group.is_flat != 0 {
+        along
+    } else {
+        let squares = group.squares_x * away.x * away.x
+            + group.squares_yz.x * away.y * away.y
+            + group.squares_yz.y * away.z * away.z;
+        let products = group.products.x * away.x * away.y
+            + group.products.y * away.y * away.z
+            + group.products.z * away.z * away.x;
+        (3.0 / 32.0) * group.power + 0.5 * along + (15.0 / 32.0) * (squares + 2.0 * products)
+    };
+    if power > 0.0 { group.color * (power * cosine * inverse / squared) } else { Vec3::ZERO }
+}
+
 /// Sum of a pixel's radiance from all rectangles and emitters after one more sub-frame, W/m²/sr, were nothing in the way.
 #[inline]
+#[allow(clippy::too_many_arguments)]
 pub fn add_open_light(
     g: &GeometryTables,
     lights: &Lights,
+    groups: &[EmitterGroup],
     p: &LargeParams,
     index: u32,
     hit: Hit,
@@ -223,19 +253,13 @@ pub fn add_open_light(
             light += rect_irradiance(&lights.lights[slot as usize], origin, normal);
         }
     }
-    if p.emitter_count <= MOST_EXACT_EMITTERS {
+    if p.group_count == 0 {
         for k in 0..p.emitter_count {
             light += emitter_irradiance(g, p, &lights.emitters[k as usize], origin, normal);
         }
-    } else {
-        let first = first_sample(p, index) * EMITTER_POINTS;
-        for k in 0..EMITTER_POINTS {
-            let (x, y) = fixed_point(first + k, 1);
-            let e = lights.emitters[pick_emitter(lights.emitters, p.emitter_count, x) as usize];
-            let at = ((x - (e.cumulative - e.probability)) / e.probability, y);
-            let (found, _) = emitter_point(g, p, &e, at, (origin, normal));
-            light += found * (e.area / (e.probability * EMITTER_POINTS as f32));
-        }
+    }
+    for k in 0..p.group_count {
+        light += group_irradiance(&groups[k as usize], origin, normal);
     }
     sum + (factor * light).extend(1.0)
 }
@@ -267,7 +291,8 @@ fn rect_samples(
     (light.color * (seen * light.area), light.color * (all * light.area))
 }
 
-/// The emitter to which `x` of the unit interval falls when they share it by weight, and what of it is left of x, uniform.
+/// The emitter to which `x` of the unit interval falls when they share it by weight, what of it is left of x, uniform, and its
+/// probability.
 #[inline]
 fn emitter_at(
     g: &GeometryTables,
@@ -277,27 +302,22 @@ fn emitter_at(
     total: f32,
     from: (Vec3, Vec3),
 ) -> (u32, f32, f32) {
-    if p.emitter_count > MOST_EXACT_EMITTERS {
-        let k = pick_emitter(lights.emitters, p.emitter_count, x);
-        let e = lights.emitters[k as usize];
-        return (k, (x - (e.cumulative - e.probability)) / e.probability, e.probability);
-    }
     let wanted = x * total;
     let (mut sum, mut k, mut weight) = (0.0, 0, 0.0);
     for j in 0..p.emitter_count {
         if sum <= wanted {
             let own = emitter_weight(g, &lights.emitters[j as usize], from.0, from.1);
             if own > 0.0 {
-                (k, weight) = (j, own);
+                k = j;
+                weight = own;
             }
             sum += own;
         }
     }
-    let rest = (wanted - (sum - weight)) / weight;
-    (k, if rest > 0.0 { if rest < 1.0 { rest } else { 1.0 } } else { 0.0 }, weight / total)
+    (k, clamp((wanted - (sum - weight)) / weight, 0.0, 1.0), weight / total)
 }
 
-/// Light of the samples of all emitters: what is not stopped, and all.
+/// Light of the samples of few emitters: what is not stopped, and all.
 #[inline]
 fn emitter_samples(
     g: &GeometryTables,
@@ -308,29 +328,77 @@ fn emitter_samples(
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> (Vec3, Vec3) {
     let mut total = 0.0;
-    if p.emitter_count <= MOST_EXACT_EMITTERS {
-        for k in 0..p.emitter_count {
-            total += emitter_weight(g, &lights.emitters[k as usize], from.0, from.1);
-        }
-        if total <= 0.0 {
-            return (Vec3::ZERO, Vec3::ZERO);
-        }
+    for k in 0..p.emitter_count {
+        total += emitter_weight(g, &lights.emitters[k as usize], from.0, from.1);
     }
     let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
-    for k in 0..p.rays {
-        let (x, y) = fixed_point(first + k, 1);
-        let (chosen, rest, probability) = emitter_at(g, p, lights, x, total, from);
-        let e = lights.emitters[chosen as usize];
-        let (found, to) = emitter_point(g, p, &e, (rest, y), from);
-        let light = found * (e.area / probability);
-        if luminance(light) > 0.0 {
-            all += light;
-            if !occluded(from.0, to, 1.0) {
-                seen += light;
+    if total > 0.0 {
+        for k in 0..p.rays {
+            let (x, y) = fixed_point(first + k, 1);
+            let (chosen, rest, probability) = emitter_at(g, p, lights, x, total, from);
+            let e = lights.emitters[chosen as usize];
+            let (found, to) = emitter_point(g, p, &e, (rest, y), from);
+            let light = found * (e.area / probability);
+            if luminance(light) > 0.0 {
+                all += light;
+                if !occluded(from.0, to, 1.0) {
+                    seen += light;
+                }
             }
         }
     }
     (seen, all)
+}
+
+/// Light of candidate `k`, a point of any emitter by power, and the way to it.
+#[inline]
+fn candidate(g: &GeometryTables, p: &LargeParams, k: u32, lights: &Lights, from: (Vec3, Vec3)) -> (Vec3, Vec3) {
+    let (x, y) = fixed_point(k, 1);
+    let e = lights.emitters[pick_emitter(lights.emitters, p.emitter_count, x) as usize];
+    let rest = clamp((x - (e.cumulative - e.probability)) / e.probability, 0.0, 1.0);
+    let (found, to) = emitter_point(g, p, &e, (rest, y), from);
+    (found * (e.area / e.probability), to)
+}
+
+/// Light of the samples of many emitters: each ray goes to one of some candidates, chosen by their light, and stands for all of
+/// them (resampled importance sampling, Talbot, Cline and Egbert 2005).
+#[inline]
+fn many_emitter_samples(
+    g: &GeometryTables,
+    p: &LargeParams,
+    first: u32,
+    lights: &Lights,
+    from: (Vec3, Vec3),
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> (Vec3, Vec3) {
+    let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
+    for ray in first..first + p.rays {
+        let (mut sum, mut total, mut to) = (Vec3::ZERO, 0.0, Vec3::ZERO);
+        let mut x = fixed_point(ray, 0).0;
+        for k in 0..CANDIDATES {
+            let found = candidate(g, p, ray * CANDIDATES + k, lights, from);
+            let own = luminance(found.0);
+            if own > 0.0 {
+                sum += found.0;
+                total += own;
+                // What is left of x is uniform again.
+                let share = own / total;
+                if x < share {
+                    to = found.1;
+                    x /= share;
+                } else {
+                    x = (x - share) / (1.0 - share);
+                }
+            }
+        }
+        if total > 0.0 {
+            all += sum;
+            if !occluded(from.0, to, 1.0) {
+                seen += sum;
+            }
+        }
+    }
+    (seen * (1.0 / CANDIDATES as f32), all * (1.0 / CANDIDATES as f32))
 }
 
 /// Sums of a pixel's radiance from samples of all rectangles and emitters after one more sub-frame, W/m²/sr: of those that
@@ -362,7 +430,11 @@ pub fn add_seen_light(
         }
     }
     if p.emitter_count > 0 {
-        let found = emitter_samples(g, p, first, lights, from, occluded);
+        let found = if p.emitter_count > MOST_EXACT_EMITTERS {
+            many_emitter_samples(g, p, first, lights, from, occluded)
+        } else {
+            emitter_samples(g, p, first, lights, from, occluded)
+        };
         seen += found.0;
         all += found.1;
     }
@@ -426,7 +498,7 @@ pub fn shadowed_light(
         if at_x >= 0 && at_y >= 0 && at_x < p.width as i32 && at_y < height {
             let j = (at_y * p.width as i32 + at_x) as usize;
             let there = points[j];
-            let share = grey_share(seen[j], all[j]);
+            let share = if luminance(open[j].truncate()) > 0.0 { grey_share(seen[j], all[j]) } else { -1.0 };
             let way = there.position - here.position;
             let slope = abs(way.dot(here.normal));
             let is_like = share >= 0.0
@@ -436,7 +508,7 @@ pub fn shadowed_light(
             if is_like {
                 let half_x = if dx == REACH || dx == -REACH { 0.5 } else { 1.0 };
                 let half_y = if dy == REACH || dy == -REACH { 0.5 } else { 1.0 };
-                let weight = half_x * half_y / luminance(all[j].truncate());
+                let weight = half_x * half_y / luminance(open[j].truncate());
                 seen_sum += seen[j].truncate() * weight;
                 all_sum += all[j].truncate() * weight;
             }
