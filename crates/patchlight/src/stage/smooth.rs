@@ -10,8 +10,8 @@ use scene::{Camera, DirectParams, LargeParams, ShareParams};
 
 use super::shade::{Indirect, PixelBuffers, Shot};
 
-/// Most by which shares of light differ that are averaged, times the number of samples of a pixel to the power of ¾: the error
-/// of a net at a straight edge falls by that power.
+/// Most by which shares of light differ that are averaged, times the number of samples of a pixel: with few samples all, with
+/// many only those that differ by a step or two of their counting.
 const TOLERANCE: f32 = 2.5;
 
 /// Buffers of all sub-frames.
@@ -103,7 +103,7 @@ impl SmoothLight {
             ("direct", direct.into()),
         ];
         let samples = (self.direct.area_rays * self.sub_frames) as f32;
-        let tolerance = TOLERANCE * samples.powf(-0.75);
+        let tolerance = TOLERANCE / samples;
         let params = ShareParams { count: self.pixels, width, tolerance, reserved: 0 };
         add_large_light(plan, "shade", &own, &params)
     }

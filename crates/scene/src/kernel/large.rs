@@ -501,11 +501,13 @@ pub fn shadowed_light(
             let share = if luminance(open[j].truncate()) > 0.0 { grey_share(seen[j], all[j]) } else { -1.0 };
             let way = there.position - here.position;
             let slope = abs(way.dot(here.normal));
+            // Its own place may be another surface's: the last sub-frame's.
+            let is_own = dx == 0 && dy == 0;
             let is_like = share >= 0.0
                 && (own < 0.0 || abs(share - own) <= p.tolerance)
                 && there.normal.dot(here.normal) >= LIKE_NORMALS
                 && slope * slope <= MOST_SLOPE * MOST_SLOPE * way.length_squared();
-            if is_like {
+            if is_like || is_own && share >= 0.0 {
                 let half_x = if dx == REACH || dx == -REACH { 0.5 } else { 1.0 };
                 let half_y = if dy == REACH || dy == -REACH { 0.5 } else { 1.0 };
                 let weight = half_x * half_y / luminance(open[j].truncate());
