@@ -588,11 +588,9 @@ impl Frame {
         let indirect = shade::Indirect::of_bake(&mut frame);
         let smooth = receiver_tables.as_ref().filter(|_| settings.direct == PixelLight::Smooth);
         let sky = smooth.map(|receivers| sky::add(&mut frame, receivers)).transpose()?;
-        let from_sky = sky.as_ref().map(|sky| sky.interpolated.into());
-        let mut shade = shade::add(&mut frame, &tables, &indirect, settings.size, settings.sub_frames, from_sky)?;
+        let mut shade = shade::add(&mut frame, &tables, &indirect, settings.size, settings.sub_frames, sky.as_ref())?;
         let in_view = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView);
-        let view = in_view.map(|receivers| view::add(&mut frame, &tables, &receivers, &indirect, &mut shade));
-        let view = view.transpose()?.flatten();
+        let view = view::add(&mut frame, &tables, in_view.as_ref(), &indirect, &mut shade)?;
         let buffers = ReceiverBuffers {
             patches: frame.irradiance(),
             elements: frame.elements.irradiance.buffer,
@@ -604,13 +602,9 @@ impl Frame {
         let FramePlan { plan, tables: stay, .. } = frame;
         executor.load(plan)?;
         stay.upload(executor)?;
-        for buffer in cleared {
-            executor.clear(buffer)?;
-        }
+        cleared.into_iter().try_for_each(|buffer| executor.clear(buffer))?;
         shade.clear(executor)?;
-        if let Some(view) = &view {
-            view.clear(executor)?;
-        }
+        view.iter().try_for_each(|view| view.clear(executor))?;
         let mut loaded = Self {
             tables,
             direct,

@@ -11,6 +11,7 @@ use runtime::recipe::{Named, rgb_bytes};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, SurfacePoint};
 
+use super::sky::SkyLight;
 use super::smooth::{SmoothLight, SmoothPasses};
 use crate::bake::ReceiverKind;
 use crate::frame::FramePlan;
@@ -99,8 +100,9 @@ pub fn add(
     indirect: &Indirect,
     size: (u32, u32),
     sub_frames: u32,
-    smooth_sky: Option<Range>,
+    sky: Option<&SkyLight>,
 ) -> Result<Shade, ExecutorError> {
+    let smooth_sky = sky.map(|sky| Range::from(sky.interpolated));
     let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
     let settings = PixelSettings { size, sub_frames, direct, has_separate_direct: true, smooth_sky };
     add_pixels(&mut frame.plan, scene, indirect, &settings)

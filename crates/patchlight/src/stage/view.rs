@@ -55,19 +55,19 @@ impl Rows {
     }
 }
 
-/// Adds the passes, behind the primary rays of every sub-frame, which say what is in view; none where the method finds the
-/// irradiance of the receivers itself.
+/// Adds the passes, behind the primary rays of every sub-frame, which say what is in view; none without tables, and
+/// where the method finds the irradiance of the receivers itself.
 ///
 /// # Errors
 /// What the plan says.
 pub fn add(
     frame: &mut FramePlan,
     scene: &SceneTables,
-    tables: &ReceiverTables,
+    tables: Option<&ReceiverTables>,
     indirect: &Indirect,
     shade: &mut Shade,
 ) -> Result<Option<View>, ExecutorError> {
-    let Some(rows) = &tables.rows else { return Ok(None) };
+    let Some((tables, rows)) = tables.and_then(|tables| Some((tables, tables.rows.as_ref()?))) else { return Ok(None) };
     let receivers = &frame.bake.receivers;
     let (count, first_smooth) = (receivers.points.len(), receivers.first_smooth());
     let point_count = receivers.interpolation.points.len();
