@@ -27,8 +27,8 @@ use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, VolumeParams};
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
-    Camera, DirectParams, Hit, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Material, NONE, Ray,
-    Scene, SceneParts, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
+    Camera, DirectParams, EmitterGroup, Hit, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LargeParams,
+    Light, Material, NONE, Ray, Scene, SceneParts, ShareParams, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
 };
 use transport::HitCounts;
 
@@ -407,6 +407,66 @@ fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables
     (elements, bytemuck::bytes_of(&push).to_vec(), tables)
 }
 
+/// Light of rectangles and emitters at the pixels of the third of four fixed sub-frames. Emitters count by groups, though they
+/// are few.
+fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
+    let (width, height) = (33, 21);
+    let camera = Camera::look_at(Vec3::new(1.7, 1.2, 1.9), Vec3::splat(0.4), Vec3::Y, 55.0, width, height);
+    let p = LargeParams {
+        camera: Camera { fixed_sub_frames: 4, ..camera },
+        count: width * height,
+        sub_frame: 2,
+        light_count: scene.lighting.lights.len() as u32,
+        emitter_count: scene.emitters.len() as u32,
+        rays: 2,
+        first_sample: 4,
+        stride: 8,
+        ray_offset: scene.geometry.ray_offset,
+        group_count: 3,
+        reserved: [0; 3],
+    };
+    let n = p.count as usize;
+    let geometry = scene.tables();
+    let hits: Vec<Hit> = (0..p.count).map(|k| camera::primary_hit(&geometry, &p.camera, k, p.sub_frame)).collect();
+    let points: Vec<SurfacePoint> = (0..p.count)
+        .map(|k| {
+            let direction = camera::primary_direction(&p.camera, k, p.sub_frame);
+            camera::surface_point(&geometry, hits[k as usize], direction)
+        })
+        .collect();
+    let group = |r: &mut Random| EmitterGroup {
+        centre: r.vector(),
+        power: r.unit(),
+        color: r.vector(),
+        is_flat: r.below(2),
+        normal: r.vector() - 0.5,
+        squares_x: r.unit(),
+        squares_yz: r.vector(),
+        products: r.vector() - 0.5,
+        ..EmitterGroup::default()
+    };
+    let groups: Vec<EmitterGroup> = (0..3).map(|_| group(r)).collect();
+    let seen = r.colors(n);
+    // What is seen is a part of all.
+    let sampled: Vec<Vec4> = seen.iter().map(|seen| *seen * (1.0 + r.unit())).collect();
+    let tables = vec![
+        buffer("hits", &hits),
+        buffer("points", &points),
+        buffer("groups", &groups),
+        buffer("open", &r.colors(n)),
+        buffer("seen", &seen),
+        buffer("sampled", &sampled),
+        buffer("full", &r.colors(n)),
+        buffer("direct", &r.colors(n)),
+    ];
+    match name {
+        "scene_add_large_light" => {
+            call(p.count, ShareParams { count: p.count, width, tolerance: 0.3, reserved: 0 }, tables)
+        }
+        _ => call(p.count, p, tables),
+    }
+}
+
 /// Elements, push constants and the tables that are not the scene's.
 fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     match name {
@@ -447,6 +507,15 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             ];
             call(150, p, tables)
         }
+        "scene_sharp_light" => {
+            let points = surface_points(r, scene, 150);
+            let ray_offset = scene.geometry.ray_offset;
+            let light_count = scene.lighting.lights.len() as u32;
+            let p = DirectParams { count: 150, light_count, ray_offset, ..DirectParams::default() };
+            let from_sky = buffer("from_sky", &r.colors(150));
+            call(150, p, vec![buffer("points", &points), from_sky, room::<Vec4>("irradiance", 150)])
+        }
+        "scene_open_light" | "scene_seen_light" | "scene_add_large_light" => large_light(r, name, scene),
         "scene_primary" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
             let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 21);

@@ -6,8 +6,8 @@ use assets::LoadedScene;
 use patches::PatchKind;
 use patchlight::operator::Decode;
 use patchlight::{
-    Bake, BakeSettings, Estimator, MethodSettings, ReceiverKind, ReceiverUpdate, RenderSettings, Renderer, Result,
-    Silent,
+    Bake, BakeSettings, Estimator, MethodSettings, PixelLight, ReceiverKind, ReceiverUpdate, RenderSettings, Renderer,
+    Result, Silent,
 };
 use runtime::executor::Executor;
 
@@ -40,6 +40,8 @@ pub struct Setup {
     pub sub_frames: u32,
     /// Which receivers an update computes.
     pub receivers_updated: ReceiverUpdate,
+    /// How pixels find direct light.
+    pub direct: PixelLight,
     /// Picture size, pixels.
     pub size: (u32, u32),
 }
@@ -62,6 +64,7 @@ impl Default for Setup {
             decode: render.decode,
             sub_frames: render.sub_frames,
             receivers_updated: render.receivers,
+            direct: render.direct,
             size: render.size,
         }
     }
@@ -104,6 +107,7 @@ impl Setup {
             size: self.size,
             sub_frames: self.sub_frames,
             receivers: self.receivers_updated,
+            direct: self.direct,
             ..RenderSettings::default()
         };
         Renderer::new(Arc::clone(bake), executor, &settings, &Silent)

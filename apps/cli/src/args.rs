@@ -256,6 +256,16 @@ pub enum ReceiverPlaces {
     Patches,
 }
 
+/// How pixels find direct light of sky, rectangles and emissive triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum DirectLight {
+    /// Without noise: the sky at the receivers; the others exactly where nothing is in the way, times what shadow rays of a
+    /// fixed pattern see. With receivers on the mesh only, else sampled.
+    Smooth,
+    /// By random rays in each sub-frame.
+    Sampled,
+}
+
 /// Estimator of the form factors.
 #[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FormFactors {
@@ -337,6 +347,9 @@ pub struct Render {
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
     pub receivers: ReceiverPlaces,
+    /// How pixels find direct light of sky, rectangles and emissive triangles.
+    #[arg(long, value_enum, default_value_t = DirectLight::Smooth)]
+    pub direct: DirectLight,
     /// Distance between receivers where light is even, m [default: a third of the patches' mean
     /// edge]. Receivers are the points at which indirect light is gathered.
     #[arg(long)]

@@ -9,7 +9,7 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, PictureFile as _, ReferenceData, stops_to_scale};
 
-use super::args::{Bounces, BuildPlace, Decoding, FormFactors, Method, ReceiverPlaces, Render};
+use super::args::{Bounces, BuildPlace, Decoding, DirectLight, FormFactors, Method, ReceiverPlaces, Render};
 use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::Common;
@@ -29,8 +29,8 @@ use patchlight::method::{FeedbackSettings, FirstShotSettings};
 use patchlight::operator::{Build, Codec, Decode, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{
-    Bake, BakeSettings, Estimator, FrameResult, MethodSettings, Pictures, ReceiverKind, ReceiverUpdate, RenderSettings,
-    Renderer,
+    Bake, BakeSettings, Estimator, FrameResult, MethodSettings, Pictures, PixelLight, ReceiverKind, ReceiverUpdate,
+    RenderSettings, Renderer,
 };
 use runtime::executor::{DeviceChoice, Executor, open};
 use runtime::recipe::multibounce::Decoder;
@@ -269,6 +269,10 @@ impl Job<'_> {
             size: self.size,
             sub_frames,
             receivers,
+            direct: match args.direct {
+                DirectLight::Smooth => PixelLight::Smooth,
+                DirectLight::Sampled => PixelLight::Sampled,
+            },
         }
     }
 

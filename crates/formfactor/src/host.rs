@@ -13,7 +13,7 @@ mod triangle;
 pub use balance::{Balance, balance, closure_residual, normalise_rows, reciprocity_residual};
 pub use contour::point_to_polygon;
 pub use estimate::{
-    AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, form_factor_blocks, form_factors,
+    AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, SkyBin, form_factor_blocks, form_factors,
 };
 pub use file::{RowFile, RowFileWriter};
 pub use reciprocal::{Reciprocal, reciprocal};

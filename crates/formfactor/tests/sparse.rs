@@ -4,7 +4,7 @@ use formfactor::{Error, add_hit_rows, add_quadrant_rows, gather_by_rays, sparse_
 use glam::{Vec3, Vec4};
 use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use scene::sampling::{hash3, unit};
-use scene::{Material, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
+use scene::{Material, SKY_BINS, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv, sky_bin};
 use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, rotational_gradients};
 
 /// A box with an open lid, fronts inside.
@@ -87,7 +87,16 @@ fn quadrants_add_up_and_rotate_with_the_normal() {
     let light: Vec<Vec4> = subdivision.patches.iter().map(|p| shine(p.centroid)).collect();
     let gathered = gather_by_rays(&surfaces, 4096, &light, &on).unwrap();
     let mut rows = HitCounts::new(light.len()).unwrap();
-    add_quadrant_rows(&mut rows, &surfaces, 4096, &on).unwrap();
+    let mut sky_rows = HitCounts::new(SKY_BINS).unwrap();
+    let sky = add_quadrant_rows(&mut rows, (&mut sky_rows, &sky_bin), &surfaces, 4096, &on).unwrap();
+    // Every ray that escapes is in a bin, and the bins above hold them all: the box is open there.
+    let even: Vec<Vec4> = (0..SKY_BINS).map(|bin| Vec4::splat(if bin < SKY_BINS / 2 { 1.0 } else { 0.0 })).collect();
+    let mut escaped = vec![Vec4::ZERO; sky_rows.rows()];
+    sky_rows.apply(&even, &mut escaped).unwrap();
+    assert!(escaped.iter().zip(&sky).all(|(found, share)| (found.x - share).abs() < 1e-5));
+    assert!(sky.iter().sum::<f32>() > 1.0);
+    let shared: u32 = (0..rows.rows()).flat_map(|k| rows.row(k)).map(|entry| entry.1).sum();
+    assert!(shared < 4096 * points.len() as u32, "what escapes hits nothing");
     assert_eq!(rows.rows(), QUADRANTS * points.len());
     let mut quadrants = vec![Vec4::ZERO; rows.rows()];
     rows.apply(&light, &mut quadrants).unwrap();

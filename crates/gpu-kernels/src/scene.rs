@@ -1,7 +1,7 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
-use ::scene::kernel::{bvh, camera, light, shade};
-use ::scene::{DirectParams, Hit, Light, Ray, Rgb, SurfacePoint};
+use ::scene::kernel::{bvh, camera, large, light, shade};
+use ::scene::{DirectParams, EmitterGroup, Hit, LargeParams, Light, Ray, Rgb, ShareParams, SurfacePoint};
 use glam::Vec3;
 
 use crate::params::{CountParams, PixelParams, ToneMapParams};
@@ -110,6 +110,69 @@ kernels! {
             indirect[i],
             sum_before,
         )
+    }
+
+    /// Irradiance of every point from the sky and from parallel, point and spot lights, W/m²:
+    /// [`large::sharp_irradiance`]. One invocation per point.
+    SCENE_SHARP_LIGHT = "scene_sharp_light"(p: DirectParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        from_sky: read [Rgb; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        irradiance: write [Rgb],
+    } each {
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        let i = k as usize;
+        let received = from_sky[i].truncate();
+        large::sharp_irradiance(p, points[i], &lights, received, stopped).extend(0.0)
+    }
+
+    /// Adds one sub-frame to every pixel's radiance from rectangles and emitters, were nothing in
+    /// the way, W/m²/sr: [`large::add_open_light`]. One invocation per pixel.
+    SCENE_OPEN_LIGHT = "scene_open_light"(p: LargeParams) for k in 0..count {
+        hits: read [Hit; count],
+        points: read [SurfacePoint; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        groups: read [EmitterGroup],
+        open: update [Rgb] as open_before,
+    } each {
+        let i = k as usize;
+        large::add_open_light(&geometry, &lights, groups, p, k, hits[i], points[i], open_before)
+    }
+
+    /// Adds one sub-frame to every pixel's samples of rectangles and emitters, those that it sees
+    /// and all: [`large::add_seen_light`]. One invocation per pixel.
+    SCENE_SEEN_LIGHT = "scene_seen_light"(p: LargeParams) for k in 0..count {
+        hits: read [Hit; count],
+        points: read [SurfacePoint; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        seen: update [Rgb] as seen_before,
+        sampled: update [Rgb] as sampled_before,
+    } each {
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        let i = k as usize;
+        let sums = (seen_before, sampled_before);
+        large::add_seen_light(&geometry, &lights, p, k, hits[i], points[i], sums, stopped)
+    }
+
+    /// Adds the light of rectangles and emitters to every pixel's sums, W/m²/sr:
+    /// [`large::shadowed_light`]. One invocation per pixel.
+    SCENE_ADD_LARGE_LIGHT = "scene_add_large_light"(p: ShareParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        open: read [Rgb; count],
+        seen: read [Rgb; count],
+        sampled: read [Rgb; count],
+        full: update [Rgb] as full_before,
+        direct: update [Rgb] as direct_before,
+    } each {
+        let light = large::shadowed_light(p, k, points, open, seen, sampled).extend(0.0);
+        (full_before + light, direct_before + light)
     }
 
     /// Displayed colour of every pixel, bytes r, g, b, 255: [`shade::tone_map`]. One invocation

@@ -35,7 +35,7 @@ pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,
     divisions_for_gradient, subdivide,
 };
-pub use test_lights::{LIGHT_VECTORS, Lights, test_lights};
+pub use test_lights::{LIGHT_VECTORS, Lights, TestLights, test_lights};
 pub use view::{ViewClusters, ViewSettings, view_clusters};
 pub use visibility::{SurfacePlace, is_visible};
 pub use volume::{PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};

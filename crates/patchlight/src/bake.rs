@@ -9,7 +9,7 @@ use patches::{
     lit_sampler, test_lights,
 };
 use scene::sampling::hash3;
-use scene::{DirectParams, Scene, SurfacePoint};
+use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
 use transport::{Csr, HitCounts, Observer, Phase};
 
 use crate::error::Error;
@@ -251,12 +251,14 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
         seed,
     };
     // How many there will be is not known: the observer receives the rows of each round.
-    let add = |rows: &mut HitCounts, points: &[SurfacePoint]| {
+    let add = |rows: &mut HitCounts, sky_rows: &mut HitCounts, points: &[SurfacePoint]| {
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
         let surfaces = mesh.lighting(scene, Columns::Elements, points, &offsets, seed);
         let rays = settings.receiver_rays;
-        add_quadrant_rows(rows, &surfaces, rays, &report).map_err(|error| patches::Error::Rows(Box::new(error)))?;
+        let sky = (sky_rows, &sky_bin as &formfactor::SkyBin);
+        add_quadrant_rows(rows, sky, &surfaces, rays, &report)
+            .map_err(|error| patches::Error::Rows(Box::new(error)))?;
         Ok(())
     };
     Ok(MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add)?)

@@ -56,4 +56,5 @@ pub use observe::run_phase;
 pub use picture::{Picture, Pictures};
 pub use pixels::PixelGather;
 pub use renderer::{FrameResult, LightUpdate, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer};
+pub use stage::shade::PixelLight;
 pub use transport::{Observer, Phase, Silent};

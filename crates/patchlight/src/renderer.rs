@@ -22,7 +22,8 @@ use crate::method::{Method, MethodReport, MethodSettings, Preparation, firstshot
 use crate::operator::{Build, Decode};
 use crate::picture::{Picture, Pictures};
 use crate::pixels::PixelGather;
-use crate::stage::{direct, gather, shade, source, view};
+use crate::stage::shade::PixelLight;
+use crate::stage::{direct, gather, shade, sky, source, view};
 
 /// Rays of a row of [`Renderer::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
@@ -57,6 +58,8 @@ pub struct RenderSettings {
     pub sub_frames: u32,
     /// Which receivers a light update computes.
     pub receivers: ReceiverUpdate,
+    /// How pixels find direct light of what is large.
+    pub direct: PixelLight,
 }
 
 impl Default for RenderSettings {
@@ -70,6 +73,7 @@ impl Default for RenderSettings {
             size: (960, 540),
             sub_frames: 16,
             receivers: ReceiverUpdate::All,
+            direct: PixelLight::default(),
         }
     }
 }
@@ -142,6 +146,9 @@ struct Frame {
     view: Option<view::View>,
     /// Whether the light of the scene's lighting is on the device.
     is_lit: bool,
+    /// Light straight from the sky at the interpolation points, where pixels show it, and whether it is there.
+    sky: Option<sky::SkyLight>,
+    has_sky_light: bool,
 }
 
 impl Renderer {
@@ -255,6 +262,10 @@ impl Renderer {
             }
             times = submit_light(frame, self.method.as_mut(), executor)?;
         }
+        if let Some(sky) = frame.sky.as_ref().filter(|_| !frame.has_sky_light) {
+            executor.submit_passes(&sky.passes)?;
+            frame.has_sky_light = true;
+        }
         let is_view = match &mut frame.view {
             Some(view) => view.set(executor, camera, is_light)?,
             None => false,
@@ -273,6 +284,7 @@ impl Renderer {
             camera,
             light_count: self.scene.lighting.lights.len() as u32,
             emitter_count: self.scene.emitters.len() as u32,
+            group_count: self.scene.emitter_groups.len() as u32,
             has_sky: self.scene.has_sky(),
             seeds: &seeds,
         };
@@ -483,6 +495,7 @@ impl Renderer {
             ("samples".to_owned(), size_of_val(&mesh.points[..]) as u64),
             ("light shares".to_owned(), self.frame.direct.bytes(mesh.points.len())),
             ("receivers".to_owned(), receivers.rows.bytes()),
+            ("sky".to_owned(), receivers.sky_rows.bytes()),
             ("smoothing".to_owned(), receivers.smoothing.bytes()),
             ("interpolation".to_owned(), receivers.weights.bytes()),
             ("lookup".to_owned(), lookup),
@@ -579,10 +592,11 @@ impl Frame {
         let receiver_tables = gather::add_receivers(&mut frame, method)?;
         let receivers = frame.plan.all_passes().split_off(before.len() + own.len() + elements.len());
         let indirect = shade::Indirect::of_bake(&mut frame);
-        let mut shade = shade::add(&mut frame, &tables, &indirect, settings.size, settings.sub_frames)?;
+        let smooth = receiver_tables.as_ref().filter(|_| settings.direct == PixelLight::Smooth);
+        let sky = smooth.map(|receivers| sky::add(&mut frame, receivers)).transpose()?;
+        let mut shade = shade::add(&mut frame, &tables, &indirect, settings.size, settings.sub_frames, sky.as_ref())?;
         let in_view = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView);
-        let view = in_view.map(|receivers| view::add(&mut frame, &tables, &receivers, &indirect, &mut shade));
-        let view = view.transpose()?;
+        let view = view::add(&mut frame, &tables, in_view.as_ref(), &indirect, &mut shade)?;
         let buffers = ReceiverBuffers {
             patches: frame.irradiance(),
             elements: frame.elements.irradiance.buffer,
@@ -594,15 +608,11 @@ impl Frame {
         let FramePlan { plan, tables: stay, .. } = frame;
         executor.load(plan)?;
         stay.upload(executor)?;
-        for buffer in cleared {
-            executor.clear(buffer)?;
-        }
+        cleared.into_iter().try_for_each(|buffer| executor.clear(buffer))?;
         direct.clear(executor)?;
         shade.clear(executor)?;
-        if let Some(view) = &view {
-            view.clear(executor)?;
-        }
-        let loaded = Self {
+        view.iter().try_for_each(|view| view.clear(executor))?;
+        let mut loaded = Self {
             tables,
             direct,
             source,
@@ -614,6 +624,8 @@ impl Frame {
             receivers,
             view,
             is_lit: false,
+            sky,
+            has_sky_light: false,
         };
         loaded.upload_sky(bake, scene, executor)?;
         method.start(executor)?;
@@ -621,8 +633,12 @@ impl Frame {
     }
 
     /// The sky and the emission of materials, and what elements reflect of a constant sky.
-    fn upload_sky(&self, bake: &Bake, scene: &Scene, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+    fn upload_sky(&mut self, bake: &Bake, scene: &Scene, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         self.tables.set_sky_and_emission(executor, scene)?;
+        if let Some(sky) = &self.sky {
+            sky.set(executor, &scene.lighting)?;
+            self.has_sky_light = false;
+        }
         Ok(executor.upload(self.source.emission, &source::sky_exitance(bake, &scene.lighting))?)
     }
 }

@@ -6,5 +6,7 @@
 pub mod direct;
 pub mod gather;
 pub mod shade;
+pub mod sky;
+pub mod smooth;
 pub mod source;
 pub mod view;

@@ -3,19 +3,23 @@
 mod camera;
 pub mod clip;
 mod geometry;
+mod groups;
 mod hierarchy;
 mod lighting;
 mod picture;
 mod receivers;
 mod scene;
 mod sides;
+mod sky;
 mod wide;
 
 pub(crate) use wide::WideBvh;
 
 pub use geometry::{Geometry, Occluder, texel_count};
+pub use groups::MOST_EMITTER_GROUPS;
 pub use lighting::Lighting;
 pub use picture::{Picture, scale_to_stops, stops_to_scale};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
 pub use sides::{POINT_WALKS, SidePolicy, Sides, find_sides, is_open};
+pub use sky::{SKY_BINS, sky_bin, sky_exitance};

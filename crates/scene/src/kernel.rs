@@ -5,6 +5,7 @@
 
 pub mod bvh;
 pub mod camera;
+pub mod large;
 pub mod light;
 pub mod shade;
 pub mod texture;

@@ -159,6 +159,34 @@ pub struct Emitter {
 }
 const _: () = assert!(size_of::<Emitter>() == 16);
 
+/// Near emissive triangles as one, seen from afar: their power by direction ω from them is about
+/// `Σ A L max(0, n·ω) ≈ 3/32 Σ A L + ½ ω·Σ A L n + 15/32 ω·(Σ A L n nᵀ) ω`, the first three bands of spherical harmonics of each.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct EmitterGroup {
+    /// Centre, m.
+    pub centre: Vec3,
+    /// `Σ A L` with the luminance L of each, W/sr.
+    pub power: f32,
+    /// Colour of the power: RGB over luminance.
+    pub color: Vec3,
+    /// 1 where all normals are one: then the power by direction is `max(0, ω·Σ A L n)`.
+    pub is_flat: u32,
+    /// `Σ A L n`.
+    pub normal: Vec3,
+    /// First of the squares on the diagonal of `Σ A L n nᵀ`.
+    pub squares_x: f32,
+    /// The second and the third, and 0.
+    pub squares_yz: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+    /// Its products xy, yz and zx.
+    pub products: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved_b: u32,
+}
+const _: () = assert!(size_of::<EmitterGroup>() == 80);
+
 /// Light from every direction that sees no geometry.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -188,8 +216,9 @@ pub struct Camera {
     pub height: u32,
     /// Half the picture's width at unit distance.
     pub right: Vec3,
-    /// Keeps `right` before a scalar.
-    pub reserved_a: u32,
+    /// Sub-frames of a picture whose positions are the same in every pixel and frame, the seed of each its number; 0 for
+    /// positions that follow from the seed.
+    pub fixed_sub_frames: u32,
     /// Half the picture's height at unit distance.
     pub up: Vec3,
     /// Keeps `up` before a scalar.
@@ -275,6 +304,50 @@ pub struct DirectParams {
     pub first: u32,
 }
 const _: () = assert!(size_of::<DirectParams>() == 32);
+
+/// Settings of the kernels of rectangles and emissive triangles at pixels ([`crate::kernel::large`]).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LargeParams {
+    /// The pinhole, with its number of fixed sub-frames.
+    pub camera: Camera,
+    /// Number of pixels.
+    pub count: u32,
+    /// Number of the sub-frame.
+    pub sub_frame: u32,
+    /// Number of lights.
+    pub light_count: u32,
+    /// Number of emitters.
+    pub emitter_count: u32,
+    /// Shadow rays of a sub-frame to each rectangle, and to all emitters together.
+    pub rays: u32,
+    /// Number of this sub-frame's first sample among those of a pixel.
+    pub first_sample: u32,
+    /// Samples from one pixel of a tile to the next: those of all sub-frames, rounded up to a power of two.
+    pub stride: u32,
+    /// Distance by which rays start above a surface, m.
+    pub ray_offset: f32,
+    /// Number of groups of emitters; 0 where each counts by itself.
+    pub group_count: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 3],
+}
+const _: () = assert!(size_of::<LargeParams>() == 112);
+
+/// Settings of the kernel that averages visibility over pixels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ShareParams {
+    /// Number of pixels.
+    pub count: u32,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Most by which shares of light differ that are averaged.
+    pub tolerance: f32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+}
+const _: () = assert!(size_of::<ShareParams>() == 16);
 
 /// Radiance or irradiance as kernels store it: RGB and one unused word (arrays of three floats have no GPU layout).
 pub type Rgb = Vec4;

@@ -193,15 +193,25 @@ pub(super) fn hemisphere_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u
 }
 
 /// Columns of what these rays of a row meet, and the quadrant of the hemisphere that each goes to, as in
-/// [`transport::rotational_gradients`].
-pub(super) fn quadrant_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u32, usize)> {
+/// [`transport::rotational_gradients`]. Rays that escape have the column [`first_sky_column`] plus the bin of their direction.
+pub(super) fn quadrant_hits(s: &Surfaces, row: usize, order: &[u32], sky_bin: &SkyBin) -> Vec<(u32, usize)> {
     let p = hemisphere_params(s, row, order.len() as u32);
     let (right, up) = frame(s.row_points(row)[0].normal);
     let hit = |&k: &u32| {
         let (origin, direction) = hemisphere_ray(&p, s.offsets, s.points, row as u32, k);
-        (ray_column(s, &p, origin, direction), quadrant_of(direction, right, up))
+        let column = ray_column(s, &p, origin, direction);
+        let column = if column == p.patch_count { first_sky_column(s) + sky_bin(direction) } else { column };
+        (column, quadrant_of(direction, right, up))
     };
     order.iter().map(hit).collect()
+}
+
+/// The bin of a unit direction in which a ray escapes.
+pub type SkyBin<'a> = dyn Fn(Vec3) -> u32 + Sync + 'a;
+
+/// Column of the sky's first bin: behind the patches and what no patch owns.
+pub(super) fn first_sky_column(s: &Surfaces) -> u32 {
+    s.patches.len() as u32 + EXTRA_COLUMNS
 }
 
 /// Share of the row's hemisphere that sees no geometry, by `rays` rays.

@@ -8,7 +8,9 @@ use glam::Vec4;
 use rayon::prelude::*;
 use scene::NONE;
 
-use super::estimate::{Estimator, Hemisphere, check_surfaces, hemisphere_hits, like_rays, quadrant_hits};
+use super::estimate::{
+    Estimator, Hemisphere, SkyBin, check_surfaces, first_sky_column, hemisphere_hits, like_rays, quadrant_hits,
+};
 use crate::error::Error;
 use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, check_length};
 
@@ -83,17 +85,19 @@ pub fn add_hit_rows(
 ) -> Result<Vec<f32>, Error> {
     let order = like_rays(rays);
     let hits = |row: usize| hemisphere_hits(surfaces, row, &order).into_iter().map(|(column, _)| column).collect();
-    add_rows(rows, surfaces, (rays, 1), &hits, progress)
+    add_rows(rows, None, surfaces, (rays, 1), &hits, progress)
 }
 
 /// As [`add_hit_rows`], with [`QUADRANTS`] rows instead of one: the hits in each quadrant of the hemisphere round the
-/// normal of the row's first point, as [`transport::rotational_gradients`] has them. Sky factors are those of the
-/// quadrants.
+/// normal of the row's first point, as [`transport::rotational_gradients`] has them. `sky_rows` gets as many rows: of the
+/// rays that escape, how many go to each bin of directions, which `sky_bin` names; it has one column a bin. Sky factors are
+/// those of the quadrants.
 ///
 /// # Errors
 /// As [`add_hit_rows`].
 pub fn add_quadrant_rows(
     rows: &mut HitCounts,
+    (sky_rows, sky_bin): (&mut HitCounts, &SkyBin),
     surfaces: &Surfaces,
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
@@ -101,16 +105,17 @@ pub fn add_quadrant_rows(
     let order = like_rays(rays);
     let hits = |row: usize| {
         let mut hits = std::vec![NONE; QUADRANTS * order.len()];
-        let found = quadrant_hits(surfaces, row, &order);
+        let found = quadrant_hits(surfaces, row, &order, sky_bin);
         found.into_iter().enumerate().for_each(|(k, (column, quadrant))| hits[quadrant * order.len() + k] = column);
         hits
     };
-    add_rows(rows, surfaces, (rays, QUADRANTS), &hits, progress)
+    add_rows(rows, Some(sky_rows), surfaces, (rays, QUADRANTS), &hits, progress)
 }
 
 /// Adds `parts` rows for each of the surfaces' from the columns that its rays hit, all rays for each part.
 fn add_rows(
     rows: &mut HitCounts,
+    mut sky_rows: Option<&mut HitCounts>,
     surfaces: &Surfaces,
     (rays, parts): (u32, usize),
     hits: &(dyn Fn(usize) -> Vec<u32> + Sync),
@@ -120,15 +125,22 @@ fn add_rows(
     Hemisphere { rays }.check(surfaces)?;
     check_length("columns", rows.columns(), surfaces.patches.len())?;
     let (total, sky) = (surfaces.rows(), surfaces.patches.len() as u32);
+    let first_bin = first_sky_column(surfaces);
+    let is_sky = |column: u32| column == sky || column >= first_bin && column != NONE;
     let mut sky_factor = Vec::with_capacity(parts * total);
     let watch = Watch::new(total, progress);
     let block = (BLOCK_HITS / (parts * rays as usize)).max(1).next_multiple_of(TASK_ROWS);
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
-        let hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();
-        rows.push(&hits, &std::vec![1.0 / rays as f32; parts * own.len()])?;
-        let escaped = |hits: &[u32]| hits.iter().filter(|&&column| column == sky).count() as f32 / rays as f32;
+        let mut hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();
+        let scales = std::vec![1.0 / rays as f32; parts * own.len()];
+        rows.push(&hits, &scales)?;
+        let escaped = |hits: &[u32]| hits.iter().filter(|&&column| is_sky(column)).count() as f32 / rays as f32;
         sky_factor.extend(hits.chunks(rays as usize).map(escaped));
+        if let Some(sky_rows) = &mut sky_rows {
+            hits.par_iter_mut().for_each(|column| *column = column.checked_sub(first_bin).unwrap_or(NONE));
+            sky_rows.push(&hits, &scales)?;
+        }
     }
     Ok(sky_factor)
 }

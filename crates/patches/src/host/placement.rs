@@ -13,14 +13,14 @@ use std::vec::Vec;
 
 use glam::Vec3;
 use rayon::prelude::*;
-use scene::{NONE, Scene, Sides, SurfacePoint};
+use scene::{NONE, SKY_BINS, Scene, Sides, SurfacePoint};
 use transport::{Csr, HitCounts, QUADRANTS, rotational_gradients};
 
 use self::field::{ReceiverField, weighted_sum};
 use self::refinement::ReceiverSamples;
 use super::interpolation_mesh::InterpolationMesh;
 use super::lit::LitSampler;
-use super::test_lights::{Estimates, Lights};
+use super::test_lights::{Estimates, Lights, TestLights};
 use crate::error::Error;
 use crate::types::Sample;
 
@@ -58,9 +58,9 @@ pub struct Placing {
 /// The number of a receiver or a column, with its weight or distance.
 type Entry = (u32, f32);
 
-/// Adds the rows of receivers over the elements: [`QUADRANTS`] rows a point, in the order of
-/// [`rotational_gradients`].
-pub type AddRows<'a> = dyn Fn(&mut HitCounts, &[SurfacePoint]) -> Result<(), Error> + 'a;
+/// Adds the rows of receivers over the elements, and those over the sky's bins
+/// ([`scene::sky_bin`]): [`QUADRANTS`] rows a point, in the order of [`rotational_gradients`].
+pub type AddRows<'a> = dyn Fn(&mut HitCounts, &mut HitCounts, &[SurfacePoint]) -> Result<(), Error> + 'a;
 
 /// Receivers and the interpolation points between them. Cheap to clone.
 #[derive(Clone)]
@@ -69,6 +69,8 @@ pub struct MeshReceivers {
     pub points: Arc<Vec<SurfacePoint>>,
     /// Their rows over the elements, one for each quadrant of a receiver's hemisphere.
     pub rows: Arc<HitCounts>,
+    /// As many rows over the sky's bins: the share of the hemisphere that sees the sky there.
+    pub sky_rows: Arc<HitCounts>,
     /// From the quadrants' values to one smoothed value for each receiver: a linear fit with those
     /// near it that differ by no more than their noise.
     pub smoothing: Arc<Csr>,
@@ -92,6 +94,7 @@ impl MeshReceivers {
         Ok(Self {
             points: Arc::default(),
             rows: Arc::new(HitCounts::new(0)?),
+            sky_rows: Arc::new(HitCounts::new(SKY_BINS)?),
             smoothing: Arc::new(empty.clone()),
             interpolation: Arc::new(interpolation),
             weights: Arc::new(empty),
@@ -104,7 +107,7 @@ impl MeshReceivers {
     }
 
     /// Receivers of the light of so many elements: equal-area ones, then more of them where they
-    /// differ from the mean of their neighbours under `lights` (the elements' exitance), then some
+    /// differ from the mean of their neighbours under `lights`, then some
     /// where interpolation points see none.
     ///
     /// # Errors
@@ -115,7 +118,7 @@ impl MeshReceivers {
         sampler: &LitSampler,
         elements: usize,
         placing: &Placing,
-        lights: &[Lights],
+        lights: &TestLights,
         add_rows: &AddRows,
     ) -> Result<Self, Error> {
         let placement = Placement { scene, sampler, placing, lights, add_rows };
@@ -124,7 +127,7 @@ impl MeshReceivers {
         let mut interpolation = field.interpolation_mesh(sampler, placing.seed)?;
         let mut weights = visible_weights(&field, &mut interpolation)?;
         field = placement.serve_orphans(field, &interpolation.points, &mut weights)?;
-        let estimates = Estimates::new(&field.set.rows, lights, placing.rays)?;
+        let estimates = Estimates::new(&field.set.rows, &field.set.sky_rows, lights, placing.rays)?;
         let smoothing = field.smoothing(&estimates);
         let smooth: Vec<Lights> = smoothing.par_iter().map(|row| weighted_sum(row, &estimates.light)).collect();
         let points = interpolation.points.par_iter();
@@ -140,6 +143,7 @@ impl MeshReceivers {
         Ok(Self {
             points: Arc::new(field.set.points),
             rows: Arc::new(field.set.rows),
+            sky_rows: Arc::new(field.set.sky_rows),
             smoothing: Arc::new(smoothing),
             interpolation: Arc::new(interpolation),
             weights: Arc::new(weights),
@@ -152,7 +156,7 @@ struct Placement<'a> {
     scene: &'a Scene,
     sampler: &'a LitSampler<'a>,
     placing: &'a Placing,
-    lights: &'a [Lights],
+    lights: &'a TestLights,
     add_rows: &'a AddRows<'a>,
 }
 
@@ -168,7 +172,7 @@ impl<'a> Placement<'a> {
         for round in 0..ROUNDS {
             let budget = most.saturating_sub(set.samples.len()) / (ROUNDS - round);
             let seed = placing.seed.wrapping_add(1 + round as u32);
-            let estimates = Estimates::new(&set.rows, self.lights, placing.rays)?;
+            let estimates = Estimates::new(&set.rows, &set.sky_rows, self.lights, placing.rays)?;
             let added = set.worst_places(sampler, &estimates, budget, seed);
             if added.is_empty() {
                 break;

@@ -8,17 +8,28 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use scene::math::luminance;
 use scene::sampling::{frame, hammersley};
-use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, SurfacePoint};
+use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, SurfacePoint, sky_exitance};
 use transport::{HitCounts, LinearOperator, QUADRANTS};
 
 use super::mesh::PatchMesh;
 use crate::error::Error;
 
 /// Vectors of test lights, three lights to a vector; the fourth components are 0.
-pub const LIGHT_VECTORS: usize = 2;
-/// Values under all test lights, in grey: the scene's own lights and suns 0 and 1; suns 2 and 3 and
-/// light that is the same everywhere.
+pub const LIGHT_VECTORS: usize = 3;
+/// Those of them that come from elements; the last comes from the sky.
+const ELEMENT_VECTORS: usize = 2;
+/// Values under all test lights, in grey: the scene's own lights and suns 0 and 1; suns 2 and 3 and light that is the same
+/// everywhere; straight from the sky, the scene's own and an even one.
 pub type Lights = [Vec4; LIGHT_VECTORS];
+
+/// Exitance of elements and of the sky under the test lights.
+#[derive(Clone, Debug)]
+pub struct TestLights {
+    /// Of the elements.
+    pub elements: Vec<Lights>,
+    /// Of the sky's bins, the last vector; all 0 in a scene without a sky.
+    pub sky: Vec<Vec4>,
+}
 
 /// Suns among the test lights.
 const SUNS: u32 = 4;
@@ -39,29 +50,46 @@ pub(super) struct Estimates {
 }
 
 impl Estimates {
-    /// Of receivers that have `rays` rays each, and a row for each hemisphere quadrant. `exitance`
-    /// is that of the elements.
-    pub fn new(rows: &HitCounts, exitance: &[Lights], rays: u32) -> Result<Self, Error> {
-        let squared: Vec<Lights> = exitance.iter().map(|b| b.map(|v| v * v)).collect();
-        let light = gather(rows, exitance)?;
-        let mut variance = gather(rows, &squared)?;
+    /// Of receivers that have `rays` rays each, and a row over the elements and one over the sky's bins for each hemisphere
+    /// quadrant.
+    pub fn new(rows: &HitCounts, sky_rows: &HitCounts, exitance: &TestLights, rays: u32) -> Result<Self, Error> {
+        let squared = TestLights {
+            elements: exitance.elements.iter().map(|b| b.map(|v| v * v)).collect(),
+            sky: exitance.sky.iter().map(|&b| b * b).collect(),
+        };
+        let mut light = gather(rows, sky_rows, exitance)?;
+        let mut variance = gather(rows, sky_rows, &squared)?;
         for (variance, mean) in variance.iter_mut().zip(&light) {
             for (square, mean) in variance.iter_mut().zip(mean) {
                 *square = (*square - *mean * *mean).max(Vec4::ZERO) * (STRATIFIED / rays as f32);
             }
         }
+        scale_sky(&mut light, &mut variance);
         Ok(Self { light, variance })
     }
 }
 
+/// Scales what comes straight from the sky so that the receivers' mean is 1.
+fn scale_sky(light: &mut [Lights], variance: &mut [Lights]) {
+    let sum: Vec4 = light.iter().map(|lights| lights[ELEMENT_VECTORS]).sum();
+    let mean = sum / light.len().max(1) as f32;
+    let scale = Vec4::select(mean.cmpgt(Vec4::ZERO), mean.recip(), Vec4::ZERO);
+    light.iter_mut().for_each(|lights| lights[ELEMENT_VECTORS] *= scale);
+    variance.iter_mut().for_each(|lights| lights[ELEMENT_VECTORS] *= scale * scale);
+}
+
 /// What receivers gather, the sum over their quadrants.
-fn gather(rows: &HitCounts, exitance: &[Lights]) -> Result<Vec<Lights>, Error> {
+fn gather(rows: &HitCounts, sky_rows: &HitCounts, exitance: &TestLights) -> Result<Vec<Lights>, Error> {
     let row_count = LinearOperator::rows(rows);
     let mut gathered = vec![[Vec4::ZERO; LIGHT_VECTORS]; row_count / QUADRANTS];
     for v in 0..LIGHT_VECTORS {
-        let vector: Vec<Vec4> = exitance.iter().map(|light| light[v]).collect();
         let mut received = vec![Vec4::ZERO; row_count];
-        rows.apply(&vector, &mut received)?;
+        if v < ELEMENT_VECTORS {
+            let vector: Vec<Vec4> = exitance.elements.iter().map(|light| light[v]).collect();
+            rows.apply(&vector, &mut received)?;
+        } else {
+            sky_rows.apply(&exitance.sky, &mut received)?;
+        }
         for (lights, quadrants) in gathered.iter_mut().zip(received.chunks(QUADRANTS)) {
             lights[v] = quadrants.iter().sum();
         }
@@ -83,7 +111,7 @@ pub fn test_lights(
     factors: &dyn LinearOperator,
     element_rows: &dyn LinearOperator,
     direct: &DirectParams,
-) -> Result<Vec<Lights>, Error> {
+) -> Result<TestLights, Error> {
     let mut exitance = vec![[Vec4::ZERO; LIGHT_VECTORS]; mesh.elements.len()];
     let irradiance = direct_irradiance(scene, &mesh.points, direct);
     for (v, irradiance) in irradiance.iter().enumerate() {
@@ -92,11 +120,18 @@ pub fn test_lights(
             lights[v] = exitance;
         }
     }
-    Ok(exitance)
+    Ok(TestLights { elements: exitance, sky: sky_lights(scene) })
+}
+
+/// The sky's bins under the test lights that come straight from it.
+fn sky_lights(scene: &Scene) -> Vec<Vec4> {
+    let has_sky = scene.has_sky();
+    let own = sky_exitance(&scene.lighting).into_iter();
+    own.map(|own| if has_sky { Vec4::new(grey(&own), 1.0, 0.0, 0.0) } else { Vec4::ZERO }).collect()
 }
 
 /// Direct irradiance at the sample points, vector by vector.
-fn direct_irradiance(scene: &Scene, points: &[SurfacePoint], direct: &DirectParams) -> [Vec<Vec4>; LIGHT_VECTORS] {
+fn direct_irradiance(scene: &Scene, points: &[SurfacePoint], direct: &DirectParams) -> [Vec<Vec4>; ELEMENT_VECTORS] {
     let own = scene.direct_irradiance(direct, points);
     let mut first: Vec<Vec4> = own.iter().map(|e| Vec4::new(luminance(*e), 0.0, 0.0, 0.0)).collect();
     let mut second = vec![Vec4::new(0.0, 0.0, 1.0, 0.0); points.len()];

@@ -13,8 +13,8 @@ use transport::QUADRANTS;
 /// Rows from the elements to the interpolation points on the device.
 #[derive(Clone, Debug)]
 pub struct ReceiverTables {
-    /// From the elements to the quadrants of the receivers.
-    pub rows: HitTables,
+    /// From the elements to the quadrants of the receivers; none where the method finds these itself.
+    pub rows: Option<HitTables>,
     /// From the quadrants to the smoothed values.
     pub smoothing: SparseTables,
     /// From both to the interpolation points.
@@ -33,8 +33,7 @@ pub fn add_elements(frame: &mut FramePlan, method: &mut dyn Method) -> Result<()
     Ok(())
 }
 
-/// Adds the passes from the elements to all receivers and interpolation points; gives the tables, if there are receivers and
-/// the method does not find their irradiance itself.
+/// Adds the passes from the elements to all receivers and interpolation points; gives the tables, if there are receivers.
 ///
 /// # Errors
 /// What the plan and the method say.
@@ -51,7 +50,7 @@ pub fn add_receivers(frame: &mut FramePlan, method: &mut dyn Method) -> Result<O
         rows = Some(tables);
     }
     let (smoothing, weights) = add_interpolation(frame)?;
-    Ok(rows.map(|rows| ReceiverTables { rows, smoothing, weights }))
+    Ok(Some(ReceiverTables { rows, smoothing, weights }))
 }
 
 /// The first of the two last bounces: between elements, each with its own first exitance and its share of what the patch

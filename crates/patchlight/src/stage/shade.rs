@@ -11,8 +11,22 @@ use runtime::recipe::{Named, rgb_bytes};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, SurfacePoint};
 
+use super::sky::SkyLight;
+use super::smooth::{SmoothLight, SmoothPasses};
 use crate::bake::ReceiverKind;
 use crate::frame::FramePlan;
+
+/// How pixels find direct light of what is large: sky, rectangles, emissive triangles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PixelLight {
+    /// Without noise: the same in every frame. The sky as the receivers' rays see it; rectangles and emissive triangles exactly,
+    /// times the share that shadow rays of a fixed pattern see, averaged over like pixels. Receivers on the mesh only; with
+    /// others as [`Self::Sampled`].
+    #[default]
+    Smooth,
+    /// By random rays in each sub-frame, other ones in every frame.
+    Sampled,
+}
 
 /// Shadow rays to area lights, and rays to the sky, in each sub-frame of a pixel.
 const PIXEL_RAYS: u32 = 2;
@@ -29,6 +43,9 @@ pub struct PixelSettings {
     pub direct: DirectParams,
     /// Whether direct light has a sum of its own, too.
     pub has_separate_direct: bool,
+    /// Irradiance of the interpolation points from the sky, for direct light without noise, which needs a sum of its own;
+    /// without it light is sampled.
+    pub smooth_sky: Option<Range>,
 }
 
 /// The passes of pictures.
@@ -42,7 +59,10 @@ pub struct Shade {
     pub pixels: PixelBuffers,
     no_light: BufferId,
     settings: PixelSettings,
+    smooth: Option<SmoothLight>,
     sub_frames: Vec<SubFrame>,
+    /// What follows them.
+    last: Option<PassId>,
     passes: Vec<PassId>,
 }
 
@@ -50,6 +70,7 @@ pub struct Shade {
 #[derive(Clone, Debug)]
 struct SubFrame {
     light: PassId,
+    smooth: Option<SmoothPasses>,
     primary: PassId,
     shade_full: PassId,
     shade_direct: Option<PassId>,
@@ -69,7 +90,7 @@ pub struct PixelBuffers {
     pub indirect: BufferId,
 }
 
-/// Adds the passes of so many sub-frames of a picture of a bake.
+/// Adds the passes of so many sub-frames of a picture of a bake; without noise where there is light of the sky for it.
 ///
 /// # Errors
 /// What the plan says.
@@ -79,9 +100,11 @@ pub fn add(
     indirect: &Indirect,
     size: (u32, u32),
     sub_frames: u32,
+    sky: Option<&SkyLight>,
 ) -> Result<Shade, ExecutorError> {
+    let smooth_sky = sky.map(|sky| Range::from(sky.interpolated));
     let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
-    let settings = PixelSettings { size, sub_frames, direct, has_separate_direct: true };
+    let settings = PixelSettings { size, sub_frames, direct, has_separate_direct: true, smooth_sky };
     add_pixels(&mut frame.plan, scene, indirect, &settings)
 }
 
@@ -109,10 +132,26 @@ pub fn add_pixels(
     let full = plan.storage("full", rgb);
     let direct = plan.storage("direct sum", direct_bytes);
     let settings = PixelSettings { direct: DirectParams { count, ..settings.direct }, ..*settings };
-    let mut shade = Shade { full, direct, pixels, no_light, settings, sub_frames: Vec::new(), passes: Vec::new() };
-    for _ in 0..settings.sub_frames.max(1) {
+    let sub_frames = settings.sub_frames.max(1);
+    let smooth_sky = settings.smooth_sky.filter(|_| settings.has_separate_direct);
+    let smooth = smooth_sky.map(|sky| SmoothLight::new(plan, sky, sub_frames, &settings.direct));
+    let mut shade = Shade {
+        full,
+        direct,
+        pixels,
+        no_light,
+        settings,
+        smooth,
+        sub_frames: Vec::new(),
+        last: None,
+        passes: Vec::new(),
+    };
+    for _ in 0..sub_frames {
         let sub_frame = add_sub_frame(plan, scene, &shade, indirect)?;
         shade.sub_frames.push(sub_frame);
+    }
+    if let Some(smooth) = &shade.smooth {
+        shade.last = Some(smooth.add_sum(plan, &shade.pixels, settings.size.0, (full, direct))?);
     }
     shade.passes = plan.all_passes().split_off(first);
     Ok(shade)
@@ -170,15 +209,29 @@ impl Indirect {
         }
     }
 
-    /// Adds the pass of indirect irradiance at the visible points.
-    fn add(
+    /// The same with other light.
+    pub fn with_values(self, light: Range) -> Self {
+        match self {
+            Self::Patches { lookup, .. } => Self::Patches { lookup, values: light },
+            Self::Interpolation { grids, cells, vertices, .. } => {
+                Self::Interpolation { grids, cells, vertices, values: light }
+            }
+        }
+    }
+
+    /// Adds the pass of the irradiance of the visible points, into `irradiance`.
+    ///
+    /// # Errors
+    /// What the plan says.
+    pub fn add_to(
         &self,
         plan: &mut Plan,
         scene: &SceneTables,
         buffers: &PixelBuffers,
+        irradiance: BufferId,
         pixels: u32,
     ) -> Result<PassId, ExecutorError> {
-        let mut own = vec![("points", Range::from(buffers.points)), ("irradiance", Range::from(buffers.indirect))];
+        let mut own = vec![("points", Range::from(buffers.points)), ("irradiance", Range::from(irradiance))];
         match *self {
             Self::Patches { lookup, values } => {
                 own.push(("values", values));
@@ -206,9 +259,15 @@ fn add_sub_frame(
     let camera = PixelParams { count: direct.count, ..PixelParams::default() };
     let seen = [("hits", Range::from(buffers.hits)), ("points", Range::from(buffers.points))];
     let primary = scene.primary(plan, "shade", &seen, &camera)?;
-    let own = [("points", Range::from(buffers.points)), ("irradiance", Range::from(buffers.direct))];
-    let light = scene.direct_light(plan, "shade", &own, direct)?;
-    indirect.add(plan, scene, buffers, direct.count)?;
+    let smooth = shade.smooth.as_ref().map(|smooth| smooth.add(plan, scene, buffers, indirect)).transpose()?;
+    let light = match &smooth {
+        Some(passes) => passes.sharp,
+        None => {
+            let own = [("points", Range::from(buffers.points)), ("irradiance", Range::from(buffers.direct))];
+            scene.direct_light(plan, "shade", &own, direct)?
+        }
+    };
+    indirect.add_to(plan, scene, buffers, buffers.indirect, direct.count)?;
     let own = |indirect: BufferId, sum: BufferId| {
         [
             ("hits", Range::from(buffers.hits)),
@@ -222,7 +281,8 @@ fn add_sub_frame(
     if shade.settings.has_separate_direct {
         shade_direct = Some(scene.shade(plan, "shade", &own(shade.no_light, shade.direct), &camera)?);
     }
-    Ok(SubFrame { light, primary, shade_full, shade_direct, passes: plan.all_passes().split_off(first) })
+    let passes = plan.all_passes().split_off(first);
+    Ok(SubFrame { light, smooth, primary, shade_full, shade_direct, passes })
 }
 
 /// What a picture is of.
@@ -233,6 +293,8 @@ pub struct Shot<'a> {
     pub light_count: u32,
     /// Number of emissive triangles.
     pub emitter_count: u32,
+    /// Number of their groups.
+    pub group_count: u32,
     /// Whether pixels look for the sky.
     pub has_sky: bool,
     /// Seed of each sub-frame, of its positions in the pixels and of its shadow rays.
@@ -262,7 +324,8 @@ impl Shade {
             let first = sub_frame.passes.iter().position(|&pass| pass == sub_frame.primary).map_or(0, |k| k + 1);
             sub_frame.passes.splice(first..first, passes.iter().copied());
         }
-        self.passes = self.sub_frames.iter().flat_map(|sub_frame| sub_frame.passes.clone()).collect();
+        let sub_frames = self.sub_frames.iter().flat_map(|sub_frame| sub_frame.passes.clone());
+        self.passes = sub_frames.chain(self.last).collect();
     }
 
     /// The pass of the primary rays of the first sub-frame.
@@ -294,13 +357,22 @@ impl Shade {
         if self.settings.has_separate_direct {
             executor.clear(self.direct)?;
         }
+        if let Some(smooth) = &self.smooth {
+            smooth.clear(executor)?;
+        }
         let light_count = shot.light_count;
         let direct = self.settings.direct;
         let sky_rays = if shot.has_sky { direct.sky_rays } else { 0 };
-        for (&seed, sub) in shot.seeds.iter().zip(&self.sub_frames) {
+        let camera = self.smooth.as_ref().map_or(*shot.camera, |smooth| smooth.camera(shot.camera));
+        for ((number, &seed), sub) in (0..).zip(shot.seeds).zip(&self.sub_frames) {
             let light = DirectParams { light_count, emitter_count: shot.emitter_count, sky_rays, seed, ..direct };
             executor.push(sub.light, &light)?;
-            let push = PixelParams { camera: *shot.camera, count: direct.count, seed, light_count, reserved: 0 };
+            let mut seed = seed;
+            if let (Some(smooth), Some(passes)) = (&self.smooth, &sub.smooth) {
+                smooth.set(executor, passes, &camera, shot, number)?;
+                seed = number;
+            }
+            let push = PixelParams { camera, count: direct.count, seed, light_count, reserved: 0 };
             for pass in [sub.primary, sub.shade_full].into_iter().chain(sub.shade_direct) {
                 executor.push(pass, &push)?;
             }

@@ -55,17 +55,19 @@ impl Rows {
     }
 }
 
-/// Adds the passes, behind the primary rays of every sub-frame, which say what is in view.
+/// Adds the passes, behind the primary rays of every sub-frame, which say what is in view; none without tables, and
+/// where the method finds the irradiance of the receivers itself.
 ///
 /// # Errors
 /// What the plan says.
 pub fn add(
     frame: &mut FramePlan,
     scene: &SceneTables,
-    tables: &ReceiverTables,
+    tables: Option<&ReceiverTables>,
     indirect: &Indirect,
     shade: &mut Shade,
-) -> Result<View, ExecutorError> {
+) -> Result<Option<View>, ExecutorError> {
+    let Some((tables, rows)) = tables.and_then(|tables| Some((tables, tables.rows.as_ref()?))) else { return Ok(None) };
     let receivers = &frame.bake.receivers;
     let (count, first_smooth) = (receivers.points.len(), receivers.first_smooth());
     let point_count = receivers.interpolation.points.len();
@@ -90,7 +92,7 @@ pub fn add(
     marks.push(tables.weights.mark_columns(plan, MARK, points.marks, received.marks)?);
     marks.push(tables.smoothing.mark_columns(plan, MARK, smooth.marks, quadrants.marks)?);
     let of_quadrants = (received.marks, received.computed);
-    let mut gathers = tables.rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?;
+    let mut gathers = rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?;
     gathers.push(tables.smoothing.gather_view(plan, PASS, quadrant_values, smooth_values, smooth)?);
     let all_points = points.part(0, point_count);
     gathers.push(tables.weights.gather_view(plan, PASS, frame.received, frame.interpolated, all_points)?);
@@ -100,7 +102,7 @@ pub fn add(
     let (points, received) = (points.marks, received.marks);
     let view = View { marks, gathers, cleared, points, received, camera: None, view: 0, light: 0 };
     shade.add_after_primary(&view.passes());
-    Ok(view)
+    Ok(Some(view))
 }
 
 impl View {

@@ -196,6 +196,7 @@ impl Pixels {
             sub_frames: settings.sub_frames,
             direct: world_params(scene),
             has_separate_direct: false,
+            smooth_sky: None,
         };
         let indirect = Indirect::Patches { lookup, values: shown.into() };
         let shade = shade::add_pixels(plan, scene_tables, &indirect, &pixels)?;
@@ -357,6 +358,7 @@ impl SlotFrame {
             camera,
             light_count: scene.lighting.lights.len() as u32,
             emitter_count: 0,
+            group_count: 0,
             has_sky: samples_sky(scene),
             seeds: &seeds,
         };

@@ -2,7 +2,7 @@
 
 use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
 use gpu_kernels::table;
-use scene::{DirectParams, Light, Scene};
+use scene::{DirectParams, EmitterGroup, LargeParams, Light, MOST_EMITTER_GROUPS, Scene, ShareParams};
 
 use super::{Bindings, Named, Tables, add_pass};
 use crate::executor::{Executor, ExecutorError};
@@ -16,6 +16,7 @@ pub struct SceneTables {
     light_capacity: usize,
     materials: BufferId,
     emitters: BufferId,
+    groups: BufferId,
     sky: BufferId,
     sky_map: BufferId,
 }
@@ -34,13 +35,20 @@ impl SceneTables {
         ];
         let materials = plan.storage_for("materials", &scene.materials);
         let emitters = plan.storage_for("emitters", &scene.emitters);
+        let groups = plan.storage("groups", (MOST_EMITTER_GROUPS * size_of::<EmitterGroup>()) as u64);
         let sky = plan.storage_for("sky", &[scene.lighting.sky]);
         let sky_map = plan.storage_for("sky_map", &scene.lighting.sky_map);
         let lights = plan.storage("lights", (light_capacity * size_of::<Light>()) as u64);
-        let changing =
-            [("materials", materials), ("emitters", emitters), ("sky", sky), ("sky_map", sky_map), ("lights", lights)];
+        let changing = [
+            ("materials", materials),
+            ("emitters", emitters),
+            ("groups", groups),
+            ("sky", sky),
+            ("sky_map", sky_map),
+            ("lights", lights),
+        ];
         named.extend(changing.map(|(name, buffer)| (name, Range::from(buffer))));
-        Self { named, lights, light_capacity, materials, emitters, sky, sky_map }
+        Self { named, lights, light_capacity, materials, emitters, groups, sky, sky_map }
     }
 
     /// The buffers by the names of the kernels' bindings.
@@ -89,6 +97,9 @@ impl SceneTables {
         executor.upload(self.sky, &[scene.lighting.sky])?;
         executor.upload(self.sky_map, &scene.lighting.sky_map[..])?;
         executor.upload(self.materials, &scene.materials[..])?;
+        let mut groups = scene.emitter_groups.to_vec();
+        groups.resize(MOST_EMITTER_GROUPS, EmitterGroup::default());
+        executor.upload(self.groups, &groups)?;
         executor.upload(self.emitters, &scene.emitters[..])
     }
 
@@ -134,6 +145,37 @@ impl SceneTables {
         params: &DirectParams,
     ) -> Result<PassId, ExecutorError> {
         add_pass(plan, pass, &table::SCENE_ADD_LIGHTS, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the pass of irradiance at points from the sky and from parallel, point and spot lights, W/m². Bindings: `points`,
+    /// `from_sky`, `irradiance`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn sharp_light(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &DirectParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_SHARP_LIGHT, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the passes of a sub-frame's radiance from rectangles and emitters, W/m²/sr: were nothing in the way, and of
+    /// samples of it, those that are seen and all. Bindings: `hits`, `points`, `open`, `seen`, `sampled`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn large_light(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &LargeParams,
+    ) -> Result<[PassId; 2], ExecutorError> {
+        let mut add = |kernel| add_pass(plan, pass, kernel, bindings, &self.named, params, params.count);
+        Ok([add(&table::SCENE_OPEN_LIGHT)?, add(&table::SCENE_SEEN_LIGHT)?])
     }
 
     /// Adds the pass of the nearest hits of rays. Bindings: `rays`, `hits`.
@@ -194,6 +236,20 @@ impl SceneTables {
     ) -> Result<PassId, ExecutorError> {
         add_pass(plan, pass, &table::SCENE_SHADE, bindings, &self.named, params, params.count)
     }
+}
+
+/// Adds the pass that adds the radiance from rectangles and emitters to the sums of pixels, W/m²/sr: with nothing in the way,
+/// times the share of the samples that is seen. Bindings: `points`, `open`, `seen`, `sampled`, `full`, `direct`.
+///
+/// # Errors
+/// Buffers that are missing or too short.
+pub fn add_large_light(
+    plan: &mut Plan,
+    pass: &str,
+    bindings: Bindings,
+    params: &ShareParams,
+) -> Result<PassId, ExecutorError> {
+    add_pass(plan, pass, &table::SCENE_ADD_LARGE_LIGHT, bindings, &[], params, params.count)
 }
 
 /// Adds the pass of displayed colours: bytes red, green, blue, 255. Bindings: `sum`, `pixels`.

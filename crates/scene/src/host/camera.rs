@@ -17,7 +17,7 @@ impl Camera {
             forward,
             height,
             right: right * (half * width as f32 / height as f32),
-            reserved_a: 0,
+            fixed_sub_frames: 0,
             up: right.cross(forward) * half,
             reserved_b: 0,
         }

@@ -119,3 +119,17 @@ fn mean_luminance(tables: &GeometryTables, triangle: u32) -> f32 {
     }
     mean
 }
+
+/// Mean radiance of a triangle, W/m²/sr; over a grid of it where emission is textured.
+pub(super) fn mean_radiance(tables: &GeometryTables, triangle: u32) -> Vec3 {
+    const STEPS: u32 = 8;
+    let mut mean = Vec3::ZERO;
+    for k in 0..STEPS * STEPS {
+        let at = ((k / STEPS) as f32 + 0.5, (k % STEPS) as f32 + 0.5);
+        let (u, v) = uniform_triangle((at.0 / STEPS as f32, at.1 / STEPS as f32));
+        if !tables.is_hole(triangle, u, v) {
+            mean += tables.radiance(triangle, u, v) / (STEPS * STEPS) as f32;
+        }
+    }
+    mean
+}

@@ -9,6 +9,7 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::geometry::{Geometry, Occluder, filtered_albedo, texel_count};
+use super::groups::group_emitters;
 use super::lighting::{Lighting, check_sky_map, find_emitters, set_emission};
 use crate::Visibility;
 use crate::error::Error;
@@ -64,6 +65,8 @@ pub struct Scene {
     pub materials: Arc<[Material]>,
     /// Emissive triangles with their cumulative distribution.
     pub emitters: Arc<[Emitter]>,
+    /// Near ones of them together, where they are many.
+    pub emitter_groups: Arc<[EmitterGroup]>,
     /// What shines. Lights and sky may be changed in place; emission changes by
     /// [`Scene::set_lighting`], for materials and emitters follow from it.
     pub lighting: Lighting,
@@ -95,8 +98,10 @@ impl Scene {
         lighting.check(&geometry)?;
         let mut materials = geometry.materials.clone();
         set_emission(&mut materials, &lighting, &geometry);
-        let emitters = find_emitters(&geometry.tables_with(&materials)).into();
-        Ok(Self { geometry, materials, emitters, lighting })
+        let tables = geometry.tables_with(&materials);
+        let emitters: Arc<[Emitter]> = find_emitters(&tables).into();
+        let emitter_groups = group_emitters(&tables, &emitters).into();
+        Ok(Self { geometry, materials, emitters, emitter_groups, lighting })
     }
 
     /// Replaces the lighting. Emitters are found anew only where emission has changed.
@@ -107,6 +112,7 @@ impl Scene {
         lighting.check(&self.geometry)?;
         if set_emission(&mut self.materials, &lighting, &self.geometry) {
             self.emitters = find_emitters(&self.tables()).into();
+            self.emitter_groups = group_emitters(&self.tables(), &self.emitters).into();
         }
         self.lighting = lighting;
         Ok(())

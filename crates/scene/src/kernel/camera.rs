@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::bvh::{FAR, GeometryTables, closest_hit};
-use crate::sampling::{hash3, unit};
+use crate::sampling::{hash3, radical_inverse, unit};
 use crate::types::{Camera, Hit, NONE, SurfacePoint};
 
 /// Direction (not unit) through a picture position, (0, 0) the upper left corner, in pixels.
@@ -14,10 +14,15 @@ pub fn camera_direction(camera: &Camera, x: f32, y: f32) -> Vec3 {
     camera.forward + camera.right * sx + camera.up * sy
 }
 
-/// Position in the square of pixel `index` for sub-frame `seed` (box filter).
+/// Position in the square of pixel `index` for sub-frame `seed` (box filter): random, or where the camera says so the same in
+/// every pixel, a point of Hammersley's set in the middle of its cell.
 #[inline]
 pub fn pixel_position(camera: &Camera, index: u32, seed: u32) -> (f32, f32) {
     let (x, y) = (index % camera.width, index / camera.width);
+    if camera.fixed_sub_frames > 0 {
+        let step = 1.0 / camera.fixed_sub_frames as f32;
+        return (x as f32 + (seed as f32 + 0.5) * step, y as f32 + unit(radical_inverse(seed)) + 0.5 * step);
+    }
     (x as f32 + unit(hash3(index, 0x7069_7865, seed)), y as f32 + unit(hash3(index, 0x6c79_0000, seed)))
 }
 

@@ -5,7 +5,7 @@ use std::vec::Vec;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use scene::math::sqrt;
-use scene::{Scene, SurfacePoint};
+use scene::{SKY_BINS, Scene, SurfacePoint};
 use transport::{HitCounts, spatial_order};
 
 use super::field::{NEAR, shepard_weights, weighted_sum};
@@ -41,6 +41,8 @@ pub(super) struct ReceiverSamples<'a> {
     pub points: Vec<SurfacePoint>,
     /// Their rows over the elements, one for each hemisphere quadrant.
     pub rows: HitCounts,
+    /// Their rows over the sky's bins, of rays that escape.
+    pub sky_rows: HitCounts,
     /// Mean area that a receiver stands for, m².
     pub mean_area: f32,
 }
@@ -49,7 +51,8 @@ impl<'a> ReceiverSamples<'a> {
     /// Samples without rows, which will be over so many elements.
     pub fn new(scene: &'a Scene, samples: Vec<Sample>, elements: usize) -> Result<Self, Error> {
         let rows = HitCounts::new(elements)?;
-        Ok(Self { scene, samples, points: Vec::new(), rows, mean_area: 0.0 })
+        let sky_rows = HitCounts::new(SKY_BINS)?;
+        Ok(Self { scene, samples, points: Vec::new(), rows, sky_rows, mean_area: 0.0 })
     }
 
     /// Makes the rows that are missing. New samples are put into an order in which neighbours are
@@ -65,7 +68,7 @@ impl<'a> ReceiverSamples<'a> {
             self.samples.push(sample);
             self.points.push(SurfacePoint { position, patch, normal, weight: 1.0 });
         }
-        add_rows(&mut self.rows, &self.points[first..])
+        add_rows(&mut self.rows, &mut self.sky_rows, &self.points[first..])
     }
 
     /// Samples near the receivers that differ most from the mean of their neighbours, at most

@@ -28,6 +28,7 @@ fn light(position: Vec3) -> Lights {
     [
         Vec4::new(1.0 + 0.1 * position.x, 0.0, 0.0, 0.0),
         Vec4::new(if position.y > 5.0 { 2.0 } else { 1.0 }, 0.0, 0.0, 0.0),
+        Vec4::ZERO,
     ]
 }
 

@@ -1,0 +1,58 @@
+//! Irradiance straight from the sky at the interpolation points, W/m²: from the rays of the receivers that escape, smoothed and
+//! interpolated as indirect light is. It follows from the sky alone, and is found anew only where the sky changes.
+
+use runtime::executor::{Executor, ExecutorError};
+use runtime::plan::{BufferId, PassId};
+use runtime::recipe::formfactor::HitTables;
+use runtime::recipe::rgb_bytes;
+use scene::{Lighting, SKY_BINS, sky_exitance};
+use transport::QUADRANTS;
+
+use super::gather::ReceiverTables;
+use crate::frame::FramePlan;
+
+/// Name of the passes.
+pub const PASS: &str = "sky";
+
+/// The passes.
+#[derive(Clone, Debug)]
+pub struct SkyLight {
+    /// What each bin of the sky stands for.
+    bins: BufferId,
+    /// Irradiance of the interpolation points.
+    pub interpolated: BufferId,
+    /// From the bins to the interpolation points.
+    pub passes: Vec<PassId>,
+}
+
+/// Adds the passes.
+///
+/// # Errors
+/// What the plan says.
+pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, ExecutorError> {
+    let receivers = &frame.bake.receivers;
+    let (count, first_smooth) = (receivers.points.len(), receivers.first_smooth());
+    let range = frame.binding_bytes();
+    let plan = &mut frame.plan;
+    let first = plan.passes().len();
+    let bins = plan.storage("sky bins", rgb_bytes(SKY_BINS));
+    let received = plan.storage("received from the sky", rgb_bytes(first_smooth + count));
+    let interpolated = plan.storage("sky interpolated", rgb_bytes(receivers.interpolation.points.len()));
+    let rows = HitTables::new(plan, &mut frame.tables, &receivers.sky_rows);
+    rows.gather(plan, PASS, range, bins, received)?;
+    let quadrants = received.range(0, rgb_bytes(QUADRANTS * count));
+    let smooth = received.range(rgb_bytes(first_smooth), rgb_bytes(count));
+    tables.smoothing.gather(plan, PASS, quadrants, smooth)?;
+    tables.weights.gather(plan, PASS, received, interpolated)?;
+    Ok(SkyLight { bins, interpolated, passes: plan.all_passes().split_off(first) })
+}
+
+impl SkyLight {
+    /// Puts a sky on the device; the passes then find its light.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set(&self, executor: &mut dyn Executor, lighting: &Lighting) -> Result<(), ExecutorError> {
+        executor.upload(self.bins, &sky_exitance(lighting))
+    }
+}

@@ -1,0 +1,526 @@
+//! Direct light of what is large, without noise: the irradiance that rectangles and emissive triangles would send were
+//! nothing in the way, exactly, times the share of it that shadow rays of a fixed pattern see, averaged over like pixels
+//! (Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic shadows").
+
+use core::f32::consts::FRAC_1_PI;
+
+use glam::{Vec3, Vec4};
+
+use super::bvh::{FAR, GeometryTables};
+use super::camera::primary_direction;
+use super::light::{Lights, meet_rect, pick_emitter, unoccluded};
+use crate::math::{abs, atan2, clamp, luminance};
+use crate::sampling::{hash3, sobol2_fast, uniform_triangle, unit};
+use crate::types::{
+    DirectParams, Emitter, EmitterGroup, Hit, LIGHT_RECT, LargeParams, Light, NONE, ShareParams, SurfacePoint,
+};
+
+/// Edge of the squares of pixels whose shadow rays together are one pattern.
+pub const TILE: u32 = 4;
+/// Emitters up to this many count exactly where nothing is in the way; more by groups.
+pub const MOST_EXACT_EMITTERS: u32 = 64;
+/// Points of many emitters among which that of a shadow ray is chosen.
+const CANDIDATES: u32 = 8;
+/// Points of a triangle whose emission is textured.
+const TEXTURED_POINTS: u32 = 4;
+/// A polygon whose squared extent is below this share of its squared distance is as good as a point: to 10⁻⁴.
+const SMALL: f32 = 1e-4;
+/// Distance in pixels to the furthest pixels that share visibility; those count half, so that each place of a tile counts
+/// the same.
+const REACH: i32 = 2;
+/// Cosine between normals of pixels that share visibility, at least, and their slope out of the surface, at most.
+const LIKE_NORMALS: f32 = 0.9;
+const MOST_SLOPE: f32 = 0.1;
+
+/// What one edge of a polygon adds to the contour sum: its angle times the component of its normal.
+#[inline]
+fn edge_term(a: Vec3, b: Vec3, normal: Vec3) -> f32 {
+    let c = a.cross(b);
+    let length = c.length();
+    if length > 0.0 { atan2(length, a.dot(b)) * c.dot(normal) / length } else { 0.0 }
+}
+
+/// A contour sum while edges are added: the part above the horizon, where the outline last went below, and where it came up.
+#[derive(Clone, Copy)]
+struct Contour {
+    sum: f32,
+    down: Vec3,
+    up: Vec3,
+}
+
+impl Contour {
+    const EMPTY: Self = Self { sum: 0.0, down: Vec3::ZERO, up: Vec3::ZERO };
+
+    /// With the edge from `a` to `b`, both seen from the point.
+    #[inline]
+    fn with(self, a: Vec3, b: Vec3, normal: Vec3) -> Self {
+        let (above, below) = (a.dot(normal), b.dot(normal));
+        if above > 0.0 && below > 0.0 {
+            return Self { sum: self.sum + edge_term(a, b, normal), ..self };
+        }
+        if above <= 0.0 && below <= 0.0 {
+            return self;
+        }
+        let cut = a + (b - a) * (above / (above - below));
+        if above > 0.0 {
+            Self { sum: self.sum + edge_term(a, cut, normal), down: cut, up: self.up }
+        } else {
+            Self { sum: self.sum + edge_term(cut, b, normal), up: cut, down: self.down }
+        }
+    }
+
+    /// Irradiance of unit radiance: half the sum, closed along the horizon.
+    #[inline]
+    fn irradiance(self, normal: Vec3) -> f32 {
+        let half = 0.5 * abs(self.sum + edge_term(self.down, self.up, normal));
+        // A point on the very edge.
+        if half < core::f32::consts::PI { half } else { core::f32::consts::PI }
+    }
+}
+
+/// Irradiance over radiance at `origin` with this unit normal from the front of a triangle with these corners and area normal
+/// (`edge_a × edge_b`), or of the parallelogram that has three of its corners there: `½ Σ γ_i Γ_i·n` over the edges of what is
+/// above the horizon, with the angle γ_i and the unit normal Γ_i of the plane of each edge and the point (Lambert 1760; Baum,
+/// Rushmeier and Winget 1989). 0 behind either; as a point where it is small.
+#[inline]
+pub fn polygon_irradiance(
+    is_triangle: bool,
+    corner: Vec3,
+    edge_a: Vec3,
+    edge_b: Vec3,
+    origin: Vec3,
+    normal: Vec3,
+) -> f32 {
+    let a = corner - origin;
+    let area_normal = edge_a.cross(edge_b);
+    // Twice the height over the plane times the area of the triangle.
+    let height = -a.dot(area_normal);
+    if height <= 0.0 {
+        return 0.0;
+    }
+    let share = if is_triangle { 1.0 / 3.0 } else { 0.5 };
+    let middle = a + (edge_a + edge_b) * share;
+    let squared = middle.length_squared();
+    if edge_a.length_squared() + edge_b.length_squared() < SMALL * squared {
+        let cosine = middle.dot(normal);
+        let half = if is_triangle { 0.5 } else { 1.0 };
+        return if cosine > 0.0 { half * height * cosine / (squared * squared) } else { 0.0 };
+    }
+    let (b, c) = (a + edge_a, a + edge_b);
+    let mut contour = Contour::EMPTY.with(a, b, normal);
+    if is_triangle {
+        contour = contour.with(b, c, normal);
+    } else {
+        let far = b + edge_b;
+        contour = contour.with(b, far, normal).with(far, c, normal);
+    }
+    contour.with(c, a, normal).irradiance(normal)
+}
+
+/// Irradiance of a rectangle light at a point, W/m², were nothing in the way.
+#[inline]
+pub fn rect_irradiance(light: &Light, origin: Vec3, normal: Vec3) -> Vec3 {
+    light.color * polygon_irradiance(false, light.position, light.edge_a, light.edge_b, origin, normal)
+}
+
+/// Geometric part of light from a small area: cosθ cosθ'/r², 0 behind either.
+#[inline]
+fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
+    let squared = to.length_squared();
+    let (here, there) = (to.dot(normal), -to.dot(target_normal));
+    if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
+}
+
+/// Light of a point of an emitter per area, W/m² over m², and the way to it from `origin`.
+#[inline]
+fn emitter_point(g: &GeometryTables, p: &LargeParams, e: &Emitter, at: (f32, f32), from: (Vec3, Vec3)) -> (Vec3, Vec3) {
+    let (origin, normal) = from;
+    let (u, v) = uniform_triangle(at);
+    let n = g.normal(e.triangle);
+    let to = g.position(e.triangle, u, v) + n * p.ray_offset - origin;
+    let c = coupling(to, normal, n);
+    if c > 0.0 && !g.is_hole(e.triangle, u, v) { (g.radiance(e.triangle, u, v) * c, to) } else { (Vec3::ZERO, to) }
+}
+
+/// Irradiance of an emitter at a point, W/m², were nothing in the way: exact, but where its emission is textured.
+#[inline]
+fn emitter_irradiance(g: &GeometryTables, p: &LargeParams, e: &Emitter, origin: Vec3, normal: Vec3) -> Vec3 {
+    let t = g.triangles[e.triangle as usize];
+    let material = g.materials[t.material as usize];
+    if material.radiance_texture == NONE && material.mask_texture == NONE {
+        return material.radiance * polygon_irradiance(true, t.corner, t.edge_a, t.edge_b, origin, normal);
+    }
+    let mut sum = Vec3::ZERO;
+    for k in 0..TEXTURED_POINTS {
+        sum += emitter_point(g, p, e, fixed_point(k, 0), (origin, normal)).0;
+    }
+    sum * (e.area / TEXTURED_POINTS as f32)
+}
+
+/// How an emitter counts when rays are shared out: its power, and about how it faces the point; 0 only where no light comes.
+#[inline]
+fn emitter_weight(g: &GeometryTables, e: &Emitter, origin: Vec3, normal: Vec3) -> f32 {
+    let t = g.triangles[e.triangle as usize];
+    let a = t.corner - origin;
+    let height = -a.dot(t.edge_a.cross(t.edge_b)) / (2.0 * e.area);
+    let (at_a, at_b, at_c) = (a.dot(normal), (a + t.edge_a).dot(normal), (a + t.edge_b).dot(normal));
+    let most = if at_a > at_b { at_a } else { at_b };
+    let most = if most > at_c { most } else { at_c };
+    if height <= 0.0 || most <= 0.0 {
+        return 0.0;
+    }
+    let squared = (a + (t.edge_a + t.edge_b) * (1.0 / 3.0)).length_squared() + e.area;
+    e.probability * height * most / (squared * squared)
+}
+
+/// Point `k` of Sobol's sequence in the unit square, scrambled by what it is for.
+#[inline]
+fn fixed_point(k: u32, slot: u32) -> (f32, f32) {
+    let (x, y) = sobol2_fast(k);
+    (unit(x ^ hash3(slot, 0x6c61_7267, 0)), unit(y ^ hash3(slot, 0x6c61_7267, 1)))
+}
+
+/// Number of a pixel's first sample of a sub-frame: the samples of a pixel in all sub-frames follow each other, and so do
+/// those of the pixels of a tile, so that either are a net.
+#[inline]
+fn first_sample(p: &LargeParams, index: u32) -> u32 {
+    let (x, y) = (index % p.camera.width, index / p.camera.width);
+    let mixed = x ^ y;
+    let place = (mixed & 1) << 3 | (y & 1) << 2 | (mixed >> 1 & 1) << 1 | (y >> 1 & 1);
+    place * p.stride + p.first_sample
+}
+
+/// Share of irradiance that a pixel shows as radiance, ρ/π: 0 for the sky and behind a rectangle light.
+#[inline]
+fn reflection(g: &GeometryTables, lights: &Lights, p: &LargeParams, index: u32, hit: Hit) -> Vec3 {
+    if hit.triangle == NONE {
+        return Vec3::ZERO;
+    }
+    let direction = primary_direction(&p.camera, index, p.sub_frame);
+    for k in 0..p.light_count {
+        if meet_rect(&lights.lights[k as usize], p.camera.eye, direction, hit.t) < FAR {
+            return Vec3::ZERO;
+        }
+    }
+    g.albedo(hit.triangle, hit.u, hit.v) * FRAC_1_PI
+}
+
+/// Irradiance of a group of emitters at a point, W/m², were nothing in the way.
+#[inline]
+pub fn group_irradiance(group: &EmitterGroup, origin: Vec3, normal: Vec3) -> Vec3 {
+    let to = group.centre - origin;
+    let squared = to.length_squared();
+    let cosine = to.dot(normal);
+    if cosine <= 0.0 || squared <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let inverse = 1.0 / to.length();
+    let away = to * -inverse;
+    let along = group.normal.dot(away);
+    let power = if group.is_flat != 0 {
+        along
+    } else {
+        let squares = group.squares_x * away.x * away.x
+            + group.squares_yz.x * away.y * away.y
+            + group.squares_yz.y * away.z * away.z;
+        let products = group.products.x * away.x * away.y
+            + group.products.y * away.y * away.z
+            + group.products.z * away.z * away.x;
+        (3.0 / 32.0) * group.power + 0.5 * along + (15.0 / 32.0) * (squares + 2.0 * products)
+    };
+    if power > 0.0 { group.color * (power * cosine * inverse / squared) } else { Vec3::ZERO }
+}
+
+/// Sum of a pixel's radiance from all rectangles and emitters after one more sub-frame, W/m²/sr, were nothing in the way.
+#[inline]
+#[allow(clippy::too_many_arguments)]
+pub fn add_open_light(
+    g: &GeometryTables,
+    lights: &Lights,
+    groups: &[EmitterGroup],
+    p: &LargeParams,
+    index: u32,
+    hit: Hit,
+    point: SurfacePoint,
+    sum: Vec4,
+) -> Vec4 {
+    let factor = reflection(g, lights, p, index, hit);
+    let normal = point.normal;
+    let origin = point.position + normal * p.ray_offset;
+    let mut light = Vec3::ZERO;
+    for slot in 0..p.light_count {
+        if lights.lights[slot as usize].kind == LIGHT_RECT {
+            light += rect_irradiance(&lights.lights[slot as usize], origin, normal);
+        }
+    }
+    if p.group_count == 0 {
+        for k in 0..p.emitter_count {
+            light += emitter_irradiance(g, p, &lights.emitters[k as usize], origin, normal);
+        }
+    }
+    for k in 0..p.group_count {
+        light += group_irradiance(&groups[k as usize], origin, normal);
+    }
+    sum + (factor * light).extend(1.0)
+}
+
+/// Light of the samples of a rectangle: what is not stopped, and all.
+#[inline]
+fn rect_samples(
+    p: &LargeParams,
+    first: u32,
+    slot: u32,
+    light: &Light,
+    from: (Vec3, Vec3),
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> (Vec3, Vec3) {
+    let (origin, normal) = from;
+    let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
+    let (mut seen, mut all) = (0.0, 0.0);
+    for k in 0..p.rays {
+        let (u, v) = fixed_point(first + k, 2 + slot);
+        let to = light.position + light.edge_a * u + light.edge_b * v - origin;
+        let c = coupling(to, normal, n);
+        if c > 0.0 {
+            all += c;
+            if !occluded(origin, to, 1.0) {
+                seen += c;
+            }
+        }
+    }
+    (light.color * (seen * light.area), light.color * (all * light.area))
+}
+
+/// The emitter to which `x` of the unit interval falls when they share it by weight, what of it is left of x, uniform, and its
+/// probability.
+#[inline]
+fn emitter_at(
+    g: &GeometryTables,
+    p: &LargeParams,
+    lights: &Lights,
+    x: f32,
+    total: f32,
+    from: (Vec3, Vec3),
+) -> (u32, f32, f32) {
+    let wanted = x * total;
+    let (mut sum, mut k, mut weight) = (0.0, 0, 0.0);
+    for j in 0..p.emitter_count {
+        if sum <= wanted {
+            let own = emitter_weight(g, &lights.emitters[j as usize], from.0, from.1);
+            if own > 0.0 {
+                k = j;
+                weight = own;
+            }
+            sum += own;
+        }
+    }
+    (k, clamp((wanted - (sum - weight)) / weight, 0.0, 1.0), weight / total)
+}
+
+/// Light of the samples of few emitters: what is not stopped, and all.
+#[inline]
+fn emitter_samples(
+    g: &GeometryTables,
+    p: &LargeParams,
+    first: u32,
+    lights: &Lights,
+    from: (Vec3, Vec3),
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> (Vec3, Vec3) {
+    let mut total = 0.0;
+    for k in 0..p.emitter_count {
+        total += emitter_weight(g, &lights.emitters[k as usize], from.0, from.1);
+    }
+    let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
+    if total > 0.0 {
+        for k in 0..p.rays {
+            let (x, y) = fixed_point(first + k, 1);
+            let (chosen, rest, probability) = emitter_at(g, p, lights, x, total, from);
+            let e = lights.emitters[chosen as usize];
+            let (found, to) = emitter_point(g, p, &e, (rest, y), from);
+            let light = found * (e.area / probability);
+            if luminance(light) > 0.0 {
+                all += light;
+                if !occluded(from.0, to, 1.0) {
+                    seen += light;
+                }
+            }
+        }
+    }
+    (seen, all)
+}
+
+/// Light of candidate `k`, a point of any emitter by power, and the way to it.
+#[inline]
+fn candidate(g: &GeometryTables, p: &LargeParams, k: u32, lights: &Lights, from: (Vec3, Vec3)) -> (Vec3, Vec3) {
+    let (x, y) = fixed_point(k, 1);
+    let e = lights.emitters[pick_emitter(lights.emitters, p.emitter_count, x) as usize];
+    let rest = clamp((x - (e.cumulative - e.probability)) / e.probability, 0.0, 1.0);
+    let (found, to) = emitter_point(g, p, &e, (rest, y), from);
+    (found * (e.area / e.probability), to)
+}
+
+/// Light of the samples of many emitters: each ray goes to one of some candidates, chosen by their light, and stands for all of
+/// them (resampled importance sampling, Talbot, Cline and Egbert 2005).
+#[inline]
+fn many_emitter_samples(
+    g: &GeometryTables,
+    p: &LargeParams,
+    first: u32,
+    lights: &Lights,
+    from: (Vec3, Vec3),
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> (Vec3, Vec3) {
+    let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
+    for ray in first..first + p.rays {
+        let (mut sum, mut total, mut to) = (Vec3::ZERO, 0.0, Vec3::ZERO);
+        let mut x = fixed_point(ray, 0).0;
+        for k in 0..CANDIDATES {
+            let found = candidate(g, p, ray * CANDIDATES + k, lights, from);
+            let own = luminance(found.0);
+            if own > 0.0 {
+                sum += found.0;
+                total += own;
+                // What is left of x is uniform again.
+                let share = own / total;
+                if x < share {
+                    to = found.1;
+                    x /= share;
+                } else {
+                    x = (x - share) / (1.0 - share);
+                }
+            }
+        }
+        if total > 0.0 {
+            all += sum;
+            if !occluded(from.0, to, 1.0) {
+                seen += sum;
+            }
+        }
+    }
+    (seen * (1.0 / CANDIDATES as f32), all * (1.0 / CANDIDATES as f32))
+}
+
+/// Sums of a pixel's radiance from samples of all rectangles and emitters after one more sub-frame, W/m²/sr: of those that
+/// the pixel sees, and of all. Their ratio is the share of the light that is not stopped.
+#[inline]
+#[allow(clippy::too_many_arguments)]
+pub fn add_seen_light(
+    g: &GeometryTables,
+    lights: &Lights,
+    p: &LargeParams,
+    index: u32,
+    hit: Hit,
+    point: SurfacePoint,
+    sums: (Vec4, Vec4),
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool + Copy,
+) -> (Vec4, Vec4) {
+    let factor = reflection(g, lights, p, index, hit) * (1.0 / p.rays as f32);
+    if luminance(factor) <= 0.0 {
+        return sums;
+    }
+    let from = (point.position + point.normal * p.ray_offset, point.normal);
+    let first = first_sample(p, index);
+    let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
+    for slot in 0..p.light_count {
+        if lights.lights[slot as usize].kind == LIGHT_RECT {
+            let found = rect_samples(p, first, slot, &lights.lights[slot as usize], from, occluded);
+            seen += found.0;
+            all += found.1;
+        }
+    }
+    if p.emitter_count > 0 {
+        let found = if p.emitter_count > MOST_EXACT_EMITTERS {
+            many_emitter_samples(g, p, first, lights, from, occluded)
+        } else {
+            emitter_samples(g, p, first, lights, from, occluded)
+        };
+        seen += found.0;
+        all += found.1;
+    }
+    (sums.0 + (factor * seen).extend(0.0), sums.1 + (factor * all).extend(0.0))
+}
+
+/// Irradiance at a point, W/m²: from parallel, point and spot lights by a shadow ray each, and what the sky sends.
+#[inline]
+pub fn sharp_irradiance(
+    p: &DirectParams,
+    point: SurfacePoint,
+    lights: &Lights,
+    sky: Vec3,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> Vec3 {
+    let normal = point.normal;
+    if normal.dot(normal) < 0.5 {
+        return Vec3::ZERO;
+    }
+    let origin = point.position + normal * p.ray_offset;
+    let mut sum = sky;
+    for slot in 0..p.light_count {
+        let light = lights.lights[slot as usize];
+        if light.kind != LIGHT_RECT {
+            let arrival = unoccluded(&light, origin, normal);
+            if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) {
+                sum += light.color * arrival.share;
+            }
+        }
+    }
+    sum
+}
+
+/// Share of the samples' light that a pixel sees, grey; below 0 without samples.
+#[inline]
+fn grey_share(seen: Vec4, all: Vec4) -> f32 {
+    let all = luminance(all.truncate());
+    if all > 0.0 { luminance(seen.truncate()) / all } else { -1.0 }
+}
+
+/// Radiance of pixel `index` from rectangles and emitters, W/m²/sr: what `open` says times the share that samples see, its
+/// mean over pixels about on the same surface that see a like share. Shapes: all tables `[width · height]`.
+#[inline]
+pub fn shadowed_light(
+    p: &ShareParams,
+    index: u32,
+    points: &[SurfacePoint],
+    open: &[Vec4],
+    seen: &[Vec4],
+    all: &[Vec4],
+) -> Vec3 {
+    let i = index as usize;
+    let here = points[i];
+    let own = grey_share(seen[i], all[i]);
+    let (x, y) = ((index % p.width) as i32, (index / p.width) as i32);
+    let height = (p.count / p.width) as i32;
+    let (mut seen_sum, mut all_sum) = (Vec3::ZERO, Vec3::ZERO);
+    for step in 0..(2 * REACH + 1) * (2 * REACH + 1) {
+        let (dx, dy) = (step % (2 * REACH + 1) - REACH, step / (2 * REACH + 1) - REACH);
+        let (at_x, at_y) = (x + dx, y + dy);
+        if at_x >= 0 && at_y >= 0 && at_x < p.width as i32 && at_y < height {
+            let j = (at_y * p.width as i32 + at_x) as usize;
+            let there = points[j];
+            let share = if luminance(open[j].truncate()) > 0.0 { grey_share(seen[j], all[j]) } else { -1.0 };
+            let way = there.position - here.position;
+            let slope = abs(way.dot(here.normal));
+            // Its own place may be another surface's: the last sub-frame's.
+            let is_own = dx == 0 && dy == 0;
+            let is_like = share >= 0.0
+                && (own < 0.0 || abs(share - own) <= p.tolerance)
+                && there.normal.dot(here.normal) >= LIKE_NORMALS
+                && slope * slope <= MOST_SLOPE * MOST_SLOPE * way.length_squared();
+            if is_like || is_own && share >= 0.0 {
+                let half_x = if dx == REACH || dx == -REACH { 0.5 } else { 1.0 };
+                let half_y = if dy == REACH || dy == -REACH { 0.5 } else { 1.0 };
+                let weight = half_x * half_y / luminance(open[j].truncate());
+                seen_sum += seen[j].truncate() * weight;
+                all_sum += all[j].truncate() * weight;
+            }
+        }
+    }
+    let open = open[i];
+    let share = |seen: f32, all: f32| if all > 0.0 { seen / all } else { 0.0 };
+    Vec3::new(
+        open.x * share(seen_sum.x, all_sum.x),
+        open.y * share(seen_sum.y, all_sum.y),
+        open.z * share(seen_sum.z, all_sum.z),
+    )
+}
