@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use patchlight::renderer::ReceiverUpdate;
 use patchlight::{Bake, BakeSettings, Renderer};
+use scene::math::{cos, sin};
 use scene::sampling::{hash3, unit};
 use scene::{Camera, LIGHT_POINT, Light};
 
@@ -76,7 +77,7 @@ impl Measuring<'_> {
         let lamp = |k: u32| {
             let place = Vec3::from_array([0, 1, 2].map(|axis| 2.0 * unit(hash3(k, axis, 0x6c61_6d70)) - 1.0));
             let angle = TAU * number as f32 / self.args.frames() as f32;
-            let way = Vec3::new(angle.cos(), 0.0, angle.sin()) * STEP;
+            let way = Vec3::new(cos(angle), 0.0, sin(angle)) * STEP;
             let color = Vec3::splat(1e3 / count as f32);
             Light { position: middle + (place + way) * half, kind: LIGHT_POINT, color, ..Light::default() }
         };
@@ -85,15 +86,18 @@ impl Measuring<'_> {
     }
 }
 
+/// What a curve is over.
+type Size = fn(&Row) -> usize;
+
 /// The curves as plots.
 pub fn plots(rows: &[Row]) -> Vec<Plot> {
-    let curves: [(&str, fn(&Row) -> usize); 4] = [
+    let curves: [(&str, Size); 4] = [
         ("patches", |row| row.patches),
         ("receivers", |row| row.receivers),
         ("triangles", |row| row.triangles),
         ("lights", |row| row.lights),
     ];
-    let plot = |(name, size): (&str, fn(&Row) -> usize)| {
+    let plot = |(name, size): (&str, Size)| {
         let of_curve: Vec<&Row> = rows.iter().filter(|row| row.curve == Some(name)).collect();
         let line = |series: &str, value: &dyn Fn(&Row) -> f64| Series {
             name: series.to_owned(),
