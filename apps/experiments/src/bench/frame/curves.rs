@@ -1,12 +1,11 @@
 //! How a light update grows with patches, receivers, triangles and lights.
 
-use std::f32::consts::TAU;
 use std::sync::Arc;
 
 use glam::Vec3;
 use patchlight::renderer::ReceiverUpdate;
 use patchlight::{Bake, BakeSettings, Renderer};
-use scene::math::{cos, sin};
+use scene::math::sin_cos_2pi;
 use scene::sampling::{hash3, unit};
 use scene::{Camera, LIGHT_POINT, Light};
 
@@ -76,8 +75,8 @@ impl Measuring<'_> {
         let (middle, half) = ((low + high) * 0.5, (high - low) * (0.5 * INNER));
         let lamp = |k: u32| {
             let place = Vec3::from_array([0, 1, 2].map(|axis| 2.0 * unit(hash3(k, axis, 0x6c61_6d70)) - 1.0));
-            let angle = TAU * number as f32 / self.args.frames() as f32;
-            let way = Vec3::new(cos(angle), 0.0, sin(angle)) * STEP;
+            let (sin, cos) = sin_cos_2pi(number as f32 / self.args.frames() as f32);
+            let way = Vec3::new(cos, 0.0, sin) * STEP;
             let color = Vec3::splat(1e3 / count as f32);
             Light { position: middle + (place + way) * half, kind: LIGHT_POINT, color, ..Light::default() }
         };
