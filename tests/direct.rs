@@ -7,7 +7,7 @@ use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patchlight::{PixelLight, ReceiverUpdate, Renderer};
 use runtime::executor::{DeviceChoice, Executor, open};
-use scene::math::luminance;
+use scene::math::{atan2, luminance};
 use scene::{Camera, LIGHT_RECT, Light, Material, Picture, Scene, SceneParts, Sky, Triangle, TriangleUv};
 
 /// Reflectance of everything.
@@ -89,7 +89,7 @@ fn worst(picture: &Picture, camera: &Camera, expected: impl Fn(Vec3) -> f32) -> 
 fn corner_over(a: f32, b: f32, height: f32) -> f32 {
     let (x, y) = (a / height, b / height);
     let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
-    0.5 * (x / rx * (y / rx).atan() + y / ry * (x / ry).atan())
+    0.5 * (x / rx * atan2(y, rx) + y / ry * atan2(x, ry))
 }
 
 /// Radiance of the floor below [`lamp`] at (0, 3, 0).
