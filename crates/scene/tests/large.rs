@@ -4,6 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 use scene::kernel::large::{MOST_EXACT_EMITTERS, group_irradiance, polygon_irradiance};
+use scene::math::{atan2, sin_cos_2pi};
 use scene::*;
 
 /// Irradiance of a rectangle over radiance, seen from the origin by a normal.
@@ -16,13 +17,13 @@ fn rectangle(corner: Vec3, edge_a: Vec3, edge_b: Vec3, normal: Vec3) -> f32 {
 fn parallel(a: f32, b: f32, height: f32) -> f32 {
     let (x, y) = (a / height, b / height);
     let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
-    0.5 * (x / rx * (y / rx).atan() + y / ry * (x / ry).atan())
+    0.5 * (x / rx * atan2(y, rx) + y / ry * atan2(x, ry))
 }
 
 /// The same to one that stands on the point's plane, `distance` away, `width` to one side of the point (B-4).
 fn standing(width: f32, height: f32, distance: f32) -> f32 {
     let far = (distance * distance + height * height).sqrt();
-    0.5 * ((width / distance).atan() - distance / far * (width / far).atan())
+    0.5 * (atan2(width, distance) - distance / far * atan2(width, far))
 }
 
 #[test]
@@ -83,8 +84,8 @@ fn emitters(triangles: Vec<Triangle>) -> Scene {
 /// A ball of unit radius, 2 · 32 · 16 triangles with fronts outside.
 fn ball() -> Scene {
     let place = |k: u32, ring: u32| {
-        let (azimuth, polar) = (k as f32 * PI / 16.0, ring as f32 * PI / 16.0);
-        Vec3::new(polar.sin() * azimuth.cos(), polar.cos(), -polar.sin() * azimuth.sin())
+        let (azimuth, polar) = (sin_cos_2pi(k as f32 / 32.0), sin_cos_2pi(ring as f32 / 32.0));
+        Vec3::new(polar.0 * azimuth.1, polar.1, -polar.0 * azimuth.0)
     };
     let mut triangles = Vec::new();
     for (k, ring) in (0..32).flat_map(|k| (0..16).map(move |ring| (k, ring))) {
