@@ -124,7 +124,7 @@ fn groups_of_emitters_shine_as_their_triangles_do() {
     for (name, scene) in [("ball", ball()), ("panel", panel())] {
         assert!(scene.emitters.len() > MOST_EXACT_EMITTERS as usize);
         assert!((2..=MOST_EMITTER_GROUPS).contains(&scene.emitter_groups.len()));
-        for direction in [Vec3::NEG_Y, Vec3::new(0.6, -0.8, 0.0), Vec3::new(-0.5, -0.5, 0.7071)] {
+        for direction in [Vec3::NEG_Y, Vec3::new(0.6, -0.8, 0.0), Vec3::new(-0.48, -0.6, 0.64)] {
             for distance in [2.5, 5.0, 50.0] {
                 let (found, expected) = both(&scene, direction * distance, -direction);
                 // Near a ball only parts that face the point count, whose bands of harmonics are 6 % too bright.
