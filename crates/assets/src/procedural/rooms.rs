@@ -33,8 +33,8 @@ const X: [f32; 3] = [0.0, 4.0, 8.0];
 const Z: [f32; 2] = [0.0, 4.0];
 /// Top of the doorways, and the slab, m.
 const Y: [f32; 3] = [0.0, 2.1, 2.6];
-/// Middles of the doorways in the wall between the rooms and in the one at the end, m.
-const DOORS: [f32; 2] = [2.7, 1.1];
+/// Middle of the doorways in the wall between the rooms and in the one at the end, m.
+const DOOR: f32 = 2.0;
 /// Corners of the floor and of the slab, (x, z), m.
 const FLOOR: [[f32; 2]; 2] = [[-2.5, -2.5], [11.0, 7.0]];
 const SLAB: [[f32; 2]; 2] = [[-0.6, -0.6], [8.6, 4.6]];
@@ -50,12 +50,12 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     b.face(slab, 1, false, Y[2], [SLAB[0][1], SLAB[1][1]], [SLAB[0][0], SLAB[1][0]]);
     b.object("walls");
     let half = 0.5 * values.get_f32(&DOORWAY);
-    let doors = DOORS.map(|middle| [middle - half, middle + half]);
+    let door = [DOOR - half, DOOR + half];
     match values.get_f32(&WALL) {
-        0.0 => sheets(&mut b, wall, doors),
-        thickness => thick_walls(&mut b, wall, doors, 0.5 * thickness),
+        0.0 => sheets(&mut b, wall, door),
+        thickness => thick_walls(&mut b, wall, door, 0.5 * thickness),
     }
-    let sun = lights::directional(Vec3::new(-0.55, -0.7, -0.46), Vec3::new(30.0, 28.0, 25.0))?;
+    let sun = lights::directional(Vec3::new(-0.75, -0.6, -0.25), Vec3::new(30.0, 28.0, 25.0))?;
     let view = View {
         eye: Vec3::new(0.5, 1.5, 0.5),
         target: Vec3::new(3.0, 1.15, 4.0),
@@ -73,14 +73,15 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
 }
 
 /// Walls without thickness in their middle planes, front to the first room, or inside.
-fn sheets(b: &mut Builder, material: u32, doors: [[f32; 2]; 2]) {
+fn sheets(b: &mut Builder, material: u32, door: [f32; 2]) {
     for (z, front) in [(Z[0], true), (Z[1], false)] {
         for rooms in X.windows(2) {
             b.face(material, 2, front, z, [rooms[0], rooms[1]], [Y[0], Y[2]]);
         }
     }
     b.face(material, 0, true, X[0], [Y[0], Y[2]], Z);
-    for (x, [first, last]) in [(X[1], doors[0]), (X[2], doors[1])] {
+    let [first, last] = door;
+    for x in [X[1], X[2]] {
         if first == last {
             b.face(material, 0, false, x, [Y[0], Y[2]], Z);
             continue;
@@ -88,14 +89,14 @@ fn sheets(b: &mut Builder, material: u32, doors: [[f32; 2]; 2]) {
         for side in [[Z[0], first], [last, Z[1]]] {
             b.face(material, 0, false, x, [Y[0], Y[2]], side);
         }
-        b.face(material, 0, false, x, [Y[1], Y[2]], [first, last]);
+        b.face(material, 0, false, x, [Y[1], Y[2]], door);
     }
 }
 
 /// Walls that reach `half` to both sides of their middle planes. They have no faces on the floor and under the slab.
-fn thick_walls(b: &mut Builder, material: u32, doors: [[f32; 2]; 2], half: f32) {
+fn thick_walls(b: &mut Builder, material: u32, door: [f32; 2], half: f32) {
     let x_lines: Vec<f32> = X.iter().flat_map(|x| [x - half, x + half]).collect();
-    let mut z_lines: Vec<f32> = Z.iter().flat_map(|z| [z - half, z + half]).chain(doors.concat()).collect();
+    let mut z_lines: Vec<f32> = Z.iter().flat_map(|z| [z - half, z + half]).chain(door).collect();
     z_lines.sort_by(f32::total_cmp);
     z_lines.dedup();
     let middle = |lines: &[f32], k: i32| Some(0.5 * (lines.get(k as usize)? + lines.get(k as usize + 1)?));
@@ -104,9 +105,9 @@ fn thick_walls(b: &mut Builder, material: u32, doors: [[f32; 2]; 2], half: f32) 
         let near = |line: f32, at: f32| (line - at).abs() < half;
         // Columns go on below the floor and above the slab, so that no face lies in their planes.
         let is_below_lintel = c[1] <= 0;
-        let in_door = |k: usize| is_below_lintel && (doors[k][0]..doors[k][1]).contains(&z) && near(X[k + 1], x);
+        let in_door = is_below_lintel && (door[0]..door[1]).contains(&z) && !near(X[0], x);
         let in_wall = X.iter().any(|line| near(*line, x)) || Z.iter().any(|line| near(*line, z));
-        in_wall && !in_door(0) && !in_door(1)
+        in_wall && !in_door
     };
     let lines: [&[f32]; 3] = [&x_lines, &Y, &z_lines];
     b.blocks(&Blocks { lines, solid: &solid, material: &|_, _, _| material, edge: builder::UNCUT });
