@@ -11,20 +11,20 @@ use crate::import::{View, lights};
 const LENGTH: Parameter = Parameter {
     name: "length",
     about: "length of the first and the last part without the corners, m",
-    default: 3.0,
+    default: 2.0,
     range: 1.0..=50.0,
     is_whole: false,
 };
 /// Width of all parts.
 const WIDTH: Parameter =
-    Parameter { name: "width", about: "width, m", default: 1.8, range: 0.5..=5.0, is_whole: false };
+    Parameter { name: "width", about: "width, m", default: 2.4, range: 0.5..=5.0, is_whole: false };
 /// What the scene can be built with.
 pub const PARAMETERS: &[Parameter] = &[LENGTH, WIDTH];
 
 /// Height, m.
 const HEIGHT: f32 = 2.5;
 /// Length of the middle part without the corners, m.
-const MIDDLE: f32 = 1.2;
+const MIDDLE: f32 = 0.8;
 
 /// Builds it.
 pub fn build(values: &Values) -> Result<Built, lights::Fault> {
@@ -57,5 +57,5 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 60.0,
     };
-    Ok(Built { mesh: b.mesh, lights: vec![lamp], sky: Vec3::ZERO, view, exposure_stops: 3.0, tracks: Vec::new() })
+    Ok(Built { mesh: b.mesh, lights: vec![lamp], sky: Vec3::ZERO, view, exposure_stops: 1.0, tracks: Vec::new() })
 }

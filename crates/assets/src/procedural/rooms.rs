@@ -21,8 +21,8 @@ const WALL: Parameter = Parameter {
 const DOORWAY: Parameter = Parameter {
     name: "doorway",
     about: "width of the doorways, m; 0 seals the rooms",
-    default: 0.9,
-    range: 0.0..=1.2,
+    default: 1.4,
+    range: 0.0..=2.0,
     is_whole: false,
 };
 /// What the scene can be built with.
@@ -67,7 +67,7 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         lights: vec![sun],
         sky: Vec3::new(1.2, 1.6, 2.4),
         view,
-        exposure_stops: 1.5,
+        exposure_stops: 2.0,
         tracks: Vec::new(),
     })
 }
