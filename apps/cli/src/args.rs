@@ -63,13 +63,15 @@ pub enum Command {
     Bake(Bake),
     Merge(Merge),
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors; leaks, stains, blotches and noise, counted in pixels.
-    #[command(after_help = "Examples:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png\n  \
+    #[command(
+        after_help = "Examples:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png\n  \
         patchlight compare indirect.exr ref/indirect.exr --reference-error ref/indirect-error.exr --marked marked\n\n\
         Faults, of luminance (--reference-error: only differences beyond three standard errors count):\n  \
         leaks      share of pixels brighter than the reference by more than 10 % of the mean of --indirect\n  \
         stains     share of pixels darker than the reference by more than 25 % of its value\n  \
         blotches   relative error of means over 16 x 16, 32 x 32 and 64 x 64 pixels, 95th percentile\n  \
-        noise      share of pixels whose displayed values differ by more than 1/255")]
+        noise      share of pixels whose displayed values differ by more than 1/255"
+    )]
     Compare(Compare),
     /// Run an experiment and write its tables, plots and pictures.
     #[command(after_help = "Examples:\n  \

@@ -11,20 +11,20 @@ use crate::import::{View, lights};
 const LENGTH: Parameter = Parameter {
     name: "length",
     about: "length of the first and the last part without the corners, m",
-    default: 2.0,
+    default: 3.0,
     range: 1.0..=50.0,
     is_whole: false,
 };
 /// Width of all parts.
 const WIDTH: Parameter =
-    Parameter { name: "width", about: "width, m", default: 2.4, range: 0.5..=5.0, is_whole: false };
+    Parameter { name: "width", about: "width, m", default: 1.8, range: 0.5..=5.0, is_whole: false };
 /// What the scene can be built with.
 pub const PARAMETERS: &[Parameter] = &[LENGTH, WIDTH];
 
 /// Height, m.
 const HEIGHT: f32 = 2.5;
 /// Length of the middle part without the corners, m.
-const MIDDLE: f32 = 0.8;
+const MIDDLE: f32 = 1.4;
 
 /// Builds it.
 pub fn build(values: &Values) -> Result<Built, lights::Fault> {
@@ -48,8 +48,8 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     let bench = Vec3::new(end - 0.7 * length, 0.0, z[2] + 0.02);
     b.cuboid(wood, bench, bench + Vec3::new(0.3 * length, 0.45, 0.25 * width), STANDING);
     // Down: z × −x = −y; one centimetre below the ceiling.
-    let size = Vec3::new(0.3 * length, 0.0, 0.4 * width);
-    let corner = Vec3::new(0.1 * length + size.x, HEIGHT - 0.01, 0.3 * width);
+    let size = Vec3::new(0.15 * length, 0.0, 0.4 * width);
+    let corner = Vec3::new(0.05 * length + size.x, HEIGHT - 0.01, 0.3 * width);
     let lamp = lights::rect(corner, Vec3::Z * size.z, Vec3::NEG_X * size.x, Vec3::new(80.0, 74.0, 64.0))?;
     let view = View {
         eye: Vec3::new(end - 0.06 * length, 1.5, z[2] + 0.55 * width),
@@ -57,5 +57,5 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
         up: Vec3::Y,
         vertical_fov_degrees: 60.0,
     };
-    Ok(Built { mesh: b.mesh, lights: vec![lamp], sky: Vec3::ZERO, view, exposure_stops: 1.0, tracks: Vec::new() })
+    Ok(Built { mesh: b.mesh, lights: vec![lamp], sky: Vec3::ZERO, view, exposure_stops: 2.0, tracks: Vec::new() })
 }
