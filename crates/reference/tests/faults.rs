@@ -98,6 +98,21 @@ fn what_the_noise_of_the_reference_explains_does_not_count() {
 }
 
 #[test]
+fn a_pixel_that_a_rare_bright_path_missed_is_no_leak() {
+    // One pixel of the reference is too dark, and its own standard error knows nothing of it.
+    let missed = |x: u32, y: u32| (x, y) == (40, 30);
+    let reference = picture(|x, y| if missed(x, y) { 0.7 } else { 1.0 });
+    let spread = picture(|x, y| if missed(x, y) { 0.01 } else { 0.15 });
+    let judge = Judge { standard_error: Some(&spread), ..Judge::new(&reference) };
+    assert_eq!(judge.faults(&grey(1.0), None).unwrap().leak_share, 0.0);
+    // Where its neighbours are as sure as it is, it counts; and an own error is never made smaller.
+    let sure = grey(0.01);
+    assert!(Judge { standard_error: Some(&sure), ..judge }.faults(&grey(1.0), None).unwrap().leak_share > 0.0);
+    let unsure = picture(|x, y| if missed(x, y) { 0.15 } else { 0.01 });
+    assert_eq!(Judge { standard_error: Some(&unsure), ..judge }.faults(&grey(1.0), None).unwrap().leak_share, 0.0);
+}
+
+#[test]
 fn blotches_are_errors_that_stay_after_a_low_pass() {
     let reference = grey(2.0);
     let judge = Judge::new(&reference);

@@ -10,7 +10,10 @@
 //! A blotch is a relative error that stays after means over squares; its 95th percentile over all squares counts. Light is
 //! luminance. Where the standard error of the reference is known, a difference of at most three of them counts as none.
 
+use std::ops::Range;
+
 use glam::Vec3;
+use rayon::prelude::*;
 use scene::math::luminance;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +29,8 @@ pub const STAIN: f64 = 0.25;
 pub const SURE: f64 = 3.0;
 /// Difference of displayed values (0 to 1) up to which two pictures count as equal.
 pub const NOISE_STEP: f32 = 1.0 / 255.0;
+/// Pixels on either side that say how noisy the reference is.
+const ABOUT: u32 = 3;
 /// Edges of the squares over which blotches are looked for, pixels.
 pub const BLOTCH_EDGES: [u32; 3] = [16, 32, 64];
 
@@ -89,9 +94,20 @@ impl<'a> Judge<'a> {
         (LEAK * self.mean_light, STAIN * reference)
     }
 
-    /// Greatest difference of a pixel that counts as none.
-    fn doubt(&self, pixel: usize) -> f64 {
-        self.standard_error.map_or(0.0, |error| SURE * f64::from(luminance(error.pixels[pixel])))
+    /// Greatest difference of each pixel that counts as none: [`SURE`] times its standard error, or the median of those of
+    /// the 7 × 7 pixels about, if that is more. A pixel that a rare bright path missed has both too little light and too
+    /// small a spread; its neighbours know better.
+    fn doubts(&self) -> Vec<f64> {
+        let Some(error) = self.standard_error else { return vec![0.0; self.reference.pixels.len()] };
+        let own = |x: u32, y: u32| f64::from(luminance(error.pixels[(y * error.width + x) as usize]));
+        let doubt = |k: u32| {
+            let (x, y) = (k % error.width, k / error.width);
+            let (columns, rows) = (about(x, error.width), about(y, error.height));
+            let mut near: Vec<f64> =
+                rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| own(x, y)).collect();
+            SURE * own(x, y).max(quantile(&mut near, 0.5))
+        };
+        (0..error.width * error.height).into_par_iter().map(doubt).collect()
     }
 
     fn check(&self, ours: &Picture, mask: Option<&[bool]>) -> Result<(), Error> {
@@ -112,11 +128,12 @@ impl<'a> Judge<'a> {
     pub fn fault_map(&self, ours: &Picture) -> Result<Vec<Option<Fault>>, Error> {
         self.check(ours, None)?;
         let light = |picture: &Picture, k: usize| f64::from(luminance(picture.pixels[k]));
+        let doubts = self.doubts();
         let fault = |k: usize| {
             let reference = light(self.reference, k);
             let excess = light(ours, k) - reference;
             let (leak, stain) = self.bounds(reference);
-            let doubt = self.doubt(k);
+            let doubt = doubts[k];
             if excess > leak.max(doubt) {
                 Some(Fault::Leak)
             } else if reference > 0.0 && -excess > stain.max(doubt) {
@@ -165,10 +182,9 @@ impl<'a> Judge<'a> {
         let count = self.reference.pixels.len();
         let (mut leaks, mut stains) = (0usize, 0usize);
         let mut relative = Vec::with_capacity(count);
-        for k in 0..count {
+        for (k, doubt) in self.doubts().into_iter().enumerate() {
             let reference = f64::from(luminance(self.reference.pixels[k]));
             let (leak, stain) = self.bounds(reference);
-            let doubt = self.doubt(k);
             leaks += usize::from(doubt > leak);
             stains += usize::from(doubt > stain);
             if reference > 0.0 {
@@ -305,6 +321,11 @@ fn check_mask(picture: &Picture, mask: Option<&[bool]>) -> Result<(), Error> {
         }
         _ => Ok(()),
     }
+}
+
+/// A coordinate and those up to [`ABOUT`] further on both sides.
+fn about(at: u32, length: u32) -> Range<u32> {
+    at.saturating_sub(ABOUT)..(at + ABOUT + 1).min(length)
 }
 
 /// How many squares of an edge fit beside each other, each one pixel further.
