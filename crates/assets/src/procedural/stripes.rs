@@ -43,9 +43,9 @@ const HEIGHT: [f32; 2] = [0.15, 2.35];
 pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     let mut b = Builder::default();
     let wall = b.plain("wall", [0.72, 0.7, 0.66]);
-    let colours = [[0.3, 0.42, 0.6], [0.62, 0.3, 0.24], [0.36, 0.56, 0.34]];
-    let paint = ["blue paint", "red paint", "green paint"].map(|name| name.to_owned());
-    let paint = [0, 1, 2].map(|k| b.plain(&paint[k], colours[k]));
+    let paints =
+        [("blue paint", [0.3, 0.42, 0.6]), ("red paint", [0.62, 0.3, 0.24]), ("green paint", [0.36, 0.56, 0.34])];
+    let paints = paints.map(|(name, albedo)| b.plain(name, albedo));
     let [carpet, poster] = [b.plain("carpet", [0.44, 0.36, 0.3]), b.plain("poster", [0.75, 0.66, 0.4])];
     let gap = values.get_f32(&GAP);
     b.object("room");
@@ -53,7 +53,7 @@ pub fn build(values: &Values) -> Result<Built, lights::Fault> {
     b.object("stripes");
     for k in 0..values.count(&STRIPES) {
         let left = FIRST + PITCH * k as f32;
-        b.face(paint[k % 3], 2, true, gap * STRIPE_GAPS[k % 3], [left, left + WIDTH], HEIGHT);
+        b.face(paints[k % 3], 2, true, gap * STRIPE_GAPS[k % 3], [left, left + WIDTH], HEIGHT);
     }
     b.object("carpet");
     b.face(carpet, 1, true, gap * CARPET_GAP, [0.7, 2.4], [1.0, 3.0]);
