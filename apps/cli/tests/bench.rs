@@ -235,7 +235,8 @@ fn bench_clean_counts_faults_against_references_that_it_keeps() {
         picture.pixels.iter_mut().for_each(|p| *p *= 0.5);
         picture.write_exr(&dark.join(format!("{name}.exr")), Precision::Single).unwrap();
     }
-    succeeds(&parts(&[measure(&["stripes", "--references"]), vec![text("dark")]].concat()));
+    let against_dark = ["--references".to_owned(), text("dark")];
+    succeeds(&parts(&[&measure(&["stripes"])[..], &against_dark].concat()));
     let row = read()["rows"][0].clone();
     assert!(row["leak_share"].as_f64().unwrap() > 0.9 && row["stain_share"] == 0.0, "{row}");
     assert!(row.get("reference_noise").is_none(), "what is not known is left out: {row}");
