@@ -111,6 +111,22 @@ fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
     assert_eq!(mean(&render(&other, cpu()).full), 0.0);
 }
 
+#[test]
+fn a_sealed_room_on_a_floor_and_below_a_slab_that_go_on_outside_stays_dark() {
+    // One floor and one slab for both sides of walls without thickness, and of thin ones.
+    for wall in ["0", "0.02"] {
+        let room = |doorway: &str| {
+            let loaded = procedural::build(&format!("rooms:wall={wall},doorway={doorway}")).unwrap();
+            let sun = luminance(loaded.scene.lighting.lights[0].color) / std::f32::consts::PI;
+            (mean(&render(&loaded, cpu()).full), sun)
+        };
+        let (inside, outside) = room("0");
+        assert!(inside < 1e-4 * outside, "walls of {wall} m: inside {inside}, outside {outside}");
+        let (lit, _) = room("1.4");
+        assert!(lit > 1e-3 * outside, "walls of {wall} m: a room with doorways is as dark: {lit}");
+    }
+}
+
 /// The scene with those triangles of its source.
 fn with_triangles(scene: &Scene, keep: impl Fn(u32) -> bool) -> Scene {
     let kept: Vec<usize> =

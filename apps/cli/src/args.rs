@@ -10,6 +10,8 @@ use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use experiments::args::{Animate, Bench, CameraPath, Common, Patches, parse_epsilon, parse_error, parse_size};
 
+use assets::procedural;
+
 use super::bake::{Bake, Merge, parse_bytes};
 use patches::PatchKind;
 use patchlight::BakeSettings;
@@ -60,14 +62,26 @@ pub enum Command {
     Render(Render),
     Bake(Bake),
     Merge(Merge),
-    /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors.
-    #[command(after_help = "Example:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png")]
+    /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors; leaks, stains, blotches and noise, counted in pixels.
+    #[command(
+        after_help = "Examples:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png\n  \
+        patchlight compare indirect.exr ref/indirect.exr --reference-error ref/indirect-error.exr --marked marked\n\n\
+        Faults, of luminance (--reference-error: only differences beyond three standard errors count):\n  \
+        leaks      share of pixels brighter than the reference by more than 10 % of the mean of --indirect\n  \
+        stains     share of pixels darker than the reference by more than 25 % of its value\n  \
+        blotches   relative error of means over 16 x 16, 32 x 32 and 64 x 64 pixels, 95th percentile\n  \
+        noise      share of pixels whose displayed values differ by more than 1/255"
+    )]
     Compare(Compare),
     /// Run an experiment and write its tables, plots and pictures.
     #[command(after_help = "Examples:\n  \
         patchlight bench operator sponza.toml --counts 10000 --epsilons 0.03,0.01\n  \
-        patchlight bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n\n\
+        patchlight bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n  \
+        patchlight bench clean --references\n  \
+        patchlight bench clean rooms:wall=0 office:ground=1000 --paths 256\n\n\
         Experiments:\n  \
+        clean      noise, leaks, stains and blotches of pictures against converged references, with pictures that mark them;\n             \
+        bench clean --references makes the references\n  \
         patches    errors of voxel, axis and cluster patches over their number and that of receivers, beside the voxelisation\n             \
         proxy; where the error is; lights that the bake has not seen\n  \
         operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
@@ -91,10 +105,13 @@ pub enum Command {
         operator: OperatorOptions,
     },
     /// Write a built-in scene as files: scene .toml, .obj, .mtl and textures.
-    #[command(after_help = "Example:\n  patchlight scene atrium:20000 --out my-atrium\n\n\
-        Scenes: cornell, atrium[:TRIANGLES], city[:TRIANGLES], office, sealed-box, furnace")]
+    #[command(after_help = format!(
+        "Examples:\n  patchlight scene atrium:20000 --out my-atrium\n  \
+        patchlight scene rooms:wall=0.1,ground=1000 --out rooms\n\n{}",
+        procedural::help()
+    ))]
     Scene {
-        /// NAME or NAME:TRIANGLES.
+        /// NAME, NAME:TRIANGLES or NAME:KEY=VALUE,KEY=VALUE.
         name: String,
     },
 }
@@ -282,7 +299,8 @@ pub enum FormFactors {
 /// `patchlight render`.
 #[derive(Args, Debug)]
 pub struct Render {
-    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene (cornell, atrium[:TRIANGLES], city[:TRIANGLES], office, sealed-box, furnace).
+    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene with its parameters, as in atrium:20000 or
+    /// rooms:wall=0.1,ground=1000 (`patchlight scene --help` lists them).
     pub scene: String,
     /// How the light is found.
     #[arg(long, value_enum, default_value_t = Method::Classic)]
@@ -397,6 +415,15 @@ pub struct Compare {
     /// Write a picture of the difference.
     #[arg(long)]
     pub difference: Option<PathBuf>,
+    /// Standard error of the reference as a picture; differences of at most three of them are no leaks, stains or blotches.
+    #[arg(long, value_name = "PICTURE")]
+    pub reference_error: Option<PathBuf>,
+    /// The reference's indirect light, by whose mean leaks are measured [default: the reference].
+    #[arg(long, value_name = "PICTURE")]
+    pub indirect: Option<PathBuf>,
+    /// Write faults.png (leaks red, stains blue), noise.png and blotches.png into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub marked: Option<PathBuf>,
 }
 
 /// A number of bounces, or all of them.

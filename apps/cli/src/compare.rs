@@ -1,8 +1,9 @@
 //! `patchlight compare`.
 
 use reference::PictureFile as _;
-use reference::metrics::{compare_pictures, difference_picture, indirect_scale};
-use reference::{Picture, PictureErrors, stops_to_scale};
+use reference::metrics::{compare_pictures, difference_picture, indirect_scale, noise_picture, noise_share};
+use reference::{Faults, Judge, Picture, PictureErrors, stops_to_scale};
+use scene::math::luminance;
 use serde::Serialize;
 
 use super::args::Compare;
@@ -15,7 +16,20 @@ struct Comparison {
     ours: String,
     reference: String,
     full: PictureErrors,
+    faults: PictureFaults,
 }
+
+/// What a person sees wrong, in shares of pixels.
+#[derive(Serialize)]
+struct PictureFaults {
+    #[serde(flatten)]
+    faults: Faults,
+    noise_share: f64,
+}
+
+/// Edge of the squares of the picture of blotches, pixels, and the relative error of full colour.
+const BLOTCH_EDGE: u32 = 16;
+const BLOTCH_RANGE: f32 = 0.2;
 
 pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
     common.native_only("compare")?;
@@ -30,14 +44,44 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
     if let Some(path) = &args.difference {
         difference_picture(&ours, &expected, 0.5)?.write_png(path, 0.0)?;
     }
-    let comparison =
-        Comparison { ours: args.ours.display().to_string(), reference: args.reference.display().to_string(), full };
+    let standard_error = args.reference_error.as_deref().map(Picture::read).transpose()?;
+    let mut judge = Judge { standard_error: standard_error.as_ref(), ..Judge::new(&expected) };
+    if let Some(path) = &args.indirect {
+        judge.mean_light = f64::from(luminance(Picture::read(path)?.mean()));
+    }
+    let faults = PictureFaults {
+        faults: judge.faults(&ours, mask.as_deref())?,
+        noise_share: noise_share(&ours, &expected, scale, mask.as_deref())?,
+    };
+    if let Some(folder) = &args.marked {
+        output::make_folder(folder)?;
+        judge.fault_picture(&ours, scale)?.write_png(&folder.join("faults.png"), 0.0)?;
+        noise_picture(&ours, &expected, scale)?.write_png(&folder.join("noise.png"), 0.0)?;
+        judge.blotch_picture(&ours, BLOTCH_EDGE, BLOTCH_RANGE)?.write_png(&folder.join("blotches.png"), 0.0)?;
+    }
+    let comparison = Comparison {
+        ours: args.ours.display().to_string(),
+        reference: args.reference.display().to_string(),
+        full,
+        faults,
+    };
     if common.json {
         println!("{}", output::json(&comparison));
         return Ok(());
     }
     for (name, value) in errors::rows(&full) {
         println!("{name:30} {value}");
+    }
+    let PictureFaults { faults, noise_share } = &comparison.faults;
+    let shares = [("leaks", faults.leak_share), ("stains", faults.stain_share), ("noise", *noise_share)];
+    for (name, share) in shares {
+        println!("{name:30} {:.3} % of the pixels", 100.0 * share);
+    }
+    let blotches = [("blotches 16", faults.blotch_16_p95), ("blotches 32", faults.blotch_p95)];
+    for (name, error) in blotches.into_iter().chain([("blotches 64", faults.blotch_64_p95)]) {
+        if let Some(error) = error {
+            println!("{name:30} {:.2} %, 95th percentile", 100.0 * error);
+        }
     }
     Ok(())
 }

@@ -188,7 +188,7 @@ impl Job<'_> {
         if let Some(photons) = renderer.method().as_any().downcast_ref::<FirstShotMethod>() {
             summary.photons = Some(PhotonCounts::of(&photons.shot().round()));
             if args.frames == 1 {
-                photons::write_files(photons.shot(), &loaded.scene, &renderer.bake().mesh, self.out)?;
+                photons::write_files(photons.shot(), &renderer.bake().scene, &renderer.bake().mesh, self.out)?;
             }
         }
         let points = match self.data.filter(|d| !d.points.is_empty()) {

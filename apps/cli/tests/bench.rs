@@ -3,6 +3,11 @@
 mod program;
 
 use program::{fails, leftovers, succeeds};
+use reference::{Picture, PictureFile as _, Precision};
+
+fn parts(list: &[String]) -> Vec<&str> {
+    list.iter().map(String::as_str).collect()
+}
 
 #[test]
 fn the_bench_of_patches_writes_its_tables_plots_and_report() {
@@ -171,6 +176,70 @@ fn bench_frame_tells_where_the_time_of_light_updates_goes() {
         assert!(part["passes"][pass].as_f64().unwrap() > 0.0, "{pass}");
     }
     assert!(leftovers(folder.path()).is_empty());
+}
+
+#[test]
+fn bench_clean_counts_faults_against_references_that_it_keeps() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (out, cache) = (text("out"), text("cache"));
+    let shared = ["--cache", cache.as_str(), "--size", "48x32", "--quiet", "--device", "cpu"];
+    let small = ["--counts", "150", "--rays", "64", "--receiver-rays", "32", "--sub-frames", "2", "--frames", "2"];
+    let run = |scenes: &[&str], more: &[&str]| -> Vec<String> {
+        let parts = [&["bench", "clean"][..], scenes, &shared, more];
+        parts.concat().into_iter().map(str::to_owned).collect()
+    };
+    let measure = |scenes: &[&str]| run(scenes, &[&small[..], &["--out", out.as_str()]].concat());
+
+    // Without references it says how they are made.
+    let first = measure(&["stripes", "rooms:wall=0.1"]);
+    let message = fails(1, &parts(&first));
+    assert!(message.contains("stripes, rooms:wall=0.1") && message.contains("--references"), "{message}");
+    let made = succeeds(&parts(&run(&[], &["--paths", "16", "--references", "stripes"])));
+    assert!(made.contains("stripes: 16 paths") && made.contains("standard error"), "{made}");
+    succeeds(&parts(&run(&["rooms:wall=0.1", "--references"], &["--paths", "16"])));
+
+    let markdown = succeeds(&parts(&first));
+    assert!(markdown.contains("| stripes |") && markdown.contains("| rooms:wall=0.1 |"), "{markdown}");
+    let read = || -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(folder.path().join("out/summary.json")).unwrap()).unwrap()
+    };
+    let summary = read();
+    assert_eq!((&summary["name"], &summary["size"]), (&"clean".into(), &serde_json::json!([48, 32])));
+    for row in summary["rows"].as_array().unwrap() {
+        for key in ["noise_share", "leak_share", "stain_share"] {
+            assert!((0.0..=1.0).contains(&row[key].as_f64().unwrap()), "{key}: {row}");
+        }
+        for part in ["full", "indirect"] {
+            assert!(row[part]["ssim"].is_number() && row[part]["leak_share"].is_number(), "{row}");
+            assert!(row["reference_noise"][part]["median_relative_standard_error"].as_f64().unwrap() > 0.0, "{row}");
+        }
+        assert_eq!(row["reference_noise"]["paths"], 16);
+        assert_eq!((row["leak_share"].clone(), row["blotch_p95"].clone()), {
+            let indirect = &row["indirect"];
+            (indirect["leak_share"].clone(), indirect["blotch_p95"].clone())
+        });
+    }
+    let report = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    assert!(report.matches("data:image/png;base64,").count() == 2 * 9 && !report.contains("http"));
+    for name in ["faults-indirect.png", "noise.png", "blotches.png", "full.exr"] {
+        assert!(folder.path().join("out/rooms-wall-0.1").join(name).is_file(), "{name}");
+    }
+    assert!(leftovers(&folder.path().join("out")).is_empty());
+
+    // The same against pictures that are twice as dark: all is a leak.
+    let dark = folder.path().join("dark/stripes");
+    std::fs::create_dir_all(&dark).unwrap();
+    for name in ["full", "direct", "indirect"] {
+        let mut picture = Picture::read(&folder.path().join(format!("out/stripes/{name}.exr"))).unwrap();
+        picture.pixels.iter_mut().for_each(|p| *p *= 0.5);
+        picture.write_exr(&dark.join(format!("{name}.exr")), Precision::Single).unwrap();
+    }
+    let against_dark = ["--references".to_owned(), text("dark")];
+    succeeds(&parts(&[&measure(&["stripes"])[..], &against_dark].concat()));
+    let row = read()["rows"][0].clone();
+    assert!(row["leak_share"].as_f64().unwrap() > 0.9 && row["stain_share"] == 0.0, "{row}");
+    assert!(row.get("reference_noise").is_none(), "what is not known is left out: {row}");
 }
 
 #[test]

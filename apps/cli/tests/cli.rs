@@ -64,6 +64,19 @@ fn classic_and_path_write_their_pictures_and_summary() {
     assert!((ratio - 1.0).abs() < 0.2, "{printed}");
     let same = succeeds(&["compare", a.to_str().unwrap(), a.to_str().unwrap()]);
     assert!(same.contains("mean_ratio") && same.contains("1.0000"), "{same}");
+    // Faults: none of equal pictures; of direct light beside indirect light there are some, and they are marked.
+    for name in ["leaks", "stains", "noise"] {
+        assert!(same.contains(&format!("{name:30} 0.000 % of the pixels")), "{same}");
+    }
+    let (direct, marked) = (folder.path().join("path/direct.exr"), folder.path().join("marked"));
+    let [a, b, direct, folder] = [&a, &b, &direct, &marked].map(|path| path.to_str().unwrap());
+    let more = ["--reference-error", b, "--indirect", b, "--marked", folder, "--json"];
+    let printed = succeeds(&[&["compare", direct, a][..], &more].concat());
+    let faults = &serde_json::from_str::<serde_json::Value>(&printed).unwrap()["faults"];
+    assert!(faults["leak_share"].as_f64().unwrap() > 0.0 && faults["noise_share"].as_f64().unwrap() > 0.5, "{faults}");
+    for name in ["faults.png", "noise.png", "blotches.png"] {
+        assert!(marked.join(name).is_file(), "{name}");
+    }
 }
 
 #[test]

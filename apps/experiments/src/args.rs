@@ -1,6 +1,6 @@
 //! Options that all commands share, and those of the experiments.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use assets::{Animation, LoadedScene};
 use clap::{Args, ValueEnum};
@@ -102,6 +102,8 @@ pub enum Experiment {
     Local,
     /// Photons to an error: from where lights fall first, and from the lights.
     Firstshot,
+    /// What a person sees wrong in pictures: noise, leaks, stains, blotches, against converged references.
+    Clean,
     /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for those in
     /// view; where the time goes, and how far from the bandwidth that is.
     Frame,
@@ -113,9 +115,11 @@ pub struct Bench {
     /// The experiment.
     #[arg(value_enum)]
     pub name: Experiment,
-    /// Scene files or built-in scenes [default: frame office, others cornell atrium].
+    /// Scene files or built-in scenes [default: clean rooms stripes blinds clutter window corridor, frame office,
+    /// others cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, firstshot 4000, curves 1000,2000,4000,8000, others 10000].
+    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, curves 1000,2000,4000,8000,
+    /// others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Relative errors (Frobenius) of compressed operators.
@@ -139,10 +143,17 @@ pub struct Bench {
     /// Parts of the experiment (patches).
     #[arg(long, value_delimiter = ',', value_enum, default_value = "patches,break-down,lights")]
     pub parts: Vec<Part>,
-    /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path traced.
-    #[arg(long)]
-    pub references: Option<PathBuf>,
-    /// Size of path-traced references, or of the view of frames [default: frame 960x540, others 480x360].
+    /// Folder whose folder SCENE holds full.exr, indirect.exr and points.csv to compare with; scenes without are path traced. For
+    /// clean, without a folder: make the references of the scenes, or go on with them, and measure nothing.
+    #[arg(long, num_args = 0..=1, value_name = "FOLDER")]
+    pub references: Option<Option<PathBuf>>,
+    /// Paths a pixel of references that are made (clean) [default: 2048 with --references; else those at hand are taken].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(16..=1_000_000))]
+    pub paths: Option<u32>,
+    /// Folder where references are kept (clean) [default: patchlight/references in the user's cache folder].
+    #[arg(long, value_name = "FOLDER")]
+    pub cache: Option<PathBuf>,
+    /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean 240x135, others 480x360].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
     /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
@@ -151,7 +162,7 @@ pub struct Bench {
     /// Sub-frames of a picture.
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub sub_frames: u32,
-    /// Frames whose times give the median [default: frame 30, others 3].
+    /// Frames whose times give the median, or whose mean is judged (clean) [default: frame 30, clean 16, others 3].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub frames: Option<u32>,
     /// Rays a row of the form factors.
@@ -177,12 +188,25 @@ pub struct Bench {
 impl Bench {
     /// Size of path-traced references, or of the view of frames.
     pub fn size(&self) -> (u32, u32) {
-        self.size.unwrap_or(if self.name == Experiment::Frame { (960, 540) } else { (480, 360) })
+        self.size.unwrap_or(match self.name {
+            Experiment::Frame => (960, 540),
+            Experiment::Clean => (240, 135),
+            _ => (480, 360),
+        })
     }
 
-    /// Frames whose times give the median.
+    /// Frames whose times give the median, or whose mean is judged.
     pub fn frames(&self) -> u32 {
-        self.frames.unwrap_or(if self.name == Experiment::Frame { 30 } else { 3 })
+        self.frames.unwrap_or(match self.name {
+            Experiment::Frame => 30,
+            Experiment::Clean => 16,
+            _ => 3,
+        })
+    }
+
+    /// Folder of pictures to compare with.
+    pub fn reference_folder(&self) -> Option<&Path> {
+        self.references.as_ref().and_then(Option::as_deref)
     }
 
     /// Rays from each receiver.

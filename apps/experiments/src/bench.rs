@@ -1,5 +1,6 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
+mod clean;
 mod firstshot;
 mod frame;
 mod lights;
@@ -95,7 +96,11 @@ struct Before {
 /// # Errors
 /// What the experiment meets.
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
+    if args.references == Some(None) && args.name != Experiment::Clean {
+        return Err(Error::NoReferenceFolder);
+    }
     match args.name {
+        Experiment::Clean => clean::run(common, args),
         Experiment::Patches => run_patches(common, args),
         Experiment::Operator => operator::run(common, args),
         Experiment::Temporal => temporal::run(common, args),
@@ -190,13 +195,7 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
         }
     }
     let introduction = [
-        format!(
-            "Measured on {}{}, {} threads, reading {:.1} GB/s.",
-            machine.cpu,
-            machine.gpu.as_ref().map(|gpu| format!(", kernels on {gpu}")).unwrap_or_default(),
-            machine.threads,
-            machine.stream_gb_s
-        ),
+        machine.sentence(),
         "Errors are those of indirect light. Blocks are means of 8 × 8 pixels: the median of the relative errors of their \
          luminance, and the PSNR of what a display shows of them, exposed by 0.18 over the log-average of the reference. \
          Points gather exactly from the patches, so their errors do not depend on receivers."
@@ -235,5 +234,16 @@ impl Machine {
         let gpu = (device.kind != DeviceKind::Native).then(|| device.name.clone());
         let stream_gb_s = stream_gb_s(STREAM_BYTES, STREAM_ROUNDS);
         Ok(Self { cpu: runtime::cpu::processor_name(), gpu, threads: rayon::current_num_threads(), stream_gb_s })
+    }
+
+    /// What it is, for a report.
+    fn sentence(&self) -> String {
+        format!(
+            "Measured on {}{}, {} threads, reading {:.1} GB/s.",
+            self.cpu,
+            self.gpu.as_ref().map(|gpu| format!(", kernels on {gpu}")).unwrap_or_default(),
+            self.threads,
+            self.stream_gb_s
+        )
     }
 }

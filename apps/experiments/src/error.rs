@@ -71,6 +71,34 @@ pub enum Error {
         /// What the system says.
         reason: String,
     },
+    /// References that are not there.
+    #[error(
+        "no reference of {} in {}; make them once with `bench clean --references SCENE`, take smaller ones with \
+         --paths 256, or name the folder that holds them with --cache",
+        scenes.join(", "),
+        folder.display()
+    )]
+    NoReferences {
+        /// The scenes.
+        scenes: Vec<String>,
+        /// Where they were looked for.
+        folder: PathBuf,
+    },
+    /// References that are looked for nowhere.
+    #[error("--references needs a folder here; only `bench clean --references` makes references by itself")]
+    NoReferenceFolder,
+    /// A reference whose noise is not known.
+    #[error("{paths} paths a pixel do not tell their noise; ask for at least 16 with --paths")]
+    FewPaths {
+        /// Paths a pixel.
+        paths: u32,
+    },
+    /// The system names no folder for caches.
+    #[error("the user's cache folder is not known ({why}); name one with --cache")]
+    NoCacheFolder {
+        /// What the system says.
+        why: String,
+    },
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,

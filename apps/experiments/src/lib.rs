@@ -11,6 +11,7 @@ pub mod path;
 pub mod photons;
 pub mod progress;
 pub mod proxy;
+pub mod references;
 pub mod report;
 pub mod sequence;
 pub mod summary;

@@ -8,6 +8,14 @@
 //! | `office` | two offices and a corridor with rectangle lights and luminous panels |
 //! | `sealed-box` | a closed box in the sun, seen from inside: dark |
 //! | `furnace` | a closed box that shines from everywhere: H = M/(1 − ρ) |
+//! | `rooms` | two rooms with thin walls on one floor that goes on outside, below one slab; sun on one side |
+//! | `stripes` | a lamp-lit room with painted stripes, a carpet and a poster, 0.2 to 5 mm off what they lie on |
+//! | `blinds` | a room that the sun enters through slats |
+//! | `clutter` | a room full of thin-legged chairs, knobs and frames, with a small patch of sun |
+//! | `window` | a room lit by the sky alone, through the panes of a window |
+//! | `corridor` | a corridor lit round two corners |
+//!
+//! `NAME:KEY=VALUE,KEY=VALUE` gives parameters ([`BUILT_IN`]); `ground` is one of all scenes.
 
 use std::path::Path;
 
@@ -18,22 +26,37 @@ use crate::import::draft::{Mesh, Setting, finish};
 use crate::import::{Animation, ImportError, LoadOptions, LoadedScene, Track, View};
 
 mod atrium;
+mod blinds;
 mod boxes;
 mod builder;
 mod city;
+mod clutter;
 mod cornell;
+mod corridor;
 mod office;
 mod pattern;
+mod rooms;
+mod shell;
+mod spec;
+mod stripes;
+mod window;
 
-pub use atrium::{LEAST_TRIANGLES, MOST_TRIANGLES};
+use builder::Builder;
+pub use spec::{BUILT_IN, BuiltIn, GROUND, Parameter, STRESS_SCENES, help};
 
 /// Names of the built-in scenes.
-pub const NAMES: [&str; 6] = ["cornell", "atrium", "city", "office", "sealed-box", "furnace"];
+pub const NAMES: [&str; BUILT_IN.len()] = {
+    let mut names = [""; BUILT_IN.len()];
+    let mut k = 0;
+    while k < names.len() {
+        names[k] = BUILT_IN[k].name;
+        k += 1;
+    }
+    names
+};
 
-/// Triangles of `atrium` when no count is given.
-const ATRIUM_TRIANGLES: usize = 3000;
-/// The same of `city`.
-const CITY_TRIANGLES: usize = 1_000_000;
+/// So far below the lowest point of a scene lies the ground round it, m: no two faces in one place.
+const GROUND_GAP: f32 = 0.01;
 
 /// What a built-in scene consists of.
 struct Built {
@@ -46,48 +69,38 @@ struct Built {
     tracks: Vec<Track>,
 }
 
-/// Whether `spec` (NAME or NAME:TRIANGLES) names a built-in scene.
+/// Whether `spec` (NAME, NAME:TRIANGLES or NAME:KEY=VALUE,…) names a built-in scene.
 pub fn is_built_in(spec: &str) -> bool {
     NAMES.contains(&spec.split(':').next().unwrap_or_default())
 }
 
-/// Builds a scene from NAME or NAME:TRIANGLES (`atrium` and `city` only).
+/// Builds a scene from NAME, NAME:TRIANGLES (`atrium` and `city` only) or NAME:KEY=VALUE,KEY=VALUE ([`BUILT_IN`]).
 ///
 /// # Errors
-/// [`ImportError::Procedural`] for a name or a count that is not known.
+/// [`ImportError::Procedural`] for a name, a key or a value that is not known.
 pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
     let fault = |reason: String| ImportError::Procedural { spec: spec.to_owned(), reason };
-    let (name, count) = match spec.split_once(':') {
-        Some((name, count)) => (name, Some(count)),
-        None => (spec, None),
-    };
-    if !NAMES.contains(&name) {
-        return Err(fault(format!("is not known; give one of {}", NAMES.join(", "))));
-    }
-    let range = match name {
-        "city" => city::LEAST_TRIANGLES..=city::MOST_TRIANGLES,
-        _ => LEAST_TRIANGLES..=MOST_TRIANGLES,
-    };
-    let triangles = match count {
-        None if name == "city" => CITY_TRIANGLES,
-        None => ATRIUM_TRIANGLES,
-        Some(_) if name != "atrium" && name != "city" => {
-            return Err(fault(format!("{name} has a fixed number of triangles; write just {name}")));
-        }
-        Some(count) => count.parse::<usize>().ok().filter(|n| range.contains(n)).ok_or_else(|| {
-            let (least, most) = (range.start(), range.end());
-            fault(format!("\"{count}\" is not a number of triangles; give {least} to {most}"))
-        })?,
-    };
-    let built = match name {
+    let (scene, values) = spec::parse(spec).map_err(fault)?;
+    let name = scene.name;
+    let mut built = match name {
         "cornell" => cornell::build(),
-        "atrium" => atrium::build(triangles),
-        "city" => city::build(triangles),
+        "atrium" => atrium::build(values.count(&atrium::TRIANGLES)),
+        "city" => city::build(values.count(&city::TRIANGLES)),
         "office" => office::build(),
         "sealed-box" => boxes::sealed(),
+        "rooms" => rooms::build(&values),
+        "stripes" => stripes::build(&values),
+        "blinds" => blinds::build(&values),
+        "clutter" => clutter::build(&values),
+        "window" => window::build(&values),
+        "corridor" => corridor::build(&values),
         _ => Ok(boxes::furnace()),
     }
     .map_err(|(key, reason)| fault(format!("{key}: {reason}")))?;
+    let edge = values.get_f32(&GROUND);
+    if edge > 0.0 {
+        add_ground(&mut built, edge);
+    }
     let setting = Setting {
         exposure_stops: built.exposure_stops,
         view: Some(built.view),
@@ -98,6 +111,20 @@ pub fn build(spec: &str) -> Result<LoadedScene, ImportError> {
         ..Setting::new(Path::new(spec), name)
     };
     finish(built.mesh, setting, &LoadOptions::default())
+}
+
+/// Lays a square plane below everything, front up, its middle below the middle of the scene.
+fn add_ground(built: &mut Built, edge: f32) {
+    let corners = || built.mesh.triangles.iter().flat_map(|t| t.corners);
+    let low = corners().fold(Vec3::INFINITY, Vec3::min);
+    let high = corners().fold(Vec3::NEG_INFINITY, Vec3::max);
+    let middle = (0.5 * (low + high)).with_y(low.y - GROUND_GAP);
+    let half = Vec3::new(0.5 * edge, 0.0, 0.5 * edge);
+    let mut b = Builder { mesh: std::mem::take(&mut built.mesh) };
+    let earth = b.plain("earth", [0.32, 0.3, 0.24]);
+    b.object("ground plane");
+    b.cuboid_side(earth, middle - half, middle + half, 3);
+    built.mesh = b.mesh;
 }
 
 /// Millimetres into metres.

@@ -2,6 +2,7 @@
 
 mod axis;
 mod cluster;
+mod cut;
 mod grid;
 mod group;
 mod interpolation_mesh;
@@ -21,6 +22,7 @@ mod volume;
 
 pub use axis::{AxisWeights, axis_patches};
 pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
+pub use cut::cut_at_feet;
 pub use grid::{CLIPPED_TRIANGLE_LIMIT, Grid, VOXEL_LIMIT};
 pub use interpolation_mesh::InterpolationMesh;
 pub use lightmap::{LIGHTMAP_LIMIT, LightmapTexels};

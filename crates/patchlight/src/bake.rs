@@ -6,7 +6,7 @@ use formfactor::{Stop, add_quadrant_rows, jacobi};
 use glam::Vec4;
 use patches::{
     Columns, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
-    lit_sampler, test_lights,
+    cut_at_feet, lit_sampler, test_lights,
 };
 use scene::sampling::hash3;
 use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
@@ -24,6 +24,9 @@ const MOST_RECEIVERS: f32 = 10.0 / 3.0;
 const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
 const MOST_BOUNCES: u32 = 200;
+
+/// Shortest foot of something at which what it stands on is cut, as a share of the edge of a patch.
+const FOOT_OF_PATCH: f32 = 0.5;
 
 /// Where irradiance is gathered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -121,7 +124,8 @@ impl Bake {
     /// # Errors
     /// Too many triangles or voxels, settings that do not suit each other, cancellation.
     pub fn build(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
-        PatchBake::build(scene, settings, observer)?.with_receivers(settings, observer)
+        let cut = cut_scene(scene, settings)?;
+        PatchBake::build(cut.as_ref().unwrap_or(scene), settings, observer)?.with_receivers(settings, observer)
     }
 
     /// Values that the patches' irradiance has: those between them where pixels take it from the patches.
@@ -202,6 +206,17 @@ impl<'a> PatchBake<'a> {
         ));
         Ok(Bake { receivers, settings, ..bake })
     }
+}
+
+/// The scene with triangles cut where something stands on them, as far as that matters to patches of these settings.
+fn cut_scene(scene: &Scene, settings: &BakeSettings) -> Result<Option<Scene>, Error> {
+    if settings.patches.has_voxels() {
+        return Ok(None);
+    }
+    // Of both sides.
+    let area: f64 = scene.geometry.triangles.iter().map(|t| f64::from(t.edge_a.cross(t.edge_b).length())).sum();
+    let patch_edge = (area / settings.patch_count.max(1) as f64).sqrt();
+    Ok(cut_at_feet(scene, FOOT_OF_PATCH * patch_edge as f32)?)
 }
 
 fn too_many(triangles: usize, needed: usize) -> Error {

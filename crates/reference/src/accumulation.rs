@@ -124,6 +124,26 @@ impl Accumulation {
         Picture { width: self.width, height: self.height, pixels }
     }
 
+    /// Standard error of the luminance of each pixel of [`Accumulation::full`], from the spread of passes of
+    /// [`PASS_SAMPLES`] samples, as a grey picture, W/m²/sr; `None` before two whole passes.
+    pub fn full_standard_error(&self) -> Option<Picture> {
+        self.standard_error(0)
+    }
+
+    /// The same of [`Accumulation::indirect`].
+    pub fn indirect_standard_error(&self) -> Option<Picture> {
+        self.standard_error(1)
+    }
+
+    fn standard_error(&self, part: usize) -> Option<Picture> {
+        let passes = self.samples / PASS_SAMPLES;
+        if passes < 2 {
+            return None;
+        }
+        let error = |p: &PixelSums| Vec3::splat(p.variance(part, passes).sqrt() as f32);
+        Some(Picture { width: self.width, height: self.height, pixels: self.pixels.iter().map(error).collect() })
+    }
+
     /// Standard errors of [`Accumulation::full`]; `None` before two whole passes or without a bright block.
     pub fn full_errors(&self) -> Option<BlockErrors> {
         self.block_errors(0, &self.full())

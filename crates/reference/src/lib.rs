@@ -11,7 +11,7 @@
 //!   the number of threads. Its standard errors come from the spread of passes of eight samples.
 //! - `Picture` reads EXR, HDR and PNG and writes EXR and PNG, each file whole or not at all.
 //! - `metrics` compares pictures (MSE, PSNR, SSIM, FLIP on displayed values; median relative error, PSNR and mean ratio on 8 × 8
-//!   block means) and irradiance at points. `ReferenceData` reads a folder of pictures and points made by another program.
+//!   block means) and irradiance at points; `metrics::faults` counts noise, leaks, stains and blotches. `ReferenceData` reads a folder of pictures and points made by another program.
 //! - `VoxelProxy` is a baseline: a scene of the faces of its occupied voxels, and the face that lights a point of the true
 //!   surface.
 //!
@@ -55,7 +55,7 @@ pub mod voxel_proxy;
 pub use accumulation::{Accumulation, BlockErrors, fingerprint};
 pub use data::{ReferenceData, ReferencePoint};
 pub use error::{Error, ResumeError};
-pub use metrics::{PictureErrors, PointErrors};
+pub use metrics::{Faults, Judge, PictureErrors, PointErrors, ReferenceNoise};
 pub use path::{PathSettings, PathTracer, PointIrradiance, Strategy};
 pub use picture::{Picture, PictureFile, Precision, scale_to_stops, stops_to_scale};
 pub use voxel_proxy::{ProxyFace, ProxyLookup, VoxelProxy};

@@ -1,7 +1,8 @@
 //! How far a picture, or irradiance at points, is from a reference.
 //!
 //! Linear metrics look at means over blocks of 8 × 8 pixels, because references carry noise in single pixels; tone-mapped
-//! metrics (MSE, PSNR, SSIM, FLIP) look at what a display shows: value × scale, clamped, sRGB.
+//! metrics (MSE, PSNR, SSIM, FLIP) look at what a display shows: value × scale, clamped, sRGB. [`faults`] counts the pixels
+//! that a person finds wrong.
 
 use glam::Vec3;
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageFloat, FlipImageRgb8};
@@ -12,6 +13,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::picture::Picture;
+
+pub mod faults;
+
+pub use faults::{Faults, Judge, ReferenceNoise, noise_picture, noise_share};
 
 /// Edge of the blocks that linear metrics average over, pixels.
 pub const BLOCK_EDGE: u32 = 8;

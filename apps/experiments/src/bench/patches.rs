@@ -105,7 +105,7 @@ pub fn one_scene(
     let progress = Progress::new(common.quiet);
     let loaded = output::import(scene, &progress)?;
     progress.note(&format!("{}: reference", loaded.name));
-    let truth = match Truth::find(args.references.as_deref(), &loaded)? {
+    let truth = match Truth::find(args.reference_folder(), &loaded)? {
         Some(truth) => truth,
         None => Truth::traced_with_points(&loaded, args.size(), args.spp, common.seed, &progress)?,
     };

@@ -105,7 +105,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     for scene in scenes {
         let progress = Progress::new(common.quiet);
         let loaded = output::import(scene, &progress)?;
-        let truth = match Truth::find(args.references.as_deref(), &loaded)? {
+        let truth = match Truth::find(args.reference_folder(), &loaded)? {
             Some(truth) => truth,
             None => {
                 Truth::traced(&loaded, &loaded.scene.lighting.lights, args.size(), args.spp, common.seed, &progress)?

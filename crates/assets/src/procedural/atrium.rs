@@ -5,15 +5,23 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 use super::builder::{ALL_SIDES, Blocks, Builder, STANDING, sin_cos, steps};
-use super::{Built, pattern};
+use super::{Built, Parameter, pattern};
 use crate::import::draft::MaterialDraft;
 use crate::import::pictures::Source;
 use crate::import::{View, lights};
 
-/// Fewest triangles it can be built of.
-pub const LEAST_TRIANGLES: usize = 3000;
 /// Most triangles it can be built of.
-pub const MOST_TRIANGLES: usize = 300_000;
+const MOST_TRIANGLES: usize = 300_000;
+/// About how many triangles it is built of.
+pub const TRIANGLES: Parameter = Parameter {
+    name: "triangles",
+    about: "triangles, about",
+    default: 3000.0,
+    range: 3000.0..=MOST_TRIANGLES as f64,
+    is_whole: true,
+};
+/// What it can be built with.
+pub const PARAMETERS: &[Parameter] = &[TRIANGLES];
 
 /// Grid planes: outer walls 0.4 m thick, galleries round the court.
 const X: [f32; 6] = [0.0, 0.4, 3.6, 20.4, 23.6, 24.0];

@@ -47,7 +47,7 @@ pub fn sealed() -> Result<Built, lights::Fault> {
 }
 
 /// A closed box whose fronts are inside.
-fn inside_out(b: &mut Builder, material: u32, low: Vec3, high: Vec3) {
+pub fn inside_out(b: &mut Builder, material: u32, low: Vec3, high: Vec3) {
     let first = b.mesh.triangles.len();
     b.cuboid(material, low, high, ALL_SIDES);
     for t in &mut b.mesh.triangles[first..] {

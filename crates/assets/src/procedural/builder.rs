@@ -18,6 +18,9 @@ pub const STANDING: [bool; 6] = [true, true, false, true, true, true];
 /// The four upright sides.
 pub const UPRIGHT: [bool; 6] = [true, true, false, false, true, true];
 
+/// As [`Blocks::edge`], cuts nothing.
+pub const UNCUT: f32 = f32::MAX;
+
 /// A block structure: cells of a rectilinear grid are solid or air; every face between the two is a wall.
 pub struct Blocks<'a> {
     /// Coordinates of the grid planes of each axis, ascending, m.
@@ -99,8 +102,9 @@ impl Builder {
         self.face(material, axis, positive, at, [low[a], high[a]], [low[b], high[b]]);
     }
 
-    /// An axis-parallel rectangle: the plane `axis = at`, ranges of the next and the next but one axis.
-    fn face(&mut self, material: u32, axis: usize, positive: bool, at: f32, a: [f32; 2], b: [f32; 2]) {
+    /// An axis-parallel rectangle: the plane `axis = at`, ranges of the next and the next but one axis; front along the axis
+    /// or against it.
+    pub fn face(&mut self, material: u32, axis: usize, positive: bool, at: f32, a: [f32; 2], b: [f32; 2]) {
         let corner = |x: f32, y: f32| {
             let mut p = Vec3::ZERO;
             p[axis] = at;
@@ -113,6 +117,30 @@ impl Builder {
             corners.swap(1, 3);
         }
         self.quad(material, corners, corners.map(|p| metric_uv(axis, p)));
+    }
+
+    /// A parallelepiped with its front outside: a corner, and edges with (a × b) · c > 0.
+    pub fn slab(&mut self, material: u32, corner: Vec3, [a, b, c]: [Vec3; 3]) {
+        for (a, b, c) in [(a, b, c), (b, c, a), (c, a, b)] {
+            self.plain_quad(material, [corner, corner + b, corner + a + b, corner + a]);
+            let far = corner + c;
+            self.plain_quad(material, [far, far + a, far + a + b, far + b]);
+        }
+    }
+
+    /// A ball of 32 triangles, front outside: an octahedron whose faces are cut in four, all corners on the sphere.
+    pub fn ball(&mut self, material: u32, centre: Vec3, radius: f32) {
+        for octant in 0..8 {
+            let sign = |bit: u32| if octant >> bit & 1 == 0 { 1.0 } else { -1.0 };
+            let [x, mut y, mut z] = [Vec3::X * sign(0), Vec3::Y * sign(1), Vec3::Z * sign(2)];
+            if sign(0) * sign(1) * sign(2) < 0.0 {
+                std::mem::swap(&mut y, &mut z);
+            }
+            let [xy, yz, zx] = [(x + y).normalize(), (y + z).normalize(), (z + x).normalize()];
+            for corners in [[x, xy, zx], [xy, y, yz], [zx, yz, z], [xy, yz, zx]] {
+                self.triangle(material, corners.map(|p| centre + p * radius), [Vec2::ZERO, Vec2::X, Vec2::Y]);
+            }
+        }
     }
 
     /// An upright tube of `sides` quads round, `rows` high, front outside, without lids.

@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use scene::sampling::{hash3, unit};
 
 use super::builder::{Builder, STANDING, steps};
-use super::{Built, pattern};
+use super::{Built, Parameter, pattern};
 use crate::import::draft::MaterialDraft;
 use crate::import::pictures::Source;
 use crate::import::{Keyframe, Target, Track, View, lights};
@@ -19,10 +19,16 @@ mod street;
 
 use house::House;
 
-/// Fewest triangles it can be built of.
-pub const LEAST_TRIANGLES: usize = 125_000;
-/// Most triangles it can be built of.
-pub const MOST_TRIANGLES: usize = 20_000_000;
+/// How many triangles it is built of.
+pub const TRIANGLES: Parameter = Parameter {
+    name: "triangles",
+    about: "triangles",
+    default: 1_000_000.0,
+    range: 125_000.0..=20_000_000.0,
+    is_whole: true,
+};
+/// What it can be built with.
+pub const PARAMETERS: &[Parameter] = &[TRIANGLES];
 
 /// Width of a street between two lots, m; of them the lanes in the middle take so much.
 const STREET: f32 = 12.0;
@@ -324,7 +330,7 @@ mod tests {
 
     #[test]
     fn its_bounds_are_whole_metres_less_what_keeps_voxels_off_walls_and_edges_span_a_thousand() {
-        let built = build(LEAST_TRIANGLES).unwrap();
+        let built = build(*TRIANGLES.range.start() as usize).unwrap();
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let (mut shortest, mut longest) = (f32::INFINITY, 0.0f32);
         for t in &built.mesh.triangles {
@@ -342,7 +348,7 @@ mod tests {
 
     #[test]
     fn the_flight_ends_in_a_room() {
-        let built = build(LEAST_TRIANGLES).unwrap();
+        let built = build(*TRIANGLES.range.start() as usize).unwrap();
         let eye = built.tracks[0].value(30.0);
         // Above it a ceiling, below it a floor, within a storey.
         let crosses = |up: bool| {

@@ -1,0 +1,451 @@
+//! `bench clean`: what a person sees wrong in pictures, counted in pixels against a converged reference: noise, leaks, stains
+//! and blotches.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use reference::metrics::{Faults, compare_pictures, indirect_scale, noise_picture, noise_share};
+use reference::{Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
+use serde::Serialize;
+
+use super::{Machine, Setup, load, suited_settings};
+use crate::args::{Bench, Common};
+use crate::error::Error;
+use crate::output;
+use crate::progress::{Progress, is_cancelled};
+use crate::references::{KeptNoise, KeptReference, ReferenceStore};
+use crate::report::{Figure, Section, Table, page, significant};
+use assets::import::LoadedScene;
+use assets::procedural;
+use patchlight::renderer::with_lights;
+use patchlight::{Bake, MethodSettings, Pictures, RenderSettings, Renderer};
+
+/// Patches of a scene, unless it is said: as many as a picture of it has by default.
+const COUNT: u32 = 4000;
+/// Paths a pixel of references, unless it is said.
+const PATHS: u32 = 2048;
+/// Edge of the squares of blotches that are drawn, pixels, and the relative error of full colour.
+const BLOTCH_EDGE: u32 = 16;
+const BLOTCH_RANGE: f32 = 0.2;
+
+/// Errors of a picture.
+#[derive(Clone, Serialize)]
+struct Part {
+    /// Of one picture, as it is by default.
+    #[serde(flatten)]
+    errors: PictureErrors,
+    /// Of the mean of many pictures.
+    #[serde(flatten)]
+    faults: Faults,
+}
+
+/// What was found out about a scene. Leaks, stains and blotches are those of indirect light.
+#[derive(Clone, Serialize)]
+struct Row {
+    scene: String,
+    noise_share: f64,
+    leak_share: f64,
+    stain_share: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blotch_p95: Option<f64>,
+    full: Part,
+    indirect: Part,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reference_noise: Option<KeptNoise>,
+    patches: usize,
+    receivers: usize,
+    interpolation_points: usize,
+    bake_s: f64,
+}
+
+#[derive(Serialize)]
+struct Results<'a> {
+    name: &'static str,
+    machine: &'a Machine,
+    seed: u32,
+    size: (u32, u32),
+    sub_frames: u32,
+    /// Pictures that are averaged before leaks, stains and blotches are counted.
+    pictures: u32,
+    rows: Vec<&'a Row>,
+}
+
+/// A scene with what it should look like.
+struct Subject {
+    /// As it was asked for.
+    spec: String,
+    loaded: LoadedScene,
+    truth: KeptReference,
+}
+
+/// What a scene gave, for the report.
+struct Outcome {
+    row: Row,
+    section: Section,
+}
+
+pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
+    let progress = Progress::new(common.quiet);
+    let (args, references) = &with_scenes(args);
+    let store = ReferenceStore::open(args.cache.as_deref())?;
+    if references.only_made {
+        return make_references(common, args, &store, &progress);
+    }
+    let subjects = subjects(args, references, &store, &progress)?;
+    let Setup { out, machine, counts, .. } = Setup::new(common, args, "clean", &procedural::STRESS_SCENES, &[COUNT])?;
+    let mut outcomes: Vec<Outcome> = Vec::new();
+    for subject in &subjects {
+        for &count in &counts {
+            outcomes.push(Measuring { common, args, subject, progress: &progress }.measure(count as usize, &out)?);
+            // What is known is kept when the rest fails or is stopped.
+            output::write_text(&out.join("summary.json"), &results(common, args, &machine, &outcomes))?;
+            write_report(&machine, args, &outcomes, &out)?;
+        }
+    }
+    if common.json {
+        println!("{}", results(common, args, &machine, &outcomes));
+    } else {
+        tables(&outcomes).iter().for_each(|table| println!("{}", table.markdown()));
+        println!("{} shows the same with pictures", out.join("report.html").display());
+    }
+    Ok(())
+}
+
+/// Where references come from.
+struct References {
+    /// They are made, and nothing is measured.
+    only_made: bool,
+    /// Folder of pictures made by another program.
+    folder: Option<PathBuf>,
+}
+
+/// The options with all scenes. What follows `--references` is a folder of pictures where it is one, else a scene.
+fn with_scenes(args: &Bench) -> (Bench, References) {
+    let mut args = args.clone();
+    let given = args.references.take();
+    let folder = given.clone().flatten().filter(|path| path.is_dir());
+    if let Some(Some(scene)) = &given
+        && folder.is_none()
+    {
+        args.scenes.insert(0, scene.to_string_lossy().into_owned());
+    }
+    if args.scenes.is_empty() {
+        args.scenes = procedural::STRESS_SCENES.map(str::to_owned).to_vec();
+    }
+    (args, References { only_made: given.is_some() && folder.is_none(), folder })
+}
+
+fn make_references(common: &Common, args: &Bench, store: &ReferenceStore, progress: &Progress) -> Result<(), Error> {
+    common.native_only("bench clean --references")?;
+    let paths = args.paths.unwrap_or(PATHS);
+    for spec in &args.scenes {
+        let loaded = output::import(spec, progress)?;
+        let kept = store.make(&loaded, args.size(), paths, progress)?;
+        println!("{spec}: {}{}", kept.source, noise_text(kept.noise().as_ref()));
+    }
+    println!("kept in {}", store.folder().display());
+    Ok(())
+}
+
+/// All scenes with their references, before anything takes long.
+fn subjects(
+    args: &Bench,
+    references: &References,
+    store: &ReferenceStore,
+    progress: &Progress,
+) -> Result<Vec<Subject>, Error> {
+    let mut subjects = Vec::new();
+    let mut missing = Vec::new();
+    for spec in &args.scenes {
+        let loaded = output::import(spec, progress)?;
+        let truth = match (&references.folder, args.paths) {
+            (Some(folder), _) => KeptReference::of_folder(folder, &loaded.name)?,
+            (None, Some(paths)) => Some(store.make(&loaded, args.size(), paths, progress)?),
+            (None, None) => store.find(&loaded, args.size())?,
+        };
+        match truth {
+            Some(truth) => subjects.push(Subject { spec: spec.clone(), loaded, truth }),
+            None => missing.push(spec.clone()),
+        }
+    }
+    if missing.is_empty() {
+        return Ok(subjects);
+    }
+    let folder = references.folder.as_deref().unwrap_or(store.folder()).to_path_buf();
+    Err(Error::NoReferences { scenes: missing, folder })
+}
+
+struct Measuring<'a> {
+    common: &'a Common,
+    args: &'a Bench,
+    subject: &'a Subject,
+    progress: &'a Progress,
+}
+
+impl Measuring<'_> {
+    fn measure(&self, count: usize, out: &Path) -> Result<Outcome, Error> {
+        let Self { common, args, subject, progress } = *self;
+        let Subject { spec, loaded, truth } = subject;
+        let start = Instant::now();
+        let bake = Arc::new(Bake::build(&loaded.scene, &suited_settings(common, args, loaded, count), progress)?);
+        let bake_s = start.elapsed().as_secs_f64();
+        let settings = RenderSettings {
+            method: MethodSettings::Classic,
+            eye: loaded.view.eye,
+            size: truth.size(),
+            sub_frames: args.sub_frames,
+            ..RenderSettings::default()
+        };
+        let mut renderer = load(common, &bake, &settings, progress)?;
+        let shown = self.pictures(&mut renderer)?;
+        let stops = loaded.exposure_stops;
+        let scale = indirect_scale(&truth.pictures.indirect);
+        let part = |judge: &Judge, one: &Picture, mean: &Picture, scale: f32| -> Result<Part, Error> {
+            let errors = compare_pictures(one, judge.reference, scale, None)?;
+            Ok(Part { errors, faults: judge.faults(mean, None)? })
+        };
+        let full = part(&truth.full(), &shown.first.full, &shown.mean.full, stops_to_scale(stops))?;
+        let indirect = part(&truth.indirect(), &shown.first.indirect, &shown.mean.indirect, scale)?;
+        let row = Row {
+            scene: spec.clone(),
+            noise_share: noise_share(&shown.first.full, &shown.second.full, stops_to_scale(stops), None)?,
+            leak_share: indirect.faults.leak_share,
+            stain_share: indirect.faults.stain_share,
+            blotch_p95: indirect.faults.blotch_p95,
+            full,
+            indirect,
+            reference_noise: truth.noise(),
+            patches: bake.mesh.patches.len(),
+            receivers: bake.receivers.points.len(),
+            interpolation_points: bake.receivers.interpolation.points.len(),
+            bake_s,
+        };
+        progress.note(&summary_line(&row));
+        let folder = out.join(file_name(spec));
+        let figures = write_figures(&folder, subject, &shown)?;
+        let text = vec![format!("Compared with {}{}.", truth.source, noise_text(row.reference_noise.as_ref()))];
+        let title = format!("{spec}, {} patches", row.patches);
+        let section = Section { title, text, figures, strip: Vec::new(), tables: Vec::new(), plots: Vec::new() };
+        Ok(Outcome { row, section })
+    }
+
+    /// Pictures of two frames and the mean of all frames.
+    fn pictures(&self, renderer: &mut Renderer) -> Result<Shown, Error> {
+        let Self { args, subject, progress, .. } = *self;
+        let (loaded, size) = (&subject.loaded, subject.truth.size());
+        let lighting = with_lights(&loaded.scene, &loaded.scene.lighting.lights);
+        let camera = loaded.view.camera(size.0, size.1);
+        let frames = args.frames().max(2);
+        progress.phase("pictures", |report| {
+            let mut render = |number: u32| -> Result<Pictures, Error> {
+                let done = renderer.picture(&lighting, &camera, number)?;
+                if report(number as usize + 1, frames as usize).is_break() || is_cancelled() {
+                    return Err(Error::Cancelled);
+                }
+                Ok(done.pictures)
+            };
+            let (first, second) = (render(0)?, render(1)?);
+            let mut mean = sum(&first, &second)?;
+            for number in 2..frames {
+                mean = sum(&mean, &render(number)?)?;
+            }
+            for picture in [&mut mean.full, &mut mean.direct, &mut mean.indirect] {
+                picture.pixels.iter_mut().for_each(|p| *p /= frames as f32);
+            }
+            Ok(Shown { first, second, mean })
+        })
+    }
+}
+
+/// Pictures of a bake.
+struct Shown {
+    /// Of two frames.
+    first: Pictures,
+    second: Pictures,
+    /// Mean of many frames: without the noise of single ones.
+    mean: Pictures,
+}
+
+fn sum(a: &Pictures, b: &Pictures) -> Result<Pictures, Error> {
+    Ok(Pictures {
+        full: a.full.plus(&b.full)?,
+        direct: a.direct.plus(&b.direct)?,
+        indirect: a.indirect.plus(&b.indirect)?,
+    })
+}
+
+/// Writes the pictures of a scene into its folder and reads them for the report.
+fn write_figures(folder: &Path, subject: &Subject, shown: &Shown) -> Result<Vec<Figure>, Error> {
+    let Subject { loaded, truth, .. } = subject;
+    output::write_pictures(folder, &shown.first, loaded.exposure_stops)?;
+    let stops = loaded.exposure_stops;
+    let scale = indirect_scale(&truth.pictures.indirect);
+    let indirect_stops = scale_to_stops(scale);
+    let full_scale = stops_to_scale(stops);
+    let (full, indirect) = (truth.full(), truth.indirect());
+    let blotches = indirect.blotch_picture(&shown.mean.indirect, BLOTCH_EDGE, BLOTCH_RANGE)?;
+    let noise = noise_picture(&shown.first.full, &shown.second.full, full_scale)?;
+    let drawn: [(&str, &str, &Picture, f32); 9] = [
+        ("full", "all light", &shown.first.full, stops),
+        ("reference-full", "all light, reference", &truth.pictures.full, stops),
+        ("noise", "noise: two frames differ by more than 1/255", &noise, 0.0),
+        ("indirect", "indirect light", &shown.first.indirect, indirect_stops),
+        ("reference-indirect", "indirect light, reference", &truth.pictures.indirect, indirect_stops),
+        (
+            "faults-indirect",
+            "indirect light: leaks red, stains blue",
+            &indirect.fault_picture(&shown.mean.indirect, scale)?,
+            0.0,
+        ),
+        (
+            "blotches",
+            "indirect light: means over 16 × 16 pixels, red too bright, blue too dark, full at 20 %",
+            &blotches,
+            0.0,
+        ),
+        ("faults-full", "all light: leaks red, stains blue", &full.fault_picture(&shown.mean.full, full_scale)?, 0.0),
+        ("mean-indirect", "indirect light, mean of all frames", &shown.mean.indirect, indirect_stops),
+    ];
+    let mut figures = Vec::new();
+    for (name, caption, picture, stops) in drawn {
+        let file = format!("{name}.png");
+        picture.write_png(&folder.join(&file), stops)?;
+        figures.push(Figure::read(folder, &file, caption.to_owned())?);
+    }
+    Ok(figures)
+}
+
+fn results(common: &Common, args: &Bench, machine: &Machine, outcomes: &[Outcome]) -> String {
+    output::json(&Results {
+        name: "clean",
+        machine,
+        seed: common.seed,
+        size: args.size(),
+        sub_frames: args.sub_frames,
+        pictures: args.frames().max(2),
+        rows: outcomes.iter().map(|outcome| &outcome.row).collect(),
+    })
+}
+
+/// A name of a file for a scene as it was asked for.
+fn file_name(spec: &str) -> String {
+    let stem = Path::new(spec).file_stem().map_or(spec.into(), |stem| stem.to_string_lossy());
+    let name = if procedural::is_built_in(spec) { spec.into() } else { stem };
+    name.chars().map(|c| if c.is_alphanumeric() || c == '.' { c } else { '-' }).collect()
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.3}", 100.0 * share)
+}
+
+fn percent_or_none(share: Option<f64>) -> String {
+    share.map_or_else(|| "–".to_owned(), |share| format!("{:.2}", 100.0 * share))
+}
+
+fn noise_text(noise: Option<&KeptNoise>) -> String {
+    let Some(KeptNoise { full, indirect, .. }) = noise else { return String::new() };
+    format!(
+        "; standard error of a pixel {:.2} % of all light, {:.2} % of indirect light (medians); it hides leaks at {:.2} % and \
+         stains at {:.2} % of the pixels of indirect light",
+        100.0 * full.median_relative_standard_error,
+        100.0 * indirect.median_relative_standard_error,
+        100.0 * indirect.leaks_hidden_share,
+        100.0 * indirect.stains_hidden_share,
+    )
+}
+
+fn summary_line(row: &Row) -> String {
+    format!(
+        "{}: noise {} %, leaks {} %, stains {} %, blotches {} %",
+        row.scene,
+        percent(row.noise_share),
+        percent(row.leak_share),
+        percent(row.stain_share),
+        percent_or_none(row.blotch_p95)
+    )
+}
+
+fn tables(outcomes: &[Outcome]) -> Vec<Table> {
+    let head = ["scene", "patches", "noise %", "leaks %", "stains %", "blotches 16 / 32 / 64, %", "bake s"];
+    let faults = Table {
+        caption: "Shares of pixels. Noise: two frames of one bake differ by more than 1/255. Of indirect light, mean of all \
+                  frames: leaks, brighter than the reference by more than 10 % of the mean indirect light; stains, darker by \
+                  more than 25 %; blotches, 95th percentile of the relative errors of means over squares."
+            .to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: outcomes.iter().map(|outcome| fault_cells(&outcome.row)).collect(),
+    };
+    let head = [
+        "scene",
+        "light",
+        "leaks %",
+        "stains %",
+        "block median %",
+        "block dB",
+        "mean ratio",
+        "SSIM",
+        "FLIP",
+        "standard error of the reference, %",
+    ];
+    let errors = Table {
+        caption: "Errors of one frame against the reference, leaks and stains of all light, too.".to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: outcomes.iter().flat_map(|outcome| error_cells(&outcome.row)).collect(),
+    };
+    vec![faults, errors]
+}
+
+fn fault_cells(row: &Row) -> Vec<String> {
+    let Faults { blotch_16_p95, blotch_p95, blotch_64_p95, .. } = row.indirect.faults;
+    vec![
+        row.scene.clone(),
+        row.patches.to_string(),
+        percent(row.noise_share),
+        percent(row.leak_share),
+        percent(row.stain_share),
+        [blotch_16_p95, blotch_p95, blotch_64_p95].map(percent_or_none).join(" / "),
+        format!("{:.1}", row.bake_s),
+    ]
+}
+
+fn error_cells(row: &Row) -> [Vec<String>; 2] {
+    let noise =
+        row.reference_noise.map(|noise| [noise.full, noise.indirect].map(|part| part.median_relative_standard_error));
+    [("all", &row.full, 0), ("indirect", &row.indirect, 1)].map(|(light, Part { errors, faults }, part)| {
+        vec![
+            row.scene.clone(),
+            light.to_owned(),
+            percent(faults.leak_share),
+            percent(faults.stain_share),
+            format!("{:.2}", 100.0 * errors.block_median_relative_error),
+            format!("{:.1}", errors.block_psnr_db),
+            format!("{:.3}", errors.mean_ratio),
+            format!("{:.3}", errors.ssim),
+            significant(errors.flip),
+            percent_or_none(noise.map(|noise| noise[part])),
+        ]
+    })
+}
+
+fn write_report(machine: &Machine, args: &Bench, outcomes: &[Outcome], out: &Path) -> Result<(), Error> {
+    let introduction = [
+        machine.sentence(),
+        format!(
+            "Pictures of {} sub-frames a pixel; leaks, stains and blotches are counted in the mean of {} of them. A difference \
+             counts only where it exceeds three standard errors of the reference.",
+            args.sub_frames,
+            args.frames().max(2)
+        ),
+    ];
+    let summary = Section {
+        title: "Faults".to_owned(),
+        text: Vec::new(),
+        figures: Vec::new(),
+        strip: Vec::new(),
+        tables: tables(outcomes),
+        plots: Vec::new(),
+    };
+    let sections = [&summary].into_iter().chain(outcomes.iter().map(|outcome| &outcome.section));
+    output::write_text(&out.join("report.html"), &page("Patchlight: clean pictures", &introduction, sections))
+}

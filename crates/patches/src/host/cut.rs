@@ -1,0 +1,218 @@
+//! Triangles cut where something stands on them: light of either side of a wall then lies on triangles of its own.
+//!
+//! Patches, elements, receivers and interpolation points belong to triangles. A floor that goes on beyond a wall would share
+//! them between both sides of the wall, which are strangers to each other. So the floor is cut along the foot of the wall:
+//! the same surface, more triangles.
+
+use std::vec;
+use std::vec::Vec;
+
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+use scene::{BvhNode, Scene, SceneParts, Triangle, TriangleUv};
+
+/// Triangles whose planes meet at a greater cosine than this stand on each other nowhere.
+const MOST_COSINE: f64 = 0.9;
+/// A corner that is no further from a plane than this many ray offsets lies in it.
+const IN_PLANE: f64 = 2.0;
+/// Most pieces of a triangle.
+const MOST_PIECES: usize = 256;
+
+/// A scene of the same surfaces in which triangles are cut along the feet of others that stand on them or pass through them,
+/// and that meet a piece over at least `least` m; none where nothing is cut. Texture coordinates are interpolated.
+///
+/// # Errors
+/// What making the scene says.
+pub fn cut_at_feet(scene: &Scene, least: f32) -> Result<Option<Scene>, scene::Error> {
+    let triangles = &scene.geometry.triangles;
+    let cutter = Cutter { scene, least: f64::from(least), tolerance: IN_PLANE * f64::from(scene.geometry.ray_offset) };
+    let pieces: Vec<Option<Vec<Piece>>> =
+        (0..triangles.len()).into_par_iter().map(|t| cutter.pieces(t as u32)).collect();
+    if pieces.iter().all(Option::is_none) {
+        return Ok(None);
+    }
+    let mut parts = SceneParts {
+        materials: scene.geometry.materials.to_vec(),
+        textures: scene.geometry.textures.clone(),
+        texels: scene.geometry.texels.clone(),
+        ..SceneParts::default()
+    };
+    for (t, pieces) in pieces.iter().enumerate() {
+        match pieces {
+            None => {
+                parts.triangles.push(triangles[t]);
+                parts.uvs.push(scene.geometry.uvs[t]);
+            }
+            Some(pieces) => pieces.iter().for_each(|piece| add_piece(scene, t, piece, &mut parts)),
+        }
+    }
+    let mut cut = Scene::new(parts)?;
+    cut.materials = scene.materials.clone();
+    cut.set_lighting(scene.lighting.clone())?;
+    Ok(Some(cut))
+}
+
+/// Corners of a convex polygon in the plane of its triangle, in the triangle's order.
+type Piece = Vec<DVec3>;
+
+struct Cutter<'a> {
+    scene: &'a Scene,
+    /// Shortest foot that cuts, m.
+    least: f64,
+    /// What lies no further from a plane or a line lies in it, m.
+    tolerance: f64,
+}
+
+impl Cutter<'_> {
+    /// What a triangle is cut into; none where it stays whole.
+    fn pieces(&self, triangle: u32) -> Option<Vec<Piece>> {
+        if f64::from(self.scene.longest_edge(triangle)) < 2.0 * self.least {
+            return None;
+        }
+        let whole = corners(&self.scene.geometry.triangles[triangle as usize]);
+        let normal = (whole[1] - whole[0]).cross(whole[2] - whole[0]).try_normalize()?;
+        let mut feet = self.feet(triangle, &whole, normal);
+        // Long ones first: walls before what stands beside them.
+        feet.sort_by(|a, b| (b[1] - b[0]).length().total_cmp(&(a[1] - a[0]).length()));
+        let mut pieces = vec![whole.to_vec()];
+        for foot in &feet {
+            let mut next = Vec::with_capacity(pieces.len() + 1);
+            let room = MOST_PIECES - pieces.len().min(MOST_PIECES);
+            for piece in pieces {
+                match self.split(&piece, foot, normal).filter(|_| next.len() < MOST_PIECES && room > 0) {
+                    Some(halves) => next.extend(halves),
+                    None => next.push(piece),
+                }
+            }
+            pieces = next;
+        }
+        (pieces.len() > 1).then_some(pieces)
+    }
+
+    /// Segments in which other triangles meet the plane of a triangle, near to it.
+    fn feet(&self, triangle: u32, whole: &[DVec3; 3], normal: DVec3) -> Vec<[DVec3; 2]> {
+        let low = whole[0].min(whole[1]).min(whole[2]) - self.tolerance;
+        let high = whole[0].max(whole[1]).max(whole[2]) + self.tolerance;
+        let mut feet = Vec::new();
+        overlapping(&self.scene.geometry.nodes, low, high, &mut |other| {
+            let is_long = f64::from(self.scene.longest_edge(other)) >= self.least;
+            if other != triangle && is_long {
+                let other = corners(&self.scene.geometry.triangles[other as usize]);
+                feet.extend(self.foot(&other, whole[0], normal));
+            }
+        });
+        feet
+    }
+
+    /// Where a triangle meets a plane, if it stands on it or passes through it.
+    fn foot(&self, other: &[DVec3; 3], origin: DVec3, normal: DVec3) -> Option<[DVec3; 2]> {
+        let own = (other[1] - other[0]).cross(other[2] - other[0]).try_normalize()?;
+        if own.dot(normal).abs() > MOST_COSINE {
+            return None;
+        }
+        let height = other.map(|corner| {
+            let height = (corner - origin).dot(normal);
+            if height.abs() <= self.tolerance { 0.0 } else { height }
+        });
+        let mut ends: Vec<DVec3> = Vec::with_capacity(4);
+        for k in 0..3 {
+            let (a, b) = (height[k], height[(k + 1) % 3]);
+            if a == 0.0 {
+                ends.push(other[k] - normal * (other[k] - origin).dot(normal));
+            }
+            if a * b < 0.0 {
+                ends.push(other[k].lerp(other[(k + 1) % 3], a / (a - b)));
+            }
+        }
+        let [first, last] = [*ends.first()?, *ends.last()?];
+        ((last - first).length() >= self.least).then_some([first, last])
+    }
+
+    /// Both sides of the line of a foot in a piece; none where the foot meets the piece over too little, or along its border.
+    fn split(&self, piece: &Piece, foot: &[DVec3; 2], normal: DVec3) -> Option<[Piece; 2]> {
+        let along = (foot[1] - foot[0]).normalize();
+        let across = normal.cross(along);
+        let side: Vec<f64> = piece
+            .iter()
+            .map(|corner| {
+                let distance = (corner - foot[0]).dot(across);
+                if distance.abs() <= self.tolerance { 0.0 } else { distance }
+            })
+            .collect();
+        if !side.iter().any(|s| *s > 0.0) || !side.iter().any(|s| *s < 0.0) {
+            return None;
+        }
+        let [mut left, mut right] = [Vec::new(), Vec::new()];
+        let mut border = Vec::new();
+        for k in 0..piece.len() {
+            let (next, a) = ((k + 1) % piece.len(), side[k]);
+            if a >= 0.0 {
+                left.push(piece[k]);
+            }
+            if a <= 0.0 {
+                right.push(piece[k]);
+            }
+            if a == 0.0 {
+                border.push(piece[k]);
+            }
+            if a * side[next] < 0.0 {
+                let crossing = piece[k].lerp(piece[next], a / (a - side[next]));
+                left.push(crossing);
+                right.push(crossing);
+                border.push(crossing);
+            }
+        }
+        // How much of the foot lies between the ends of the cut.
+        let (mut from, mut to) = (f64::INFINITY, f64::NEG_INFINITY);
+        for point in &border {
+            let place = (point - foot[0]).dot(along);
+            (from, to) = (from.min(place), to.max(place));
+        }
+        let met = to.min((foot[1] - foot[0]).length()) - from.max(0.0);
+        (met >= self.least).then_some([left, right])
+    }
+}
+
+fn corners(t: &Triangle) -> [DVec3; 3] {
+    let corner = t.corner.as_dvec3();
+    [corner, corner + t.edge_a.as_dvec3(), corner + t.edge_b.as_dvec3()]
+}
+
+/// The triangles of the leaves whose boxes meet a box.
+fn overlapping(nodes: &[BvhNode], low: DVec3, high: DVec3, found: &mut impl FnMut(u32)) {
+    let mut stack = vec![0u32];
+    while let Some(node) = stack.pop().and_then(|k| nodes.get(k as usize)) {
+        if node.min.as_dvec3().cmpgt(high).any() || node.max.as_dvec3().cmplt(low).any() {
+            continue;
+        }
+        if node.prim_count == 0 {
+            stack.extend([node.first_index, node.first_index + 1]);
+        } else {
+            (node.first_index..node.first_index + node.prim_count).for_each(&mut *found);
+        }
+    }
+}
+
+/// Adds a piece of a triangle as triangles, from the corner that gives the widest ones.
+fn add_piece(scene: &Scene, triangle: usize, piece: &Piece, parts: &mut SceneParts) {
+    let (whole, uv) = (scene.geometry.triangles[triangle], scene.geometry.uvs[triangle]);
+    let count = piece.len();
+    let area = |a: DVec3, b: DVec3, c: DVec3| (b - a).cross(c - a).length();
+    let fan = |first: usize| (1..count - 1).map(move |k| [first, (first + k) % count, (first + k + 1) % count]);
+    let least =
+        |first: usize| fan(first).map(|[a, b, c]| area(piece[a], piece[b], piece[c])).fold(f64::INFINITY, f64::min);
+    let best = (0..count).max_by(|a, b| least(*a).total_cmp(&least(*b)).then(b.cmp(a))).unwrap_or(0);
+    for [a, b, c] in fan(best) {
+        let [a, b, c] = [a, b, c].map(|k| piece[k].as_vec3());
+        let cut = Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..whole };
+        if cut.edge_a.cross(cut.edge_b).length() <= 0.0 {
+            continue;
+        }
+        let place = |p: Vec3| -> Vec2 {
+            let (u, v) = scene.geometry.shares(triangle as u32, p);
+            uv.corner + (uv.corner_a - uv.corner) * u + (uv.corner_b - uv.corner) * v
+        };
+        parts.triangles.push(cut);
+        parts.uvs.push(TriangleUv { corner: place(a), corner_a: place(b), corner_b: place(c) });
+    }
+}
