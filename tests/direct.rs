@@ -213,3 +213,18 @@ fn both_executors_and_both_updates_make_the_same_pictures() {
     let again = on_cpu.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.full;
     assert_eq!(again, expected);
 }
+
+#[test]
+fn a_sky_that_no_receiver_sees_shows_nowhere() {
+    let picture_below = |loaded: &LoadedScene, camera: &Camera, sky: f32| {
+        let mut renderer = setup(PixelLight::Smooth).renderer(loaded, cpu()).unwrap();
+        let mut lighting = loaded.scene.lighting.clone();
+        lighting.sky.radiance = Vec3::splat(sky);
+        renderer.picture(&lighting, camera, 0).unwrap().pictures.full
+    };
+    let closed = procedural::build("furnace").unwrap();
+    let inside = closed.view.camera(SIZE, SIZE);
+    assert_eq!(picture_below(&closed, &inside, 0.0), picture_below(&closed, &inside, 1.0));
+    let (open, camera) = lit_wall();
+    assert_ne!(picture_below(&open, &camera, 0.0), picture_below(&open, &camera, 1.0));
+}
