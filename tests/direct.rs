@@ -127,7 +127,9 @@ fn a_long_wall_takes_its_share_of_the_sky() {
 #[test]
 fn a_lamp_over_a_floor_has_its_closed_form_at_pixels() {
     let camera = from_above(1.8, 0.1);
-    let loaded = floor_and(&[], vec![lamp(vec3(0.0, 3.0, 0.0))], 0.0);
+    // Something must stand on the floor, or there are no receivers.
+    let wall = (vec3(-9.0, 0.0, -10.0), Vec3::Z * 20.0, Vec3::Y * 1.5);
+    let loaded = floor_and(&[wall], vec![lamp(vec3(0.0, 3.0, 0.0))], 0.0);
     let picture = direct(&loaded, &camera, PixelLight::Smooth);
     // A pixel is the mean over its square, 0.125 m wide.
     let found = worst(&picture, &camera, below_lamp);
@@ -227,4 +229,17 @@ fn a_sky_that_no_receiver_sees_shows_nowhere() {
     assert_eq!(picture_below(&closed, &inside, 0.0), picture_below(&closed, &inside, 1.0));
     let (open, camera) = lit_wall();
     assert_ne!(picture_below(&open, &camera, 0.0), picture_below(&open, &camera, 1.0));
+}
+
+#[test]
+fn ground_from_which_hardly_anything_but_sky_is_seen_shows_the_sky() {
+    let post = (vec3(0.0, 0.0, -0.2), Vec3::Z * 0.4, Vec3::Y * 0.4);
+    let loaded = floor_and(&[post], Vec::new(), 2.0);
+    let far = from_above(7.5, 7.5);
+    let picture = direct(&loaded, &far, PixelLight::Smooth);
+    // One ray of 16 that the post stops is 6 %.
+    let found = worst(&picture, &far, |_| ALBEDO * 2.0);
+    assert!(found < 0.07, "{found}");
+    // No light at all is told apart.
+    assert!(worst(&picture, &far, |_| ALBEDO * 2e3) > 0.9);
 }

@@ -125,8 +125,8 @@ kernels! {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };
         let i = k as usize;
-        let received = from_sky[i].truncate();
-        large::sharp_irradiance(p, points[i], &lights, received, stopped).extend(0.0)
+        let at = p.first + k;
+        large::sharp_irradiance(p, at, points[i], &lights, from_sky[i], stopped).extend(0.0)
     }
 
     /// Adds one sub-frame to every pixel's radiance from rectangles and emitters, were nothing in

@@ -365,12 +365,12 @@ impl Shade {
         let sky_rays = if shot.has_sky { direct.sky_rays } else { 0 };
         let camera = self.smooth.as_ref().map_or(*shot.camera, |smooth| smooth.camera(shot.camera));
         for ((number, &seed), sub) in (0..).zip(shot.seeds).zip(&self.sub_frames) {
+            // Light without noise is the same in every frame.
+            let seed = if self.smooth.is_some() { number } else { seed };
             let light = DirectParams { light_count, emitter_count: shot.emitter_count, sky_rays, seed, ..direct };
             executor.push(sub.light, &light)?;
-            let mut seed = seed;
             if let (Some(smooth), Some(passes)) = (&self.smooth, &sub.smooth) {
                 smooth.set(executor, passes, &camera, shot, number)?;
-                seed = number;
             }
             let push = PixelParams { camera, count: direct.count, seed, light_count, reserved: 0 };
             for pass in [sub.primary, sub.shade_full].into_iter().chain(sub.shade_direct) {

@@ -8,7 +8,7 @@ use glam::{Vec3, Vec4};
 
 use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
-use super::light::{Lights, meet_rect, pick_emitter, unoccluded};
+use super::light::{Lights, meet_rect, pick_emitter, sky_irradiance, unoccluded};
 use crate::math::{abs, atan2, clamp, luminance};
 use crate::sampling::{hash3, sobol2_fast, uniform_triangle, unit};
 use crate::types::{
@@ -441,21 +441,26 @@ pub fn add_seen_light(
     (sums.0 + (factor * seen).extend(0.0), sums.1 + (factor * all).extend(0.0))
 }
 
-/// Irradiance at a point, W/m²: from parallel, point and spot lights by a shadow ray each, and what the sky sends.
+/// Irradiance at point `index`, W/m²: from parallel, point and spot lights by a shadow ray each, and what the sky sends. Where no
+/// receiver tells the latter (`sky.w` is 0: there is hardly anything but sky to be seen), `sky_rays` rays do.
 #[inline]
 pub fn sharp_irradiance(
     p: &DirectParams,
+    index: u32,
     point: SurfacePoint,
     lights: &Lights,
-    sky: Vec3,
-    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+    sky: Vec4,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool + Copy,
 ) -> Vec3 {
     let normal = point.normal;
     if normal.dot(normal) < 0.5 {
         return Vec3::ZERO;
     }
     let origin = point.position + normal * p.ray_offset;
-    let mut sum = sky;
+    let mut sum = sky.truncate();
+    if sky.w == 0.0 {
+        sum = sky_irradiance(p, index, (origin, normal), lights, occluded);
+    }
     for slot in 0..p.light_count {
         let light = lights.lights[slot as usize];
         if light.kind != LIGHT_RECT {

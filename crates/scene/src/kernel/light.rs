@@ -202,18 +202,31 @@ pub fn direct_irradiance(
         }
         sum += light * (1.0 / p.area_rays as f32);
     }
-    if p.sky_rays > 0 {
-        let shift = (hash3(index, 0x736b_7900, p.seed), hash3(index, 0x736b_7901, p.seed));
-        let mut light = Vec3::ZERO;
-        for k in 0..p.sky_rays {
-            let direction = cosine_hemisphere(normal, hammersley(k, p.sky_rays, shift));
-            if !occluded(origin, direction, FAR) {
-                light += sky_radiance(&lights.sky, lights.sky_map, direction);
-            }
-        }
-        sum += light * (PI / p.sky_rays as f32);
-    }
+    sum += sky_irradiance(p, index, (origin, normal), lights, occluded);
     sum
+}
+
+/// Irradiance from the sky at a point, W/m²: by `sky_rays` cosine-weighted rays, 0 without any. `index` numbers the point.
+#[inline]
+pub fn sky_irradiance(
+    p: &DirectParams,
+    index: u32,
+    (origin, normal): (Vec3, Vec3),
+    lights: &Lights,
+    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+) -> Vec3 {
+    if p.sky_rays == 0 {
+        return Vec3::ZERO;
+    }
+    let shift = (hash3(index, 0x736b_7900, p.seed), hash3(index, 0x736b_7901, p.seed));
+    let mut light = Vec3::ZERO;
+    for k in 0..p.sky_rays {
+        let direction = cosine_hemisphere(normal, hammersley(k, p.sky_rays, shift));
+        if !occluded(origin, direction, FAR) {
+            light += sky_radiance(&lights.sky, lights.sky_map, direction);
+        }
+    }
+    light * (PI / p.sky_rays as f32)
 }
 
 /// Where the ray meets the front of a rectangle light before `t_max`: the distance, else [`FAR`].

@@ -145,8 +145,8 @@ pub fn interpolate_pixel(
     weighted(values, pixel_vertices(grids, cells, vertices, triangles, hit, point))
 }
 
-/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell and not negative, zero where there are
-/// no receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the receiver of each, `values`
+/// Irradiance at a hit, W/m²: linear between the three vertices round it in its cell and not negative, and 1 as the fourth
+/// component; zero where there are no receivers. `grids[triangle]` numbers the cells, `cells` their vertices, `vertices` names the receiver of each, `values`
 /// holds their irradiance.
 #[inline]
 pub fn interpolate_receivers(
@@ -160,7 +160,7 @@ pub fn interpolate_receivers(
     weighted(values, vertices_at(grids, cells, vertices, hit, front))
 }
 
-/// Value between three vertices, not negative; zero where there are none.
+/// Value between three vertices, not negative, and 1; zero where there are none.
 #[inline]
 fn weighted(values: &[Vec4], (ids, w): (UVec3, Vec3)) -> Vec4 {
     if ids.x == NONE {
@@ -169,7 +169,7 @@ fn weighted(values: &[Vec4], (ids, w): (UVec3, Vec3)) -> Vec4 {
     let a = values[ids.x as usize];
     let b = values[ids.y as usize];
     let c = values[ids.z as usize];
-    (a * w.x + b * w.y + c * w.z).max(Vec4::ZERO)
+    (a * w.x + b * w.y + c * w.z).max(Vec4::ZERO).truncate().extend(1.0)
 }
 
 #[cfg(test)]
