@@ -216,3 +216,17 @@ fn both_executors_and_both_updates_make_the_same_pictures() {
     let again = on_cpu.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.full;
     assert_eq!(again, expected);
 }
+
+#[test]
+fn a_closed_room_under_a_sky_sees_none_of_it() {
+    // No receiver has a ray that escapes.
+    let mut loaded = procedural::build("furnace").unwrap();
+    loaded.scene.lighting.sky.radiance = Vec3::ONE;
+    let camera = loaded.view.camera(SIZE, SIZE);
+    let mut renderer = setup(PixelLight::Smooth).renderer(&loaded, cpu()).unwrap();
+    let below_sky = renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.full;
+    let mut night = loaded.scene.lighting.clone();
+    night.sky.radiance = Vec3::ZERO;
+    assert_eq!(renderer.picture(&night, &camera, 0).unwrap().pictures.full, below_sky);
+    assert!(below_sky.mean().x > 0.0);
+}

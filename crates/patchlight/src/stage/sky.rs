@@ -21,7 +21,7 @@ pub struct SkyLight {
     bins: BufferId,
     /// Irradiance of the interpolation points.
     pub interpolated: BufferId,
-    /// From the bins to the interpolation points.
+    /// From the bins to the interpolation points; none where no receiver sees the sky.
     pub passes: Vec<PassId>,
 }
 
@@ -38,6 +38,10 @@ pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, E
     let bins = plan.storage("sky bins", rgb_bytes(SKY_BINS));
     let received = plan.storage("received from the sky", rgb_bytes(first_smooth + count));
     let interpolated = plan.storage("sky interpolated", rgb_bytes(receivers.interpolation.points.len()));
+    if receivers.sky_rows.quads().is_empty() {
+        // A closed scene: no ray escapes.
+        return Ok(SkyLight { bins, interpolated, passes: Vec::new() });
+    }
     let rows = HitTables::new(plan, &mut frame.tables, &receivers.sky_rows);
     rows.gather(plan, PASS, range, bins, received)?;
     let quadrants = received.range(0, rgb_bytes(QUADRANTS * count));
@@ -53,6 +57,9 @@ impl SkyLight {
     /// # Errors
     /// What the device says.
     pub fn set(&self, executor: &mut dyn Executor, lighting: &Lighting) -> Result<(), ExecutorError> {
+        if self.passes.is_empty() {
+            return executor.clear(self.interpolated);
+        }
         executor.upload(self.bins, &sky_exitance(lighting))
     }
 }
