@@ -262,7 +262,7 @@ impl Renderer {
             }
             times = submit_light(frame, self.method.as_mut(), executor)?;
         }
-        if let Some(sky) = frame.sky.as_ref().filter(|_| !frame.has_sky_light) {
+        if let Some(sky) = frame.sky.as_ref().filter(|sky| !frame.has_sky_light && !sky.passes.is_empty()) {
             executor.submit_passes(&sky.passes)?;
             frame.has_sky_light = true;
         }

@@ -20,8 +20,8 @@ use crate::frame::FramePlan;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelLight {
     /// Without noise: the same in every frame. The sky as the receivers' rays see it; rectangles and emissive triangles exactly,
-    /// times the share that shadow rays of a fixed pattern see, averaged over like pixels. Receivers on the mesh only; with
-    /// others as [`Self::Sampled`].
+    /// times the share that shadow rays of a fixed pattern see, averaged over like pixels. Where there are receivers on the
+    /// mesh; else as [`Self::Sampled`].
     #[default]
     Smooth,
     /// By random rays in each sub-frame, other ones in every frame.

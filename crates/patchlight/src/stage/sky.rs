@@ -21,7 +21,7 @@ pub struct SkyLight {
     bins: BufferId,
     /// Irradiance of the interpolation points.
     pub interpolated: BufferId,
-    /// From the bins to the interpolation points.
+    /// From the bins to the interpolation points; none where no receiver sees the sky.
     pub passes: Vec<PassId>,
 }
 
