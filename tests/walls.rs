@@ -368,7 +368,8 @@ fn shade_points() -> Vec<SurfacePoint> {
 }
 
 /// Patches of 1 m² lie on both sides of a sunbeam that the bake has not seen, elements of a sixth of that less so.
-/// Half of the points are within 6.8 %; where elements gather from patches, within 9.9 %.
+/// Half of the points are within 6.8 %; where elements gather from patches, within 9.9 %. Nine of ten are within 42 %: they
+/// were within 40 % before the floor was cut at the foot of the screen, which gives other samples.
 #[test]
 fn sunbeam_that_the_bake_has_not_seen() {
     let mut build = slit();
@@ -378,7 +379,7 @@ fn sunbeam_that_the_bake_has_not_seen() {
     truth.light(sun);
     ours.lights = truth.parts.lights.clone();
     let check =
-        |ours: &mut Baked| check_errors(errors(&truth, ours, &shade_points(), 0.01), &[(0.5, 0.08), (0.9, 0.4)]);
+        |ours: &mut Baked| check_errors(errors(&truth, ours, &shade_points(), 0.01), &[(0.5, 0.08), (0.9, 0.45)]);
     check(&mut ours).unwrap();
     // A sunbeam a little more to the side.
     ours.lights[0].direction = vec3(-0.1, -1.0, 0.0).normalize();
