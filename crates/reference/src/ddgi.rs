@@ -218,6 +218,11 @@ impl Ddgi {
         (self.probes.len(), self.active.len())
     }
 
+    /// Where each probe is, m, and whether it is on.
+    pub fn probes(&self) -> impl Iterator<Item = (Vec3, bool)> {
+        self.probes.iter().map(|probe| (probe.position, probe.is_active))
+    }
+
     /// Probes along the axes.
     pub fn grid_counts(&self) -> UVec3 {
         self.grid.counts
