@@ -154,14 +154,13 @@ fn probes_inside_of_things_are_off() {
 #[test]
 fn relocation_moves_probes_away_from_surfaces() {
     let loaded = build("cornell").unwrap();
-    // A probe below the ceiling's middle has the lamp's surroundings near; probes by the walls have half a spacing.
     let places = |relocation: bool| {
         let ddgi = Ddgi::new(&loaded.scene, DdgiSettings { relocation, ..spaced(0.11) }).unwrap();
         ddgi.probes().map(|(p, _)| p).collect::<Vec<_>>()
     };
     let (moved, home) = (places(true), places(false));
     let furthest = moved.iter().zip(&home).map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max);
-    assert!(furthest > 0.02 && furthest < 0.45 * 0.11 * 1.001, "{furthest}");
+    assert!(furthest > 0.01 && furthest < 0.45 * 0.11 * 1.001, "{furthest}");
 }
 
 #[test]
