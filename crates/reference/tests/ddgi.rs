@@ -131,9 +131,9 @@ fn leak(visibility: bool) -> f32 {
 fn visibility_keeps_most_light_out_of_a_sealed_box() {
     let (with, without) = (leak(true), leak(false));
     // What is left is known: the texels of a probe cannot tell the two sides of a wall without thickness apart at a slant.
-    let is_tight = |leak: f32| leak < 0.3;
+    let is_tight = |leak: f32| leak < 0.25;
     assert!(is_tight(with), "{with}");
-    assert!(!is_tight(without) && without > 2.0 * with, "leaks without visibility go unnoticed: {without}");
+    assert!(!is_tight(without) && without > 1.5 * with, "leaks without visibility go unnoticed: {without}");
 }
 
 /// Whether a place is well inside of the tall block of the Cornell box.
