@@ -255,3 +255,29 @@ fn a_bench_that_is_not_known_is_wrong_usage() {
     let message = fails(1, &["bench", "patches", "no/such/scene.toml", "--quiet", "--out", out]);
     assert!(message.contains("no/such/scene.toml"), "{message}");
 }
+
+#[test]
+fn the_bench_of_probes_writes_its_table_and_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["bench", "ddgi", "cornell", "--out", out, "--device", "cpu", "--quiet"];
+    arguments.extend(["--size", "64x48", "--spp", "16", "--sub-frames", "1", "--frames", "2", "--counts", "200"]);
+    arguments.extend(["--rays", "64", "--receiver-rays", "32", "--spacings", "2,4", "--probe-rays", "32"]);
+    let markdown = succeeds(&arguments);
+    assert!(markdown.contains("| DDGI 0.28 m, 32 rays |"), "{markdown}");
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let rows = summary["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 4);
+    for row in rows {
+        let ratio = row["indirect"]["mean_ratio"].as_f64().unwrap();
+        assert!((0.7..1.3).contains(&ratio), "{row}");
+        assert!(row["update"]["median_ms"].as_f64().unwrap() > 0.0 && row["bytes"].as_u64().unwrap() > 0);
+    }
+    // Products follow at once, probes do not.
+    assert_eq!(rows[0]["followed_after"], 1);
+    assert!(rows[3]["followed_after"].as_u64().unwrap() > 1, "{}", rows[3]);
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert_eq!(report.matches("data:image/png;base64,").count(), 5);
+    assert!(leftovers(folder.path()).is_empty());
+}

@@ -1,6 +1,7 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
 mod clean;
+mod ddgi;
 mod firstshot;
 mod frame;
 mod lights;
@@ -106,6 +107,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Temporal => temporal::run(common, args),
         Experiment::Local => local::run(common, args),
         Experiment::Frame => frame::run(common, args),
+        Experiment::Ddgi => ddgi::run(common, args),
         Experiment::Firstshot => {
             common.native_only("bench firstshot")?;
             firstshot::run(common, args)

@@ -14,6 +14,8 @@
 //!   block means) and irradiance at points; `metrics::faults` counts noise, leaks, stains and blotches. `ReferenceData` reads a folder of pictures and points made by another program.
 //! - `VoxelProxy` is a baseline: a scene of the faces of its occupied voxels, and the face that lights a point of the true
 //!   surface.
+//! - `Ddgi` is an opponent: probes with irradiance and visibility, by a few rays of each in every frame (Majercik et al. 2019,
+//!   2021).
 //!
 //! Units: metres, radiance W/m²/sr, irradiance W/m², linear Rec.709 RGB.
 //!
@@ -42,6 +44,7 @@
 
 pub mod accumulation;
 pub mod data;
+pub mod ddgi;
 pub mod error;
 pub mod file;
 pub mod metrics;
@@ -54,6 +57,7 @@ pub mod voxel_proxy;
 
 pub use accumulation::{Accumulation, BlockErrors, fingerprint};
 pub use data::{ReferenceData, ReferencePoint};
+pub use ddgi::{Ddgi, DdgiSettings, Spacing, ViewedPoint};
 pub use error::{Error, ResumeError};
 pub use metrics::{Faults, Judge, PictureErrors, PointErrors, ReferenceNoise};
 pub use path::{PathSettings, PathTracer, PointIrradiance, Strategy};
