@@ -4,7 +4,7 @@
 //! Sources: Majercik, Guertin, Nowrouzezahrai, McGuire 2019, "Dynamic Diffuse Global Illumination with Ray-Traced Irradiance
 //! Fields" (JCGT 8(2)); Majercik, Marrs, Spjut, McGuire 2021, "Scaling Probe-Based Real-Time Dynamic Global Illumination for
 //! Production" (JCGT 10(2)); defaults as the RTXGI library has them. A probe holds irradiance in 8 × 8 octahedral texels,
-//! raised to 1/5, and mean distance and its square in 16 × 16, each with a border of one texel. A frame turns a spherical
+//! raised to 1/5, and mean distance and its square in 16 × 16, each with a border of one texel. A frame rotates a spherical
 //! Fibonacci set of rays at random; what a ray meets sends ρ/π (H_d + H), with H from the probes as the frame before left
 //! them, so that bounces add up. Texels blend the rays in with hysteresis. A point takes its irradiance from the eight
 //! probes round it: trilinear, less from those behind the surface, and less from those that by Chebyshev's inequality are
@@ -168,7 +168,7 @@ impl Ddgi {
         })
     }
 
-    /// A whole light update: rays of all active probes, direct light where they end, blending. `frame` turns the rays. On all
+    /// A whole light update: rays of all active probes, direct light where they end, blending. `frame` rotates the rays. On all
     /// cores; the result does not depend on their number.
     ///
     /// # Errors
@@ -178,8 +178,8 @@ impl Ddgi {
             self.changing = CHANGE_FRAMES;
         }
         self.scene.set_lighting(lighting.clone())?;
-        let turn = random_rotation(hash3(self.settings.seed, frame, 0x7475_726e));
-        let directions: Vec<Vec3> = self.directions.iter().map(|d| turn * *d).collect();
+        let rotation = random_rotation(hash3(self.settings.seed, frame, 0x7475_726e));
+        let directions: Vec<Vec3> = self.directions.iter().map(|d| rotation * *d).collect();
         self.trace(&directions, hash3(self.settings.seed, frame, 0x7261_7973));
         self.blend(&Weights::new(&directions, self.settings.exponent));
         self.updates += 1;

@@ -11,7 +11,7 @@ use crate::import::{View, lights};
 /// Number of stripes.
 const STRIPES: Parameter = Parameter {
     name: "stripes",
-    about: "number of stripes, in turn 0.2, 1 and 5 mm above the wall",
+    about: "number of stripes, one after the other 0.2, 1 and 5 mm above the wall",
     default: 6.0,
     range: 0.0..=6.0,
     is_whole: true,

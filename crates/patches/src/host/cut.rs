@@ -15,20 +15,20 @@ use scene::{BvhNode, Scene, SceneParts, Triangle, TriangleUv};
 const MOST_COSINE: f64 = 0.9;
 /// A corner that is no further from a plane than this many ray offsets lies in it.
 const IN_PLANE: f64 = 2.0;
-/// Most pieces of a triangle.
-const MOST_PIECES: usize = 256;
+/// Most fragments of a triangle.
+const MOST_FRAGMENTS: usize = 256;
 
 /// A scene of the same surfaces in which triangles are cut along the feet of others that stand on them or pass through them,
-/// and that meet a piece over at least `least` m; none where nothing is cut. Texture coordinates are interpolated.
+/// and that meet a fragment over at least `least` m; none where nothing is cut. Texture coordinates are interpolated.
 ///
 /// # Errors
 /// What making the scene says.
 pub fn cut_at_feet(scene: &Scene, least: f32) -> Result<Option<Scene>, scene::Error> {
     let triangles = &scene.geometry.triangles;
     let cutter = Cutter { scene, least: f64::from(least), tolerance: IN_PLANE * f64::from(scene.geometry.ray_offset) };
-    let pieces: Vec<Option<Vec<Piece>>> =
-        (0..triangles.len()).into_par_iter().map(|t| cutter.pieces(t as u32)).collect();
-    if pieces.iter().all(Option::is_none) {
+    let fragments: Vec<Option<Vec<Fragment>>> =
+        (0..triangles.len()).into_par_iter().map(|t| cutter.fragments(t as u32)).collect();
+    if fragments.iter().all(Option::is_none) {
         return Ok(None);
     }
     let mut parts = SceneParts {
@@ -37,13 +37,13 @@ pub fn cut_at_feet(scene: &Scene, least: f32) -> Result<Option<Scene>, scene::Er
         texels: scene.geometry.texels.clone(),
         ..SceneParts::default()
     };
-    for (t, pieces) in pieces.iter().enumerate() {
-        match pieces {
+    for (t, fragments) in fragments.iter().enumerate() {
+        match fragments {
             None => {
                 parts.triangles.push(triangles[t]);
                 parts.uvs.push(scene.geometry.uvs[t]);
             }
-            Some(pieces) => pieces.iter().for_each(|piece| add_piece(scene, t, piece, &mut parts)),
+            Some(fragments) => fragments.iter().for_each(|fragment| add_fragment(scene, t, fragment, &mut parts)),
         }
     }
     let mut cut = Scene::new(parts)?;
@@ -53,7 +53,7 @@ pub fn cut_at_feet(scene: &Scene, least: f32) -> Result<Option<Scene>, scene::Er
 }
 
 /// Corners of a convex polygon in the plane of its triangle, in the triangle's order.
-type Piece = Vec<DVec3>;
+type Fragment = Vec<DVec3>;
 
 struct Cutter<'a> {
     scene: &'a Scene,
@@ -65,7 +65,7 @@ struct Cutter<'a> {
 
 impl Cutter<'_> {
     /// What a triangle is cut into; none where it stays whole.
-    fn pieces(&self, triangle: u32) -> Option<Vec<Piece>> {
+    fn fragments(&self, triangle: u32) -> Option<Vec<Fragment>> {
         if f64::from(self.scene.longest_edge(triangle)) < 2.0 * self.least {
             return None;
         }
@@ -74,19 +74,19 @@ impl Cutter<'_> {
         let mut feet = self.feet(triangle, &whole, normal);
         // Long ones first: walls before what stands beside them.
         feet.sort_by(|a, b| (b[1] - b[0]).length().total_cmp(&(a[1] - a[0]).length()));
-        let mut pieces = vec![whole.to_vec()];
+        let mut fragments = vec![whole.to_vec()];
         for foot in &feet {
-            let mut next = Vec::with_capacity(pieces.len() + 1);
-            let room = MOST_PIECES - pieces.len().min(MOST_PIECES);
-            for piece in pieces {
-                match self.split(&piece, foot, normal).filter(|_| next.len() < MOST_PIECES && room > 0) {
+            let mut next = Vec::with_capacity(fragments.len() + 1);
+            let room = MOST_FRAGMENTS - fragments.len().min(MOST_FRAGMENTS);
+            for fragment in fragments {
+                match self.split(&fragment, foot, normal).filter(|_| next.len() < MOST_FRAGMENTS && room > 0) {
                     Some(halves) => next.extend(halves),
-                    None => next.push(piece),
+                    None => next.push(fragment),
                 }
             }
-            pieces = next;
+            fragments = next;
         }
-        (pieces.len() > 1).then_some(pieces)
+        (fragments.len() > 1).then_some(fragments)
     }
 
     /// Segments in which other triangles meet the plane of a triangle, near to it.
@@ -128,11 +128,11 @@ impl Cutter<'_> {
         ((last - first).length() >= self.least).then_some([first, last])
     }
 
-    /// Both sides of the line of a foot in a piece; none where the foot meets the piece over too little, or along its border.
-    fn split(&self, piece: &Piece, foot: &[DVec3; 2], normal: DVec3) -> Option<[Piece; 2]> {
+    /// Both sides of the line of a foot in a fragment; none where the foot meets the fragment over too little, or along its border.
+    fn split(&self, fragment: &Fragment, foot: &[DVec3; 2], normal: DVec3) -> Option<[Fragment; 2]> {
         let along = (foot[1] - foot[0]).normalize();
         let across = normal.cross(along);
-        let side: Vec<f64> = piece
+        let side: Vec<f64> = fragment
             .iter()
             .map(|corner| {
                 let distance = (corner - foot[0]).dot(across);
@@ -144,19 +144,19 @@ impl Cutter<'_> {
         }
         let [mut left, mut right] = [Vec::new(), Vec::new()];
         let mut border = Vec::new();
-        for k in 0..piece.len() {
-            let (next, a) = ((k + 1) % piece.len(), side[k]);
+        for k in 0..fragment.len() {
+            let (next, a) = ((k + 1) % fragment.len(), side[k]);
             if a >= 0.0 {
-                left.push(piece[k]);
+                left.push(fragment[k]);
             }
             if a <= 0.0 {
-                right.push(piece[k]);
+                right.push(fragment[k]);
             }
             if a == 0.0 {
-                border.push(piece[k]);
+                border.push(fragment[k]);
             }
             if a * side[next] < 0.0 {
-                let crossing = piece[k].lerp(piece[next], a / (a - side[next]));
+                let crossing = fragment[k].lerp(fragment[next], a / (a - side[next]));
                 left.push(crossing);
                 right.push(crossing);
                 border.push(crossing);
@@ -193,17 +193,18 @@ fn overlapping(nodes: &[BvhNode], low: DVec3, high: DVec3, found: &mut impl FnMu
     }
 }
 
-/// Adds a piece of a triangle as triangles, from the corner that gives the widest ones.
-fn add_piece(scene: &Scene, triangle: usize, piece: &Piece, parts: &mut SceneParts) {
+/// Adds a fragment of a triangle as triangles, from the corner that gives the widest ones.
+fn add_fragment(scene: &Scene, triangle: usize, fragment: &Fragment, parts: &mut SceneParts) {
     let (whole, uv) = (scene.geometry.triangles[triangle], scene.geometry.uvs[triangle]);
-    let count = piece.len();
+    let count = fragment.len();
     let area = |a: DVec3, b: DVec3, c: DVec3| (b - a).cross(c - a).length();
     let fan = |first: usize| (1..count - 1).map(move |k| [first, (first + k) % count, (first + k + 1) % count]);
-    let least =
-        |first: usize| fan(first).map(|[a, b, c]| area(piece[a], piece[b], piece[c])).fold(f64::INFINITY, f64::min);
+    let least = |first: usize| {
+        fan(first).map(|[a, b, c]| area(fragment[a], fragment[b], fragment[c])).fold(f64::INFINITY, f64::min)
+    };
     let best = (0..count).max_by(|a, b| least(*a).total_cmp(&least(*b)).then(b.cmp(a))).unwrap_or(0);
     for [a, b, c] in fan(best) {
-        let [a, b, c] = [a, b, c].map(|k| piece[k].as_vec3());
+        let [a, b, c] = [a, b, c].map(|k| fragment[k].as_vec3());
         let cut = Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..whole };
         if cut.edge_a.cross(cut.edge_b).length() <= 0.0 {
             continue;

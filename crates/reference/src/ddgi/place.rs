@@ -7,7 +7,7 @@ use scene::kernel::bvh::FAR;
 
 use super::{DdgiSettings, Grid, spherical_fibonacci};
 
-/// Rays of a probe that find where it is; they do not turn.
+/// Rays of a probe that find where it is; the same in every frame.
 const FIXED_RAYS: u32 = 32;
 /// A probe that sees more of the backs of surfaces is inside of something.
 const MOST_BACKS: f32 = 0.25;
