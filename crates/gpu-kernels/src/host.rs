@@ -15,7 +15,7 @@ pub(crate) mod view;
 use std::any::Any;
 use std::vec::Vec;
 
-use ::scene::{BvhNode, Geometry, Hierarchy};
+use ::scene::{BvhNode, Geometry, GeometryTables, Hierarchy};
 use bytemuck::{AnyBitPattern, Pod};
 use rayon::prelude::*;
 
@@ -255,6 +255,20 @@ impl<'s> Bound<'s, '_> {
         long_enough(name, elements.len(), needed)?;
         Ok(&mut elements[..needed])
     }
+}
+
+/// The six tables of the scene's geometry.
+pub(crate) fn geometry<'s>(
+    [nodes, triangles, uvs, materials, textures, texels]: [Bound<'s, '_>; 6],
+) -> Result<GeometryTables<'s>, HostError> {
+    Ok(GeometryTables {
+        hierarchy: nodes.hierarchy()?,
+        triangles: triangles.read(1)?,
+        uvs: uvs.read(1)?,
+        materials: materials.read(1)?,
+        textures: textures.read(0)?,
+        texels: texels.read(0)?,
+    })
 }
 
 fn long_enough(binding: &'static str, found: usize, needed: usize) -> Result<(), HostError> {

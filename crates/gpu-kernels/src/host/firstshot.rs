@@ -2,26 +2,18 @@
 
 use ::firstshot::kernel::segment;
 use ::firstshot::{Photon, PhotonHit, PhotonParams};
-use ::scene::GeometryTables;
 use ::scene::kernel::bvh;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{HostCall, HostError};
+use super::{HostCall, HostError, geometry};
 use crate::table::Kernel;
 
 pub(crate) fn segment(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [nodes, triangles, uvs, materials, textures, texels, photons, photon_hits]) =
         call.parts::<PhotonParams, 8>(kernel)?;
     let n = p.count as usize;
-    let geometry = GeometryTables {
-        hierarchy: nodes.hierarchy()?,
-        triangles: triangles.read(1)?,
-        uvs: uvs.read(1)?,
-        materials: materials.read(1)?,
-        textures: textures.read(0)?,
-        texels: texels.read(0)?,
-    };
+    let geometry = geometry([nodes, triangles, uvs, materials, textures, texels])?;
     let (photons, photon_hits) = (photons.write::<Photon>(n)?, photon_hits.write::<PhotonHit>(n)?);
     photons.par_iter_mut().zip(photon_hits).with_min_len(32).enumerate().for_each(|(k, (photon, photon_hit))| {
         *photon_hit = segment::NO_PHOTON_HIT;

@@ -3,11 +3,11 @@
 use std::cell::Cell;
 
 use ::scene::kernel::{bvh, light};
-use ::scene::{DirectParams, GeometryTables, Light, Occluder, SurfacePoint};
+use ::scene::{DirectParams, Light, Occluder, SurfacePoint};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{HostCall, HostError, named};
+use super::{HostCall, HostError, geometry, named};
 use crate::table::Kernel;
 
 /// Points that a core takes at once: rays from near by to one light are likely to end at the same surface.
@@ -18,14 +18,7 @@ pub(crate) fn direct_shares(kernel: &Kernel, call: &mut HostCall) -> Result<(), 
     let (p, [points, nodes, triangles, uvs, materials, textures, texels, lights, changed, shares]) =
         call.parts::<DirectParams, 10>(kernel)?;
     let n = p.count as usize;
-    let geometry = GeometryTables {
-        hierarchy: nodes.hierarchy()?,
-        triangles: triangles.read(1)?,
-        uvs: uvs.read(1)?,
-        materials: materials.read(1)?,
-        textures: textures.read(0)?,
-        texels: texels.read(0)?,
-    };
+    let geometry = geometry([nodes, triangles, uvs, materials, textures, texels])?;
     let points = &points.read::<SurfacePoint>(n)?[..n];
     let changed = &changed.read::<u32>(p.light_count as usize)?[..p.light_count as usize];
     let slots = named(changed);
