@@ -190,7 +190,7 @@ fn textures_are_halved_until_they_fit() {
     let files: [(&str, &[u8]); 3] =
         [("a.obj", QUAD.as_bytes()), ("a.mtl", b"newmtl m\nmap_Kd t.png\n"), ("t.png", &big)];
     let folder = folder(&files);
-    let options = LoadOptions { texel_budget: 8 * 400 };
+    let options = LoadOptions { texel_budget: 8 * 400, ..LoadOptions::default() };
     let scene = load_with(&folder.path().join("a.obj"), &options).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((scene.scene.geometry.textures[0].width, scene.scene.geometry.textures[0].levels), (16, 5));
     assert!(scene.warnings.iter().any(|w| w.contains("halved 2 time(s)")), "{:?}", scene.warnings);

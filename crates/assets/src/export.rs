@@ -13,37 +13,74 @@ use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, NONE, Texture, Tr
 
 use crate::import::{Animation, ImportError, LoadedScene, Target};
 
-/// Writes `NAME.toml`, `NAME.obj`, `NAME.mtl`, the textures `NAME-K.png` and masks `NAME-K-mask.png`, and `NAME-sky.exr`
-/// into a folder that is made when needed. Each file goes through a temporary one that is renamed, the scene file last.
-/// Lengths are in metres. Returns the path of the scene file.
+/// Bytes that are written between two questions whether to go on.
+const WRITTEN_AT_ONCE: usize = 1 << 20;
+
+/// Writes the files of a scene ([`SceneFiles`]) into a folder that is made when needed. Returns the path of the scene file.
 ///
 /// # Errors
 /// [`ImportError::Write`] names the file.
 pub fn write_scene(scene: &LoadedScene, folder: &Path) -> Result<PathBuf, ImportError> {
-    std::fs::create_dir_all(folder).map_err(|source| ImportError::Write { path: folder.to_path_buf(), source })?;
-    let name = one_line(&scene.name).replace(['/', '\\'], "_");
-    let s = &scene.scene;
-    let mut pictures: BTreeMap<String, Vec<u8>> = BTreeMap::new();
-    let mtl = materials(scene, &name, &mut pictures, folder)?;
-    if s.lighting.sky.map_width > 0 {
-        let values: Vec<f32> = s.lighting.sky_map.iter().flat_map(|t| [t.x, t.y, t.z]).collect();
-        let map = image::Rgb32FImage::from_raw(s.lighting.sky.map_width, s.lighting.sky.map_height, values)
-            .map(DynamicImage::ImageRgb32F);
-        let file = format!("{name}-sky.exr");
-        pictures.insert(file.clone(), encode(map, ImageFormat::OpenExr, &folder.join(file))?);
-    }
-    for (file, bytes) in &pictures {
-        write_file(&folder.join(file), bytes)?;
-    }
-    write_file(&folder.join(format!("{name}.mtl")), mtl.as_bytes())?;
-    write_file(&folder.join(format!("{name}.obj")), mesh(scene, &name).as_bytes())?;
-    let path = folder.join(format!("{name}.toml"));
-    write_file(&path, settings(scene, &name).as_bytes())?;
-    Ok(path)
+    let files = SceneFiles::of(scene, folder)?;
+    files.write(&|| true)?;
+    Ok(files.path)
 }
 
-/// Writes a file beside its place and renames it, so that nobody sees half of it.
-fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImportError> {
+/// A scene as the files `NAME.toml`, `NAME.obj`, `NAME.mtl`, the textures `NAME-K.png` and masks `NAME-K-mask.png`, and
+/// `NAME-sky.exr`. Lengths are in metres.
+pub struct SceneFiles {
+    folder: PathBuf,
+    /// Their paths and bytes, the scene file last.
+    files: Vec<(PathBuf, Vec<u8>)>,
+    /// The scene file.
+    path: PathBuf,
+}
+
+impl SceneFiles {
+    /// Makes the bytes of the files that a folder is to hold; writes nothing.
+    ///
+    /// # Errors
+    /// [`ImportError::Write`] for a picture that cannot be encoded.
+    pub fn of(scene: &LoadedScene, folder: &Path) -> Result<Self, ImportError> {
+        let name = one_line(&scene.name).replace(['/', '\\'], "_");
+        let s = &scene.scene;
+        let mut pictures: BTreeMap<String, Vec<u8>> = BTreeMap::new();
+        let mtl = materials(scene, &name, &mut pictures, folder)?;
+        if s.lighting.sky.map_width > 0 {
+            let values: Vec<f32> = s.lighting.sky_map.iter().flat_map(|t| [t.x, t.y, t.z]).collect();
+            let map = image::Rgb32FImage::from_raw(s.lighting.sky.map_width, s.lighting.sky.map_height, values)
+                .map(DynamicImage::ImageRgb32F);
+            let file = format!("{name}-sky.exr");
+            pictures.insert(file.clone(), encode(map, ImageFormat::OpenExr, &folder.join(file))?);
+        }
+        let path = folder.join(format!("{name}.toml"));
+        let mut files: Vec<(PathBuf, Vec<u8>)> =
+            pictures.into_iter().map(|(file, bytes)| (folder.join(file), bytes)).collect();
+        files.push((folder.join(format!("{name}.mtl")), mtl.into_bytes()));
+        files.push((folder.join(format!("{name}.obj")), mesh(scene, &name).into_bytes()));
+        files.push((path.clone(), settings(scene, &name).into_bytes()));
+        Ok(Self { folder: folder.to_path_buf(), files, path })
+    }
+
+    /// Writes them into the folder, which is made when needed. Each file goes through a temporary one that is renamed.
+    /// Returns the path of the scene file, or nothing where `go_on` said no: then the file under way is not there.
+    ///
+    /// # Errors
+    /// [`ImportError::Write`] names the file.
+    pub fn write(&self, go_on: &dyn Fn() -> bool) -> Result<Option<&Path>, ImportError> {
+        let failed = |source| ImportError::Write { path: self.folder.clone(), source };
+        std::fs::create_dir_all(&self.folder).map_err(failed)?;
+        for (path, bytes) in &self.files {
+            if !write_file(path, bytes, go_on)? {
+                return Ok(None);
+            }
+        }
+        Ok(Some(&self.path))
+    }
+}
+
+/// Writes a file beside its place and renames it, so that nobody sees half of it; whether it was written.
+fn write_file(path: &Path, bytes: &[u8], go_on: &dyn Fn() -> bool) -> Result<bool, ImportError> {
     let failed = |source| ImportError::Write { path: path.to_path_buf(), source };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
@@ -52,10 +89,15 @@ fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ImportError> {
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let mut part = builder.tempfile_in(folder).map_err(failed)?;
-    part.write_all(bytes).map_err(failed)?;
+    for piece in bytes.chunks(WRITTEN_AT_ONCE) {
+        if !go_on() {
+            return Ok(false);
+        }
+        part.write_all(piece).map_err(failed)?;
+    }
     part.as_file().sync_all().map_err(failed)?;
     part.persist(path).map_err(|error| failed(error.error))?;
-    Ok(())
+    Ok(true)
 }
 
 /// A name as it may stand in an OBJ or MTL line.

@@ -22,6 +22,7 @@ mod scene_file;
 
 pub use animation::{Animation, Keyframe, Target, Track};
 pub use error::ImportError;
+pub use pictures::is_guarded;
 
 /// Where a picture is taken from, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,11 +99,13 @@ pub struct LoadOptions {
     /// Largest texel buffer in bytes; the largest textures are halved until they fit. The default, 128 MiB, is the
     /// smallest storage-buffer range among the devices that are supported.
     pub texel_budget: usize,
+    /// Most memory that the triangles may take while they are read, bytes; `None` for what the system says is free.
+    pub memory_limit: Option<u64>,
 }
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { texel_budget: 128 << 20 }
+        Self { texel_budget: 128 << 20, memory_limit: None }
     }
 }
 
@@ -112,10 +115,18 @@ impl Default for LoadOptions {
 /// # Errors
 /// [`ImportError`]: file, place and remedy.
 pub fn load_or_build(spec_or_path: &str) -> Result<LoadedScene, ImportError> {
+    load_or_build_with(spec_or_path, &LoadOptions::default())
+}
+
+/// [`load_or_build`] with choices.
+///
+/// # Errors
+/// [`ImportError`]: file, place and remedy.
+pub fn load_or_build_with(spec_or_path: &str, options: &LoadOptions) -> Result<LoadedScene, ImportError> {
     if crate::procedural::is_built_in(spec_or_path) && !Path::new(spec_or_path).is_file() {
         return crate::procedural::build(spec_or_path);
     }
-    load(Path::new(spec_or_path))
+    load_with(Path::new(spec_or_path), options)
 }
 
 /// Reads a scene file: .toml version 1, .obj, .gltf or .glb.
@@ -153,7 +164,8 @@ fn read_mesh(path: &Path, options: &LoadOptions) -> Result<draft::Mesh, ImportEr
     }
     let bytes = read(path)?;
     let read_seconds = draft::seconds(start);
-    let mut mesh = if ending == "obj" { obj::load(path, &bytes, options)? } else { gltf_file::load(path, &bytes)? };
+    let mut mesh =
+        if ending == "obj" { obj::load(path, &bytes, options)? } else { gltf_file::load(path, &bytes, options)? };
     mesh.timings.insert(0, ("read", read_seconds));
     Ok(mesh)
 }
@@ -163,7 +175,8 @@ fn read(path: &Path) -> Result<Vec<u8>, ImportError> {
     if path.is_dir() {
         return Err(ImportError::Directory { path: path.to_path_buf() });
     }
-    let bytes = std::fs::read(path).map_err(|source| ImportError::Read { path: path.to_path_buf(), source })?;
+    let bytes =
+        scene::host::read_regular(path).map_err(|source| ImportError::Read { path: path.to_path_buf(), source })?;
     if bytes.is_empty() {
         return Err(ImportError::Empty { path: path.to_path_buf() });
     }

@@ -1,6 +1,5 @@
 //! Sums of radiance that can be saved, continued and judged.
 
-use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -212,7 +211,8 @@ impl Accumulation {
     /// # Errors
     /// [`Error::Read`], or [`Error::Resume`] with the reason.
     pub fn load(path: &Path, camera: &Camera, settings: PathSettings, fingerprint: &[u8; 32]) -> Result<Self, Error> {
-        let bytes = fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+        let bytes =
+            scene::host::read_regular(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
         Self::decode(&bytes, camera, settings, fingerprint)
             .map_err(|reason| Error::Resume { path: path.to_path_buf(), reason })
     }

@@ -1,6 +1,5 @@
 //! A folder of reference data: pictures and irradiance at points, made by another program.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
@@ -90,7 +89,9 @@ impl ReferenceData {
 /// # Errors
 /// [`Error::Read`], or [`Error::Points`] with the line.
 pub fn read_points(path: &Path) -> Result<Vec<ReferencePoint>, Error> {
-    let text = fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let failed = |source| Error::Read { path: path.to_path_buf(), source };
+    let bytes = scene::host::read_regular(path).map_err(failed)?;
+    let text = String::from_utf8(bytes).map_err(|e| failed(std::io::Error::other(e)))?;
     let failed = |line: usize, reason: String| Error::Points { path: path.to_path_buf(), line, reason };
     let mut lines = text.lines().enumerate();
     let header: Vec<&str> = lines.next().map(|(_, l)| l.split(',').map(str::trim).collect()).unwrap_or_default();

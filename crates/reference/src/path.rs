@@ -117,9 +117,9 @@ impl<'a> PathTracer<'a> {
         Self { scene, geometry: scene.tables(), lights, emitter_density, sky: SkyDistribution::new(&lights) }
     }
 
-    /// Adds samples until every pixel has `target` of them, on all cores of the current rayon pool. After each sample a
-    /// pixel, `progress(done, target)` may stop the work; the accumulation is then whole and can be continued. Returns
-    /// whether the target is reached.
+    /// Adds samples until every pixel has `target` of them, on all cores of the current rayon pool. Within each sample a
+    /// pixel, and after it, `progress(done, target)` may stop the work: the accumulation then holds whole samples and can
+    /// be continued. Returns whether the target is reached.
     ///
     /// # Errors
     /// [`Error::AccumulationSize`] when the accumulation belongs to another picture size.
@@ -128,7 +128,7 @@ impl<'a> PathTracer<'a> {
         camera: &Camera,
         accumulation: &mut Accumulation,
         target: u32,
-        mut progress: impl FnMut(u32, u32) -> ControlFlow<()>,
+        progress: impl Fn(u32, u32) -> ControlFlow<()> + Sync,
     ) -> Result<bool, Error> {
         if (camera.width, camera.height) != (accumulation.width, accumulation.height) {
             return Err(Error::AccumulationSize {
@@ -144,20 +144,30 @@ impl<'a> PathTracer<'a> {
             (!hit.is_miss()).then(|| surface_point(&self.geometry, hit, direction))
         });
         let lit_points = (accumulation.pixels.len() as u32 / 8).clamp(LIT_POINTS.0, LIT_POINTS.1);
+        let mut gathered = vec![Gathered::default(); accumulation.pixels.len()];
         while accumulation.samples < target {
             let sample = accumulation.samples;
             let shared = self.shared(settings, &guide, lit_points, sample);
-            accumulation.pixels.par_chunks_mut((width * BAND_ROWS).max(1)).enumerate().for_each(|(band, pixels)| {
+            let bands = gathered.par_chunks_mut((width * BAND_ROWS).max(1)).enumerate();
+            let is_whole = bands.map(|(band, pixels)| {
+                if progress(sample, target).is_break() {
+                    return false;
+                }
                 let (first, rows) = (band * width * BAND_ROWS, pixels.len() / width);
                 // Column by column, so that neighbouring rays follow each other.
                 for x in 0..width {
                     for y in 0..rows {
                         let k = y * width + x;
-                        let light = self.pixel_sample(camera, &shared, (first + k) as u32, sample);
-                        pixels[k].add(sample, light.direct, light.indirect);
+                        pixels[k] = self.pixel_sample(camera, &shared, (first + k) as u32, sample);
                     }
                 }
+                true
             });
+            if !is_whole.reduce(|| true, |a, b| a && b) {
+                break;
+            }
+            let pixels = accumulation.pixels.par_iter_mut();
+            pixels.zip(&gathered).for_each(|(sums, light)| sums.add(sample, light.direct, light.indirect));
             accumulation.samples += 1;
             if progress(accumulation.samples, target).is_break() {
                 break;

@@ -1,6 +1,5 @@
 //! Pictures of linear radiance in EXR, HDR and PNG files.
 
-use std::fs;
 use std::io::{Cursor, Write};
 use std::path::Path;
 
@@ -48,7 +47,8 @@ pub trait PictureFile: Sized {
 
 impl PictureFile for Picture {
     fn read(path: &Path) -> Result<Self, Error> {
-        let bytes = fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+        let bytes =
+            scene::host::read_regular(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
         let failed = |reason: String| Error::Decode { path: path.to_path_buf(), reason };
         let reader = image::ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()

@@ -181,8 +181,17 @@ fn pictures_that_cannot_be_compared_are_refused() {
     broken.pixels[17].y = f32::NAN;
     assert!(matches!(compare_pictures(&broken, &p, 1.0, None), Err(Error::NotFinite { pixel: 17, .. })));
     let black = Picture::new(70, 50);
-    assert!(matches!(compare_pictures(&p, &black, 1.0, None), Err(Error::Nothing { .. })));
     assert!(matches!(Picture::from_pixels(3, 3, vec![Vec3::ZERO; 8]), Err(scene::Error::PixelCount { found: 8, .. })));
+}
+
+#[test]
+fn a_black_reference_judges_absolutely() {
+    let (black, grey) = (Picture::new(70, 50), picture(70, 50, |_, _| Vec3::splat(0.25)));
+    let equal = compare_pictures(&black, &black, 2.0, None).expect("comparable");
+    assert_eq!((equal.mse, equal.block_median_relative_error, equal.mean_ratio), (0.0, 0.0, 1.0));
+    let lit = compare_pictures(&grey, &black, 2.0, None).expect("comparable");
+    assert!((lit.block_median_relative_error - 0.5).abs() < 1e-6 && (lit.mean_ratio - 1.5).abs() < 1e-6);
+    assert!(lit.mse > 0.1 && lit.ssim < 0.1);
 }
 
 #[test]

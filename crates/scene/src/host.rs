@@ -2,10 +2,12 @@
 
 mod camera;
 pub mod clip;
+mod file;
 mod geometry;
 mod groups;
 mod hierarchy;
 mod lighting;
+pub mod memory;
 mod picture;
 mod receivers;
 mod scene;
@@ -15,6 +17,7 @@ mod wide;
 
 pub(crate) use wide::WideBvh;
 
+pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use groups::MOST_EMITTER_GROUPS;
 pub use lighting::Lighting;

@@ -8,11 +8,15 @@ use rayon::prelude::*;
 use scene::{Light, Material, NONE, Scene, SceneParts, Sky, Triangle, TriangleUv};
 use sha2::{Digest, Sha256};
 
+use super::lights::QUANTITY_LIMIT;
 use super::pictures::{ALBEDO_LIMIT, MaskChannel, Packed, Source, pack};
 use super::{Animation, Dropped, ImportError, LoadOptions, LoadedScene, View};
 
 /// Most triangles of a scene: 2²⁸.
-pub const TRIANGLE_LIMIT: usize = 1 << 28;
+const TRIANGLE_LIMIT: usize = 1 << 28;
+
+/// Bytes that a triangle takes at most while it is read: of the file's and the scene's tables, the hierarchy and what builds it.
+const TRIANGLE_BYTES: u64 = 400;
 
 /// Triangles that are judged before any is kept.
 const JUDGED_AT_ONCE: usize = 1 << 16;
@@ -69,9 +73,13 @@ impl MaterialDraft {
                 self.name, before.x, before.y, before.z
             ));
         }
-        let radiance = Vec3::from_array(self.radiance.to_array().map(|x| if x.is_finite() { x.max(0.0) } else { 0.0 }));
+        let emitted = |x: f32| if x.is_finite() { x.clamp(0.0, QUANTITY_LIMIT) } else { 0.0 };
+        let radiance = self.radiance.map(emitted);
         if radiance != self.radiance {
-            warnings.push(format!("material {}: emission below 0 or not finite counts as 0", self.name));
+            warnings.push(format!(
+                "material {}: emission below 0 or not finite counts as 0, above {QUANTITY_LIMIT:e} as that",
+                self.name
+            ));
             self.radiance = radiance;
         }
     }
@@ -157,12 +165,18 @@ impl Setting {
     }
 }
 
-/// Refuses meshes that indices cannot count.
-pub fn check_count(path: &Path, count: usize, limit: usize) -> Result<(), ImportError> {
-    if count > limit {
-        return Err(ImportError::TooManyTriangles { path: path.to_path_buf(), count, limit });
+/// Refuses meshes that indices cannot count, or memory not hold.
+pub fn check_count(path: &Path, count: usize, options: &LoadOptions) -> Result<(), ImportError> {
+    if count > TRIANGLE_LIMIT {
+        return Err(ImportError::TooManyTriangles { path: path.to_path_buf(), count, limit: TRIANGLE_LIMIT });
     }
-    Ok(())
+    let needed = count as u64 * TRIANGLE_BYTES;
+    match options.memory_limit.or_else(scene::host::memory::available_bytes) {
+        Some(allowed) if needed > allowed => {
+            Err(ImportError::Memory { path: path.to_path_buf(), count, needed, allowed })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Seconds since, rounded to nothing.
@@ -175,7 +189,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     let path = &setting.path;
     let mut warnings = std::mem::take(&mut mesh.warnings);
     let mut timings = std::mem::take(&mut mesh.timings);
-    check_count(path, mesh.triangles.len(), TRIANGLE_LIMIT)?;
+    check_count(path, mesh.triangles.len(), options)?;
 
     let start = Instant::now();
     let file_triangles = mesh.triangles.len();
@@ -447,8 +461,9 @@ mod tests {
     #[test]
     fn a_mesh_that_indices_cannot_count_is_refused_before_it_is_built() {
         let path = Path::new("huge.obj");
-        assert!(check_count(path, TRIANGLE_LIMIT, TRIANGLE_LIMIT).is_ok());
-        let message = check_count(path, TRIANGLE_LIMIT + 1, TRIANGLE_LIMIT).map_err(|e| e.to_string()).unwrap_err();
+        let options = LoadOptions { memory_limit: Some(u64::MAX), ..LoadOptions::default() };
+        assert!(check_count(path, TRIANGLE_LIMIT, &options).is_ok());
+        let message = check_count(path, TRIANGLE_LIMIT + 1, &options).map_err(|e| e.to_string()).unwrap_err();
         assert!(
             message.contains("huge.obj") && message.contains("268435457") && message.contains("simplify"),
             "{message}"

@@ -125,6 +125,21 @@ pub enum ImportError {
         /// Limit.
         limit: usize,
     },
+    /// More triangles than memory holds.
+    #[error(
+        "{}: has {count} triangles, every place counted at which a mesh is shown, which take {} MB, and {} MB are free or \
+         allowed; split or simplify the mesh, or show it at fewer places", path.display(), needed.div_ceil(1 << 20), allowed >> 20
+    )]
+    Memory {
+        /// The file.
+        path: PathBuf,
+        /// Triangles.
+        count: usize,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes that may be used.
+        allowed: u64,
+    },
     /// The picture of the sky cannot be used.
     #[error("{}: cannot be used as a sky: {reason}; give an equirectangular .hdr or .exr picture", path.display())]
     SkyMap {

@@ -2,7 +2,7 @@
 //!
 //! Intensities are taken as they stand: one unit of the file is one W (sr⁻¹, m⁻²); emission is radiance.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -14,15 +14,16 @@ use gltf::mesh::Mode;
 use gltf::{Accessor, Document, Gltf, Node, Primitive};
 use scene::Light;
 
-use super::draft::{FileTriangle, MaterialDraft, Mesh, TRIANGLE_LIMIT, check_count};
+use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count};
 use super::pictures::{MaskChannel, Source, guard};
 use super::scene_file::beside;
-use super::{ImportError, View, lights};
+use super::{ImportError, LoadOptions, View, lights};
 
 /// The file in hand: for messages and paths.
 struct File<'a> {
     path: &'a Path,
-    buffers: Vec<Vec<u8>>,
+    /// One file that several buffers name is held once.
+    buffers: Vec<Arc<Vec<u8>>>,
 }
 
 impl File<'_> {
@@ -32,24 +33,33 @@ impl File<'_> {
 }
 
 /// Reads a .gltf or .glb file with its buffers.
-pub fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
+pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, ImportError> {
     let mut file = File { path, buffers: Vec::new() };
-    let gltf = guard(|| Gltf::from_slice(bytes).map_err(|e| e.to_string()))
+    let mut gltf = guard(|| Gltf::from_slice(bytes).map_err(|e| e.to_string()))
         .map_err(|reason| file.error("the whole file", format!("{reason} (truncated, or not glTF 2.0)")))?;
-    file.buffers = read_buffers(&file, &gltf)?;
-    guard(|| Ok(collect(&file, &gltf.document)))
+    file.buffers = read_buffers(&file, &mut gltf)?;
+    guard(|| Ok(collect(&file, &gltf.document, options)))
         .unwrap_or_else(|reason| Err(file.error("the whole file", format!("is not valid: {reason}"))))
 }
 
-fn read_buffers(file: &File, gltf: &Gltf) -> Result<Vec<Vec<u8>>, ImportError> {
+fn read_buffers(file: &File, gltf: &mut Gltf) -> Result<Vec<Arc<Vec<u8>>>, ImportError> {
     let mut buffers = Vec::new();
+    let binary = gltf.blob.take().map(Arc::new);
+    let mut read: BTreeMap<&str, Arc<Vec<u8>>> = BTreeMap::new();
     for buffer in gltf.buffers() {
         let place = format!("buffer {}", buffer.index());
         let bytes = match buffer.source() {
             gltf::buffer::Source::Bin => {
-                gltf.blob.clone().ok_or_else(|| file.error(&place, "the binary part of the GLB is missing"))?
+                binary.clone().ok_or_else(|| file.error(&place, "the binary part of the GLB is missing"))?
             }
-            gltf::buffer::Source::Uri(uri) => resource(file, &place, uri)?,
+            gltf::buffer::Source::Uri(uri) => match read.get(uri) {
+                Some(bytes) => Arc::clone(bytes),
+                None => {
+                    let bytes = Arc::new(resource(file, &place, uri)?);
+                    read.insert(uri, Arc::clone(&bytes));
+                    bytes
+                }
+            },
         };
         if bytes.len() < buffer.length() {
             let reason = format!("has {} bytes where {} are declared (truncated)", bytes.len(), buffer.length());
@@ -68,7 +78,7 @@ fn resource(file: &File, place: &str, uri: &str) -> Result<Vec<u8>, ImportError>
         return STANDARD.decode(encoded).map_err(|e| file.error(place, format!("its data URI is broken: {e}")));
     }
     let path = beside(file.path, &percent_decode(uri));
-    std::fs::read(&path).map_err(|source| ImportError::Read { path, source })
+    scene::host::read_regular(&path).map_err(|source| ImportError::Read { path, source })
 }
 
 fn percent_decode(uri: &str) -> String {
@@ -102,11 +112,12 @@ impl UvRule {
     }
 }
 
-fn collect(file: &File, document: &Document) -> Result<Mesh, ImportError> {
+fn collect(file: &File, document: &Document, options: &LoadOptions) -> Result<Mesh, ImportError> {
     let mut mesh = Mesh::default();
     let mut rules = Vec::new();
+    let mut pictures = Pictures { file, found: BTreeMap::new() };
     for material in document.materials() {
-        let (draft, rule) = read_material(file, &material, &mut mesh.warnings)?;
+        let (draft, rule) = read_material(&mut pictures, &material, &mut mesh.warnings)?;
         mesh.materials.push(draft);
         rules.push(rule);
     }
@@ -120,16 +131,36 @@ fn collect(file: &File, document: &Document) -> Result<Mesh, ImportError> {
     let mut stack: Vec<(Node, Mat4)> = root.nodes().map(|n| (n, Mat4::IDENTITY)).collect();
     stack.reverse();
     let mut visited = BTreeSet::new();
+    let mut placed: Vec<(Node, Mat4)> = Vec::new();
     while let Some((node, parent)) = stack.pop() {
         if !visited.insert(node.index()) {
             return Err(file.error(format!("node {}", node.index()), "has two parents, or is its own ancestor"));
         }
         let to_world = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
-        add_node(file, &node, to_world, &rules, &mut mesh)?;
         let children: Vec<_> = node.children().map(|child| (child, to_world)).collect();
         stack.extend(children.into_iter().rev());
+        placed.push((node, to_world));
+    }
+    // Many nodes may show one mesh: what that comes to is known before any of it is made.
+    let triangles =
+        placed.iter().filter_map(|(node, _)| node.mesh()).flat_map(|shape| shape.primitives()).map(|p| face_count(&p));
+    let count = triangles.fold(0usize, usize::saturating_add);
+    check_count(file.path, count, options)?;
+    for (node, to_world) in &placed {
+        add_node(file, node, *to_world, &rules, &mut mesh)?;
     }
     Ok(mesh)
+}
+
+/// Triangles of a primitive, by its own account.
+fn face_count(primitive: &Primitive) -> usize {
+    let positions = primitive.get(&gltf::Semantic::Positions).map_or(0, |positions| positions.count());
+    let corners = primitive.indices().map_or(positions, |indices| indices.count());
+    match primitive.mode() {
+        Mode::Triangles => corners / 3,
+        Mode::TriangleStrip | Mode::TriangleFan => corners.saturating_sub(2),
+        _ => 0,
+    }
 }
 
 fn label(node: &Node) -> String {
@@ -213,7 +244,6 @@ fn add_primitive(
         check_accessor(file, accessor, &place)?;
     }
     let count = primitive.indices().map_or(positions.count(), |i| i.count());
-    check_count(file.path, mesh.triangles.len().saturating_add(count / 3), TRIANGLE_LIMIT)?;
     if positions.count() == 0 || count == 0 {
         return Ok(());
     }
@@ -221,7 +251,7 @@ fn add_primitive(
     if !is(&positions, Dimensions::Vec3) || uvs.as_ref().is_some_and(|a| !is(a, Dimensions::Vec2)) {
         return Err(file.error(&place, "POSITION must have three, TEXCOORD two numbers"));
     }
-    let reader = primitive.reader(|buffer| file.buffers.get(buffer.index()).map(Vec::as_slice));
+    let reader = primitive.reader(|buffer| file.buffers.get(buffer.index()).map(|bytes| bytes.as_slice()));
     let positions: Vec<Vec3> = reader
         .read_positions()
         .map(|p| p.map(|p| to_world.transform_point3(Vec3::from(p))).collect())
@@ -293,10 +323,11 @@ fn check_accessor(file: &File, accessor: &Accessor, place: &str) -> Result<(), I
 }
 
 fn read_material(
-    file: &File,
+    pictures: &mut Pictures,
     material: &gltf::Material,
     warnings: &mut Vec<String>,
 ) -> Result<(MaterialDraft, UvRule), ImportError> {
+    let file = pictures.file;
     let index = material.index().unwrap_or_default();
     let name = material.name().map_or_else(|| format!("material {index}"), str::to_owned);
     let mut warn = |what: &str| warnings.push(format!("{}, material {name}: {what}", file.path.display()));
@@ -316,13 +347,13 @@ fn read_material(
         ..MaterialDraft::new(&name)
     };
     if let Some(info) = &base {
-        draft.albedo_picture = Some(read_picture(file, &info.texture().source())?);
+        draft.albedo_picture = Some(pictures.read(&info.texture().source())?);
     }
     if let Some(info) = &emissive {
         if info.tex_coord() != rule.set && base.is_some() {
             warn("its emissive texture uses other texture coordinates and is ignored");
         } else {
-            draft.radiance_picture = Some(read_picture(file, &info.texture().source())?);
+            draft.radiance_picture = Some(pictures.read(&info.texture().source())?);
         }
     }
     let cutoff = match material.alpha_mode() {
@@ -341,6 +372,37 @@ fn read_material(
         _ => draft.hole = alpha < cutoff,
     }
     Ok((draft, rule))
+}
+
+/// Encoded pictures of the file: each is read once, however many materials show it.
+struct Pictures<'a> {
+    file: &'a File<'a>,
+    /// By where their bytes are.
+    found: BTreeMap<Place, Source>,
+}
+
+/// Where the bytes of a picture are.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+enum Place {
+    /// The number of a buffer view.
+    View(usize),
+    /// The number of the picture, whose bytes are its own.
+    Picture(usize),
+}
+
+impl Pictures<'_> {
+    fn read(&mut self, image: &gltf::Image) -> Result<Source, ImportError> {
+        let place = match image.source() {
+            gltf::image::Source::View { view, .. } => Place::View(view.index()),
+            gltf::image::Source::Uri { .. } => Place::Picture(image.index()),
+        };
+        if let Some(source) = self.found.get(&place) {
+            return Ok(source.clone());
+        }
+        let source = read_picture(self.file, image)?;
+        self.found.insert(place, source.clone());
+        Ok(source)
+    }
 }
 
 fn read_picture(file: &File, image: &gltf::Image) -> Result<Source, ImportError> {

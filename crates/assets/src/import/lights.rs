@@ -19,12 +19,21 @@ pub fn default_sun() -> Light {
 /// What is wrong with a light: the key, and what to write.
 pub type Fault = (&'static str, String);
 
-/// Finite numbers, none below 0.
+/// Greatest radiance, irradiance (W/m²) or intensity (W/sr): what follows from it, also its square, is still a number of single
+/// precision.
+pub const QUANTITY_LIMIT: f32 = 1e15;
+
+/// Three numbers, none below 0 and none above the limit.
 pub fn check_color(key: &'static str, color: Vec3) -> Result<Vec3, Fault> {
-    if color.is_finite() && color.min_element() >= 0.0 {
+    if color.min_element() >= 0.0 && color.max_element() <= QUANTITY_LIMIT && !color.is_nan() {
         Ok(color)
     } else {
-        Err((key, format!("{color} is not a quantity of light; give three finite numbers that are not negative")))
+        Err((
+            key,
+            format!(
+                "{color} is not a quantity of light; give three numbers that are not negative, at most {QUANTITY_LIMIT:e}"
+            ),
+        ))
     }
 }
 
@@ -100,6 +109,8 @@ mod tests {
         let (x, one) = (Vec3::X, Vec3::ONE);
         assert_eq!(directional(Vec3::ZERO, one).map_err(|e| e.0), Err("direction"));
         assert_eq!(directional(x, -one).map_err(|e| e.0), Err("irradiance"));
+        assert_eq!(directional(x, 1e38 * one).map_err(|e| e.0), Err("irradiance"));
+        assert_eq!(directional(x, Vec3::NAN).map_err(|e| e.0), Err("irradiance"));
         assert_eq!(point(Vec3::NAN, one).map_err(|e| e.0), Err("position"));
         assert_eq!(spot(x, x, one, 30.0, 20.0).map_err(|e| e.0), Err("outer_degrees"));
         assert_eq!(spot(x, x, one, f32::NAN, 20.0).map_err(|e| e.0), Err("inner_degrees"));

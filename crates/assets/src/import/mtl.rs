@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::draft::MaterialDraft;
+use super::obj::line_end;
 use super::pictures::{MaskChannel, Source, guard};
 use super::scene_file::beside;
 
@@ -24,7 +25,7 @@ const MAP_OPTIONS: [(&str, usize); 10] = [
 
 /// Reads a material file and appends its materials; a file that is missing or broken is a warning.
 pub fn load(path: &Path, materials: &mut Vec<MaterialDraft>, warnings: &mut Vec<String>) {
-    let bytes = match std::fs::read(path) {
+    let bytes = match scene::host::read_regular(path) {
         Ok(bytes) => bytes,
         Err(e) => {
             warnings.push(format!("material file {}: cannot be read ({e}); mid-grey is used", path.display()));
@@ -62,7 +63,7 @@ fn draft(m: &tobj::Material, path: &Path) -> MaterialDraft {
 fn canonical(path: &Path, text: &str, warnings: &mut Vec<String>) -> String {
     let mut out = String::with_capacity(text.len());
     let mut in_material = false;
-    for (number, line) in text.lines().enumerate() {
+    for (number, line) in text.split(char::from(line_end(text.as_bytes()))).enumerate() {
         let mut warn = |what: &str| warnings.push(format!("{}, line {}: {what}", path.display(), number + 1));
         let line = line.trim();
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));

@@ -9,8 +9,12 @@ use std::time::Instant;
 
 use glam::{Vec2, Vec3};
 
-use super::draft::{FileTriangle, MaterialDraft, Mesh, TRIANGLE_LIMIT, check_count, seconds};
+use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count, seconds};
 use super::{ImportError, LoadOptions, mtl, pictures};
+
+/// First line of the text that `tobj` reads, which makes it ask for the materials: those of all libraries of the file, once,
+/// wherever the file names them.
+const MATERIALS: &[u8] = b"mtllib all\n";
 
 /// What the checking pass keeps.
 #[derive(Default)]
@@ -45,7 +49,7 @@ impl Place<'_> {
 pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, ImportError> {
     let start = Instant::now();
     let checked = check(path, bytes, false)?;
-    check_count(path, checked.triangles, TRIANGLE_LIMIT)?;
+    check_count(path, checked.triangles, options)?;
     let mut warnings = Vec::new();
     let mut materials: Vec<MaterialDraft> = Vec::new();
     for library in &checked.libraries {
@@ -148,12 +152,15 @@ fn gather(models: Vec<tobj::Model>, none: u32) -> (Vec<FileTriangle>, Vec<String
 
 /// Checks all indices (and all numbers, when `numbers`), and keeps what tobj is to read.
 fn check(path: &Path, bytes: &[u8], numbers: bool) -> Result<Checked, ImportError> {
-    let mut out = Checked { text: Vec::with_capacity(bytes.len()), ..Checked::default() };
+    let mut out = Checked { text: Vec::with_capacity(bytes.len() + MATERIALS.len()), ..Checked::default() };
+    out.text.extend_from_slice(MATERIALS);
     let mut place = Place { path, line: 0, object: String::from("unnamed_object"), face: 0 };
     let (mut positions, mut uvs) = (0i64, 0i64);
     let mut not_finite: BTreeMap<i64, usize> = BTreeMap::new();
     let mut joined: Vec<u8> = Vec::new();
-    for raw in bytes.split(|b| *b == b'\n') {
+    let mut named: BTreeSet<String> = BTreeSet::new();
+    let end = line_end(bytes);
+    for raw in bytes.split(|b| *b == end) {
         place.line += 1;
         let raw = raw.strip_suffix(b"\r").unwrap_or(raw);
         if let Some(part) = raw.strip_suffix(b"\\") {
@@ -200,10 +207,15 @@ fn check(path: &Path, bytes: &[u8], numbers: bool) -> Result<Checked, ImportErro
                 out.triangles += check_face(&place, rest, (positions, uvs), &not_finite, &mut out.text)?;
                 place.face += 1;
             }
-            b"o" | b"g" | b"usemtl" | b"mtllib" => {
+            b"mtllib" => {
+                let name = String::from_utf8_lossy(rest.trim_ascii()).into_owned();
+                if named.insert(name.clone()) {
+                    out.libraries.push(name);
+                }
+            }
+            b"o" | b"g" | b"usemtl" => {
                 let name = String::from_utf8_lossy(rest.trim_ascii());
                 match keyword {
-                    b"mtllib" => out.libraries.push(name.to_string()),
                     b"usemtl" if name.is_empty() => continue,
                     b"usemtl" => {
                         out.used_materials.insert(name.to_string());
@@ -229,6 +241,11 @@ fn check(path: &Path, bytes: &[u8], numbers: bool) -> Result<Checked, ImportErro
         return Err(ImportError::NoTriangles { path: path.to_path_buf() });
     }
     Ok(out)
+}
+
+/// What ends the lines of a text: a line feed, or in files of old systems, which have none, a carriage return.
+pub fn line_end(text: &[u8]) -> u8 {
+    if text.contains(&b'\n') { b'\n' } else { b'\r' }
 }
 
 fn looks_wrong(bytes: &[u8], positions: i64) -> Option<&'static str> {

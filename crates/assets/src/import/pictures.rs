@@ -1,25 +1,36 @@
 //! Pictures into texels: decoded once a file, linear, with a mip pyramid, packed into one buffer under a budget.
 
-use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::cell::Cell;
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{BufRead, BufReader, Cursor, Seek};
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
-use image::{DynamicImage, ImageReader};
+use image::{DynamicImage, ImageDecoder as _, ImageReader};
 use rayon::prelude::*;
 use scene::kernel::shade::decode_srgb;
 use scene::{NONE, Texture};
 use sha2::{Digest, Sha256};
 
 use super::draft::MaterialDraft;
+use super::lights::QUANTITY_LIMIT;
 
 /// Greatest reflectance a channel.
 pub const ALBEDO_LIMIT: f32 = 0.95;
 
 /// Greatest width or height of a picture that is read.
 const SIDE_LIMIT: u32 = 16_384;
+
+/// Bytes that any picture may take when it is decoded, and how many more it may for each byte of its file: what is packed
+/// closer than that, at this size, is a few bytes that stand for gigabytes.
+const DECODED_BYTES: u64 = 64 << 20;
+const DECODED_A_BYTE: u64 = 16;
+
+/// Pictures are decoded side by side as long as together they take no more than this, decoded.
+const DECODED_AT_ONCE: u64 = 2 * DECODED_BYTES;
 
 /// Where a picture comes from.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -53,27 +64,27 @@ impl Source {
         }
     }
 
-    fn size(&self) -> Result<(u32, u32), String> {
-        let (width, height) = match self {
+    fn size(&self) -> Result<Size, String> {
+        match self {
             Self::File(path) => {
-                let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
-                guard(|| reader.map_err(|e| e.to_string())?.into_dimensions().map_err(|e| e.to_string()))?
+                let file = scene::host::open_regular(path).map_err(|e| e.to_string())?;
+                let bytes = file.metadata().map_err(|e| e.to_string())?.len();
+                guard(|| Size::of(BufReader::new(file), bytes))
             }
-            Self::Embedded { bytes, .. } => guard(|| reader(bytes)?.into_dimensions().map_err(|e| e.to_string()))?,
-            Self::Made { width, rgba, .. } => (*width, (rgba.len() / 4) as u32 / (*width).max(1)),
-        };
-        if width == 0 || height == 0 || width > SIDE_LIMIT || height > SIDE_LIMIT {
-            return Err(format!("its size is {width} x {height}, 1 to {SIDE_LIMIT} can be read"));
+            Self::Embedded { bytes, .. } => guard(|| Size::of(Cursor::new(&bytes[..]), bytes.len() as u64)),
+            Self::Made { width, rgba, .. } => {
+                let height = (rgba.len() / 4) as u32 / (*width).max(1);
+                Ok(Size { width: *width, height, decoded: rgba.len() as u64 })
+            }
         }
-        Ok((width, height))
     }
 
     fn decode(&self) -> Result<DynamicImage, String> {
         match self {
-            Self::File(path) => decode(&std::fs::read(path).map_err(|e| e.to_string())?),
+            Self::File(path) => decode(&scene::host::read_regular(path).map_err(|e| e.to_string())?),
             Self::Embedded { bytes, .. } => decode(bytes),
             Self::Made { rgba, .. } => {
-                let (width, height) = self.size()?;
+                let Size { width, height, .. } = self.size()?;
                 image::RgbaImage::from_raw(width, height, rgba.to_vec())
                     .map(DynamicImage::ImageRgba8)
                     .ok_or_else(|| String::from("its size and its bytes disagree"))
@@ -82,24 +93,80 @@ impl Source {
     }
 }
 
-/// Runs a decoder; a panic inside it counts as a broken file.
-pub fn guard<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(String::from("its decoder gave up")))
+thread_local! {
+    /// How many decoders this thread runs, one within the other.
+    static GUARDED: Cell<usize> = const { Cell::new(0) };
 }
 
-fn reader(bytes: &[u8]) -> Result<ImageReader<Cursor<&[u8]>>, String> {
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+/// Whether a panic of this thread would be one of a decoder, which counts as a broken file and is reported as an error: for
+/// panic hooks, which have nothing to tell then.
+pub fn is_guarded() -> bool {
+    GUARDED.get() > 0
+}
+
+/// Runs a decoder; a panic inside it counts as a broken file.
+pub fn guard<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    GUARDED.set(GUARDED.get() + 1);
+    let result = catch_unwind(AssertUnwindSafe(work));
+    GUARDED.set(GUARDED.get() - 1);
+    result.unwrap_or_else(|_| Err(String::from("its decoder gave up")))
+}
+
+/// How large a picture is.
+#[derive(Clone, Copy)]
+struct Size {
+    /// Texels.
+    width: u32,
+    /// Texels.
+    height: u32,
+    /// Bytes when it is decoded.
+    decoded: u64,
+}
+
+impl Size {
+    /// Of an encoded picture of so many bytes: its header is read, and what is too large refused.
+    fn of(encoded: impl BufRead + Seek, bytes: u64) -> Result<Self, String> {
+        let decoder = reader(encoded, bytes)?.into_decoder().map_err(|e| e.to_string())?;
+        let (width, height) = decoder.dimensions();
+        if width == 0 || height == 0 || width > SIDE_LIMIT || height > SIDE_LIMIT {
+            return Err(format!("its size is {width} x {height}, 1 to {SIDE_LIMIT} can be read"));
+        }
+        let (decoded, most) = (decoder.total_bytes(), most_decoded(bytes));
+        if decoded > most {
+            return Err(format!(
+                "its {width} x {height} texels take {} MB, and {bytes} bytes of a file may stand for {} MB; give a smaller \
+                 picture",
+                decoded.div_ceil(1 << 20),
+                most >> 20
+            ));
+        }
+        Ok(Self { width, height, decoded })
+    }
+}
+
+/// Bytes that so many encoded ones may become.
+fn most_decoded(bytes: u64) -> u64 {
+    DECODED_BYTES.saturating_add(bytes.saturating_mul(DECODED_A_BYTE))
+}
+
+fn reader<R: BufRead + Seek>(encoded: R, bytes: u64) -> Result<ImageReader<R>, String> {
+    let mut reader = ImageReader::new(encoded).with_guessed_format().map_err(|e| e.to_string())?;
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(SIDE_LIMIT);
     limits.max_image_height = Some(SIDE_LIMIT);
-    limits.max_alloc = Some(2 << 30);
+    // The picture, and what the decoder needs beside it.
+    limits.max_alloc = Some(most_decoded(bytes).saturating_mul(2));
     reader.limits(limits);
     Ok(reader)
 }
 
 /// An encoded picture decoded, whatever its format.
 pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
-    guard(|| reader(bytes)?.decode().map_err(|e| e.to_string()))
+    let length = bytes.len() as u64;
+    guard(|| {
+        Size::of(Cursor::new(bytes), length)?;
+        reader(Cursor::new(bytes), length)?.decode().map_err(|e| e.to_string())
+    })
 }
 
 /// What of a picture is a mask; white is opaque.
@@ -177,20 +244,17 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
         sources.entry(source).or_default().push(*used);
     }
     let sources: Vec<(&Source, Vec<Use>)> = sources.into_iter().collect();
-    let sizes: Vec<Result<(u32, u32), String>> = sources.par_iter().map(|(source, _)| source.size()).collect();
+    let sizes: Vec<Result<Size, String>> = sources.par_iter().map(|(source, _)| source.size()).collect();
 
     let mut packed = Packed::default();
     let skips = plan(&sources, &sizes, budget, &mut packed.warnings);
-    let made: Vec<Result<Vec<Pyramid>, String>> = sources
-        .par_iter()
-        .zip(&sizes)
-        .zip(&skips)
-        .map(|(((source, uses), size), skip)| {
-            size.clone()?;
-            let picture = source.decode()?;
-            Ok(uses.iter().map(|used| build_pyramid(&picture, *used, *skip)).collect())
-        })
-        .collect();
+    let make = |k: usize| -> Result<Vec<Pyramid>, String> {
+        let (source, uses) = &sources[k];
+        sizes[k].clone()?;
+        let picture = source.decode()?;
+        Ok(uses.iter().map(|used| build_pyramid(&picture, *used, skips[k])).collect())
+    };
+    let made = batches(&sizes).into_iter().flat_map(|batch| batch.into_par_iter().map(make).collect::<Vec<_>>());
 
     let mut found: BTreeMap<(&Source, Use), (u32, bool, f32)> = BTreeMap::new();
     for ((source, uses), pyramids) in sources.iter().zip(made) {
@@ -212,9 +276,12 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
                 height: pyramid.height,
                 levels: pyramid.levels,
             });
-            packed.texels.extend_from_slice(&pyramid.words);
             packed.names.push(source.name());
             packed.hashes.push(pyramid.hash);
+            match packed.texels.is_empty() {
+                true => packed.texels = pyramid.words,
+                false => packed.texels.extend_from_slice(&pyramid.words),
+            }
         }
     }
     for material in materials {
@@ -276,16 +343,36 @@ fn pyramid_texels(mut width: u32, mut height: u32) -> usize {
     }
 }
 
+/// Pictures that are decoded side by side: as many as together stay below a limit, one at least.
+fn batches(sizes: &[Result<Size, String>]) -> Vec<Range<usize>> {
+    let decoded = |size: &Result<Size, String>| size.as_ref().map_or(0, |size| size.decoded);
+    let mut batches: Vec<Range<usize>> = Vec::new();
+    let mut held = 0;
+    for (k, size) in sizes.iter().enumerate() {
+        held += decoded(size);
+        match batches.last_mut() {
+            Some(batch) if held <= DECODED_AT_ONCE => batch.end = k + 1,
+            _ => {
+                held = decoded(size);
+                batches.push(k..k + 1);
+            }
+        }
+    }
+    batches
+}
+
 /// How many levels of each source to leave out so that all pyramids fit.
 fn plan(
     sources: &[(&Source, Vec<Use>)],
-    sizes: &[Result<(u32, u32), String>],
+    sizes: &[Result<Size, String>],
     budget: usize,
     warnings: &mut Vec<String>,
 ) -> Vec<u32> {
     let mut skips = vec![0u32; sources.len()];
     let bytes = |k: usize, skip: u32| match &sizes[k] {
-        Ok((w, h)) => 8 * sources[k].1.len() * pyramid_texels((w >> skip).max(1), (h >> skip).max(1)),
+        Ok(Size { width, height, .. }) => {
+            8 * sources[k].1.len() * pyramid_texels((width >> skip).max(1), (height >> skip).max(1))
+        }
         Err(_) => 0,
     };
     let mut total: usize = (0..sources.len()).map(|k| bytes(k, 0)).sum();
@@ -310,25 +397,50 @@ fn plan(
     skips
 }
 
+/// Width and height of the next level.
+fn half((width, height): (u32, u32)) -> (u32, u32) {
+    ((width / 2).max(1), (height / 2).max(1))
+}
+
+/// A level of a pyramid under way: its texels, where it is kept, and what makes the next level of it.
+struct Level {
+    words: Option<Vec<u32>>,
+    next: Halver,
+}
+
+/// Adds the next row to a level, and to those above what follows from it.
+fn add_row(levels: &mut [Level], row: Vec<Vec4>) {
+    let Some((level, above)) = levels.split_first_mut() else { return };
+    if let Some(words) = &mut level.words {
+        words.extend(row.iter().flat_map(|t| quantise(*t)));
+    }
+    if let Some(next) = level.next.push(row).filter(|_| !above.is_empty()) {
+        add_row(above, next);
+    }
+}
+
+/// The levels of a picture but for the first `skip`, row by row: nothing is as large as the picture but what is kept.
 fn build_pyramid(picture: &DynamicImage, used: Use, skip: u32) -> Pyramid {
-    let (mut width, mut height) = (picture.width(), picture.height());
-    let (mut texels, clamped, scale) = linear_texels(picture, used);
-    for _ in 0..skip {
-        (texels, width, height) = halve(&texels, width, height);
+    let mut rows = Rows::new(picture, used);
+    let sizes: Vec<(u32, u32)> =
+        std::iter::successors(Some((picture.width(), picture.height())), |size| (*size != (1, 1)).then(|| half(*size)))
+            .collect();
+    let skip = (skip as usize).min(sizes.len() - 1);
+    let level = |(k, size): (usize, &(u32, u32))| {
+        let texels = size.0 as usize * size.1 as usize;
+        Level { words: (k >= skip).then(|| Vec::with_capacity(2 * texels)), next: Halver::new(*size) }
+    };
+    let mut levels: Vec<Level> = sizes.iter().enumerate().map(level).collect();
+    for y in 0..picture.height() {
+        add_row(&mut levels, rows.row(y));
     }
-    let (width_0, height_0) = (width, height);
+    let (width, height) = sizes[skip];
     let mut words = Vec::with_capacity(2 * pyramid_texels(width, height));
-    let mut levels = 0;
-    loop {
-        levels += 1;
-        words.extend(texels.iter().flat_map(|t| quantise(*t)));
-        if width == 1 && height == 1 {
-            break;
-        }
-        (texels, width, height) = halve(&texels, width, height);
-    }
+    let kept = levels.into_iter().filter_map(|level| level.words);
+    kept.for_each(|own| words.extend(own));
     let hash = Sha256::digest(bytemuck::cast_slice::<u32, u8>(&words)).into();
-    Pyramid { width: width_0, height: height_0, levels, words, hash, clamped, scale }
+    let levels = (sizes.len() - skip) as u32;
+    Pyramid { width, height, levels, words, hash, clamped: rows.clamped, scale: rows.scale }
 }
 
 fn quantise(t: Vec4) -> [u32; 2] {
@@ -336,50 +448,104 @@ fn quantise(t: Vec4) -> [u32; 2] {
     [q.x | q.y << 16, q.z | q.w << 16]
 }
 
-/// Linear texels for a use, whether any was clamped, and what radiance was divided by.
-fn linear_texels(picture: &DynamicImage, used: Use) -> (Vec<Vec4>, bool, f32) {
-    let mut texels = match used {
-        Use::Mask(_) => vec![Vec4::splat(0.5); picture.width() as usize * picture.height() as usize],
-        _ => colours(picture),
-    };
-    let mut clamped = false;
-    let mut scale = 1.0f32;
-    match used {
-        Use::Albedo { factor, .. } => {
-            let factor = Vec3::from_array(factor.map(f32::from_bits)).extend(1.0);
-            for t in &mut texels {
-                let c = *t * factor;
-                let low = c.min(Vec4::new(ALBEDO_LIMIT, ALBEDO_LIMIT, ALBEDO_LIMIT, 1.0)).max(Vec4::ZERO);
-                clamped |= low.truncate() != c.truncate();
-                *t = low;
-            }
+/// The linear texels of a picture for a use, row by row.
+struct Rows<'a> {
+    picture: &'a DynamicImage,
+    used: Use,
+    /// Linear values of the 256 of 8 bits.
+    linear: Vec<f32>,
+    /// Where a mask comes from.
+    mask: Mask,
+    /// What radiance is divided by.
+    scale: f32,
+    /// Whether any reflectance was lowered so far.
+    clamped: bool,
+}
+
+/// Where the mask of a picture comes from.
+#[derive(Clone, Copy, PartialEq)]
+enum Mask {
+    Opaque,
+    Alpha,
+    Grey,
+}
+
+impl<'a> Rows<'a> {
+    fn new(picture: &'a DynamicImage, used: Use) -> Self {
+        let linear = (0..256).map(|k| decode_srgb(k as f32 / 255.0)).collect();
+        let mut rows = Self { picture, used, linear, mask: Mask::Opaque, scale: 1.0, clamped: false };
+        if let Use::Mask(channel) | Use::Albedo { mask: Some(channel), .. } = used {
+            rows.mask = rows.find_mask(channel);
         }
-        Use::Radiance => {
-            let greatest = texels.iter().map(|t| t.truncate().max_element()).fold(0.0, f32::max);
+        if used == Use::Radiance {
+            let row_maximum =
+                |y| colours(&rows.at(y), &rows.linear).iter().map(|t| t.truncate().max_element()).fold(0.0, f32::max);
+            let greatest = (0..picture.height()).map(row_maximum).fold(0.0, f32::max);
             if greatest > 1.0 && greatest.is_finite() {
-                scale = greatest;
-                texels.iter_mut().for_each(|t| *t /= scale);
+                rows.scale = greatest;
             }
         }
-        Use::Mask(_) => {}
+        rows
     }
-    if let Use::Mask(channel) | Use::Albedo { mask: Some(channel), .. } = used {
-        for (t, a) in texels.iter_mut().zip(mask_values(picture, channel)) {
-            t.w = a;
+
+    fn find_mask(&self, channel: MaskChannel) -> Mask {
+        let has_alpha = self.picture.color().has_alpha();
+        let is_used = |y| self.at(y).to_rgba8().as_raw().chunks_exact(4).any(|c| c[3] < 255);
+        match channel {
+            MaskChannel::Alpha if has_alpha => Mask::Alpha,
+            MaskChannel::Alpha => Mask::Opaque,
+            MaskChannel::AlphaOrGrey if has_alpha && (0..self.picture.height()).any(is_used) => Mask::Alpha,
+            MaskChannel::AlphaOrGrey => Mask::Grey,
         }
-    } else {
-        texels.iter_mut().for_each(|t| t.w = 1.0);
     }
-    (texels, clamped, scale)
+
+    /// A row as a picture.
+    fn at(&self, y: u32) -> DynamicImage {
+        self.picture.crop_imm(0, y, self.picture.width(), 1)
+    }
+
+    /// Linear texels of a row.
+    fn row(&mut self, y: u32) -> Vec<Vec4> {
+        let row = self.at(y);
+        let mut texels = match self.used {
+            Use::Mask(_) => vec![Vec4::splat(0.5); row.width() as usize],
+            _ => colours(&row, &self.linear),
+        };
+        match self.used {
+            Use::Albedo { factor, .. } => {
+                let factor = Vec3::from_array(factor.map(f32::from_bits)).extend(1.0);
+                for t in &mut texels {
+                    let c = *t * factor;
+                    let low = c.min(Vec4::new(ALBEDO_LIMIT, ALBEDO_LIMIT, ALBEDO_LIMIT, 1.0)).max(Vec4::ZERO);
+                    self.clamped |= low.truncate() != c.truncate();
+                    *t = low;
+                }
+            }
+            Use::Radiance => texels.iter_mut().for_each(|t| *t /= self.scale),
+            Use::Mask(_) => {}
+        }
+        match self.mask {
+            Mask::Opaque => texels.iter_mut().for_each(|t| t.w = 1.0),
+            Mask::Alpha => {
+                let rgba = row.to_rgba8();
+                let alpha = rgba.as_raw().chunks_exact(4);
+                texels.iter_mut().zip(alpha).for_each(|(t, c)| t.w = f32::from(c[3]) / 255.0);
+            }
+            Mask::Grey => {
+                let grey = row.to_luma8();
+                texels.iter_mut().zip(grey.as_raw()).for_each(|(t, c)| t.w = f32::from(*c) / 255.0);
+            }
+        }
+        texels
+    }
 }
 
 /// Linear colours: 8 and 16 bits a channel are sRGB, floats are linear already (not finite: 0).
-fn colours(picture: &DynamicImage) -> Vec<Vec4> {
+fn colours(picture: &DynamicImage, linear: &[f32]) -> Vec<Vec4> {
     use DynamicImage as D;
     match picture {
         D::ImageLuma8(_) | D::ImageLumaA8(_) | D::ImageRgb8(_) | D::ImageRgba8(_) => {
-            let table: Vec<f32> = (0..256).map(|k| decode_srgb(k as f32 / 255.0)).collect();
-            let decode = |c: &[u8]| Vec4::new(table[c[0] as usize], table[c[1] as usize], table[c[2] as usize], 1.0);
+            let decode = |c: &[u8]| Vec4::new(linear[c[0] as usize], linear[c[1] as usize], linear[c[2] as usize], 1.0);
             if let D::ImageRgb8(rgb) = picture {
                 return rgb.as_raw().chunks_exact(3).map(decode).collect();
             }
@@ -406,41 +572,57 @@ fn colours(picture: &DynamicImage) -> Vec<Vec4> {
     }
 }
 
-fn mask_values(picture: &DynamicImage, channel: MaskChannel) -> Vec<f32> {
-    if picture.color().has_alpha() {
-        let alpha: Vec<f32> = picture.to_rgba8().as_raw().chunks_exact(4).map(|c| f32::from(c[3]) / 255.0).collect();
-        if channel == MaskChannel::Alpha || alpha.iter().any(|a| *a < 1.0) {
-            return alpha;
-        }
-    } else if channel == MaskChannel::Alpha {
-        return vec![1.0; picture.width() as usize * picture.height() as usize];
-    }
-    picture.to_luma8().as_raw().iter().map(|c| f32::from(*c) / 255.0).collect()
+/// For each of the new cells along an edge: the first of the old ones it covers, and the share of each in it.
+type Shares = Vec<(usize, Vec<f32>)>;
+
+/// Makes the next level of rows that come one after the other: every new texel is the mean over its part of the old picture, so
+/// that the mean stays, also for odd sizes.
+struct Halver {
+    columns: Shares,
+    rows: Shares,
+    /// The old rows that are still needed, and the number of the first of them.
+    held: VecDeque<Vec<Vec4>>,
+    first: usize,
+    /// The next new row.
+    next: usize,
 }
 
-/// The next level: every new texel is the mean over its part of the old picture, so that the mean stays, also for odd sizes.
-pub fn halve(texels: &[Vec4], width: u32, height: u32) -> (Vec<Vec4>, u32, u32) {
-    let (new_width, new_height) = ((width / 2).max(1), (height / 2).max(1));
-    let columns = shares(width, new_width);
-    let rows = shares(height, new_height);
-    let mut next = Vec::with_capacity(new_width as usize * new_height as usize);
-    for (row, row_weights) in &rows {
-        for (column, column_weights) in &columns {
+impl Halver {
+    /// For a picture of this width and height.
+    fn new(size: (u32, u32)) -> Self {
+        let new = half(size);
+        let (columns, rows) = (shares(size.0, new.0), shares(size.1, new.1));
+        Self { columns, rows, held: VecDeque::new(), first: 0, next: 0 }
+    }
+
+    /// Takes the next old row; the new one that it completes.
+    fn push(&mut self, row: Vec<Vec4>) -> Option<Vec<Vec4>> {
+        self.held.push_back(row);
+        let (start, row_weights) = self.rows.get(self.next)?;
+        if self.first + self.held.len() < start + row_weights.len() {
+            return None;
+        }
+        let mut new = Vec::with_capacity(self.columns.len());
+        for (column, column_weights) in &self.columns {
             let mut sum = Vec4::ZERO;
             for (dy, wy) in row_weights.iter().enumerate() {
-                let line = (row + dy) * width as usize + column;
+                let line = &self.held[start + dy - self.first];
                 for (dx, wx) in column_weights.iter().enumerate() {
-                    sum += texels[line + dx] * (wx * wy);
+                    sum += line[column + dx] * (wx * wy);
                 }
             }
-            next.push(sum);
+            new.push(sum);
         }
+        self.next += 1;
+        let needed = self.rows.get(self.next).map_or(self.first + self.held.len(), |(start, _)| *start);
+        self.held.drain(..needed - self.first);
+        self.first = needed;
+        Some(new)
     }
-    (next, new_width, new_height)
 }
 
-/// For each of `new` cells: the first of the `old` cells it covers, and the share of each in it (they sum to 1).
-fn shares(old: u32, new: u32) -> Vec<(usize, Vec<f32>)> {
+/// How `old` cells along an edge are shared out over `new` ones; the shares of each sum to 1.
+fn shares(old: u32, new: u32) -> Shares {
     let size = f64::from(old) / f64::from(new);
     (0..new)
         .map(|k| {
@@ -456,31 +638,41 @@ fn shares(old: u32, new: u32) -> Vec<(usize, Vec<f32>)> {
 
 /// A sky: linear texels row by row from the top, width, height; larger ones are halved until they fit into `budget` bytes.
 pub fn read_sky(path: &Path, budget: usize, warnings: &mut Vec<String>) -> Result<(Vec<Vec4>, u32, u32), String> {
-    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
-    let picture = decode(&bytes)?;
-    let (mut width, mut height) = (picture.width(), picture.height());
+    let picture = decode(&scene::host::read_regular(path).map_err(|e| e.to_string())?)?;
     if !matches!(picture, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
         warnings
             .push(format!("sky {}: has no high dynamic range; its sRGB values are used as radiance", path.display()));
     }
-    if picture.to_rgb32f().as_raw().iter().any(|x| !x.is_finite() || *x < 0.0) {
+    let rows = Rows::new(&picture, Use::Mask(MaskChannel::Alpha));
+    let is_radiance = |c: &[f32]| c.iter().all(|x| x.is_finite() && *x >= 0.0);
+    if !(0..picture.height()).all(|y| is_radiance(rows.at(y).to_rgb32f().as_raw())) {
         warnings.push(format!("sky {}: values that are negative or not finite count as 0", path.display()));
     }
-    let mut texels = colours(&picture);
-    if width == 0 || height == 0 {
-        return Err(String::from("it has no pixels"));
+    let mut size = (picture.width(), picture.height());
+    let mut halvers = Vec::new();
+    while 16 * size.0 as usize * size.1 as usize > budget && size != (1, 1) {
+        halvers.push(Halver::new(size));
+        size = half(size);
     }
-    let mut halvings = 0;
-    while 16 * texels.len() > budget && texels.len() > 1 {
-        (texels, width, height) = halve(&texels, width, height);
-        halvings += 1;
+    let mut texels = Vec::with_capacity(size.0 as usize * size.1 as usize);
+    for y in 0..picture.height() {
+        let row = Some(colours(&rows.at(y), &rows.linear));
+        texels.extend(halvers.iter_mut().fold(row, |row, halver| halver.push(row?)).into_iter().flatten());
     }
-    if halvings > 0 {
+    let brightest = texels.iter().map(|t: &Vec4| t.max_element()).fold(0.0, f32::max);
+    if brightest > QUANTITY_LIMIT {
+        texels.iter_mut().for_each(|t| *t = t.min(Vec4::splat(QUANTITY_LIMIT)));
+        warnings.push(format!("sky {}: radiance above {QUANTITY_LIMIT:e} was lowered to it", path.display()));
+    }
+    if !halvers.is_empty() {
         warnings.push(format!(
-            "sky {}: halved {halvings} time(s) to {width} x {height} so that it fits into {} MiB",
+            "sky {}: halved {} time(s) to {} x {} so that it fits into {} MiB",
             path.display(),
+            halvers.len(),
+            size.0,
+            size.1,
             budget >> 20
         ));
     }
-    Ok((texels, width, height))
+    Ok((texels, size.0, size.1))
 }
