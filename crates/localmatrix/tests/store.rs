@@ -270,7 +270,7 @@ fn an_altered_block_is_refused_with_its_place_and_the_rest_keeps_working() {
     fs::write(&path, &good[..cut]).unwrap();
     let file = BakeFile::open(&path).unwrap();
     assert!(file.sky.is_empty());
-    let lost: Vec<String> = file.lost().map(ToString::to_string).collect();
+    let lost: Vec<String> = file.lost().map(|error| error.to_string()).collect();
     assert!(lost[0].contains(&format!("block 5 at byte {}", places[5].0)), "{lost:?}");
     let mut store = Store::new(file, 1 << 20).unwrap();
     assert_eq!(wait_for(&mut store, 4 * BLOCK_ROWS).unwrap(), record(4 * BLOCK_ROWS).factors);
@@ -321,6 +321,49 @@ fn what_is_no_bake_is_refused_with_the_reason() {
     }
     let missing = BakeFile::open(&folder.path().join("none.bake")).map(|_| ()).unwrap_err().to_string();
     assert!(missing.contains("none.bake") && missing.contains("check that it exists"), "{missing}");
+}
+
+#[test]
+fn wild_numbers_with_right_checksums_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.bake");
+    whole(&path);
+    let good = fs::read(&path).unwrap();
+    let (offset, length) = BakeFile::open(&path).unwrap().place(0).unwrap();
+    let (start, end) = (offset as usize, offset as usize + length as usize);
+    // Of the first row: share of the sky, lost share, scale of the factors, x of its first point.
+    let point = start + 24 + 20 + 3 * 6;
+    for (at, words) in
+        [(start + 24, "of the sky"), (start + 28, "lost"), (start + 40, "shares"), (point, "a point lies")]
+    {
+        for wild in [f32::NAN, f32::INFINITY, -1e30, 1e30] {
+            let mut bytes = good.clone();
+            bytes[at..at + 4].copy_from_slice(&wild.to_le_bytes());
+            let sum = crc32(&[&bytes[start..start + 20], &bytes[start + 24..end]].concat());
+            bytes[start + 20..start + 24].copy_from_slice(&sum.to_le_bytes());
+            fs::write(&path, bytes).unwrap();
+            let file = BakeFile::open(&path).unwrap();
+            let message = file.check().unwrap_err().to_string();
+            assert!(message.contains("block 0 at byte") && message.contains(words), "{wild} at {at}: {message}");
+            let mut store = Store::new(file, 1 << 20).unwrap();
+            assert!(wait_for(&mut store, 0).is_err(), "{wild} at {at}");
+        }
+    }
+    // The sky of the table at the end.
+    let table = good.len() - 20 - 4 * nodes().len();
+    let mut bytes = good.clone();
+    bytes[table..table + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let tail = table - 16 * head(None).blocks() as usize;
+    let sum = crc32(&bytes[tail..good.len() - 20]);
+    bytes[good.len() - 12..good.len() - 8].copy_from_slice(&sum.to_le_bytes());
+    fs::write(&path, &bytes).unwrap();
+    let file = BakeFile::open(&path).unwrap();
+    let lost: Vec<String> = file.lost().map(|error| error.to_string()).collect();
+    assert!(file.sky.is_empty() && lost.len() == 1 && lost[0].contains("the table at its end"), "{lost:?}");
+    // Unchanged, it is good.
+    fs::write(&path, &good).unwrap();
+    let file = BakeFile::open(&path).unwrap();
+    assert!(file.check().is_ok() && file.lost().count() == 0);
 }
 
 /// CRC-32 (IEEE), as files have it.

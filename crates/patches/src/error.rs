@@ -50,6 +50,21 @@ pub enum Error {
         /// How many there may be.
         limit: u64,
     },
+    /// Triangles so long beside patches, or the distance between receivers, that their grids have too many cells.
+    #[error(
+        "triangle {triangle} has an edge of {length} m, and its grid with those of others has {cells} cells where at most {limit} \
+         are possible; cut long thin triangles, or choose fewer patches or a larger distance between receivers"
+    )]
+    LongTriangle {
+        /// The triangle with the most cells.
+        triangle: usize,
+        /// Its longest edge, m.
+        length: f32,
+        /// Cells of all triangles.
+        cells: u64,
+        /// Cells there may be.
+        limit: u64,
+    },
     /// No probe stands in the open.
     #[error("no probe stands where light comes to: the volume would be empty")]
     NoProbes,

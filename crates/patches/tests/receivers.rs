@@ -210,6 +210,26 @@ fn wrong_edges_are_refused() {
 }
 
 #[test]
+fn needles_are_refused_with_the_longest_triangle_and_a_remedy() {
+    // 200 of 1,000 m × 0.1 mm, one of them longer.
+    let needle = |k: u32| {
+        let start = Vec3::new(0.0, 5.0 * k as f32, 0.0);
+        let end = start + (if k == 17 { 1200.0 } else { 1000.0 }) * Vec3::X;
+        triangle(start, end, end + 1e-4 * Vec3::Y)
+    };
+    let scene = scene((0..200).map(needle).collect());
+    let sides = vec![Sides { front: true, back: true }; 200];
+    let fine = InterpolationMesh::new(&scene, &sides, 0.3, 0.1, |_, _| Some(0.3), |_| None);
+    let error = fine.err().expect("they are refused");
+    assert!(matches!(error, Error::LongTriangle { triangle: 17, limit: 268_435_456, .. }), "{error}");
+    let message = error.to_string();
+    assert!(message.contains("1200 m") && message.contains("268435456"), "{message}");
+    assert!(message.contains("cut long thin triangles") && message.contains("distance between receivers"), "{message}");
+    // With receivers far from each other there are few cells.
+    assert!(InterpolationMesh::new(&scene, &sides, 100.0, 1.0, |_, _| Some(100.0), |_| None).is_ok());
+}
+
+#[test]
 fn corners_of_the_mesh_have_the_values_of_their_receivers() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::X, Vec3::Z, 5));
     let set = receivers(&scene, 0.07);

@@ -14,12 +14,17 @@ use transport::{Csr, HitCounts, Observer, Phase};
 
 use crate::error::Error;
 use crate::form_factors::{Estimator, FormFactors};
+use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
 
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
 /// Most receivers for each that their distance gives where light is even.
 const MOST_RECEIVERS: f32 = 10.0 / 3.0;
+/// Bytes of a receiver with those of the interpolation points near it, and of each element that its rays may hit, of which
+/// about half are hit, while they are placed.
+const RECEIVER_BYTES: f64 = 1500.0;
+const HIT_BYTES: f64 = 1.2;
 /// Bounces when all are asked for end when no patch changes by more than this share of the brightest.
 const TOLERANCE: f32 = 1e-4;
 /// Bounces at most: an albedo of 0.95 in a closed room needs 180 for the tolerance.
@@ -67,6 +72,8 @@ pub struct BakeSettings {
     pub receiver_density: f32,
     /// Rays of a receiver's row.
     pub receiver_rays: u32,
+    /// Most resident memory, bytes: more receivers than fit are refused. `None` for what the system says is free.
+    pub memory_limit: Option<u64>,
     /// Changes every random number.
     pub seed: u32,
 }
@@ -87,6 +94,7 @@ impl Default for BakeSettings {
             most_receivers: None,
             receiver_density: 1.0,
             receiver_rays: 1024,
+            memory_limit: None,
             seed: 0,
         }
     }
@@ -180,6 +188,7 @@ impl<'a> PatchBake<'a> {
             most_receivers: own.most_receivers,
             receiver_density: own.receiver_density,
             receiver_rays: own.receiver_rays,
+            memory_limit: own.memory_limit,
             ..*settings
         };
         receivers == *own
@@ -257,12 +266,25 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
     let patch_edge = (area / mesh.patches.len().max(1) as f32).sqrt();
     let even = patch_edge / (RECEIVERS_AN_EDGE * scene::math::sqrt(settings.receiver_density));
     let edge = settings.receiver_edge.unwrap_or(even);
+    if !(edge > 0.0 && edge.is_finite()) {
+        let rule = "above 0 and finite";
+        return Err(transport::Error::Setting { name: "distance between receivers", value: edge.into(), rule }.into());
+    }
+    let by_distance = f64::from(MOST_RECEIVERS) * f64::from(area) / f64::from(edge).powi(2);
+    let most = settings.most_receivers.map_or(by_distance, |most| most as f64);
+    let hits = (settings.receiver_rays as usize).min(mesh.elements.len());
+    check_free(
+        format!("{most:.0} receivers, {edge} m from each other,"),
+        most * (RECEIVER_BYTES + HIT_BYTES * hits as f64),
+        settings.memory_limit,
+        "choose a larger distance between receivers, or fewer receivers",
+    )?;
     let factors = &bake.form_factors;
     let lights = test_lights(scene, mesh, &*factors.factors, factors.element_operator(), &bake.direct)?;
     let placing = Placing {
         rays: settings.receiver_rays,
         edge,
-        most: settings.most_receivers.unwrap_or((MOST_RECEIVERS * area / (edge * edge)) as usize),
+        most: settings.most_receivers.unwrap_or(by_distance as usize),
         seed,
     };
     // How many there will be is not known: the observer receives the rows of each round.

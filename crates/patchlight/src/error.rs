@@ -165,6 +165,18 @@ pub enum Error {
         /// Bytes allowed.
         limit: u64,
     },
+    /// What settings ask for would not fit into memory.
+    #[error("{what} would take about {:.1} GB, and {:.1} GB are free or allowed; {remedy}", needed * 1e-9, *free as f64 * 1e-9)]
+    TooLarge {
+        /// What.
+        what: String,
+        /// Bytes.
+        needed: f64,
+        /// Bytes that are free.
+        free: u64,
+        /// What would be smaller.
+        remedy: &'static str,
+    },
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,

@@ -1,25 +1,24 @@
 //! Memory of this process and of the machine, where the system tells (Linux).
 
-/// Greatest resident memory of this process so far, where the system tells.
-pub fn peak_memory_bytes() -> Option<u64> {
-    memory_bytes("VmHWM:")
+use crate::error::Error;
+
+pub use scene::host::memory::{available_bytes, peak_memory_bytes, resident_bytes};
+
+/// Bytes of memory that are free for new work: what a limit of resident memory leaves, or what the system says.
+pub fn free_bytes(limit: Option<u64>) -> Option<u64> {
+    match limit {
+        Some(limit) => Some(limit.saturating_sub(resident_bytes().unwrap_or(0))),
+        None => available_bytes(),
+    }
 }
 
-/// Resident memory of this process, where the system tells.
-pub fn resident_bytes() -> Option<u64> {
-    memory_bytes("VmRSS:")
-}
-
-fn memory_bytes(name: &str) -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with(name))?;
-    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kib * 1024)
-}
-
-/// Bytes of memory that are free for new work, where the system tells.
-pub fn available_bytes() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+/// Refuses what would take more memory than is free.
+///
+/// # Errors
+/// [`Error::TooLarge`] with what it is, and how to make it smaller.
+pub fn check_free(what: impl Into<String>, needed: f64, limit: Option<u64>, remedy: &'static str) -> Result<(), Error> {
+    match free_bytes(limit) {
+        Some(free) if needed > free as f64 => Err(Error::TooLarge { what: what.into(), needed, free, remedy }),
+        _ => Ok(()),
+    }
 }

@@ -16,7 +16,9 @@ use transport::Observer;
 
 use crate::bake::Bake;
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan};
+use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
+use crate::memory::check_free;
+use crate::operator::build::MATRICES;
 use crate::operator::{Build, Codec, Decode};
 
 pub use feedback::FeedbackSettings;
@@ -155,7 +157,35 @@ pub struct Preparation<'a> {
     pub observer: &'a dyn Observer,
 }
 
+/// Bytes of a pair of patches in the matrix round the camera.
+const PAIR_BYTES: f64 = 16.0;
+
 impl MethodSettings {
+    /// Whether the matrices of so many patches fit into memory, asked before anything is baked. Operators in tiles always do: they
+    /// are built panel by panel in a file.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] with what would be smaller.
+    pub fn check_memory(&self, patches: usize, bounces: Option<u32>, build: &Build) -> Result<(), Error> {
+        let pairs = |count: usize| (count as f64).powi(2);
+        match *self {
+            Self::Multibounce(Codec::LowRank { .. }) => Ok(()),
+            Self::Multibounce(_) if bounces.is_none_or(|bounces| bounces > LAST_BOUNCES) => check_free(
+                format!("the operator of {patches} patches, while it is made,"),
+                (MATRICES * size_of::<f32>()) as f64 * pairs(patches),
+                build.memory_limit,
+                "choose fewer patches, or tiles",
+            ),
+            Self::Local(settings) => check_free(
+                format!("the matrix of {} slots", settings.slots),
+                PAIR_BYTES * pairs(settings.slots.min(patches)),
+                build.memory_limit,
+                "choose fewer slots",
+            ),
+            _ => Ok(()),
+        }
+    }
+
     /// Makes the method; `device` is what frames will run on, which may build operators.
     ///
     /// # Errors

@@ -25,9 +25,9 @@ mod prefetch;
 mod write;
 
 pub use error::BakeError;
-pub use file::BakeFile;
+pub use file::{BakeFile, is_begun_as_bake};
 pub use format::{LitPoint, Part, Record, WorldHead, block_range};
 pub use map::{Mapped, Source};
 pub use merge::{join, parent_record};
 pub use prefetch::{Store, StoreState};
-pub use write::BakeWriter;
+pub use write::{BakeWriter, beginning_of};

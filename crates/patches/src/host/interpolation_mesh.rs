@@ -11,7 +11,7 @@ use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Vis
 use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_at, vertex_count};
 use transport::{ReceiverCell, TriangleGrid, check_length};
 
-use super::subdivide::{MOST_DIVISIONS, check_positive, number_entries, side_point, triangle_area};
+use super::subdivide::{MOST_DIVISIONS, check_cells, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
 
 /// Least cosine between their normals.
@@ -74,6 +74,7 @@ impl InterpolationMesh {
                 (scene.longest_edge(t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
             })
             .collect();
+        check_cells(scene, sides, &divisions)?;
         let grids = number_entries(sides, &divisions, cell_count)?;
         let total: u32 = grids.iter().map(|g| sides_of(g).count() as u32 * cell_count(g.divisions)).sum();
         let cells = vec![ReceiverCell { first: NONE, divisions: 1 }; total as usize];

@@ -16,6 +16,8 @@ use crate::error::Error;
 pub(super) const MOST_DIVISIONS: u32 = 4096;
 /// Most patches or receivers: the last two indices stand for the sky and for lost hits, and words must count them.
 const MOST_ENTRIES: u64 = 1 << 31;
+/// Most cells of the grids of all triangles in which patches and receivers are looked up: gigabytes of them.
+const MOST_CELLS: u64 = 1 << 28;
 /// Places at which a cell with holes is looked at.
 const MASK_PROBES: u32 = 64;
 
@@ -198,6 +200,19 @@ fn table_start(next: &mut u64, alive: bool, count: u32) -> Result<u32, Error> {
         return Err(transport::Error::TooMany { name: "patches or cells", found: *next, limit: MOST_ENTRIES }.into());
     }
     Ok(start as u32)
+}
+
+/// Refuses grids with more cells than can be held, naming the triangle that has most.
+pub(super) fn check_cells(scene: &Scene, sides: &[Sides], divisions: &[u32]) -> Result<(), Error> {
+    let cells = |k: usize| (u64::from(sides[k].front) + u64::from(sides[k].back)) * u64::from(cell_count(divisions[k]));
+    let total: u64 = (0..sides.len()).map(cells).sum();
+    match (0..sides.len()).max_by_key(|&k| cells(k)) {
+        Some(triangle) if total > MOST_CELLS => {
+            let length = scene.longest_edge(triangle as u32);
+            Err(Error::LongTriangle { triangle, length, cells: total, limit: MOST_CELLS })
+        }
+        _ => Ok(()),
+    }
 }
 
 pub(super) fn number_entries(

@@ -11,7 +11,7 @@ use transport::{Observer, Phase};
 
 use super::{Codec, PatchOperator, RADIUS_TOLERANCE, SymmetricFactors, growth};
 use crate::error::Error;
-use crate::memory::{available_bytes, resident_bytes};
+use crate::memory::{available_bytes, free_bytes};
 use crate::method::Preparation;
 use crate::observe::{Report, run_phase};
 
@@ -65,10 +65,7 @@ const ASIDE_BYTES: u64 = 64 << 20;
 impl Build {
     /// Bytes for panels of an operator of so many patches and form factors, where its matrices exceed the limit.
     pub fn panel_bytes(&self, patches: usize, entries: usize) -> Option<u64> {
-        let free = match self.memory_limit {
-            Some(limit) => limit.saturating_sub(resident_bytes().unwrap_or(0)),
-            None => available_bytes()?,
-        };
+        let free = free_bytes(self.memory_limit)?;
         let needed = (MATRICES * size_of::<f32>()) as u64 * (patches as u64).pow(2);
         let sparse = (entries * size_of::<(u32, f32)>()) as u64;
         (needed > free).then(|| free.saturating_sub(sparse + ASIDE_BYTES))

@@ -450,6 +450,13 @@ fn key(shape: &GridShape, voxel: u32, axis: usize, indoors: bool, levels: u32) -
     (2 * (block * 6 + axis as u64) + u64::from(indoors)) << (3 * levels) | morton
 }
 
+/// Greatest exitance of a patch, W/m²: of the brightest material that can be read, and more.
+const MOST_EXITANCE: f32 = 1e16;
+
+fn is_exitance(e: Vec3) -> bool {
+    e.min_element() >= 0.0 && e.max_element() <= MOST_EXITANCE && !e.is_nan()
+}
+
 impl Extra {
     /// As bytes.
     pub fn encode(&self) -> Vec<u8> {
@@ -491,8 +498,8 @@ impl Extra {
             return None;
         }
         let voxel_count = u64::from(shape.count_x) * u64::from(shape.count_y) * u64::from(shape.count_z);
-        if voxel_count > patches::VOXEL_LIMIT || shape.edges.min_element().is_nan() || shape.edges.min_element() <= 0.0
-        {
+        let is_grid = shape.origin.is_finite() && shape.edges.is_finite() && shape.edges.min_element() > 0.0;
+        if voxel_count > patches::VOXEL_LIMIT || !is_grid {
             return None;
         }
         let words: Vec<u32> = (0..counts[0]).map(|_| word()).collect::<Option<_>>()?;
@@ -507,7 +514,8 @@ impl Extra {
             .map(|_| Some(DarkPatch { voxel: word()?, position: vector(&mut word)?, normal: vector(&mut word)? }))
             .collect::<Option<_>>()?;
         let is_good = voxels.iter().chain(dark.iter().map(|d| &d.voxel)).all(|&v| u64::from(v) < voxel_count)
-            && emission.iter().all(|e| (e.0 as usize) < voxels.len() && e.1.is_finite());
+            && emission.iter().all(|e| (e.0 as usize) < voxels.len() && is_exitance(e.1))
+            && dark.iter().all(|d| d.position.is_finite() && d.normal.is_finite());
         is_good.then_some(Self { shape, voxels, indoors, emission, dark })
     }
 

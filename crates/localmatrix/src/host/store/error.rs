@@ -48,7 +48,7 @@ pub enum BakeError {
     },
     /// A block was changed or cut; the others are good.
     #[error(
-        "{path}: block {block} at byte {offset} was altered or cut ({reason}); its rows are left out, the rest is used"
+        "{path}: block {block} at byte {offset} was altered or cut ({reason}); copy the file again, or bake the scene again"
     )]
     Block {
         /// The file.

@@ -54,6 +54,15 @@ pub(super) fn block_at(source: &dyn Source, offset: u64, number: u32) -> Option<
     (magic && own == number && length <= MOST_BLOCK).then_some((offset, BLOCK_HEADER as u32 + length))
 }
 
+/// Whether a file begins as a bake does, whatever follows.
+///
+/// # Errors
+/// [`BakeError::File`] for one that cannot be read.
+pub fn is_begun_as_bake(path: &Path) -> Result<bool, BakeError> {
+    let source = Mapped::open(path).map_err(|e| file_error(path, &e))?;
+    Ok(bytes_at(&source, 0, MAGIC.len()).is_ok_and(|bytes| bytes == MAGIC))
+}
+
 impl BakeFile {
     /// Opens a bake, or a part of one: header and nodes must be whole, blocks may be lost.
     ///
@@ -125,7 +134,7 @@ impl BakeFile {
             self.blocks.push(Ok((offset, length)));
         }
         self.sky = (0..self.head.nodes).filter_map(|_| reader.float().ok()).collect();
-        true
+        self.sky.iter().all(|&sky| is_share(sky))
     }
 
     /// Where the blocks are, one after the other; those behind a gap are lost.
@@ -181,9 +190,17 @@ impl BakeFile {
         BakeError::Block { path: self.path.display().to_string(), block, offset, reason }
     }
 
-    /// Blocks that are known to be lost.
-    pub fn lost(&self) -> impl Iterator<Item = &BakeError> {
-        self.blocks.iter().filter_map(|block| block.as_ref().err())
+    /// What is known to be lost: blocks, and the table at the end of a whole bake, without which no light of the sky comes to
+    /// what is merged.
+    pub fn lost(&self) -> impl Iterator<Item = BakeError> {
+        let has_tail = self.head.part.is_some() || self.sky.len() == self.nodes.len();
+        let tail = (!has_tail).then(|| BakeError::Damaged {
+            path: self.path.display().to_string(),
+            part: "the table at its end",
+            offset: self.source.len().unwrap_or(0),
+            reason: "its checksum or its numbers are wrong".to_string(),
+        });
+        self.blocks.iter().filter_map(|block| block.as_ref().err().cloned()).chain(tail)
     }
 
     /// Reads and checks every block of the file.

@@ -240,9 +240,9 @@ pub(super) fn decode_world(head: &WorldHead, bytes: &[u8]) -> Result<(String, Ve
 }
 
 fn check_node(head: &WorldHead, number: u32, n: &Node) -> Result<(), &'static str> {
-    let finite = n.centre.is_finite() && n.normal.is_finite() && n.albedo.is_finite() && n.radius >= 0.0;
-    if !(finite && n.area > 0.0 && n.area.is_finite() && n.radius.is_finite()) {
-        return Err("it has a value that is no number, or no area");
+    let has_place = is_place(n.centre) && is_place(n.normal) && (0.0..=MOST_COORDINATE).contains(&n.radius);
+    if !(has_place && n.area > 0.0 && n.area <= MOST_AREA) {
+        return Err("it has no place or no area");
     }
     if !(n.albedo.min_element() >= 0.0 && n.albedo.max_element() < 1.0) {
         return Err("its reflectance is not in [0, 1)");
@@ -397,7 +397,22 @@ pub(super) fn check_block(number: u32, range: std::ops::Range<u32>, bytes: &[u8]
     Ok(starts)
 }
 
-/// A row of a checked block; nothing where columns are out of range.
+/// Greatest coordinate of a point, m, and area of a node, m².
+const MOST_COORDINATE: f32 = 1e9;
+const MOST_AREA: f32 = 1e18;
+/// Greatest share of a row's hemisphere: one, and what rounding adds.
+const MOST_SHARE: f32 = 1.01;
+
+/// Whether a number is a share of a hemisphere.
+pub(super) fn is_share(x: f32) -> bool {
+    (0.0..=MOST_SHARE).contains(&x)
+}
+
+fn is_place(p: Vec3) -> bool {
+    p.abs().max_element() <= MOST_COORDINATE && p.is_finite()
+}
+
+/// A row of a checked block; the reason where its numbers cannot be.
 pub(super) fn decode_row(bytes: &[u8], nodes: u32) -> Result<Record, String> {
     let mut reader = Reader::new(bytes);
     let (sky, lost) = (reader.float()?, reader.float()?);
@@ -408,14 +423,21 @@ pub(super) fn decode_row(bytes: &[u8], nodes: u32) -> Result<Record, String> {
     let mut factors = Vec::with_capacity(entries);
     for _ in 0..entries {
         let (column, share) = (columns.word()?, f32::from(shares.short()?) * scale);
-        if column >= nodes || !share.is_finite() {
+        if column >= nodes {
             return Err(std::format!("it names node {column}, and there are {nodes}"));
         }
         factors.push((column, share));
     }
+    let sum: f32 = factors.iter().map(|factor| factor.1).sum();
+    if !(is_share(sky) && is_share(lost) && is_share(sum) && factors.iter().all(|factor| is_share(factor.1))) {
+        return Err(std::format!("its shares of a hemisphere are {sum}, of the sky {sky}, lost {lost}"));
+    }
     let points = (0..points)
         .map(|_| {
             let position = reader.vector()?;
+            if !is_place(position) {
+                return Err(std::format!("a point lies at {position}"));
+            }
             let mut three = || Ok::<_, String>([reader.short()?, reader.short()?, reader.short()?]);
             let (normal, albedo) = (three()?, three()?);
             Ok(LitPoint {

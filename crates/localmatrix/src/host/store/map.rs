@@ -50,7 +50,7 @@ impl Mapped {
     /// # Errors
     /// The system's.
     pub fn open(path: &Path) -> std::io::Result<Self> {
-        Ok(Self { file: File::open(path)? })
+        Ok(Self { file: scene::host::open_regular(path)? })
     }
 
     /// What can be read of an open file.

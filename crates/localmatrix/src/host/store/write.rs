@@ -29,7 +29,8 @@ pub struct BakeWriter {
     sky: Vec<f32>,
 }
 
-fn beginning_of(path: &Path) -> PathBuf {
+/// Where a bake lies until it is whole: `PATH.beginning`.
+pub fn beginning_of(path: &Path) -> PathBuf {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".beginning");
     path.with_file_name(name)

@@ -18,7 +18,7 @@ use crate::host::lit::LitSampler;
 use crate::host::lookup::{Lookup, LookupSettings};
 use crate::host::patch_set::PatchSet;
 use crate::host::sample::{SampleSet, SampleSettings, sample_voxels};
-use crate::host::subdivide::{PatchSize, SubdivideSettings, Subdivision, cell_grids, subdivide};
+use crate::host::subdivide::{PatchSize, SubdivideSettings, Subdivision, cell_grids, check_cells, subdivide};
 use crate::host::view::{ViewSettings, view_clusters};
 use crate::types::{Member, Sample, VirtualPatch};
 
@@ -184,7 +184,9 @@ fn lookup_grids(scene: &Scene, edge: f32) -> Result<Vec<TriangleGrid>, Error> {
         let along_edge = (scene.longest_edge(triangle) * CELLS / edge).ceil();
         divisions.push(along_edge.clamp(1.0, MOST_DIVISIONS) as u32);
     }
-    cell_grids(&vec![Sides { front: true, back: true }; triangles], &divisions)
+    let sides = vec![Sides { front: true, back: true }; triangles];
+    check_cells(scene, &sides, &divisions)?;
+    cell_grids(&sides, &divisions)
 }
 
 /// The samples of elements as their points.
