@@ -1,14 +1,17 @@
 //! The command line.
 
+mod idle;
 mod local;
 mod operator;
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgMatches, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand, ValueEnum};
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
-use experiments::args::{Animate, Bench, CameraPath, Common, Patches, parse_epsilon, parse_error, parse_size};
+use experiments::args::{
+    Animate, Bench, CameraPath, Common, Patches, parse_epsilon, parse_error, parse_metres, parse_size,
+};
 
 use assets::procedural;
 
@@ -18,6 +21,7 @@ use patchlight::BakeSettings;
 use patchlight::method::temporal::{RowKind, Sampled};
 use patchlight::method::{FirstShotSettings, TemporalSettings};
 
+pub use idle::{Run, warn_of_idle};
 pub use local::LocalArgs;
 pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
 
@@ -44,6 +48,25 @@ pub struct Cli {
     /// Shortens the demo: smaller pictures, fewer frames and samples.
     #[arg(long)]
     pub fast: bool,
+}
+
+impl Cli {
+    /// Reads the command line; what is wrong with it ends the process with exit code 2. Also gives what was found, for questions
+    /// that only it answers.
+    pub fn read() -> (Self, ArgMatches) {
+        let matches = Self::definition().get_matches();
+        let cli = Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+        (cli, matches)
+    }
+
+    /// The definition, with numbers below 0 as values: they are refused by name where they cannot stand.
+    fn definition() -> clap::Command {
+        let negative = |arg: clap::Arg| match arg.get_action().takes_values() {
+            true => arg.allow_negative_numbers(true),
+            false => arg,
+        };
+        Self::command().mut_args(negative).mut_subcommands(|command| command.mut_args(negative))
+    }
 }
 
 /// The commands.
@@ -241,7 +264,7 @@ pub struct PatchOptions {
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub patch_count: Option<u32>,
     /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     pub voxel_size: Option<f32>,
 }
 
@@ -337,8 +360,8 @@ pub struct Render {
     /// processor.
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
     pub build_on: BuildPlace,
-    /// Most resident memory while the operator is built (multibounce, tiles): bytes, or with K, M or G. Tiles of a larger one are
-    /// built panel by panel in a file in --out [default: what is free].
+    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun; tiles of a larger
+    /// operator are built panel by panel in a file in --out [default: what is free].
     #[arg(long, value_parser = parse_bytes)]
     pub memory_limit: Option<u64>,
     /// How the operator is stored (multibounce) [default: tiles].
@@ -371,7 +394,7 @@ pub struct Render {
     pub direct: DirectLight,
     /// Distance between receivers where light is even, m [default: a third of the patches' mean
     /// edge]. Receivers are the points at which indirect light is gathered.
-    #[arg(long)]
+    #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     pub receiver_edge: Option<f32>,
     /// Most receivers; where light bends they stand closer [default: ten thirds of as many as that
     /// distance gives].

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use localmatrix::{BakeFile, Part};
+use localmatrix::{BakeFile, Part, beginning_of, is_begun_as_bake};
 use serde::Serialize;
 
 use experiments::Error;
-use experiments::args::Common;
+use experiments::args::{Common, parse_metres};
 use experiments::output;
-use experiments::progress::Progress;
+use experiments::progress::{Progress, continue_in, interruptible};
+use experiments::say;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake, merge};
 
@@ -64,13 +65,6 @@ fn parse_patches(text: &str) -> Result<usize, String> {
         .ok_or_else(|| format!("`{text}` is no number from {LEAST_PATCHES} to {MOST_PATCHES}"))
 }
 
-fn parse_metres(text: &str) -> Result<f32, String> {
-    text.parse()
-        .ok()
-        .filter(|x: &f32| x.is_finite() && *x > 0.0)
-        .ok_or_else(|| format!("`{text}` is no length in metres"))
-}
-
 pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let wrong = || format!("`{text}` is no number of bytes; write for example 2G or 800M");
     let (digits, shift) = match text.char_indices().last() {
@@ -106,10 +100,23 @@ struct Report {
     peak_memory_bytes: Option<u64>,
 }
 
+/// Whether a bake can be written there, and nothing but a bake be lost by it.
+fn check_file(path: &Path) -> Result<(), Error> {
+    output::check_file(path)?;
+    match path.exists() && !is_begun_as_bake(path)? {
+        true => Err(Error::Overwrites { path: path.to_path_buf() }),
+        false => Ok(()),
+    }
+}
+
 pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     common.native_only("bake")?;
+    match &common.out {
+        Some(path) => check_file(path)?,
+        None => output::check_folder(Path::new("."))?,
+    }
     let progress = Progress::new(common.quiet);
-    let loaded = output::import(&args.scene, &progress)?;
+    let loaded = output::import_within(&args.scene, Some(args.memory_limit), &progress)?;
     let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(LEAST_BY_DEFAULT, MOST_BY_DEFAULT);
     let settings = WorldSettings {
         scene: args.scene.clone(),
@@ -121,7 +128,11 @@ pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     let part = args.part.map_or(String::new(), |p| format!("-{}-of-{}", p.number, p.of));
     let path =
         common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
-    let baked = bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)?;
+    check_file(&path)?;
+    continue_in(beginning_of(&path));
+    let baked = interruptible(|| {
+        bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)
+    })?;
     tell(common, path, baked, &progress);
     Ok(())
 }
@@ -130,7 +141,9 @@ pub fn run_merge(common: &Common, args: &Merge) -> Result<(), Error> {
     common.native_only("merge")?;
     let progress = Progress::new(common.quiet);
     let path = common.out.clone().unwrap_or_else(|| PathBuf::from("merged.bake"));
-    let baked = merge(&args.parts, &path, &progress)?;
+    check_file(&path)?;
+    continue_in(beginning_of(&path));
+    let baked = interruptible(|| merge(&args.parts, &path, &progress))?;
     tell(common, path, baked, &progress);
     Ok(())
 }
@@ -138,23 +151,26 @@ pub fn run_merge(common: &Common, args: &Merge) -> Result<(), Error> {
 fn tell(common: &Common, file: PathBuf, baked: BakedWorld, progress: &Progress) {
     let report = Report { file, baked, seconds: progress.phases(), peak_memory_bytes: peak_memory_bytes() };
     if common.json {
-        println!("{}", output::json(&report));
+        say!("{}", output::json(&report));
         return;
     }
     let Report { file, baked, seconds, peak_memory_bytes } = &report;
-    println!("{:14} {}, {}", "file", file.display(), output::bytes(baked.bytes));
-    println!("{:14} {} of voxels of {} m, {} nodes", "patches", baked.leaves, baked.voxel_edge_m, baked.nodes);
+    say!("{:14} {}, {}", "file", file.display(), output::bytes(baked.bytes));
+    say!("{:14} {} of voxels of {} m, {} nodes", "patches", baked.leaves, baked.voxel_edge_m, baked.nodes);
     if baked.rows + baked.resumed_rows > 0 {
-        println!(
+        say!(
             "{:14} {} at {:.0} a second, {} from before",
-            "rows", baked.rows, baked.rows_per_second, baked.resumed_rows
+            "rows",
+            baked.rows,
+            baked.rows_per_second,
+            baked.resumed_rows
         );
     }
     for (name, time) in seconds {
-        println!("{:14} {time:.2} s", name);
+        say!("{:14} {time:.2} s", name);
     }
     if let Some(peak) = peak_memory_bytes {
-        println!("{:14} {}", "peak memory", output::bytes(*peak));
+        say!("{:14} {}", "peak memory", output::bytes(*peak));
     }
 }
 
@@ -220,7 +236,7 @@ pub fn info(common: &Common, path: &str) -> Result<(), Error> {
     let file = BakeFile::open(Path::new(path))?;
     let info = BakeInfo::of(&file)?;
     if common.json {
-        println!("{}", output::json(&info));
+        say!("{}", output::json(&info));
     } else {
         info.print();
     }
@@ -263,20 +279,20 @@ impl BakeInfo {
 
     fn print(&self) {
         let part = self.part.map_or(String::new(), |[k, n]| format!(", part {k} of {n}"));
-        println!("{:14} {}, {}{part}", "bake", self.file.display(), output::bytes(self.bytes));
-        println!("{:14} {} ({}…)", "scene", self.scene, &self.scene_hash[..16]);
+        say!("{:14} {}, {}{part}", "bake", self.file.display(), output::bytes(self.bytes));
+        say!("{:14} {} ({}…)", "scene", self.scene, &self.scene_hash[..16]);
         if let Some(s) = &self.settings {
-            println!("{:14} {} rays a row, seed {}", "settings", s.rays, s.seed);
+            say!("{:14} {} rays a row, seed {}", "settings", s.rays, s.seed);
         }
         if let (Some(edge), Some(shining), Some(dark)) = (self.voxel_edge_m, self.shining_patches, self.dark_places) {
-            println!("{:14} edge {edge} m, {shining} patches shine, {dark} places are dark", "voxels");
+            say!("{:14} edge {edge} m, {shining} patches shine, {dark} places are dark", "voxels");
         }
-        println!("{:14} {}, {:.0} m²", "patches", self.patches, self.area_m2);
-        println!("{:14} {} with what is merged, {} of them roots", "nodes", self.nodes, self.roots);
-        println!("{:14} {} in {} blocks, {:.1} entries each", "rows", self.rows, self.blocks, self.entries_a_row);
-        println!("{:14} {:.3} of rays on average, lost {:.5}", "sky", self.mean_sky_factor, self.mean_lost);
+        say!("{:14} {}, {:.0} m²", "patches", self.patches, self.area_m2);
+        say!("{:14} {} with what is merged, {} of them roots", "nodes", self.nodes, self.roots);
+        say!("{:14} {} in {} blocks, {:.1} entries each", "rows", self.rows, self.blocks, self.entries_a_row);
+        say!("{:14} {:.3} of rays on average, lost {:.5}", "sky", self.mean_sky_factor, self.mean_lost);
         for line in &self.lost_blocks {
-            println!("{:14} {line}", "lost");
+            say!("{:14} {line}", "lost");
         }
     }
 }

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::args::Compare;
 use experiments::Error;
 use experiments::args::Common;
+use experiments::say;
 use experiments::{errors, output};
 
 #[derive(Serialize)]
@@ -33,6 +34,8 @@ const BLOTCH_RANGE: f32 = 0.2;
 
 pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
     common.native_only("compare")?;
+    args.difference.as_deref().map(output::check_file).transpose()?;
+    args.marked.as_deref().map(output::check_folder).transpose()?;
     let ours = Picture::read(&args.ours)?;
     let expected = Picture::read(&args.reference)?;
     let mask = match &args.mask {
@@ -40,7 +43,12 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
         Some(path) => Some(Picture::read(path)?.pixels.iter().map(|p| p.max_element() > 0.0).collect::<Vec<_>>()),
     };
     let scale = args.stops.map_or_else(|| indirect_scale(&expected), stops_to_scale);
-    let full = compare_pictures(&ours, &expected, scale, mask.as_deref())?;
+    let compared = |source: reference::Error| Error::Compared {
+        ours: args.ours.clone(),
+        reference: args.reference.clone(),
+        source: Box::new(source),
+    };
+    let full = compare_pictures(&ours, &expected, scale, mask.as_deref()).map_err(compared)?;
     if let Some(path) = &args.difference {
         difference_picture(&ours, &expected, 0.5)?.write_png(path, 0.0)?;
     }
@@ -50,8 +58,8 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
         judge.mean_light = f64::from(luminance(Picture::read(path)?.mean()));
     }
     let faults = PictureFaults {
-        faults: judge.faults(&ours, mask.as_deref())?,
-        noise_share: noise_share(&ours, &expected, scale, mask.as_deref())?,
+        faults: judge.faults(&ours, mask.as_deref()).map_err(compared)?,
+        noise_share: noise_share(&ours, &expected, scale, mask.as_deref()).map_err(compared)?,
     };
     if let Some(folder) = &args.marked {
         output::make_folder(folder)?;
@@ -66,21 +74,21 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
         faults,
     };
     if common.json {
-        println!("{}", output::json(&comparison));
+        say!("{}", output::json(&comparison));
         return Ok(());
     }
     for (name, value) in errors::rows(&full) {
-        println!("{name:30} {value}");
+        say!("{name:30} {value}");
     }
     let PictureFaults { faults, noise_share } = &comparison.faults;
     let shares = [("leaks", faults.leak_share), ("stains", faults.stain_share), ("noise", *noise_share)];
     for (name, share) in shares {
-        println!("{name:30} {:.3} % of the pixels", 100.0 * share);
+        say!("{name:30} {:.3} % of the pixels", 100.0 * share);
     }
     let blotches = [("blotches 16", faults.blotch_16_p95), ("blotches 32", faults.blotch_p95)];
     for (name, error) in blotches.into_iter().chain([("blotches 64", faults.blotch_64_p95)]) {
         if let Some(error) = error {
-            println!("{name:30} {:.2} %, 95th percentile", 100.0 * error);
+            say!("{name:30} {:.2} %, 95th percentile", 100.0 * error);
         }
     }
     Ok(())

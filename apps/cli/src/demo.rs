@@ -18,8 +18,9 @@ use experiments::errors::picture_errors;
 use experiments::output;
 use experiments::output::write_pictures;
 use experiments::path;
-use experiments::progress::{Progress, is_cancelled};
+use experiments::progress::{Progress, interruptible, is_cancelled};
 use experiments::report::{Figure, Plot, Section, Series, Table, page, significant};
+use experiments::say;
 use experiments::sequence::frame_time;
 use experiments::summary::{PassTimes, PhotonCounts, Summary};
 use patches::PatchKind;
@@ -117,6 +118,7 @@ struct Checked {
 pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
     let effort = if fast { FAST } else { FULL };
     let out = common.out.clone().unwrap_or_else(|| "out".into());
+    output::check_folder(&out)?;
     output::make_folder(&out)?;
     let mut outcomes = Vec::new();
     let mut device = String::new();
@@ -157,9 +159,9 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
     let text = output::json(&summaries);
     output::write_text(&out.join("summary.json"), &text)?;
     if common.json {
-        println!("{text}");
+        say!("{text}");
     } else {
-        println!("{} and the pictures beside it show what was rendered on {device}", report.display());
+        say!("{} and the pictures beside it show what was rendered on {device}", report.display());
     }
     Ok(())
 }
@@ -180,7 +182,7 @@ fn one_scene(
         seed: common.seed,
         ..BakeSettings::default()
     };
-    let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
+    let bake = Arc::new(interruptible(|| Bake::build(&loaded.scene, &settings, progress))?);
     let stage = Stage { common, effort, loaded, bake: &bake, out };
     let checked = stage.trace_some(progress)?;
     let mut runs = Vec::new();
@@ -255,7 +257,7 @@ impl Stage<'_> {
             sub_frames: 6,
             ..RenderSettings::default()
         };
-        Ok(Renderer::new(Arc::clone(self.bake), executor, &settings, progress)?)
+        Ok(interruptible(|| Renderer::new(Arc::clone(self.bake), executor, &settings, progress))?)
     }
 
     /// All frames of the first method; of the others only the light, but for the frames that are
@@ -287,7 +289,7 @@ impl Stage<'_> {
                 }
                 done.times
             } else {
-                renderer.advance(&lighting, &camera)?
+                interruptible(|| renderer.advance(&lighting, &camera))?
             };
             if is_cancelled() {
                 return Err(Error::Cancelled);

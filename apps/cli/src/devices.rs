@@ -5,6 +5,7 @@ use serde::Serialize;
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
+use experiments::say;
 use runtime::executor::{DeviceInfo, devices};
 
 #[derive(Serialize)]
@@ -44,15 +45,15 @@ pub fn run(common: &Common) -> Result<(), Error> {
     let (found, note) = devices();
     let rows: Vec<Row> = found.iter().map(Row::of).collect();
     if common.json {
-        println!("{}", output::json(&rows));
+        say!("{}", output::json(&rows));
         return Ok(());
     }
     for row in &rows {
         let index = row.index.map_or_else(|| "cpu".to_owned(), |k| k.to_string());
-        println!("{index:>4}  {} ({})", row.name, row.kind);
+        say!("{index:>4}  {} ({})", row.name, row.kind);
         if row.index.is_some() {
-            println!("      driver {}, Vulkan {}", row.driver, row.api_version);
-            println!(
+            say!("      driver {}, Vulkan {}", row.driver, row.api_version);
+            say!(
                 "      memory {}, largest binding {}, shared memory {}, subgroups of {}{}",
                 output::bytes(row.memory_bytes),
                 output::bytes(row.max_storage_buffer_range),
@@ -62,11 +63,11 @@ pub fn run(common: &Common) -> Result<(), Error> {
             );
         }
         if let Some(feature) = row.missing_feature {
-            println!("      cannot be used: it lacks {feature}");
+            say!("      cannot be used: it lacks {feature}");
         }
     }
     if let Some(note) = note {
-        println!("no Vulkan: {note}");
+        say!("no Vulkan: {note}");
     }
     Ok(())
 }

@@ -12,6 +12,8 @@ use assets::import::{LoadedScene, load_or_build};
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
+use experiments::progress::interruptible;
+use experiments::{say, tell};
 use patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
 use patchlight::BakeSettings;
 
@@ -71,9 +73,12 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
     if !operator.needs_device() {
         common.native_only("info without --operator --codec bc1, bc3, bc6h or bc7")?;
     }
-    let loaded = load_or_build(spec)?;
+    if operator.operator {
+        common.out.as_deref().map(output::check_folder).transpose()?;
+    }
+    let loaded = interruptible(|| load_or_build(spec))?;
     for line in &loaded.warnings {
-        eprintln!("warning: {line}");
+        tell!("warning: {line}");
     }
     let mut info = Info::of(&loaded);
     if patches.is_given() || operator.operator {
@@ -86,7 +91,7 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
             seed: common.seed,
             ..BakeSettings::default()
         };
-        let mesh = make_mesh(&loaded, &settings)?;
+        let mesh = interruptible(|| make_mesh(&loaded, &settings))?;
         info.patches = Some(Patches::of(&mesh, kind, info.area_m2, start.elapsed().as_secs_f64()));
         if operator.operator {
             let source = operator::Source { loaded: &loaded, mesh: &mesh, settings: &settings };
@@ -94,7 +99,7 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
         }
     }
     if common.json {
-        println!("{}", output::json(&info));
+        say!("{}", output::json(&info));
     } else {
         info.print();
     }
@@ -151,31 +156,38 @@ impl Info {
     }
 
     fn print(&self) {
-        println!("{:24} {}", "scene", self.scene);
-        println!("{:24} {} (file: {})", "triangles", self.triangles, self.file_triangles);
-        println!(
+        say!("{:24} {}", "scene", self.scene);
+        say!("{:24} {} (file: {})", "triangles", self.triangles, self.file_triangles);
+        say!(
             "{:24} {} without area, {} duplicates, {} transparent",
-            "dropped", self.dropped_zero_area, self.dropped_duplicates, self.dropped_holes
+            "dropped",
+            self.dropped_zero_area,
+            self.dropped_duplicates,
+            self.dropped_holes
         );
-        println!("{:24} {}", "objects", self.objects);
-        println!(
+        say!("{:24} {}", "objects", self.objects);
+        say!(
             "{:24} {} ({} textured, {} masked, {} emissive)",
-            "materials", self.materials, self.textured_materials, self.masked_materials, self.emissive_materials
+            "materials",
+            self.materials,
+            self.textured_materials,
+            self.masked_materials,
+            self.emissive_materials
         );
-        println!("{:24} {}", "textures", self.textures);
-        println!("{:24} {:.4} m² (emitting {:.6} m²)", "surface", self.area_m2, self.emitting_area_m2);
-        println!("{:24} {:?} .. {:?} m", "bounds", self.bounds_m[0], self.bounds_m[1]);
-        println!("{:24} {} m", "unit of the file", self.metres_per_unit);
+        say!("{:24} {}", "textures", self.textures);
+        say!("{:24} {:.4} m² (emitting {:.6} m²)", "surface", self.area_m2, self.emitting_area_m2);
+        say!("{:24} {:?} .. {:?} m", "bounds", self.bounds_m[0], self.bounds_m[1]);
+        say!("{:24} {} m", "unit of the file", self.metres_per_unit);
         for light in &self.lights {
-            println!("{:24} {light}", "light");
+            say!("{:24} {light}", "light");
         }
-        println!("{:24} {}", "sky", self.sky);
-        println!("{:24} {} nodes", "hierarchy", self.hierarchy_nodes);
+        say!("{:24} {}", "sky", self.sky);
+        say!("{:24} {} nodes", "hierarchy", self.hierarchy_nodes);
         for (name, count) in &self.bytes {
-            println!("{:24} {}", format!("memory, {name}"), output::bytes(*count));
+            say!("{:24} {}", format!("memory, {name}"), output::bytes(*count));
         }
         for (name, seconds) in &self.seconds {
-            println!("{:24} {seconds:.3} s", format!("time, {name}"));
+            say!("{:24} {seconds:.3} s", format!("time, {name}"));
         }
         if let Some(patches) = &self.patches {
             patches.print();
@@ -222,19 +234,22 @@ impl Patches {
     }
 
     fn print(&self) {
-        println!("{:24} {} of kind {}, {} elements", "patches", self.patches, self.kind, self.elements);
+        say!("{:24} {} of kind {}, {} elements", "patches", self.patches, self.kind, self.elements);
         if let (Some(voxels), Some(edge)) = (self.voxels, self.voxel_edge_m) {
-            println!("{:24} {voxels} with patches, edge {edge:.4} m", "voxels");
+            say!("{:24} {voxels} with patches, edge {edge:.4} m", "voxels");
         }
-        println!("{:24} {} ({} points of patches)", "samples", self.samples, self.sample_points);
-        println!("{:24} {:.4} m² (both sides of the surface: {:.4} m²)", "area", self.area_m2, self.surface_sides_m2);
-        println!(
+        say!("{:24} {} ({} points of patches)", "samples", self.samples, self.sample_points);
+        say!("{:24} {:.4} m² (both sides of the surface: {:.4} m²)", "area", self.area_m2, self.surface_sides_m2);
+        say!(
             "{:24} min {:.3e}, median {:.3e}, max {:.3e} m²",
-            "area of a patch", self.min_area_m2, self.median_area_m2, self.max_area_m2
+            "area of a patch",
+            self.min_area_m2,
+            self.median_area_m2,
+            self.max_area_m2
         );
         for (name, count) in &self.bytes {
-            println!("{:24} {}", format!("memory, {name}"), output::bytes(*count));
+            say!("{:24} {}", format!("memory, {name}"), output::bytes(*count));
         }
-        println!("{:24} {:.3} s", "time, patches", self.seconds);
+        say!("{:24} {:.3} s", "time, patches", self.seconds);
     }
 }

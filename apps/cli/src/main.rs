@@ -1,5 +1,7 @@
 //! The program `patchlight`.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 mod args;
 mod bake;
 mod compare;
@@ -12,33 +14,42 @@ mod write_scene;
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::ArgMatches;
 
-use args::{Cli, Command};
-use experiments::progress;
+use args::{Cli, Command, Run, warn_of_idle};
+use experiments::progress::Progress;
+use experiments::tell;
 use experiments::{Error, bench};
+use experiments::{print, progress};
 
 /// Runs the command that the process was started with. Exit code 0, 1 for an error, 2 for wrong usage, 130 after Ctrl-C.
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let (cli, matches) = Cli::read();
+    // What a decoder of a damaged file says when it gives up is an error, which is printed as such.
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if !assets::import::is_guarded() {
+            hook(panic);
+        }
+    }));
     if let Err(e) = progress::watch_for_cancel() {
-        eprintln!("warning: Ctrl-C will stop at once: {e}");
+        tell!("warning: Ctrl-C will stop at once: {e}");
     }
-    match dispatch(cli) {
+    match dispatch(cli, &matches).and_then(|()| print::finish()) {
         Ok(()) => ExitCode::SUCCESS,
         // Work that is told to stop may say so in words of its own.
         Err(e) if e.is_cancelled() || progress::is_cancelled() => {
-            eprintln!("stopped; nothing was left half-written");
-            ExitCode::from(130)
+            progress::tell_stopped();
+            ExitCode::from(progress::STOPPED)
         }
         Err(e) => {
-            eprintln!("error: {e}");
+            tell!("error: {e}");
             ExitCode::FAILURE
         }
     }
 }
 
-fn dispatch(cli: Cli) -> Result<(), Error> {
+fn dispatch(cli: Cli, matches: &ArgMatches) -> Result<(), Error> {
     let threads = cli.common.threads;
     // The pool of the whole process, so that no work starts threads of its own.
     rayon::ThreadPoolBuilder::new()
@@ -50,8 +61,16 @@ fn dispatch(cli: Cli) -> Result<(), Error> {
         Some(Command::Bake(args)) => bake::run(&cli.common, &args),
         Some(Command::Merge(args)) => bake::run_merge(&cli.common, &args),
         Some(Command::Info { scene, .. }) if bake::is_bake(&scene) => bake::info(&cli.common, &scene),
-        Some(Command::Render(args)) if bake::is_bake(&args.scene) => streamed::run(&cli.common, &args),
-        Some(Command::Render(args)) => render::run(&cli.common, &args),
+        Some(Command::Render(args)) => {
+            let run = Run { args: &args, is_bake: bake::is_bake(&args.scene) };
+            if let Some(matches) = matches.subcommand_matches("render") {
+                warn_of_idle(matches, run, &Progress::new(cli.common.quiet));
+            }
+            match run.is_bake {
+                true => streamed::run(&cli.common, &args),
+                false => render::run(&cli.common, &args),
+            }
+        }
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
         Some(Command::Bench(args)) => bench::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),

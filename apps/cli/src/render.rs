@@ -9,20 +9,21 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, PictureFile as _, ReferenceData, stops_to_scale};
 
-use super::args::{Bounces, BuildPlace, Decoding, DirectLight, FormFactors, Method, ReceiverPlaces, Render};
+use super::args::{Bounces, DirectLight, FormFactors, Method, ReceiverPlaces, Render};
 use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
 use experiments::path;
 use experiments::photons;
-use experiments::progress::{Progress, is_cancelled};
+use experiments::progress::{Progress, interruptible, is_cancelled};
 use experiments::report::significant;
+use experiments::say;
 use experiments::sequence::{Movement, Sequence, Shot, light_update_ms};
 use experiments::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
 use experiments::worst_blocks::worst_blocks;
 use patchlight::debug::DebugPicture;
-use patchlight::memory::peak_memory_bytes;
+use patchlight::memory::{check_free, peak_memory_bytes};
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
 use patchlight::method::{FeedbackSettings, FirstShotSettings};
@@ -39,6 +40,10 @@ use runtime::recipe::multibounce::Decoder;
 const MOST_SUB_FRAMES_IN_VIEW: u32 = 2;
 /// Paths a point when a reference asks for irradiance at points.
 const POINT_PATHS: u32 = 4096;
+/// Bytes of a pixel: sums of its light, a sample of it, and the parts of the picture as they are written.
+const PIXEL_BYTES: f64 = 100.0;
+/// Shadow rays of a frame of which the user is told: those of minutes.
+const MANY_RAYS: f64 = 1e9;
 /// Phases before the first frame that the summary tells.
 const BAKE_PHASES: [&str; 9] =
     ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables", "maps", "photons"];
@@ -47,15 +52,18 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if args.method == Method::Path {
         common.native_only("render --method path")?;
     }
+    output::check_out(&common.out)?;
     let progress = Progress::new(common.quiet);
-    let loaded = output::import(&args.scene, &progress)?;
+    let loaded = output::import_within(&args.scene, args.memory_limit, &progress)?;
     let data = args.reference.as_deref().map(ReferenceData::load).transpose()?;
     let size = args.size.or(data.as_ref().map(|d| (d.full.width, d.full.height))).unwrap_or((960, 540));
+    let pixels = f64::from(size.0) * f64::from(size.1);
+    let picture = format!("a picture of {} x {} pixels", size.0, size.1);
+    check_free(picture, PIXEL_BYTES * pixels, args.memory_limit, "choose a smaller size")?;
     if args.frames > 1 && data.is_some() {
         progress.warn("the reference is for lights at rest; no errors are computed for moving ones");
     }
     let data = data.filter(|_| args.frames == 1);
-    warn_of_ignored(args, &progress);
     let codec = args.codec.filter(|_| args.method == Method::Multibounce);
     let codec = codec.map(|codec| codec.codec(args.epsilon).name());
     let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
@@ -80,30 +88,12 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let text = output::json(&summary);
     output::write_text(&out.join("summary.json"), &text)?;
     if common.json {
-        println!("{text}");
+        say!("{text}");
     } else {
         print(&summary);
         progress.note(&format!("written to {}", out.display()));
     }
     Ok(())
-}
-
-/// Warns of options that the method does not know.
-fn warn_of_ignored(args: &Render, progress: &Progress) {
-    let method = args.method.name();
-    if args.codec.is_some() && args.method != Method::Multibounce {
-        progress.warn(&format!("--codec is for --method multibounce; --method {method} ignores it"));
-    }
-    if matches!(args.method, Method::Firstshot | Method::Local) && args.bounces != Bounces::All {
-        progress.warn(&format!("--method {method} takes all bounces and ignores --bounces"));
-    }
-    let is_built = matches!(args.method, Method::Multibounce | Method::Tiles);
-    if args.memory_limit.is_some() && !is_built {
-        progress.warn(&format!("--memory-limit is for operators; --method {method} ignores it"));
-    }
-    if args.build_on == BuildPlace::Device && !(is_built && args.bounces != Bounces::All) {
-        progress.warn("--build-on device is for operators of --bounces K; others are built on the host");
-    }
 }
 
 /// What is rendered.
@@ -173,16 +163,25 @@ impl Job<'_> {
         let decode = self.decode();
         // Before minutes of baking.
         decode.check(executor.device())?;
-        let bake = Arc::new(Bake::build(&loaded.scene, &self.bake_settings(), progress)?);
         let settings = self.render_settings(decode);
+        self.warn_of_many_lights(settings.sub_frames);
+        let bake_settings = self.bake_settings();
+        let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
+        if args.patches.voxel_size.is_none() {
+            let check = settings.method.check_memory(bake_settings.patch_count, bake_settings.bounces, &settings.build);
+            check.map_err(of_scene)?;
+        }
+        let bake = interruptible(|| Bake::build(&loaded.scene, &bake_settings, progress)).map_err(of_scene)?;
+        let bake = Arc::new(bake);
         let exact = match args.errors {
             true => {
                 let settings = RenderSettings { method: MethodSettings::Classic, ..settings.clone() };
-                Some(Renderer::new(Arc::clone(&bake), self.open_device()?.0, &settings, progress)?)
+                let executor = self.open_device()?.0;
+                Some(interruptible(|| Renderer::new(Arc::clone(&bake), executor, &settings, progress))?)
             }
             false => None,
         };
-        let mut renderer = Renderer::new(bake, executor, &settings, progress)?;
+        let mut renderer = interruptible(|| Renderer::new(bake, executor, &settings, progress))?;
         self.describe(&renderer, summary);
         let pictures = self.frames(&mut renderer, exact, summary)?;
         if let Some(photons) = renderer.method().as_any().downcast_ref::<FirstShotMethod>() {
@@ -201,6 +200,22 @@ impl Job<'_> {
         Ok(Rendered { pictures, points })
     }
 
+    /// Light of each is traced from all samples of patches and from all pixels.
+    fn warn_of_many_lights(&self, sub_frames: u32) {
+        let lights = self.loaded.scene.lighting.lights.len();
+        let (width, height) = self.size;
+        let pixels = f64::from(width) * f64::from(height) * f64::from(sub_frames);
+        let samples = self.args.patches.count() as f64 * f64::from(BakeSettings::default().samples);
+        let rays = lights as f64 * (pixels + samples);
+        if rays > MANY_RAYS {
+            self.progress.warn(&format!(
+                "{lights} lights take {:.0} million shadow rays a frame; fewer lights, or a smaller --size, --spp or --patch-count \
+                 take less",
+                rays * 1e-6
+            ));
+        }
+    }
+
     fn open_device(&self) -> Result<(Box<dyn Executor>, Option<String>), Error> {
         Ok(open(&DeviceChoice::parse(&self.common.device))?)
     }
@@ -214,14 +229,10 @@ impl Job<'_> {
     fn decode(&self) -> Decode {
         let args = self.args;
         let has_blocks = args.codec.is_some_and(|codec| matches!(codec.codec(args.epsilon), Codec::Blocks(_)));
-        if has_blocks && args.method == Method::Multibounce {
-            return args.decode.decode();
+        match has_blocks && args.method == Method::Multibounce {
+            true => args.decode.decode(),
+            false => Decode::Auto,
         }
-        if args.decode != Decoding::Auto {
-            self.progress
-                .warn("--decode is for --method multibounce with --codec bc1, bc3, bc6h or bc7, and is ignored");
-        }
-        Decode::Auto
     }
 
     fn bake_settings(&self) -> BakeSettings {
@@ -248,6 +259,7 @@ impl Job<'_> {
             receiver_edge: args.receiver_edge,
             most_receivers: args.most_receivers.map(|most| most as usize),
             receiver_rays: args.receiver_rays,
+            memory_limit: args.memory_limit,
             seed: self.common.seed,
             ..BakeSettings::default()
         }
@@ -372,8 +384,9 @@ impl Job<'_> {
         last.ok_or(Error::Cancelled)
     }
 
-    /// Writes a frame of several as a picture.
+    /// Checks a frame, and writes one of several as a picture.
     fn write_frame(&self, number: u32, pictures: &Pictures) -> Result<(), Error> {
+        output::check_finite(number, &pictures.full)?;
         if self.args.frames > 1 {
             let path = self.out.join(format!("frame-{number:04}.png"));
             pictures.full.write_png(&path, self.loaded.exposure_stops)?;
@@ -455,12 +468,12 @@ fn points_csv(data: &ReferenceData, points: &[Vec3], errors: &[f64]) -> String {
 }
 
 fn print(s: &Summary) {
-    println!("{:14} {} by {} on {}", "scene", s.scene, s.method, s.device);
+    say!("{:14} {} by {} on {}", "scene", s.scene, s.method, s.device);
     if let Some(n) = s.patches {
-        println!("{:14} {n}, receivers {}", "patches", s.receivers.unwrap_or(0));
+        say!("{:14} {n}, receivers {}", "patches", s.receivers.unwrap_or(0));
     }
     if let Some(p) = &s.photons {
-        println!(
+        say!(
             "{:14} {}, {} registered, relative error {:.2} %",
             "photons",
             p.photons,
@@ -469,23 +482,23 @@ fn print(s: &Summary) {
         );
     }
     if let Some(decode) = s.decode {
-        println!("{:14} {decode}", "decode");
+        say!("{:14} {decode}", "decode");
     }
     for (name, seconds) in &s.bake {
-        println!("{:14} {seconds:.2} s", format!("bake {name}"));
+        say!("{:14} {seconds:.2} s", format!("bake {name}"));
     }
     for (name, t) in &s.passes {
-        println!("{:14} median {:.2} ms, max {:.2} ms", format!("pass {name}"), t.median_ms, t.max_ms);
+        say!("{:14} median {:.2} ms, max {:.2} ms", format!("pass {name}"), t.median_ms, t.max_ms);
     }
     if let Some(update) = &s.light_update {
-        println!("{:14} median {:.2} ms, max {:.2} ms", "light update", update.median_ms, update.max_ms);
+        say!("{:14} median {:.2} ms, max {:.2} ms", "light update", update.median_ms, update.max_ms);
     }
     for (name, count) in &s.bytes {
-        println!("{:14} {}", format!("bytes {name}"), output::bytes(*count));
+        say!("{:14} {}", format!("bytes {name}"), output::bytes(*count));
     }
     for (name, errors) in [("full", &s.full), ("indirect", &s.indirect)] {
         if let Some(e) = errors {
-            println!(
+            say!(
                 "{name:14} block median {:.2} %, block PSNR {:.1} dB, mean ratio {:.4}, MSE {}, PSNR {:.2} dB, SSIM {:.4}, FLIP {}",
                 100.0 * e.block_median_relative_error,
                 e.block_psnr_db,
@@ -498,7 +511,7 @@ fn print(s: &Summary) {
         }
     }
     if let Some(p) = &s.points {
-        println!(
+        say!(
             "{:14} median {:.2} %, 95th percentile {:.2} %, mean ratio {:.4}",
             "points",
             100.0 * p.median_relative_error,

@@ -1,5 +1,6 @@
 //! `patchlight render FILE.bake --method local`.
 
+use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -12,7 +13,8 @@ use super::args::{Method, Render};
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
-use experiments::progress::{Progress, is_cancelled};
+use experiments::progress::{Progress, interruptible, is_cancelled};
+use experiments::say;
 use experiments::sequence::Movement;
 use experiments::summary::PassTimes;
 use patchlight::memory::{peak_memory_bytes, resident_bytes};
@@ -70,6 +72,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if args.method != Method::Local {
         return Err(Error::BakeMethod { path: path.to_path_buf() });
     }
+    output::check_out(&common.out)?;
     let progress = Progress::new(common.quiet);
     let named = named_scene(path, &progress)?;
     let before = resident_bytes().unwrap_or(0);
@@ -89,7 +92,8 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     })?;
     let out = output::folder_or(&common.out, &format!("{name}-local"));
     output::make_folder(&out)?;
-    let mut flight = Flight { streamed, movement, settings, stops, out: &out, progress: &progress };
+    let mut flight =
+        Flight { streamed, movement, settings, stops, out: &out, progress: &progress, told: HashSet::new() };
     flight.settle()?;
     let lines = flight.frames(args.frames, before + geometry)?;
     output::write_text(&out.join("frames.csv"), &csv(&lines))?;
@@ -97,7 +101,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     let text = output::json(&report);
     output::write_text(&out.join("summary.json"), &text)?;
     if common.json {
-        println!("{text}");
+        say!("{text}");
     } else {
         report.print();
         progress.note(&format!("written to {}", out.display()));
@@ -110,7 +114,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
 fn named_scene(path: &Path, progress: &Progress) -> Result<String, Error> {
     let file = BakeFile::open(path)?;
     for error in file.lost() {
-        progress.warn(&error.to_string());
+        progress.warn(&left_out(&error.to_string()));
     }
     Ok(scene_of(&file)?)
 }
@@ -134,6 +138,11 @@ fn stream_settings(args: &Render, stops: f32) -> StreamSettings {
     }
 }
 
+/// What a loss means for the pictures.
+fn left_out(error: &str) -> String {
+    format!("{error}; meanwhile its rows are left out, and the rest is used")
+}
+
 /// A bake, and the camera that moves through it.
 struct Flight<'a> {
     streamed: Streamed,
@@ -142,6 +151,8 @@ struct Flight<'a> {
     stops: f32,
     out: &'a Path,
     progress: &'a Progress,
+    /// Losses that the user knows of.
+    told: HashSet<String>,
 }
 
 impl Flight<'_> {
@@ -152,9 +163,20 @@ impl Flight<'_> {
         let settled = self.progress.phase("settle", |report| {
             streamed.settle(eye, &|share| report((1000.0 * share) as usize, 1000).is_continue())
         })?;
+        self.warn_of_lost(&settled.lost);
         let patches = self.streamed.patch_count();
         self.progress.note(&format!("{} nodes of {patches} patches stand for the world", settled.entered));
         Ok(())
+    }
+
+    /// Warns of rows that are lost, of those of a block once.
+    fn warn_of_lost(&mut self, lost: &[localmatrix::Error]) {
+        for error in lost {
+            let text = error.to_string();
+            if self.told.insert(text.clone()) {
+                self.progress.warn(&left_out(&text));
+            }
+        }
     }
 
     /// Renders frames and writes their pictures; `held` are the bytes that were resident before the
@@ -177,14 +199,13 @@ impl Flight<'_> {
         let (lights, view) = self.movement.at(number);
         let (width, height) = self.settings.size;
         let start = Instant::now();
-        let (picture, frame) = self.streamed.frame(&lights, &view.camera(width, height), self.stops)?;
+        let (picture, frame) = interruptible(|| self.streamed.frame(&lights, &view.camera(width, height), self.stops))?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
+        output::check_finite(number, &picture)?;
         if is_cancelled() {
             return Err(Error::Cancelled);
         }
-        for error in &frame.step.lost {
-            self.progress.warn(&error.to_string());
-        }
+        self.warn_of_lost(&frame.step.lost);
         let matrix: u64 = self.streamed.bytes().iter().filter(|part| part.0 == "matrix").map(|part| part.1).sum();
         let resident = resident_bytes().unwrap_or(0);
         let name = if is_only { "full.png".to_owned() } else { format!("frame-{number:04}.png") };
@@ -274,29 +295,37 @@ fn report(name: &str, settings: &StreamSettings, streamed: &Streamed, lines: &[L
 
 impl Report {
     fn print(&self) {
-        println!("{:14} {} by {}, {} slots for {} patches", "scene", self.scene, self.method, self.slots, self.patches);
+        say!("{:14} {} by {}, {} slots for {} patches", "scene", self.scene, self.method, self.slots, self.patches);
         if let Some(t) = &self.frame {
-            println!(
+            say!(
                 "{:14} median {:.1} ms, max {:.1} ms, {} above twice the median",
-                "frame", t.median_ms, t.max_ms, self.slow_frames
+                "frame",
+                t.median_ms,
+                t.max_ms,
+                self.slow_frames
             );
         }
         for (name, t) in &self.passes {
-            println!("{:14} median {:.2} ms, max {:.2} ms", format!("pass {name}"), t.median_ms, t.max_ms);
+            say!("{:14} median {:.2} ms, max {:.2} ms", format!("pass {name}"), t.median_ms, t.max_ms);
         }
-        println!(
+        say!(
             "{:14} {} came, {} went, {} frames waited for the disk",
-            "nodes", self.entered, self.left, self.waiting_frames
+            "nodes",
+            self.entered,
+            self.left,
+            self.waiting_frames
         );
-        println!("{:14} {:.3}/255 a frame at most, for 99.9 % of the pixels", "change", self.greatest_change);
-        println!(
+        say!("{:14} {:.3}/255 a frame at most, for 99.9 % of the pixels", "change", self.greatest_change);
+        say!(
             "{:14} {:.1}/255 behind in half of the frames, {:.1} at most, for 99 % of the pixels",
-            "", self.median_behind, self.greatest_behind
+            "",
+            self.median_behind,
+            self.greatest_behind
         );
         for (name, bytes) in &self.bytes {
-            println!("{:14} {}", format!("bytes {name}"), output::bytes(*bytes));
+            say!("{:14} {}", format!("bytes {name}"), output::bytes(*bytes));
         }
-        println!(
+        say!(
             "{:14} {}, {} without geometry and matrix",
             "resident",
             output::bytes(self.resident_bytes),

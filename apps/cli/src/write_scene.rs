@@ -4,20 +4,23 @@ use assets::{export, procedural};
 use experiments::Error;
 use experiments::args::Common;
 use experiments::output;
+use experiments::progress::{interruptible, is_cancelled};
+use experiments::say;
 
 pub fn run(common: &Common, name: &str) -> Result<(), Error> {
     common.native_only("scene")?;
-    let loaded = procedural::build(name)?;
+    output::check_out(&common.out)?;
+    let loaded = interruptible(|| procedural::build(name))?;
     let folder = output::folder_or(&common.out, &format!("scene-{}", loaded.name));
-    output::make_folder(&folder)?;
-    let path = export::write_scene(&loaded, &folder)?;
+    let files = interruptible(|| export::SceneFiles::of(&loaded, &folder))?;
+    let Some(path) = files.write(&|| !is_cancelled())? else { return Err(Error::Cancelled) };
     if common.json {
-        println!(
+        say!(
             "{}",
             output::json(&serde_json::json!({ "scene": path, "triangles": loaded.scene.geometry.triangles.len() }))
         );
     } else {
-        println!("{} ({} triangles)", path.display(), loaded.scene.geometry.triangles.len());
+        say!("{} ({} triangles)", path.display(), loaded.scene.geometry.triangles.len());
     }
     Ok(())
 }

@@ -17,6 +17,10 @@ fn bake(scene: &str, path: &Path, more: &[&str]) {
     succeeds(&arguments);
 }
 
+fn bake_part(path: &Path) {
+    bake("cornell", path, &["--part", "1/1"]);
+}
+
 #[test]
 fn threads_parts_and_interruptions_change_no_byte() {
     let folder = tempfile::tempdir().unwrap();
@@ -65,6 +69,98 @@ fn threads_parts_and_interruptions_change_no_byte() {
     assert!(!beginning.exists());
 }
 
+/// Kills that a bake must bear; more with the variable `KILLS`.
+fn kill_count() -> u64 {
+    std::env::var("KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(8)
+}
+
+#[test]
+fn a_bake_that_is_killed_at_random_moments_comes_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, killed) = (folder.path().join("whole.bake"), folder.path().join("killed.bake"));
+    let arguments = |path: &Path| -> Vec<String> {
+        let own =
+            ["bake", "cornell", "-o", path.to_str().unwrap(), "--patch-count", "300", "--rays", "32768", "--quiet"];
+        own.map(str::to_owned).to_vec()
+    };
+    let command_of = |path: &Path| command(&arguments(path).iter().map(String::as_str).collect::<Vec<_>>());
+    let start = Instant::now();
+    assert!(command_of(&whole).output().unwrap().status.success());
+    let time = start.elapsed().as_micros() as u64;
+    let expected = fs::read(&whole).unwrap();
+    let (mut kills, mut finished, mut resumed) = (0, 0, 0);
+    for k in 0u64.. {
+        if kills >= kill_count() {
+            break;
+        }
+        let begun = fs::metadata(folder.path().join("killed.bake.beginning")).is_ok();
+        let mut child = command_of(&killed).spawn().unwrap();
+        // Anywhere in the time that it takes.
+        std::thread::sleep(Duration::from_micros(k.wrapping_mul(0x9e37_79b9_7f4a_7c15) % time));
+        child.kill().unwrap();
+        let is_done = child.wait().unwrap().success();
+        kills += u64::from(!is_done);
+        resumed += u64::from(begun);
+        // What is whole is right, however often it was killed before.
+        if killed.exists() {
+            assert!(fs::read(&killed).unwrap() == expected, "after {kills} kills");
+            fs::remove_file(&killed).unwrap();
+            finished += 1;
+        }
+    }
+    assert!(command_of(&killed).output().unwrap().status.success());
+    assert!(fs::read(&killed).unwrap() == expected, "after {kills} kills");
+    println!("{kills} kills, {resumed} runs went on from another, {finished} came through");
+    assert!(resumed > 0);
+}
+
+#[test]
+fn a_bake_that_is_stopped_says_where_it_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.bake");
+    let own = ["bake", "cornell", "-o", path.to_str().unwrap(), "--patch-count", "4000", "--rays", "65536", "--quiet"];
+    let child = command(&own).spawn().unwrap();
+    let beginning = folder.path().join("a.bake.beginning");
+    let start = Instant::now();
+    while !beginning.exists() && start.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let told = std::process::Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+    let output = child.wait_with_output().unwrap();
+    let message = text(&output.stderr);
+    assert!(told.success() && output.status.code() == Some(130), "{message}");
+    assert!(message.contains("a.bake.beginning keeps what is done") && beginning.exists(), "{message}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_said_and_the_old_bake_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    // A small file system of its own, where the system allows to make one.
+    let script = format!(
+        "mount -t tmpfs -o size=400k none '{0}' || exit 77; \
+         '{1}' bake cornell -o '{0}/a.bake' --patch-count 300 --rays 64 --quiet || exit 78; sum=$(cksum < '{0}/a.bake'); \
+         '{1}' bake cornell -o '{0}/a.bake' --patch-count 20000 --rays 64 --quiet; code=$?; \
+         [ \"$sum\" = \"$(cksum < '{0}/a.bake')\" ] || exit 79; exit $code",
+        folder.path().display(),
+        env!("CARGO_BIN_EXE_patchlight")
+    );
+    let output = std::process::Command::new("unshare").args(["-rm", "bash", "-c", &script]).output();
+    let Ok(output) = output else {
+        println!("skipped: there is no unshare");
+        return;
+    };
+    let message = text(&output.stderr);
+    match output.status.code() {
+        Some(1) if !message.contains("a.bake") => println!("skipped: {message}"),
+        Some(77) => println!("skipped: {message}"),
+        code => {
+            assert_eq!(code, Some(1), "{message}");
+            assert!(message.contains("a.bake.beginning") && message.contains("room"), "{message}");
+        }
+    }
+}
+
 #[test]
 fn wrong_bakes_are_named_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
@@ -94,6 +190,22 @@ fn wrong_bakes_are_named_with_the_remedy() {
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("b.bake: block ") && said.contains("at byte"), "{said}");
+    // A short run says so, too, and no more than that.
+    let (bake, out) = (name("b.bake"), name("out"));
+    let output = run(&["render", &bake, "--method", "local", "--size", "32x24", "--slots", "2048", "--out", &out]);
+    let warnings = text(&output.stderr);
+    assert!(output.status.success(), "{warnings}");
+    assert_eq!(warnings.matches("warning: ").count(), 1, "{warnings}");
+    assert!(warnings.contains("b.bake: block ") && warnings.contains("its rows are left out"), "{warnings}");
+    // Parts that are joined must be whole.
+    bake_part(&at("part.bake"));
+    let mut part = fs::read(at("part.bake")).unwrap();
+    let place = part.len() - 200;
+    part[place] ^= 1;
+    fs::write(at("part.bake"), part).unwrap();
+    let message = fails(1, &["merge", &name("part.bake"), "-o", &name("joined.bake")]);
+    assert!(message.contains("part.bake: block ") && message.contains("bake the scene again"), "{message}");
+    assert!(!message.contains("left out"), "{message}");
     for (bytes, word) in [(&good[..0], "it is empty"), (&good[..90], "the header"), (&good[..4000], "the world")] {
         fs::write(at("c.bake"), bytes).unwrap();
         for arguments in [["info", &name("c.bake"), "--json"], ["render", &name("c.bake"), "--method=local"]] {

@@ -21,7 +21,7 @@ pub struct Common {
     #[arg(long, global = true, default_value = "auto")]
     pub device: String,
     /// Threads of the CPU; 0 takes one a core.
-    #[arg(long, global = true, default_value_t = 0)]
+    #[arg(long, global = true, default_value_t = 0, value_parser = parse_threads)]
     pub threads: usize,
     /// Changes every random number; the same seed gives the same bytes.
     #[arg(long, global = true, default_value_t = 0)]
@@ -224,6 +224,30 @@ impl Bench {
             Experiment::Operator => self.rays,
             _ => BakeSettings::default().receiver_rays,
         })
+    }
+}
+
+/// Threads that may be asked for on any machine, and for each of its cores: more only wait for each other.
+const MOST_THREADS: usize = 64;
+const THREADS_A_CORE: usize = 4;
+
+fn parse_threads(text: &str) -> Result<usize, String> {
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let most = MOST_THREADS.max(THREADS_A_CORE * cores);
+    match text.parse() {
+        Ok(threads) if threads <= most => Ok(threads),
+        _ => Err(format!("`{text}` is no number from 0 to {most} (this machine has {cores} cores)")),
+    }
+}
+
+/// A length in metres.
+///
+/// # Errors
+/// Text that is none.
+pub fn parse_metres(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(metres) if metres > 0.0 && f32::is_finite(metres) => Ok(metres),
+        _ => Err(format!("`{text}` is no length in metres: a number above 0")),
     }
 }
 

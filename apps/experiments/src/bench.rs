@@ -100,6 +100,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     if args.references == Some(None) && args.name != Experiment::Clean {
         return Err(Error::NoReferenceFolder);
     }
+    output::check_out(&common.out)?;
     match args.name {
         Experiment::Clean => clean::run(common, args),
         Experiment::Patches => run_patches(common, args),
@@ -167,10 +168,10 @@ fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
         write(&machine, &results, &out)?;
     }
     if common.json {
-        println!("{}", text(&results, &[]));
+        say!("{}", text(&results, &[]));
     } else {
-        results.iter().for_each(|result| println!("{}", result.markdown()));
-        println!("{} shows the same with pictures", out.join("report.html").display());
+        results.iter().for_each(|result| say!("{}", result.markdown()));
+        say!("{} shows the same with pictures", out.join("report.html").display());
     }
     Ok(())
 }
@@ -230,7 +231,7 @@ impl Machine {
     fn find(common: &Common) -> Result<Self, Error> {
         let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
         if let (Some(note), false) = (note, common.quiet) {
-            eprintln!("{note}");
+            tell!("{note}");
         }
         let device = executor.device();
         let gpu = (device.kind != DeviceKind::Native).then(|| device.name.clone());

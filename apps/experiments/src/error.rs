@@ -8,7 +8,7 @@ use runtime::executor::ExecutorError;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A scene file.
-    #[error(transparent)]
+    #[error("{}", import_with_hint(.0))]
     Import(#[from] assets::ImportError),
     /// The library.
     #[error("{}", with_hint(.0))]
@@ -36,10 +36,22 @@ pub enum Error {
         /// What the system says.
         source: std::io::Error,
     },
+    /// Standard output could not be written.
+    #[error("cannot write to standard output: {source}; files were written as asked, only the text is lost")]
+    Print {
+        /// What the system says.
+        source: std::io::Error,
+    },
     /// A bake goes with one method.
     #[error("{} is a bake; render it with --method local, or render its scene", path.display())]
     BakeMethod {
         /// The bake.
+        path: PathBuf,
+    },
+    /// A file that is no bake where a bake is to be written.
+    #[error("{} is there and is no bake; remove it, or choose another name with --out", path.display())]
+    Overwrites {
+        /// The file.
         path: PathBuf,
     },
     /// A bake with blocks that cannot be read.
@@ -99,6 +111,36 @@ pub enum Error {
         /// What the system says.
         why: String,
     },
+    /// A picture with a pixel that is no number.
+    #[error(
+        "frame {frame}: pixel ({x}, {y}) is not a finite number; lower the light or the emission that shines there"
+    )]
+    NotFinite {
+        /// The frame, from 0.
+        frame: u32,
+        /// The pixel, from the left.
+        x: u32,
+        /// And from the top.
+        y: u32,
+    },
+    /// Two pictures that cannot be compared.
+    #[error("{} beside {}: {source}", ours.display(), reference.display())]
+    Compared {
+        /// The first picture.
+        ours: PathBuf,
+        /// The reference.
+        reference: PathBuf,
+        /// Why not.
+        source: Box<reference::Error>,
+    },
+    /// What cannot be done with a scene.
+    #[error("{scene}: {source}")]
+    OfScene {
+        /// The scene as the command line names it.
+        scene: String,
+        /// What is wrong.
+        source: Box<Self>,
+    },
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,
@@ -110,8 +152,22 @@ impl Error {
         match self {
             Self::Cancelled => true,
             Self::Library(error) => error.is_cancelled(),
+            Self::OfScene { source, .. } => source.is_cancelled(),
             _ => false,
         }
+    }
+
+    /// Names the scene that it is about.
+    pub fn of_scene(error: impl Into<Self>, scene: &str) -> Self {
+        Self::OfScene { scene: scene.to_owned(), source: Box::new(error.into()) }
+    }
+}
+
+/// What is wrong with a scene, and which option does what is advised.
+fn import_with_hint(error: &assets::ImportError) -> String {
+    match error {
+        assets::ImportError::Memory { .. } => format!("{error} (--memory-limit)"),
+        _ => error.to_string(),
     }
 }
 
@@ -130,6 +186,9 @@ fn hint(error: &patchlight::Error) -> Option<String> {
         Library::FirstShotReceivers => "--receivers mesh or pixels",
         Library::PatchesAsReceivers { .. } => {
             "--receivers self needs --patches voxel or axis; or choose --receivers mesh"
+        }
+        Library::TooLarge { .. } => {
+            "--receiver-edge or --most-receivers, --patch-count, --method tiles, --slots, --size; or a larger --memory-limit"
         }
         Library::OperatorMemory { instead, .. } => return Some(format!("--patch-count, --method {instead}")),
         Library::NoTextureUnit { .. } => "--decode kernel, or another --device",
@@ -151,6 +210,8 @@ fn patches_hint(error: &patches::Error) -> Option<&'static str> {
         patches::Error::VoxelSizeWithoutVoxels { .. } => {
             Some("--voxel-size needs --patches voxel or axis; or give --patch-count instead")
         }
+        patches::Error::Shared(transport::Error::PolygonShape { .. }) => Some("--patches cluster"),
+        patches::Error::LongTriangle { .. } => Some("--receiver-edge, or a smaller --patch-count"),
         patches::Error::TooMany { .. } | patches::Error::Shared(transport::Error::TooMany { .. }) => {
             Some("a larger --voxel-size, or a smaller --patch-count")
         }

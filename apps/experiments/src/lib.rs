@@ -1,5 +1,10 @@
 //! What `patchlight bench` runs, and what the program shares with it: results on disk, reports, movements, app errors.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
+#[macro_use]
+pub mod print;
+
 pub mod args;
 pub mod bandwidth;
 pub mod bench;

@@ -7,18 +7,68 @@ use std::path::{Path, PathBuf};
 use patchlight::Pictures;
 use patchlight::debug::DebugPicture;
 use reference::metrics::indirect_scale;
-use reference::{Precision, scale_to_stops};
+use reference::{Picture, Precision, scale_to_stops};
 use serde::Serialize;
 
 use crate::error::Error;
-use crate::progress::Progress;
-use assets::import::{LoadedScene, load_or_build};
+use crate::progress::{Progress, is_cancelled};
+use assets::import::{LoadOptions, LoadedScene, load_or_build_with};
 
 /// A scene from a file, or a built-in one; what was repaired is said.
 pub fn import(spec: &str, progress: &Progress) -> Result<LoadedScene, Error> {
-    let loaded = progress.phase("import", |_| load_or_build(spec))?;
+    import_within(spec, None, progress)
+}
+
+/// The same in so many bytes of memory.
+///
+/// # Errors
+/// What the file says.
+pub fn import_within(spec: &str, memory_limit: Option<u64>, progress: &Progress) -> Result<LoadedScene, Error> {
+    let options = LoadOptions { memory_limit, ..LoadOptions::default() };
+    let loaded = progress.phase("import", |_| load_or_build_with(spec, &options))?;
+    if is_cancelled() {
+        return Err(Error::Cancelled);
+    }
     loaded.warnings.iter().for_each(|line| progress.warn(line));
     Ok(loaded)
+}
+
+/// Whether files can be written into a folder, which may not be there yet: asked before hours of work. Nothing is left there.
+///
+/// # Errors
+/// [`Error::Write`] with the folder and what the system says.
+pub fn check_folder(folder: &Path) -> Result<(), Error> {
+    let failed = |source| Error::Write { path: folder.to_path_buf(), source };
+    let there = folder.ancestors().find(|place| place.exists()).filter(|place| !place.as_os_str().is_empty());
+    let mut file = tempfile::tempfile_in(there.unwrap_or(Path::new("."))).map_err(failed)?;
+    file.write_all(b"?").and_then(|()| file.sync_all()).map_err(failed)
+}
+
+/// Whether a file can be written: [`check_folder`] of its folder.
+///
+/// # Errors
+/// [`Error::Write`] with the file and what the system says.
+pub fn check_file(path: &Path) -> Result<(), Error> {
+    let failed = |source| Error::Write { path: path.to_path_buf(), source };
+    if path.is_dir() {
+        return Err(failed(std::io::ErrorKind::IsADirectory.into()));
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(failed(std::io::ErrorKind::NotFound.into()));
+    }
+    check_folder(folder).map_err(|error| match error {
+        Error::Write { source, .. } => failed(source),
+        other => other,
+    })
+}
+
+/// [`check_folder`] of `--out`, or of the folder in which results lie without it.
+///
+/// # Errors
+/// As [`check_folder`].
+pub fn check_out(out: &Option<PathBuf>) -> Result<(), Error> {
+    check_folder(out.as_deref().unwrap_or(Path::new("out")))
 }
 
 /// Makes a folder and those above it.
@@ -32,6 +82,17 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
         file.write_all(text.as_bytes()).map_err(|source| reference::Error::Write { path: path.to_path_buf(), source })
     })?;
     Ok(())
+}
+
+/// Whether all of a picture is numbers.
+///
+/// # Errors
+/// [`Error::NotFinite`] with the first pixel that is none.
+pub fn check_finite(frame: u32, picture: &Picture) -> Result<(), Error> {
+    match picture.pixels.iter().position(|pixel| !pixel.is_finite()) {
+        Some(k) => Err(Error::NotFinite { frame, x: k as u32 % picture.width, y: k as u32 / picture.width }),
+        None => Ok(()),
+    }
 }
 
 /// Writes the parts as EXR and as displayed.
@@ -84,6 +145,29 @@ pub fn bytes(count: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pixel_that_is_no_number_is_named() {
+        let mut picture = Picture::from_pixels(4, 3, vec![glam::Vec3::ONE; 12]).unwrap();
+        assert!(check_finite(0, &picture).is_ok());
+        picture.pixels[9].y = f32::INFINITY;
+        let error = check_finite(7, &picture).unwrap_err().to_string();
+        assert!(error.contains("frame 7") && error.contains("(1, 2)"), "{error}");
+    }
+
+    #[test]
+    fn folders_that_cannot_be_written_are_found_and_nothing_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, "x").unwrap();
+        assert!(check_folder(&folder.path().join("new/deep")).is_ok());
+        assert!(check_folder(&file.join("below")).unwrap_err().to_string().contains("file/below"));
+        assert!(check_file(&folder.path().join("a.bake")).is_ok());
+        for wrong in [folder.path().join("new/a.bake"), file.join("a.bake"), folder.path().to_path_buf()] {
+            assert!(check_file(&wrong).unwrap_err().to_string().contains(&wrong.display().to_string()));
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
 
     #[test]
     fn sizes_in_words() {

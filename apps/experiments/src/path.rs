@@ -8,7 +8,7 @@ use scene::{Camera, Scene};
 
 use crate::error::Error;
 use crate::progress::Progress;
-use patchlight::Pictures;
+use patchlight::{Phase, Pictures};
 
 /// A path-traced picture and its own standard errors.
 pub struct PathPicture {
@@ -45,7 +45,7 @@ pub fn render(
         }
     }
     let tracer = PathTracer::new(scene);
-    let finished = progress.phase("path tracing", |report| {
+    let finished = progress.phase(Phase::PATHS.name(), |report| {
         tracer.accumulate(camera, &mut sums, samples, |done, target| report(done as usize, target as usize))
     })?;
     if let Some(path) = saved {

@@ -1,27 +1,62 @@
 //! Progress of long work on the terminal, and its cancellation by Ctrl-C.
 
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use patchlight::{Observer, Phase};
 
+/// Exit code after Ctrl-C or SIGTERM.
+pub const STOPPED: u8 = 130;
+/// Time in which work that is told to stop ends by itself.
+const GRACE: Duration = Duration::from_millis(500);
+/// Time between looks at whether it may be ended.
+const LOOK: Duration = Duration::from_millis(20);
+
 /// Set by Ctrl-C (or SIGTERM); long work is told so and ends in order.
 static CANCELLED: AtomicBool = AtomicBool::new(false);
+/// How many scopes of [`interruptible`] work are open.
+static INTERRUPTIBLE: Mutex<usize> = Mutex::new(0);
+/// A file in which work that was stopped goes on.
+static CONTINUED_IN: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// Makes Ctrl-C and SIGTERM ask for an orderly end; a second one ends the process at once.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What they guard is whole after every statement.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Makes Ctrl-C and SIGTERM ask for an orderly end; a second one ends the process at once. Work that is
+/// [`interruptible`] ends within a second even where it does not ask whether it should.
 ///
 /// # Errors
 /// The system's, when no handler can be set.
 pub fn watch_for_cancel() -> Result<(), ctrlc::Error> {
     ctrlc::set_handler(|| {
         if CANCELLED.swap(true, Ordering::SeqCst) {
-            std::process::exit(130);
+            std::process::exit(STOPPED.into());
         }
-        eprintln!("\nstopping; press Ctrl-C again to stop at once");
+        tell!("\nstopping; press Ctrl-C again to stop at once");
+        // Without this thread the work ends when it asks.
+        let _ = std::thread::Builder::new().name("stop".to_owned()).spawn(end_soon);
     })
+}
+
+/// Ends the process after the grace as soon as no file can be half-written.
+fn end_soon() {
+    std::thread::sleep(GRACE);
+    loop {
+        // Held to the end: nothing leaves its scope, and begins to write, meanwhile.
+        let open = lock(&INTERRUPTIBLE);
+        if *open > 0 {
+            tell_stopped();
+            std::process::exit(STOPPED.into());
+        }
+        drop(open);
+        std::thread::sleep(LOOK);
+    }
 }
 
 /// Whether the user asked to stop.
@@ -29,7 +64,44 @@ pub fn is_cancelled() -> bool {
     CANCELLED.load(Ordering::SeqCst)
 }
 
-/// Shows phases of work on the terminal and keeps their times.
+/// Says that the work has stopped, and where it goes on.
+pub fn tell_stopped() {
+    match lock(&CONTINUED_IN).as_ref().filter(|path| path.exists()) {
+        Some(path) => tell!("stopped; {} keeps what is done, and the same command goes on from it", path.display()),
+        None => tell!("stopped; nothing was left half-written"),
+    }
+}
+
+/// Names the file in which work that is stopped goes on, where there is one by then.
+pub fn continue_in(path: PathBuf) {
+    *lock(&CONTINUED_IN) = Some(path);
+}
+
+/// Runs work that may be cut off anywhere: it writes no file, or only one that another run goes on from.
+pub fn interruptible<T>(work: impl FnOnce() -> T) -> T {
+    let _scope = Scope::new();
+    work()
+}
+
+/// Counts as interruptible work until it is dropped.
+#[derive(Debug)]
+struct Scope;
+
+impl Scope {
+    fn new() -> Self {
+        *lock(&INTERRUPTIBLE) += 1;
+        Self
+    }
+}
+
+impl Drop for Scope {
+    fn drop(&mut self) {
+        *lock(&INTERRUPTIBLE) -= 1;
+    }
+}
+
+/// Shows phases of work on the terminal and keeps their times. Phases are [`interruptible`], but for path tracing, which
+/// saves what it has.
 #[derive(Debug, Default)]
 pub struct Progress {
     /// No bars, no notes.
@@ -49,6 +121,7 @@ struct Running {
     name: &'static str,
     start: Instant,
     bar: ProgressBar,
+    _scope: Option<Scope>,
 }
 
 /// Steps of a bar.
@@ -63,13 +136,13 @@ impl Progress {
     /// A line for the user.
     pub fn note(&self, text: &str) {
         if !self.quiet {
-            eprintln!("{text}");
+            tell!("{text}");
         }
     }
 
     /// Something the user should know even when quiet.
     pub fn warn(&self, text: &str) {
-        eprintln!("warning: {text}");
+        tell!("warning: {text}");
     }
 
     /// Runs a phase of the program itself; the work tells the steps that are done, and is told whether to go on.
@@ -77,10 +150,10 @@ impl Progress {
         patchlight::run_phase(self, Phase(name), work)
     }
 
-    /// Runs a short, repeated phase without a bar.
+    /// Runs a short, repeated phase without a bar; it is [`interruptible`].
     pub fn timed<T>(&self, name: &str, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
-        let result = work();
+        let result = interruptible(work);
         self.state().finished.push((name.to_owned(), start.elapsed().as_secs_f64()));
         result
     }
@@ -96,16 +169,20 @@ impl Progress {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     fn begin(&self, name: &'static str) {
+        if self.state().running.iter().any(|running| running.name == name) {
+            return;
+        }
         let target = if self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let bar = ProgressBar::with_draw_target(Some(STEPS), target);
         let style = ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} % {elapsed_precise} (left: {eta})");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
         bar.set_message(name);
-        self.state().running.push(Running { name, start: Instant::now(), bar });
+        let scope = (name != Phase::PATHS.name()).then(Scope::new);
+        self.state().running.push(Running { name, start: Instant::now(), bar, _scope: scope });
     }
 
     fn end(&self, name: &'static str) {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use etcetera::BaseStrategy as _;
-use patchlight::Pictures;
+use patchlight::{Phase, Pictures};
 use reference::path::{PathSettings, PathTracer};
 use reference::{
     Accumulation, Judge, Picture, PictureFile as _, Precision, ReferenceData, ReferenceNoise, fingerprint,
@@ -199,7 +199,7 @@ impl<'a> Tracing<'a> {
     fn trace(&self, sums: &mut Accumulation, paths: u32, progress: &Progress) -> Result<(), Error> {
         let tracer = PathTracer::new(&self.loaded.scene);
         let path = self.folder.join(SUMS);
-        let finished = progress.phase("path tracing", |report| -> Result<bool, Error> {
+        let finished = progress.phase(Phase::PATHS.name(), |report| -> Result<bool, Error> {
             while sums.samples() < paths {
                 let next = (sums.samples() + PATHS_AT_ONCE).min(paths);
                 let go_on =

@@ -12,7 +12,7 @@ use scene::{Camera, LIGHT_DIRECTIONAL, Light, Lighting};
 use crate::args::{Animate, CameraPath};
 use crate::error::Error;
 use crate::output;
-use crate::progress::Progress;
+use crate::progress::{Progress, interruptible};
 use crate::report::{Plot, Section, Series, page};
 use assets::import::{Animation, LoadedScene, Target, View};
 use localmatrix::CameraFrame;
@@ -158,11 +158,11 @@ impl Sequence {
         let mut ssim = None;
         if let Some(exact) = exact {
             if local.is_some() {
-                let picture = exact.picture(shot.lighting, shot.camera, shot.number)?.pictures.full;
+                let picture = interruptible(|| exact.picture(shot.lighting, shot.camera, shot.number))?.pictures.full;
                 // Nothing to compare where the camera sees only black.
                 ssim = compare_pictures(&done.pictures.full, &picture, self.scale, None).ok().map(|errors| errors.ssim);
             } else {
-                exact.advance(shot.lighting, shot.camera)?;
+                interruptible(|| exact.advance(shot.lighting, shot.camera))?;
             }
             error = Some(distance(&light, &exact.surface_irradiance()?));
         }

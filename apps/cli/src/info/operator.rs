@@ -16,6 +16,7 @@ use experiments::args::Common;
 use experiments::measure::{block_orders, compact_lights, matrix_pictures, order_errors, own_light};
 use experiments::output;
 use experiments::progress::Progress;
+use experiments::say;
 use patches::PatchMesh;
 use patchlight::operator::build::{MATRICES, check_memory};
 use patchlight::operator::measure::{exact_product, relative_error};
@@ -185,7 +186,7 @@ impl Operator {
     }
 
     pub fn print(&self) {
-        println!(
+        say!(
             "{:24} {} of {} patches: sparse rows {}, dense {} a channel",
             "form factors",
             self.entries,
@@ -193,7 +194,7 @@ impl Operator {
             output::bytes(self.sparse_bytes),
             output::bytes(self.dense_bytes)
         );
-        println!("{:24} {:.4}", "spectral radius of ρF", self.spectral_radius);
+        say!("{:24} {:.4}", "spectral radius of ρF", self.spectral_radius);
         for stored in &self.stored {
             stored.print();
         }
@@ -260,32 +261,36 @@ impl Stored {
     fn print(&self) {
         let parts: Vec<String> =
             self.bytes.iter().map(|(name, count)| format!("{name} {}", output::bytes(*count))).collect();
-        println!(
+        say!(
             "{:24} {} ({})",
             format!("{} in {}", self.operator, self.codec),
             output::bytes(self.total_bytes),
             parts.join(", ")
         );
-        println!("{:24} {:.3} % (Frobenius)", "  error of the entries", 100.0 * self.frobenius);
-        println!(
+        say!("{:24} {:.3} % (Frobenius)", "  error of the entries", 100.0 * self.frobenius);
+        say!(
             "{:24} {:.3} % under the scene's light, at most {:.3} % under compact lights",
             "  error of irradiance",
             100.0 * self.own_light,
             100.0 * self.compact_lights
         );
-        println!("{:24} {:.4} of ρF as stored", "  spectral radius", self.spectral_radius);
+        say!("{:24} {:.4} of ρF as stored", "  spectral radius", self.spectral_radius);
         for (order, mse) in &self.order_mse {
-            println!("{:24} {mse:.3e} (mean square, entries in blocks)", format!("  {order} order"));
+            say!("{:24} {mse:.3e} (mean square, entries in blocks)", format!("  {order} order"));
         }
         if let Some(decode) = self.decode {
-            println!("{:24} {decode}", "  decoded in frames by");
+            say!("{:24} {decode}", "  decoded in frames by");
         }
         if let Some(tiles) = &self.tiles {
-            println!(
+            say!(
                 "{:24} {} empty, {} sparse, {} of low rank; ranks up to {}",
-                "  tiles", tiles.empty, tiles.sparse, tiles.low_rank, tiles.most_rank
+                "  tiles",
+                tiles.empty,
+                tiles.sparse,
+                tiles.low_rank,
+                tiles.most_rank
             );
-            println!(
+            say!(
                 "{:24} {}, {} of them of differences of channels; {} dense sub-blocks; {} sparse entries; in a file {}",
                 "  rank-1 terms",
                 tiles.terms + tiles.difference_terms,
@@ -295,6 +300,6 @@ impl Stored {
                 output::bytes(tiles.stored_bytes)
             );
         }
-        println!("{:24} {:.2} s", "  time", self.seconds);
+        say!("{:24} {:.2} s", "  time", self.seconds);
     }
 }

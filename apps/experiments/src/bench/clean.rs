@@ -104,10 +104,10 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         }
     }
     if common.json {
-        println!("{}", results(common, args, &machine, &outcomes));
+        say!("{}", results(common, args, &machine, &outcomes));
     } else {
-        tables(&outcomes).iter().for_each(|table| println!("{}", table.markdown()));
-        println!("{} shows the same with pictures", out.join("report.html").display());
+        tables(&outcomes).iter().for_each(|table| say!("{}", table.markdown()));
+        say!("{} shows the same with pictures", out.join("report.html").display());
     }
     Ok(())
 }
@@ -142,9 +142,9 @@ fn make_references(common: &Common, args: &Bench, store: &ReferenceStore, progre
     for spec in &args.scenes {
         let loaded = output::import(spec, progress)?;
         let kept = store.make(&loaded, args.size(), paths, progress)?;
-        println!("{spec}: {}{}", kept.source, noise_text(kept.noise().as_ref()));
+        say!("{spec}: {}{}", kept.source, noise_text(kept.noise().as_ref()));
     }
-    println!("kept in {}", store.folder().display());
+    say!("kept in {}", store.folder().display());
     Ok(())
 }
 

@@ -17,7 +17,7 @@ use super::{Machine, Setup, load, suited_settings};
 use crate::args::{Animate, Bench, Common};
 use crate::error::Error;
 use crate::output;
-use crate::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, interruptible, is_cancelled};
 use crate::report::{Figure, Plot, Section, Series, Table, page};
 use crate::sequence::{Movement, PIXELS, distance, pass_ms};
 use crate::summary::PassTimes;
@@ -107,10 +107,10 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         output::write_text(&out.join("report.html"), &page("Patchlight: patches and probes", &[line], &sections))?;
     }
     if common.json {
-        println!("{}", results(&rows));
+        say!("{}", results(&rows));
     } else {
-        println!("{}", table(&rows).markdown());
-        println!("{} shows the same with pictures", out.join("report.html").display());
+        say!("{}", table(&rows).markdown());
+        say!("{} shows the same with pictures", out.join("report.html").display());
     }
     Ok(())
 }
@@ -222,7 +222,7 @@ impl<'a> Measuring<'a> {
         let mut renderer = load(common, bake, &settings, &Progress::new(true))?;
         let build_s = bake_s + start.elapsed().as_secs_f64();
         let frames = self.patch_frames(&mut renderer)?;
-        let picture = renderer.picture(&loaded.scene.lighting, &self.camera, 0)?.pictures.indirect;
+        let picture = interruptible(|| renderer.picture(&loaded.scene.lighting, &self.camera, 0))?.pictures.indirect;
         let bytes = renderer.bytes().values().sum();
         self.row(name, Row { build_s, bytes, ..self.empty_row() }, &frames, &picture)
     }
@@ -231,12 +231,12 @@ impl<'a> Measuring<'a> {
         let mut frames = Frames { updates: Vec::new(), lookups: Vec::new(), shown: Vec::new() };
         for lighting in self.moving() {
             let start = Instant::now();
-            let times = renderer.advance(&lighting, &self.camera)?;
+            let times = interruptible(|| renderer.advance(&lighting, &self.camera))?;
             frames.updates.push(1e3 * start.elapsed().as_secs_f64() - pass_ms(&times, PIXELS));
         }
         let (away, own) = self.jump();
         for frame in 0..AWAY + REST {
-            renderer.advance(if frame < AWAY { &away } else { own }, &self.camera)?;
+            interruptible(|| renderer.advance(if frame < AWAY { &away } else { own }, &self.camera))?;
             if frame + 1 >= AWAY {
                 frames.shown.push(renderer.surface_irradiance()?);
             }

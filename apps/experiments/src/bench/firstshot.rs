@@ -140,11 +140,11 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         output::write_text(&out.join("report.md"), &markdown)?;
     }
     if common.json {
-        println!("{}", results(&rows, &rates));
+        say!("{}", results(&rows, &rates));
     } else {
-        introduction(&machine).iter().for_each(|line| println!("{line}\n"));
-        println!("{}\n{}", table(&rows).markdown(), rate_table(&rates).markdown());
-        println!("{} shows the same with curves", out.join("report.html").display());
+        introduction(&machine).iter().for_each(|line| say!("{line}\n"));
+        say!("{}\n{}", table(&rows).markdown(), rate_table(&rates).markdown());
+        say!("{} shows the same with curves", out.join("report.html").display());
     }
     Ok(())
 }

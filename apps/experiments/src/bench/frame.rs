@@ -16,7 +16,7 @@ use super::{Machine, Setup, load, suited_settings};
 use crate::args::{Animate, Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::output;
-use crate::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, interruptible, is_cancelled};
 use crate::report::{Section, Table, page};
 use crate::sequence::{Movement, PIXELS, pass_ms};
 use crate::summary::{LightUpdate, PassTimes};
@@ -142,10 +142,10 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         }
     }
     if common.json {
-        println!("{}", results(&rows));
+        say!("{}", results(&rows));
     } else {
-        tables(&machine, operations_g, &rows).iter().for_each(|table| println!("{}", table.markdown()));
-        println!("{} shows the same", out.join("report.html").display());
+        tables(&machine, operations_g, &rows).iter().for_each(|table| say!("{}", table.markdown()));
+        say!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
 }
@@ -248,7 +248,7 @@ impl Measuring<'_> {
             lights = shining.len();
             let lighting = with_lights(&loaded.scene, &shining);
             let start = Instant::now();
-            let times = renderer.advance(&lighting, &camera)?;
+            let times = interruptible(|| renderer.advance(&lighting, &camera))?;
             let ms = 1e3 * start.elapsed().as_secs_f64() - pass_ms(&times, PIXELS);
             if is_cancelled() {
                 return Err(Error::Cancelled);

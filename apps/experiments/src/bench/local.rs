@@ -14,7 +14,7 @@ use crate::args::{Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::errors::picture_errors;
 use crate::output;
-use crate::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, interruptible, is_cancelled};
 use crate::report::{Section, Table, page, significant};
 use crate::sequence::{distance, flicker, pass_ms};
 use crate::summary::PassTimes;
@@ -137,10 +137,10 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         output::write_text(&out.join("report.html"), &page("Patchlight: local matrix", &[], [&section]))?;
     }
     if common.json {
-        println!("{}", results(&rows, &views));
+        say!("{}", results(&rows, &views));
     } else {
-        tables(&rows, &views).iter().for_each(|table| println!("{}", table.markdown()));
-        println!("{} shows the same", out.join("report.html").display());
+        tables(&rows, &views).iter().for_each(|table| say!("{}", table.markdown()));
+        say!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
 }
@@ -212,7 +212,7 @@ impl Measuring<'_> {
         let loaded = self.loaded;
         let (width, height) = truth.size();
         let camera = loaded.view.camera(width, height);
-        let pictures = light.picture(&loaded.scene.lighting, &camera, 0)?.pictures;
+        let pictures = interruptible(|| light.picture(&loaded.scene.lighting, &camera, 0))?.pictures;
         let (full, _) = picture_errors(&pictures, &truth.pictures, loaded.exposure_stops)?;
         Ok(Some(Shown { scene: loaded.name.clone(), method, full }))
     }
@@ -229,7 +229,7 @@ impl Measuring<'_> {
             let camera = view.camera(width, height);
             let times = match frame % COMPARED {
                 0 => self.compare(light, full, &camera, frame, &mut flown)?,
-                _ => light.advance(&self.loaded.scene.lighting, &camera)?,
+                _ => interruptible(|| light.advance(&self.loaded.scene.lighting, &camera))?,
             };
             if is_cancelled() {
                 return Err(Error::Cancelled);
@@ -259,10 +259,10 @@ impl Measuring<'_> {
     ) -> Result<Vec<(String, f64)>, Error> {
         let lighting = &self.loaded.scene.lighting;
         let scale = stops_to_scale(self.loaded.exposure_stops);
-        let ours = light.picture(lighting, camera, frame)?;
+        let ours = interruptible(|| light.picture(lighting, camera, frame))?;
         let irradiance = light.surface_irradiance()?;
         for (one, difference) in [(&mut full.classic, &mut flown.classic), (&mut full.unmerged, &mut flown.unmerged)] {
-            let theirs = one.picture(lighting, camera, frame)?.pictures.full;
+            let theirs = interruptible(|| one.picture(lighting, camera, frame))?.pictures.full;
             let their_irradiance = one.surface_irradiance()?;
             *difference = difference.with(scale, (&ours.pictures.full, &irradiance), (&theirs, &their_irradiance));
         }

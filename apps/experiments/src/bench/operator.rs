@@ -131,12 +131,12 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         }
     }
     if common.json {
-        println!("{}", results(&builds, &rows));
+        say!("{}", results(&builds, &rows));
     } else {
-        println!("{}\n", machine_line(&machine));
-        builds.iter().for_each(|build| println!("{}\n", build_line(build)));
-        [Some(table(&rows)), blocks::table(&rows)].iter().flatten().for_each(|table| println!("{}", table.markdown()));
-        println!("{} shows the same", out.join("report.html").display());
+        say!("{}\n", machine_line(&machine));
+        builds.iter().for_each(|build| say!("{}\n", build_line(build)));
+        [Some(table(&rows)), blocks::table(&rows)].iter().flatten().for_each(|table| say!("{}", table.markdown()));
+        say!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
 }

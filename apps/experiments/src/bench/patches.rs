@@ -15,7 +15,7 @@ use super::truth::Truth;
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
-use crate::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, interruptible, is_cancelled};
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::report::{Figure, Plot, Section, Series};
 use crate::sequence::pass_ms;
@@ -270,10 +270,10 @@ impl Experiment<'_> {
     ) -> Result<Frames, Error> {
         let camera = self.loaded.view.camera(size.0, size.1);
         let lighting = with_lights(&self.loaded.scene, lights);
-        let first = renderer.picture(&lighting, &camera, 0)?;
+        let first = interruptible(|| renderer.picture(&lighting, &camera, 0))?;
         let mut times = vec![first.times];
         for number in 1..frames {
-            times.push(renderer.picture(&lighting, &camera, number)?.times);
+            times.push(interruptible(|| renderer.picture(&lighting, &camera, number))?.times);
             if is_cancelled() {
                 return Err(Error::Cancelled);
             }

@@ -16,7 +16,7 @@ use super::{Machine, SCENES, Setup, load, suited_settings};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
-use crate::progress::{Progress, is_cancelled};
+use crate::progress::{Progress, interruptible, is_cancelled};
 use crate::report::{Plot, Section, Series, Table, page};
 use crate::sequence::{distance, flicker, pass_ms};
 use crate::summary::PassTimes;
@@ -123,10 +123,10 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         }
     }
     if common.json {
-        println!("{}", results(&rows));
+        say!("{}", results(&rows));
     } else {
-        tables(&rows).iter().for_each(|table| println!("{}", table.markdown()));
-        println!("{} shows the same", out.join("report.html").display());
+        tables(&rows).iter().for_each(|table| say!("{}", table.markdown()));
+        say!("{} shows the same", out.join("report.html").display());
     }
     Ok(())
 }
@@ -188,7 +188,7 @@ impl Measuring<'_> {
         let before = &frames.shown[REST as usize - 1];
         let scale = stops_to_scale(loaded.exposure_stops);
         let camera = loaded.view.camera(truth.size().0, truth.size().1);
-        let pictures = light.picture(&loaded.scene.lighting, &camera, 0)?.pictures;
+        let pictures = interruptible(|| light.picture(&loaded.scene.lighting, &camera, 0))?.pictures;
         let indirect_exposure = indirect_scale(&truth.pictures.indirect);
         let bytes = light.bytes();
         let bytes_of = |names: &[&str]| names.iter().filter_map(|name| bytes.get(*name)).sum();
@@ -228,7 +228,7 @@ impl Measuring<'_> {
         let mut frames = Frames::default();
         for frame in 0..AWAY + REST {
             let lighting = if frame < AWAY { &away } else { &loaded.scene.lighting };
-            let times = light.advance(lighting, &camera)?;
+            let times = interruptible(|| light.advance(lighting, &camera))?;
             frames.method_ms.push(pass_ms(&times, "method"));
             frames.lookup_ms.push(pass_ms(&times, "lookup"));
             if frame + 1 >= AWAY {
