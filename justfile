@@ -27,6 +27,10 @@ spv-check:
 bench:
     cargo bench
 
+# Read damaged files of every format: none may make a reader panic, hang or fill the memory.
+mutate COUNT="100000":
+    cargo run --release -p integration-tests --bin mutate -- {{COUNT}}
+
 # The default demo: pictures and out/report.html.
 demo:
     cargo run --release

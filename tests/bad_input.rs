@@ -1,9 +1,10 @@
 //! Every bad scene is refused, or repaired with a warning, in words that name the file, the place and the remedy; no
 //! bytes whatever make the import panic.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use assets::import::{LoadedScene, load, load_or_build};
+use assets::import::{LoadOptions, LoadedScene, load, load_or_build, load_with};
+use integration_tests::mutate::{Corpus, Outcome};
 use scene::sampling::hash3;
 use tempfile::TempDir;
 
@@ -291,74 +292,131 @@ fn bad_gltf_is_refused_with_its_place() {
     refused("b.glb", &good[..good.len() / 2], &["truncated"]);
 }
 
-/// Changes, drops, doubles or cuts bytes; deterministic.
-fn mutate(bytes: &[u8], seed: u32) -> Vec<u8> {
-    let mut out = bytes.to_vec();
-    for round in 0..1 + hash3(seed, 0, 1) % 4 {
-        if out.is_empty() {
-            break;
-        }
-        let at = hash3(seed, round, 2) as usize % out.len();
-        let interesting = b"0-9/ \n.e\"[]{}n\xff\0";
-        match hash3(seed, round, 3) % 6 {
-            0 => out[at] = hash3(seed, round, 4) as u8,
-            1 => out[at] = interesting[hash3(seed, round, 4) as usize % interesting.len()],
-            2 => out[at] ^= 1 << (hash3(seed, round, 4) % 8),
-            3 => {
-                out.remove(at);
+#[test]
+fn no_damaged_file_makes_a_reader_panic_hang_or_fill_the_memory() {
+    let corpus = Corpus::new();
+    let (mut read, mut refused) = (0, 0);
+    for number in 0..3000 {
+        let (name, bytes) = corpus.mutant(number);
+        match corpus.read(name, &bytes) {
+            Outcome::Read => read += 1,
+            Outcome::Refused(message) => {
+                assert!(message.len() > 20, "{name}, number {number}: {message}");
+                refused += 1;
             }
-            4 => out.insert(at, interesting[hash3(seed, round, 4) as usize % interesting.len()]),
-            _ if hash3(seed, round, 5).is_multiple_of(4) => out.truncate(at),
-            _ => {
-                let end = (at + 1 + hash3(seed, round, 4) as usize % 8).min(out.len());
-                let part = out[at..end].to_vec();
-                out.splice(at..at, part);
-            }
+            Outcome::Fault(what) => panic!("{name}, number {number}: {what}"),
         }
     }
-    out
+    // Both occur: the changes neither always break a file nor never.
+    assert!(read > 500 && refused > 500, "{read} read, {refused} refused");
 }
 
 #[test]
-fn no_change_of_bytes_makes_the_import_panic() {
-    let toml = TOML.to_owned()
-        + "\n[sky]\nradiance = [1, 1, 1]\n[[animation]]\ntarget = \"camera\"\nproperty = \"eye\"\n\
-                                  keyframes = [{ time = 0, value = [0, 0, 1] }]\n";
-    let glb_bytes = glb(&triangle_json(3, NODE), &triangle_binary(2, 0.0));
-    let picture = png(4, 3);
-    let originals: [(&str, &[u8], &str, u32); 5] = [
-        ("a.obj", OBJ.as_bytes(), "a.obj", 1200),
-        ("a.mtl", MTL.as_bytes(), "a.obj", 600),
-        ("s.toml", toml.as_bytes(), "s.toml", 600),
-        ("b.glb", &glb_bytes, "b.glb", 1000),
-        ("t.png", &picture, "a.obj", 400),
-    ];
-    let folder = folder(&[
-        ("a.obj", OBJ.as_bytes()),
-        ("a.mtl", MTL.as_bytes()),
-        ("s.toml", toml.as_bytes()),
-        ("b.glb", &glb_bytes),
-        ("t.png", &picture),
-    ]);
-    let (mut good, mut bad) = (0, 0);
-    for (changed, bytes, opened, cases) in originals {
-        let path: PathBuf = folder.path().join(changed);
-        for seed in 0..cases {
-            std::fs::write(&path, mutate(bytes, seed)).expect("a temporary file");
-            let outcome = std::panic::catch_unwind(|| {
-                load(&folder.path().join(opened)).map(|s| s.scene.geometry.triangles.len())
-            });
-            match outcome {
-                Ok(Ok(_)) => good += 1,
-                Ok(Err(e)) => {
-                    assert!(e.to_string().len() > 20, "{e}");
-                    bad += 1;
-                }
-                Err(_) => panic!("{changed}, seed {seed}: the import panicked"),
-            }
-        }
-        std::fs::write(&path, bytes).expect("a temporary file");
+fn the_sound_files_that_are_damaged_are_read() {
+    let corpus = Corpus::new();
+    for name in corpus.names() {
+        assert_eq!(corpus.read_sound(name), Outcome::Read, "{name}");
     }
-    // Both outcomes occur: the changes neither always break the file nor never.
-    assert!(good > 500 && bad > 500, "{good} good, {bad} bad");
+}
+
+#[test]
+fn libraries_of_materials_may_be_named_twice_and_anywhere() {
+    let other = "newmtl n\nKd 0.25 0.5 0.75\n";
+    let faces = "usemtl m\nf 1/1 2/2 3/3\nusemtl n\nf 1/1 3/3 4\n";
+    let start = OBJ.find("usemtl").unwrap();
+    let vertices = OBJ[..start].replace("mtllib a.mtl\n", "");
+    for text in [
+        format!("mtllib a.mtl b.mtl\n{vertices}{faces}"),
+        format!("mtllib a.mtl\nmtllib b.mtl\n{vertices}{faces}"),
+        format!("mtllib a.mtl\nmtllib b.mtl\nmtllib a.mtl\n{vertices}{faces}"),
+        format!("mtllib a.mtl\n{vertices}{}", faces.replace("usemtl n", "mtllib b.mtl\nusemtl n")),
+        format!("{vertices}{faces}mtllib a.mtl\nmtllib b.mtl\n"),
+    ] {
+        let files =
+            [("a.obj", text.as_bytes()), ("a.mtl", MTL.as_bytes()), ("b.mtl", other.as_bytes()), ("t.png", &png(2, 2))];
+        let (scene, _f) = accepted(&files, "a.obj");
+        let names: Vec<&str> =
+            scene.scene.geometry.triangles.iter().map(|t| scene.materials[t.material as usize].as_str()).collect();
+        assert_eq!(names, ["m", "n"], "{text}");
+        assert_eq!(scene.scene.materials[1].albedo, glam::Vec3::new(0.25, 0.5, 0.75), "{text}");
+    }
+}
+
+#[test]
+fn lines_may_end_in_carriage_returns() {
+    let files: [(&str, &str); 2] = [("a.obj", OBJ), ("a.mtl", MTL)];
+    let [unix, mac, dos] = ["\n", "\r", "\r\n"].map(|end| {
+        let files = files.map(|(name, text)| (name, text.replace('\n', end).into_bytes()));
+        let files = [(files[0].0, &files[0].1[..]), (files[1].0, &files[1].1[..]), ("t.png", &png(2, 2))];
+        let (scene, _f) = accepted(&files, "a.obj");
+        (scene.content_hash, scene.scene.geometry.triangles.len())
+    });
+    assert!(unix == mac && unix == dos && unix.1 == 2);
+    // A fault is in its own line.
+    let wrong = OBJ.replace("f 1/1 3/3 4", "f 1/1 3/3 9").replace('\n', "\r");
+    refused("b.obj", wrong.as_bytes(), &["line 12", "index 9"]);
+}
+
+#[test]
+fn a_picture_that_is_far_larger_than_its_file_is_refused() {
+    // A header that promises 16,384 x 16,384 texels of 24 bits, with a right checksum.
+    let mut bytes = png(2, 2);
+    bytes[16..20].copy_from_slice(&16_384u32.to_be_bytes());
+    bytes[20..24].copy_from_slice(&16_384u32.to_be_bytes());
+    let sum = crc32fast::hash(&bytes[12..29]);
+    bytes[29..33].copy_from_slice(&sum.to_be_bytes());
+    let (scene, _f) = accepted(&[("a.obj", OBJ.as_bytes()), ("a.mtl", MTL.as_bytes()), ("t.png", &bytes)], "a.obj");
+    assert_one_warning(&scene, &["t.png", "16384 x 16384", "768 MB", "smaller picture"]);
+    assert!(scene.textures.is_empty());
+}
+
+#[test]
+fn a_picture_that_many_materials_show_is_read_once() {
+    let picture = png(64, 64);
+    let materials: Vec<String> =
+        (0..200).map(|_| r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}"#.to_owned()).collect();
+    let json = triangle_json(3, NODE).replacen(
+        '{',
+        &format!(
+            r#"{{"materials":[{}],"textures":[{{"source":0}}],"images":[{{"bufferView":2,"mimeType":"image/png"}}],"#,
+            materials.join(",")
+        ),
+        1,
+    );
+    let json = json.replace(
+        r#""byteLength":12}]"#,
+        &format!(r#""byteLength":12}},{{"buffer":0,"byteOffset":48,"byteLength":{}}}]"#, picture.len()),
+    );
+    let json = json.replace(r#"[{"byteLength":48}]"#, &format!(r#"[{{"byteLength":{}}}]"#, 48 + picture.len()));
+    let bytes = glb(&json, &[triangle_binary(2, 0.0), picture].concat());
+    let (scene, _f) = accepted(&[("a.glb", &bytes)], "a.glb");
+    assert_eq!((scene.materials.len(), scene.textures.len()), (201, 1));
+    let texels = 64 * 64 * 4 / 3;
+    assert!(scene.scene.geometry.texels.len() < 2 * (texels + 64), "{}", scene.scene.geometry.texels.len());
+}
+
+#[test]
+fn instances_beyond_memory_are_refused_before_they_are_made() {
+    // 2,000 nodes that show one mesh.
+    let nodes: Vec<String> = (0..2000).map(|k| format!(r#"{{"mesh":0,"translation":[{k},0,0]}}"#)).collect();
+    let numbers: Vec<String> = (0..2000).map(|k| k.to_string()).collect();
+    let json = triangle_json(3, &format!("[{}]", nodes.join(",")));
+    let json = json.replace(r#""nodes":[0]"#, &format!(r#""nodes":[{}]"#, numbers.join(",")));
+    let folder = folder(&[("a.glb", &glb(&json, &triangle_binary(2, 0.0)))]);
+    let path = folder.path().join("a.glb");
+    let scene = load(&path).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(scene.scene.geometry.triangles.len(), 2000);
+    let options = LoadOptions { memory_limit: Some(100_000), ..LoadOptions::default() };
+    let message = load_with(&path, &options).err().map(|e| e.to_string()).unwrap_or_default();
+    assert_says(&message, &["a.glb", "2000 triangles", "MB", "simplify", "fewer places"]);
+}
+
+#[test]
+fn light_beyond_all_numbers_is_refused_or_lowered() {
+    let with = |from: &str, to: &str| TOML.replace(from, to).into_bytes();
+    refused("s.toml", &with("[1.0, 1.0, 1.0]", "[1.0, 1e38, 1.0]"), &["light 1, irradiance", "at most"]);
+    let mtl = MTL.replace("Ke 1 1 1", "Ke 1e38 1 1");
+    let (scene, _f) = accepted(&[("a.obj", OBJ.as_bytes()), ("a.mtl", mtl.as_bytes()), ("t.png", &png(2, 2))], "a.obj");
+    assert_one_warning(&scene, &["material m", "emission", "above"]);
+    assert!(scene.scene.materials[0].radiance.max_element() < 1e16);
 }
