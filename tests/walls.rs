@@ -123,6 +123,8 @@ fn wall_points(low: Vec3, high: Vec3, inside: bool, margin: f32) -> Vec<SurfaceP
 struct Baked {
     classic: Renderer,
     lights: Vec<Light>,
+    /// Edge of the pictures, pixels.
+    size: u32,
 }
 
 impl Baked {
@@ -131,6 +133,10 @@ impl Baked {
     }
 
     fn of_count(build: &Build, patches: PatchKind, patch_count: usize) -> Self {
+        Self::of_size(build, patches, patch_count, SIZE)
+    }
+
+    fn of_size(build: &Build, patches: PatchKind, patch_count: usize, size: u32) -> Self {
         let loaded = LoadedScene { scene: build.scene(), ..procedural::build("furnace").unwrap() };
         let settings = Setup {
             patches,
@@ -141,18 +147,18 @@ impl Baked {
             receiver_rays: 256,
             sub_frames: 2,
             seed: 5,
-            size: (SIZE, SIZE),
+            size: (size, size),
             ..Setup::default()
         };
         let executor = open(&DeviceChoice::Cpu).unwrap().0;
         let classic = settings.renderer(&loaded, executor).unwrap();
-        Self { classic, lights: build.parts.lights.clone() }
+        Self { classic, lights: build.parts.lights.clone(), size }
     }
 
     /// Indirect irradiance of all pixels, by the receivers on the mesh.
     fn seen(&mut self, eye: Vec3, target: Vec3) -> Vec<f32> {
         let up = if (target - eye).normalize().y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
-        let camera = Camera::look_at(eye, target, up, 90.0, SIZE, SIZE);
+        let camera = Camera::look_at(eye, target, up, 90.0, self.size, self.size);
         let lighting = with_lights(&self.classic.bake().scene, &self.lights);
         let picture = self.classic.picture(&lighting, &camera, 0).unwrap().pictures.indirect;
         picture.pixels.iter().map(|p| luminance(*p) * PI / ALBEDO).collect()
@@ -499,4 +505,43 @@ fn thin_dark_bar_of_clusters() {
     let mut of = |truth: &Build| check_errors(errors(truth, &mut ours, &points, 0.0), &[(0.5, 0.3), (0.9, 0.6)]);
     assert!(of(&bar(ALBEDO)).is_err(), "a white bar goes unnoticed");
     of(&bar(0.02)).unwrap();
+}
+
+/// A room with a sheet so far before a wall; none for no distance.
+fn poster(distance: Option<f32>) -> Build {
+    let mut b = Build::new();
+    b.cuboid(vec3(-2.0, 0.0, -2.0), vec3(2.0, 2.5, 2.0)).lamp(vec3(0.5, 1.9, 0.3));
+    if let Some(distance) = distance {
+        b.quad(vec3(distance - 2.0, 0.7, -0.6), 1.1 * Vec3::Y, 1.2 * Vec3::Z);
+    }
+    b
+}
+
+/// A sheet of the wall's own albedo that hardly stands off it changes nothing that is seen: neither it nor the wall round
+/// it takes the darkness from between them.
+fn check_poster(kind: PatchKind) {
+    let seen = |distance: Option<f32>| {
+        let mut baked = Baked::of_size(&poster(distance), kind, COUNT, 4 * SIZE);
+        baked.seen(vec3(-0.9, 1.25, 0.0), vec3(-2.0, 1.25, 0.0))
+    };
+    let bare = seen(None);
+    let dark_share = |pixels: &[f32]| {
+        let dark = pixels.iter().zip(&bare).filter(|(a, b)| **a < 0.9 * **b);
+        dark.count() as f64 / bare.len() as f64
+    };
+    let shadowed = dark_share(&seen(Some(0.2)));
+    let (two, one) = (dark_share(&seen(Some(0.002))), dark_share(&seen(Some(0.0002))));
+    println!("{kind:?}: dark pixels {one:.1e} at 0.2 mm, {two:.1e} at 2 mm, {shadowed:.1e} at 200 mm");
+    assert!(shadowed > 0.01, "a sheet that casts a shadow goes unnoticed: {shadowed}");
+    assert!(two.max(one) < 1e-3, "{one} {two}");
+}
+
+#[test]
+fn dark_dots_round_a_poster_of_polygons() {
+    check_poster(PatchKind::Polygon);
+}
+
+#[test]
+fn dark_dots_round_a_poster_of_clusters() {
+    check_poster(PatchKind::Cluster);
 }

@@ -39,5 +39,5 @@ pub use subdivide::{
 };
 pub use test_lights::{LIGHT_VECTORS, Lights, TestLights, test_lights};
 pub use view::{ViewClusters, ViewSettings, view_clusters};
-pub use visibility::{SurfacePlace, is_visible};
+pub use visibility::{SurfacePlace, is_covered, is_visible};
 pub use volume::{PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};

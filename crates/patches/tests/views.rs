@@ -3,7 +3,10 @@
 mod support;
 
 use glam::Vec3;
-use patches::{Error, LitSampler, Nearest, PatchSet, Sample, ViewClusters, ViewSettings, view_clusters};
+use patches::{
+    Error, LitSampler, Nearest, PatchSet, PatchSize, Sample, SubdivideSettings, ViewClusters, ViewSettings, subdivide,
+    view_clusters,
+};
 use scene::{Scene, Sky};
 use support::{Mesh, atrium};
 
@@ -175,18 +178,94 @@ fn probe_samples_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
         mesh.quad(corner, 80.0 * way, 60.0 * Vec3::Y);
     }
     let scene = mesh.scene(1.0);
-    let floor = |sampler: &LitSampler| {
-        let samples = sampler.candidates(20_000, 7);
-        let above = |s: &&Sample| s.normal.y > 0.9 && s.position.y > -0.01;
-        let dark = samples.iter().filter(above).filter(|s| !sampler.is_lit(s, 7)).count();
-        dark as f64 / samples.iter().filter(above).count() as f64
-    };
     let sampler = LitSampler::new(&scene, 1, 0).unwrap();
-    let believed = floor(&sampler);
-    let asked = floor(&sampler.dark_within(0.02));
-    println!("dark places of a floor under the sky: {believed}, with walks of their own {asked}");
-    assert!(asked < 1e-3, "{asked}");
-    assert!(believed > 0.02, "{believed}");
+    let samples = sampler.candidates(20_000, 7);
+    let above = |s: &&Sample| s.normal.y > 0.9 && s.position.y > -0.01;
+    let dark = samples.iter().filter(above).filter(|s| !sampler.is_lit(s, 7)).count();
+    let share = dark as f64 / samples.iter().filter(above).count() as f64;
+    println!("dark places of a floor under the sky: {share}");
+    assert!(share < 1e-3, "{share}");
+}
+
+/// A room of 4 × 2 × 4 m without a roof, with whatever else is put into it.
+fn roofless(mut mesh: Mesh) -> Scene {
+    let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 4.0 * Vec3::Z);
+    mesh.quad(Vec3::ZERO, z, x);
+    mesh.quad(Vec3::ZERO, y, z);
+    mesh.quad(Vec3::ZERO, x, y);
+    mesh.quad(x + z, -z, y);
+    mesh.quad(x + z, y, -x);
+    let mut scene = mesh.scene(1.0);
+    scene.lighting.sky = Sky { radiance: Vec3::ONE, ..scene.lighting.sky };
+    scene
+}
+
+#[test]
+fn no_sample_lies_between_a_carpet_and_its_floor() {
+    // Fronts upwards, 2 mm above the floor.
+    let mut mesh = Mesh::default();
+    mesh.quad(Vec3::new(1.0, 0.002, 1.0), 2.0 * Vec3::Z, 2.0 * Vec3::X);
+    let scene = roofless(mesh);
+    let set = clusters(&scene, 300, 1);
+    let below = |s: &&Sample| {
+        let over = s.position.x > 1.0 && s.position.x < 3.0 && s.position.z > 1.0 && s.position.z < 3.0;
+        over && (s.position.y < 0.001 || s.normal.y < 0.0)
+    };
+    assert_eq!(set.samples.iter().filter(below).count(), 0);
+    // The carpet itself has samples all over.
+    let on: f32 = set.samples.iter().filter(|s| (s.position.y - 0.002).abs() < 1e-4).map(|s| s.area).sum();
+    assert!((on / 4.0 - 1.0).abs() < 0.05, "{on}");
+}
+
+#[test]
+fn no_patch_lies_on_both_sides_of_a_wall_on_a_common_floor() {
+    // A low sheet across the whole room: both halves are alike in all but place.
+    let mut mesh = Mesh::default();
+    mesh.quad(Vec3::new(2.0, 0.0, 0.0), 0.6 * Vec3::Y, 4.0 * Vec3::Z);
+    let scene = roofless(mesh);
+    let found = cut(&scene, 150, 1);
+    assert_eq!((straddling(&found, &found.set.offsets), straddling(&found, &found.elements)), (0, 0));
+    let open = cut(&roofless(Mesh::default()), 150, 1);
+    assert!(straddling(&open, &open.set.offsets) > 0, "without the wall some lie on both sides");
+}
+
+/// Ranges of samples that lie on the floor on both sides of x = 2.
+fn straddling(found: &ViewClusters, starts: &[u32]) -> usize {
+    let both = |range: &&[u32]| {
+        let own = &found.set.samples[range[0] as usize..range[1] as usize];
+        let on_floor = |left: bool| own.iter().any(|s| s.normal.y > 0.9 && (s.position.x < 2.0) == left);
+        on_floor(true) && on_floor(false)
+    };
+    starts.windows(2).filter(both).count()
+}
+
+/// A closed room of 4 × 4 × 4 m with a slit of 0.3 m through which sky comes: few walks from its walls come to light.
+fn dim_room() -> Scene {
+    let mut mesh = Mesh::default();
+    let (x, y, z) = (4.0 * Vec3::X, 4.0 * Vec3::Y, 4.0 * Vec3::Z);
+    mesh.quad(Vec3::ZERO, z, x);
+    mesh.quad(Vec3::ZERO, y, z);
+    mesh.quad(Vec3::ZERO, x, y);
+    mesh.quad(x + z, -z, y);
+    mesh.quad(x + z, y, -x);
+    mesh.quad(y, 1.7 / 4.0 * x, z);
+    mesh.quad(y + 0.5 * x, 0.5 * x, z);
+    let mut scene = mesh.scene(1.0);
+    scene.lighting.sky = Sky { radiance: Vec3::ONE, ..scene.lighting.sky };
+    scene
+}
+
+#[test]
+fn patches_of_a_dark_room_have_the_area_of_its_surfaces() {
+    let scene = dim_room();
+    let expected = 6.0 * 16.0 - 4.0 * 0.3;
+    let settings = SubdivideSettings { size: PatchSize::Count(600), points: 16, ..SubdivideSettings::default() };
+    let polygons: f32 = subdivide(&scene, &settings).unwrap().areas().iter().sum();
+    // The outside sees no geometry.
+    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
+    println!("{expected} m²: polygons {polygons}, samples {}", sampler.lit_area());
+    assert!((polygons / expected - 1.0).abs() < 0.005, "{polygons} for {expected}");
+    assert!((sampler.lit_area() as f32 / expected - 1.0).abs() < 0.02, "{} for {expected}", sampler.lit_area());
 }
 
 #[test]

@@ -8,6 +8,7 @@ use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, un
 use scene::{POINT_WALKS, Scene, SurfacePoint, is_open};
 
 use super::nearest::Nearest;
+use super::visibility::{SurfacePlace, is_covered, is_visible};
 use crate::error::Error;
 use crate::types::Sample;
 
@@ -19,25 +20,29 @@ const LEAST_PROBES: u32 = 8192;
 /// A candidate takes the answer of probe samples that agree: as many as there are, up to this many, within this many
 /// of their edges.
 const NEIGHBOURS: usize = 4;
+/// A dark probe sample, and those near that are asked whether it sees them.
+const COMPARED: usize = 7;
 /// Walks of a candidate near which probe samples do not agree: one that is left out by mistake has neighbours.
 const WALKS: u32 = 3;
 const MOST_DISTANCE: f32 = 3.0;
 /// The nearest of probe samples that say no is no further than this.
 const DARK_DISTANCE: f32 = 1.0;
 
-/// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface,
-/// or that see no geometry. A few probe samples are tested by random walks; where they agree, candidates take their
-/// answer.
+/// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface
+/// or lies close over it, or that see no geometry. A few probe samples are tested by random walks; where they agree,
+/// candidates take their answer. In a dark room walks fail: light comes also to what sees geometry and, along the surface,
+/// no more dark probe samples than lit ones.
 #[derive(Clone)]
 pub struct LitSampler<'a> {
     scene: &'a Scene,
-    /// Whether light comes to each probe sample, and where they are.
+    /// Whether light comes to each probe sample that nothing covers, and where they are.
     lit: Vec<bool>,
+    probes: Vec<SurfacePlace>,
     nearest: Nearest,
     total_area: f64,
     lit_area: f64,
-    /// Dark probe samples are believed up to this distance, in their edges.
-    dark_distance: f32,
+    /// Distance between probe samples, m.
+    probe_edge: f32,
 }
 
 impl<'a> LitSampler<'a> {
@@ -48,34 +53,26 @@ impl<'a> LitSampler<'a> {
     pub fn new(scene: &'a Scene, probe_samples: u32, seed: u32) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
         let probe_samples = equal_area_samples(scene, probe_samples.max(LEAST_PROBES), seed);
-        let lit: Vec<bool> = probe_samples
-            .par_iter()
-            .enumerate()
-            .map(|(k, s)| takes_part(scene, s, k as u32, POINT_WALKS, seed))
-            .collect();
-        let lit_area = probe_samples.iter().zip(&lit).filter(|(_, lit)| **lit).map(|(s, _)| f64::from(s.area)).sum();
+        let total_area = probe_samples.iter().map(|s| f64::from(s.area)).sum();
+        let probe_edge = scene::math::sqrt((total_area / probe_samples.len() as f64) as f32);
+        // What lies in a narrow gap does not speak for the surface that covers it.
+        let found = probe_samples.into_par_iter().enumerate().map(|(k, sample)| {
+            let part = part_taken(scene, &sample, k as u32, POINT_WALKS, seed);
+            (sample, part, is_sample_covered(scene, &sample))
+        });
+        let (covered, open): (Vec<_>, Vec<_>) = found.collect::<Vec<_>>().into_iter().partition(|probe| probe.2);
+        let probe_samples: Vec<Sample> = open.iter().map(|probe| probe.0).collect();
+        let mut parts: Vec<Part> = open.iter().map(|probe| probe.1).collect();
+        let nearest = Nearest::new(&probe_samples);
+        let probes: Vec<SurfacePlace> = probe_samples.iter().map(SurfacePlace::from).collect();
+        light_majorities(scene, &probes, &nearest, probe_edge, &mut parts);
+        let lit_parts = covered.iter().map(|probe| &probe.1).chain(&parts).filter(|part| **part == Part::Lit);
+        let lit_area = lit_parts.count() as f64 * f64::from(probe_edge * probe_edge);
         if lit_area == 0.0 {
             return Err(Error::NoSamples);
         }
-        let total_area = probe_samples.iter().map(|s| f64::from(s.area)).sum();
-        Ok(Self {
-            scene,
-            nearest: Nearest::new(&probe_samples),
-            lit,
-            total_area,
-            lit_area,
-            dark_distance: DARK_DISTANCE,
-        })
-    }
-
-    /// Believes probe samples that no light comes to only up to so many metres off. In a scene so large that its probes lie
-    /// further from each other than its floors are thick, those inside of a floor would speak for the room above it.
-    /// What is dark then takes walks of its own.
-    #[must_use]
-    pub fn dark_within(mut self, metres: f32) -> Self {
-        let edge = scene::math::sqrt((self.total_area / self.lit.len() as f64) as f32);
-        self.dark_distance = DARK_DISTANCE.min(metres / edge);
-        self
+        let lit = parts.into_iter().map(|part| part == Part::Lit).collect();
+        Ok(Self { scene, lit, probes, nearest, total_area, lit_area, probe_edge })
     }
 
     /// The scene whose surfaces are asked about.
@@ -100,11 +97,17 @@ impl<'a> LitSampler<'a> {
         equal_area_samples(self.scene, candidates as u32, seed)
     }
 
-    /// Those of the samples to which light comes.
+    /// Those of the samples to which light comes and that nothing covers within a share of the distance between them: in
+    /// so narrow a gap it is dark, and whoever interpolates between samples would take the darkness out of it. Where all
+    /// are covered they stay.
     pub fn lit_samples(&self, samples: Vec<Sample>, seed: u32) -> Vec<Sample> {
         let lit = |(k, sample): (usize, &Sample)| self.takes_part(sample, k as u32, seed);
         let flags: Vec<bool> = samples.par_iter().enumerate().map(lit).collect();
-        samples.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect()
+        let samples: Vec<Sample> =
+            samples.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect();
+        let open: Vec<Sample> =
+            samples.par_iter().filter(|sample| !is_sample_covered(self.scene, sample)).copied().collect();
+        if open.is_empty() { samples } else { open }
     }
 
     /// Whether light comes to the place and side of a sample, which sees geometry; its area and albedo are not asked. The
@@ -114,26 +117,67 @@ impl<'a> LitSampler<'a> {
         self.takes_part(sample, hash3(x, y, z), seed)
     }
 
-    /// The answer of the probe samples where they agree, else of walks with random numbers of their own.
+    /// The answer of the probe samples where they agree, else of walks with random numbers of its own, else of those that
+    /// it sees.
     fn takes_part(&self, sample: &Sample, index: u32, seed: u32) -> bool {
-        self.verdict(sample).unwrap_or_else(|| takes_part(self.scene, sample, index, WALKS, seed))
-    }
-
-    /// Whether light comes to a sample, where the probe samples round it agree.
-    fn verdict(&self, sample: &Sample) -> Option<bool> {
         let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
-        match near[..found].iter().filter(|&&(k, _)| self.lit[k as usize]).count() {
-            _ if found == 0 => None,
+        match near[..found].iter().filter(|probe| self.lit[probe.0 as usize]).count() {
             // A surface that is left out by mistake is black: dark ones must be many and near.
-            0 => (found == NEIGHBOURS && near[0].1 < self.dark_distance).then_some(false),
-            lit if lit == found => Some(true),
-            _ => None,
+            0 if found == NEIGHBOURS && near[0].1 < DARK_DISTANCE => return false,
+            lit if lit > 0 && lit == found => return true,
+            _ => {}
+        }
+        match part_taken(self.scene, sample, index, WALKS, seed) {
+            Part::Lit => true,
+            Part::Dark => {
+                let seen = near[..found].iter().map(|probe| probe.0 as usize);
+                let seen = seen.filter(|&k| is_visible(self.scene, sample.into(), self.probes[k], self.probe_edge));
+                is_majority(seen.map(|k| self.lit[k]))
+            }
+            Part::Apart => false,
         }
     }
 }
 
-/// Whether a sample sees geometry and light comes to it.
-fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32) -> bool {
+/// Whether a sample takes part in light transport.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    /// It sees geometry, and light comes to it.
+    Lit,
+    /// It sees geometry, and no walk came to light.
+    Dark,
+    /// It sees no geometry.
+    Apart,
+}
+
+/// Lights dark samples that see, of those near, no more dark than lit ones; they lie `edge` m from each other. Inside of a
+/// hollow wall, where a rare walk comes out by a crack, most stay dark.
+fn light_majorities(scene: &Scene, places: &[SurfacePlace], nearest: &Nearest, edge: f32, parts: &mut [Part]) {
+    let sees_light = |k: usize| {
+        let (near, found) = nearest.samples::<COMPARED>(places[k].position, places[k].normal, MOST_DISTANCE);
+        let others = near[..found].iter().map(|probe| probe.0 as usize).filter(|&j| j != k && parts[j] != Part::Apart);
+        let seen = others.filter(|&j| is_visible(scene, places[k], places[j], edge));
+        is_majority(seen.map(|j| parts[j] == Part::Lit))
+    };
+    let dark = (0..places.len()).into_par_iter().filter(|&k| parts[k] == Part::Dark);
+    let lit: Vec<usize> = dark.filter(|&k| sees_light(k)).collect();
+    lit.into_iter().for_each(|k| parts[k] = Part::Lit);
+}
+
+/// Whether there are some that are lit, and no more that are not.
+fn is_majority(lit: impl Iterator<Item = bool>) -> bool {
+    let (mut bright, mut dark) = (0, 0);
+    lit.for_each(|lit| if lit { bright += 1 } else { dark += 1 });
+    bright > 0 && bright >= dark
+}
+
+/// Whether something covers a sample, with others as far from it as the edge of its area.
+fn is_sample_covered(scene: &Scene, sample: &Sample) -> bool {
+    is_covered(scene, SurfacePlace::from(sample), scene::math::sqrt(sample.area))
+}
+
+/// Whether a sample sees geometry, and whether light comes to it by so many walks.
+fn part_taken(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32) -> Part {
     let key = |dimension: u32| hash3(index, dimension, seed ^ 0x6c69_7421);
     let origin = sample.position + sample.normal * scene.geometry.ray_offset;
     let (mut sky, mut met) = (false, false);
@@ -143,11 +187,15 @@ fn takes_part(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32)
         met |= !hit.is_miss() && hit.t > 4.0 * scene.geometry.ray_offset;
         sky |= hit.is_miss();
         if met && sky {
-            return true;
+            return Part::Lit;
         }
     }
     let point = SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 };
-    met && is_open(scene, &point, walks, key(2))
+    match met {
+        true if is_open(scene, &point, walks, key(2)) => Part::Lit,
+        true => Part::Dark,
+        false => Part::Apart,
+    }
 }
 
 /// About `count` samples of both sides of all triangles, each for the same area: one in each interval of the running sum of

@@ -133,6 +133,7 @@ impl MeshReceivers {
         let points = interpolation.points.par_iter();
         points.zip(&mut weights).for_each(|(point, weights)| field.fit(point, weights, &smooth));
         placement.serve_rest(&field, &interpolation.points, &mut weights);
+        let weights = served_weights(scene, &mut interpolation, weights)?;
 
         let samples = &field.set.samples;
         let smoothing =
@@ -231,13 +232,23 @@ impl<'a> Placement<'a> {
 }
 
 /// The weights of the interpolation points that see receivers. One that sees none is inside of a
-/// solid or behind a wall: it is left out where others of its cell serve, else it has no weights.
+/// solid or behind a wall.
 fn visible_weights(field: &ReceiverField, interpolation: &mut InterpolationMesh) -> Result<Vec<Vec<Entry>>, Error> {
     let points = interpolation.points.par_iter();
-    let mut found: Vec<Vec<Entry>> = points.map(|point| field.weights(point, true)).collect();
-    let good: Vec<bool> = found.iter().map(|weights| !weights.is_empty()).collect();
-    let kept = interpolation.retain(field.set.scene, &good)?;
-    Ok(kept.iter().map(|&k| std::mem::take(&mut found[k as usize])).collect())
+    let found = points.map(|point| field.weights(point, true)).collect();
+    served_weights(field.set.scene, interpolation, found)
+}
+
+/// Leaves out interpolation points without weights where others of their cell serve, so that no pixel between them turns
+/// dark; gives the weights of those that stay.
+fn served_weights(
+    scene: &Scene,
+    interpolation: &mut InterpolationMesh,
+    mut weights: Vec<Vec<Entry>>,
+) -> Result<Vec<Vec<Entry>>, Error> {
+    let served: Vec<bool> = weights.iter().map(|weights| !weights.is_empty()).collect();
+    let kept = interpolation.retain(scene, &served)?;
+    Ok(kept.iter().map(|&k| std::mem::take(&mut weights[k as usize])).collect())
 }
 
 /// An interpolation point as a sample, without an area.

@@ -10,6 +10,7 @@ use std::vec::Vec;
 use transport::kernel::grid::{cell_corners, cell_count, owner};
 use transport::{Patch, Polygon, Surfaces, TriangleGrid, check_length};
 
+use super::visibility::{SurfacePlace, is_covered, is_visible};
 use crate::error::Error;
 
 /// Most divisions along an edge.
@@ -302,12 +303,17 @@ impl Subdivision {
 
     /// Leaves out what lies inside of solids: sample points to which no light comes give way to those of the same patch
     /// that are open, and the patch's area shrinks in proportion. A patch wholly inside keeps a trace of area.
+    ///
+    /// In a dark room random walks from many an open point come to no light. So a point is open, too, that sees an open one
+    /// of its patch and is not covered.
     pub fn clear_buried(&mut self, scene: &Scene, seed: u32) {
-        let open: Vec<bool> = (self.points.par_iter().enumerate())
+        let mut open: Vec<bool> = (self.points.par_iter().enumerate())
             .map(|(k, point)| is_open(scene, point, POINT_WALKS, hash3(k as u32, 0x6f70_656e, seed)))
             .collect();
         for (i, patch) in self.patches.iter_mut().enumerate() {
             let own = self.offsets[i] as usize..self.offsets[i + 1] as usize;
+            let edge = scene::math::sqrt(patch.area / own.len() as f32);
+            spread_openness(scene, &self.points[own.clone()], edge, &mut open[own.clone()]);
             let kept: Vec<_> = own.clone().filter(|&k| open[k]).map(|k| self.points[k]).collect();
             patch.area *= (kept.len() as f32).max(0.5) / own.len() as f32;
             if !kept.is_empty() {
@@ -366,6 +372,17 @@ impl Subdivision {
             ray_offset: scene.geometry.ray_offset,
             seed: 0,
         }
+    }
+}
+
+/// Opens points of a patch, `edge` m from each other, that see an open one and are not covered.
+fn spread_openness(scene: &Scene, points: &[SurfacePoint], edge: f32, open: &mut [bool]) {
+    let known: Vec<SurfacePlace> =
+        points.iter().zip(&*open).filter(|(_, open)| **open).map(|(p, _)| p.into()).collect();
+    for (point, open) in points.iter().zip(open) {
+        let place = SurfacePlace::from(point);
+        *open = *open
+            || !is_covered(scene, place, edge) && known.iter().any(|there| is_visible(scene, place, *there, edge));
     }
 }
 

@@ -2,6 +2,7 @@
 //! albedo and light vary most. No voxel limits a patch, and a bright hidden surface never shares one with a dim visible one.
 
 use std::collections::BinaryHeap;
+use std::vec;
 use std::vec::Vec;
 
 use glam::Vec3;
@@ -12,6 +13,7 @@ use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint};
 
 use super::lit::LitSampler;
 use super::patch_set::PatchSet;
+use super::visibility::is_visible;
 use crate::error::Error;
 use crate::types::{Member, Sample};
 
@@ -32,6 +34,11 @@ const OTHER_SUNS: u32 = 6;
 /// Position, normal, openness at two distances, sky, albedo, the scene's own light.
 const OWN_FEATURES: usize = 11;
 const FEATURES: usize = OWN_FEATURES + OTHER_SUNS as usize;
+/// Weight of whether a sample is cut off from the middle of its cluster, as by a wall on their floor: light of either side
+/// is another.
+const HIDDEN: f64 = 8.0;
+/// Clusters of at most so many samples for each of a patch are asked.
+const ASKED: usize = 2;
 
 type Features = [f32; FEATURES];
 
@@ -103,7 +110,15 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
     let mut features = see(scene, &samples, edge, settings.seed);
     add_light(scene, &samples, &mut features, settings.seed);
     let elements = settings.patches.saturating_mul(settings.elements).min(settings.most_elements).max(settings.patches);
-    let cut = split(&samples, &features, settings.patches as usize, elements as usize);
+    let sample_edge = scene::math::sqrt(samples[0].area);
+    let set = Set {
+        scene,
+        samples: &samples,
+        features: &features,
+        edge: sample_edge,
+        asked: ASKED * settings.samples as usize,
+    };
+    let cut = set.split(settings.patches as usize, elements as usize);
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
     let voxels = std::vec![NONE; cut.patches.len() - 1];
@@ -191,31 +206,114 @@ fn put_logarithm(features: &mut [Features], feature: usize, irradiance: Vec<f32>
     }
 }
 
+/// What is split.
+struct Set<'a> {
+    scene: &'a Scene,
+    samples: &'a [Sample],
+    features: &'a [Features],
+    /// Distance between samples, m.
+    edge: f32,
+    /// Most samples of a cluster that are asked whether they are cut off.
+    asked: usize,
+}
+
 /// A cluster: a range of the order of samples, and how much splitting it would bring.
 struct Node {
     priority: f64,
     start: usize,
     end: usize,
-    feature: usize,
+    /// At which feature it is split best; none where those samples that are cut off are split from the rest.
+    feature: Option<usize>,
     mean: f32,
+    /// Whether each of its samples is cut off from its middle; empty where they were not asked.
+    hidden: Vec<bool>,
 }
 
-impl Node {
-    fn new(start: usize, end: usize, order: &[u32], samples: &[Sample], features: &[Features]) -> Self {
+impl Set<'_> {
+    fn node(&self, start: usize, end: usize, order: &[u32]) -> Node {
         let (mut area, mut sum, mut squares) = (0.0f64, [0.0f64; FEATURES], [0.0f64; FEATURES]);
         for &k in &order[start..end] {
-            let a = f64::from(samples[k as usize].area);
+            let a = f64::from(self.samples[k as usize].area);
             area += a;
-            for (d, &x) in features[k as usize].iter().enumerate() {
+            for (d, &x) in self.features[k as usize].iter().enumerate() {
                 let x = f64::from(x);
                 sum[d] += a * x;
                 squares[d] += a * x * x;
             }
         }
         let variance = |d: usize| (squares[d] / area - (sum[d] / area) * (sum[d] / area)).max(0.0);
-        let feature = (0..FEATURES).max_by(|&a, &b| variance(a).total_cmp(&variance(b))).unwrap_or(0);
+        let best = (0..FEATURES).max_by(|&a, &b| variance(a).total_cmp(&variance(b))).unwrap_or(0);
         let total: f64 = (0..FEATURES).map(variance).sum();
-        Self { priority: area * total, start, end, feature, mean: (sum[feature] / area) as f32 }
+        let hidden = if end - start <= self.asked { self.hidden(&order[start..end]) } else { Vec::new() };
+        let share = hidden.iter().filter(|hidden| **hidden).count() as f64 / (end - start) as f64;
+        let apart = HIDDEN * HIDDEN * share * (1.0 - share);
+        Node {
+            priority: area * (total + apart),
+            start,
+            end,
+            feature: (apart <= variance(best)).then_some(best),
+            mean: (sum[best] / area) as f32,
+            hidden,
+        }
+    }
+
+    /// Whether each of some samples is cut off from that in their middle: it sees neither that nor any that is not cut off.
+    fn hidden(&self, own: &[u32]) -> Vec<bool> {
+        let sample = |k: u32| &self.samples[k as usize];
+        let mean = own.iter().map(|&k| sample(k).position).sum::<Vec3>() / own.len() as f32;
+        let away = |k: u32| sample(k).position.distance_squared(mean);
+        let Some(&middle) = own.iter().min_by(|&&a, &&b| away(a).total_cmp(&away(b))) else { return Vec::new() };
+        let mut hidden = vec![true; own.len()];
+        let mut asking = vec![middle];
+        while let Some(from) = asking.pop().filter(|_| hidden.contains(&true)) {
+            for (hidden, &k) in hidden.iter_mut().zip(own).filter(|(hidden, _)| **hidden) {
+                if k == from || is_visible(self.scene, sample(from).into(), sample(k).into(), self.edge) {
+                    *hidden = false;
+                    asking.push(k);
+                }
+            }
+        }
+        hidden
+    }
+
+    fn split(&self, patches: usize, elements: usize) -> Cut {
+        let count = self.samples.len();
+        let mut order: Vec<u32> = (0..count as u32).collect();
+        let mut open = BinaryHeap::from([self.node(0, count, &order)]);
+        let mut closed = Vec::new();
+        let starts = |open: &BinaryHeap<Node>, closed: &[usize]| {
+            let mut starts: Vec<u32> = open.iter().map(|n| n.start as u32).collect();
+            starts.extend(closed.iter().map(|&start| start as u32));
+            starts.push(count as u32);
+            starts.sort_unstable();
+            starts
+        };
+        let mut patch_starts = None;
+        while open.len() + closed.len() < elements {
+            if open.len() + closed.len() == patches {
+                patch_starts = Some(starts(&open, &closed));
+            }
+            let Some(node) = open.pop() else { break };
+            let own = &mut order[node.start..node.end];
+            let below = |(place, &k): (usize, &u32)| match node.feature {
+                Some(feature) => self.features[k as usize][feature] < node.mean,
+                None => node.hidden[place],
+            };
+            // In the order of the samples on both sides.
+            let (low, high): (Vec<_>, Vec<_>) = own.iter().enumerate().partition(|&entry| below(entry));
+            let [low, high] = [low, high].map(|part| part.into_iter().map(|(_, &k)| k).collect::<Vec<u32>>());
+            if low.is_empty() || high.is_empty() {
+                closed.push(node.start);
+                continue;
+            }
+            own[..low.len()].copy_from_slice(&low);
+            own[low.len()..].copy_from_slice(&high);
+            let middle = node.start + low.len();
+            open.push(self.node(node.start, middle, &order));
+            open.push(self.node(middle, node.end, &order));
+        }
+        let elements = starts(&open, &closed);
+        Cut { order, patches: patch_starts.unwrap_or_else(|| elements.clone()), elements }
     }
 }
 
@@ -244,39 +342,4 @@ struct Cut {
     order: Vec<u32>,
     patches: Vec<u32>,
     elements: Vec<u32>,
-}
-
-fn split(samples: &[Sample], features: &[Features], patches: usize, elements: usize) -> Cut {
-    let mut order: Vec<u32> = (0..samples.len() as u32).collect();
-    let mut open = BinaryHeap::from([Node::new(0, order.len(), &order, samples, features)]);
-    let mut closed = Vec::new();
-    let starts = |open: &BinaryHeap<Node>, closed: &[usize]| {
-        let mut starts: Vec<u32> = open.iter().map(|n| n.start as u32).collect();
-        starts.extend(closed.iter().map(|&start| start as u32));
-        starts.push(samples.len() as u32);
-        starts.sort_unstable();
-        starts
-    };
-    let mut patch_starts = None;
-    while open.len() + closed.len() < elements {
-        if open.len() + closed.len() == patches {
-            patch_starts = Some(starts(&open, &closed));
-        }
-        let Some(node) = open.pop() else { break };
-        let own = &mut order[node.start..node.end];
-        let below = |k: &u32| features[*k as usize][node.feature] < node.mean;
-        // Stable, so that the order within a cluster is that of the samples.
-        let (low, high): (Vec<u32>, Vec<u32>) = own.iter().partition(|k| below(k));
-        if low.is_empty() || high.is_empty() {
-            closed.push(node.start);
-            continue;
-        }
-        own[..low.len()].copy_from_slice(&low);
-        own[low.len()..].copy_from_slice(&high);
-        let middle = node.start + low.len();
-        open.push(Node::new(node.start, middle, &order, samples, features));
-        open.push(Node::new(middle, node.end, &order, samples, features));
-    }
-    let elements = starts(&open, &closed);
-    Cut { order, patches: patch_starts.unwrap_or_else(|| elements.clone()), elements }
 }

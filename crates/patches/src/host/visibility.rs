@@ -11,6 +11,10 @@ const LIFT: f32 = 0.1;
 /// of an arc over its chord.
 const ARC: f32 = 0.25;
 
+/// Height up to which a surface over a place covers it, in edges between samples: samples that far from each other do not
+/// know how light falls off in so narrow a gap.
+const COVER: f32 = 0.25;
+
 /// A position on a surface, and the side that it is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePlace {
@@ -30,6 +34,12 @@ impl From<&SurfacePoint> for SurfacePlace {
     fn from(point: &SurfacePoint) -> Self {
         Self { position: point.position, normal: point.normal }
     }
+}
+
+/// Whether a surface lies close over a place of one with samples every `edge` m, as a poster over its wall.
+pub fn is_covered(scene: &Scene, place: SurfacePlace, edge: f32) -> bool {
+    let above = |height: f32| place.position + place.normal * (scene.geometry.ray_offset + height);
+    scene.any_hit(above(0.0), above(COVER * edge))
 }
 
 /// Whether nothing stands between two places of a surface with samples every `edge` m.

@@ -28,8 +28,6 @@ const FACE_RAYS: u32 = 16;
 const VOXELS_AT_ONCE: usize = 2048;
 /// Probe samples of the reachability test, as for so many patches.
 const PROBE_SAMPLES_FOR: usize = 10_000;
-/// Probe samples of a world are far from each other: dark ones count only so near, in edges of voxels.
-const DARK_WITHIN: f32 = 0.05;
 /// Trees of the forest, about: what cannot be coarser.
 const ROOTS: usize = 256;
 const MOST_LEVELS: u32 = 10;
@@ -328,7 +326,6 @@ fn drafts(
 ) -> Result<Found, Error> {
     let sampler =
         lit_sampler(scene, PROBE_SAMPLES_FOR, settings.seed)?.ok_or(Error::Patches(patches::Error::NoSamples))?;
-    let sampler = sampler.dark_within(DARK_WITHIN * grid.shape.edges.min_element());
     let sampling = SampleSettings { points: FACE_RAYS, seed: settings.seed, ..SampleSettings::default() };
     let (mut drafts, mut dark) = (Vec::new(), Vec::new());
     for first in (0..grid.len()).step_by(VOXELS_AT_ONCE) {
