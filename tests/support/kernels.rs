@@ -23,7 +23,7 @@ use gpu_kernels::table::{
     MULTIBOUNCE_BLOCKS_GATHER_BC7, MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
 };
 use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
-use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, VolumeParams};
+use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, VolumeParams, Weight, WeightParams};
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
@@ -186,6 +186,12 @@ impl Random {
     }
     fn colors(&mut self, n: usize) -> Vec<Vec4> {
         (0..n).map(|_| self.color()).collect()
+    }
+    /// A weight of one of so many receivers, in one case of three with a rotation.
+    fn weight(&mut self, receivers: u32) -> Weight {
+        let rotation = Vec2::new(self.unit() - 0.5, self.unit() - 0.5);
+        let rotation = (self.below(3) == 0).then_some(rotation);
+        Weight { receiver: self.below(receivers), weight: 1.5 * self.unit() - 0.5, rotation }
     }
     /// Marks of rows: some of view [`VIEW`], some of these with marked columns, some of others.
     fn marks(&mut self, n: usize) -> Vec<u32> {
@@ -611,7 +617,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             tables.push(room::<Vec4>("exitance", 200));
             call(200, CountParams { count: 200 }, tables)
         }
-        "formfactor_gather_csr" | "formfactor_gather_csr_view" | "formfactor_mark_columns" => {
+        "formfactor_gather_csr" => {
             let mut row_start = vec![0u32];
             for k in 0..150 {
                 row_start.push(row_start[k] + r.below(12));
@@ -619,19 +625,14 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let entries = row_start[150] as usize;
             let columns: Vec<u32> = (0..entries).map(|_| r.below(90)).collect();
             let values: Vec<f32> = (0..entries).map(|_| r.unit()).collect();
-            let rows = vec![buffer("row_start", &row_start), buffer("columns", &columns)];
-            let with = |tables: Vec<(&'static str, Data)>| rows.into_iter().chain(tables).collect();
-            if name == "formfactor_mark_columns" {
-                let marks = vec![buffer("row_marks", &r.marks(150)), buffer("marks", &r.marks(90))];
-                return call(150, view(150, 0), with(marks));
-            }
-            let mut tables = vec![buffer("values", &values), buffer("exitance", &r.colors(90))];
-            if name == "formfactor_gather_csr_view" {
-                tables.extend(r.view_rows(150));
-                return call(150, view(150, 0), with(tables));
-            }
-            tables.push(room::<Vec4>("irradiance", 150));
-            call(150, CountParams { count: 150 }, with(tables))
+            let tables = vec![
+                buffer("row_start", &row_start),
+                buffer("columns", &columns),
+                buffer("values", &values),
+                buffer("exitance", &r.colors(90)),
+                room::<Vec4>("irradiance", 150),
+            ];
+            call(150, CountParams { count: 150 }, tables)
         }
         "formfactor_gather_hits" | "formfactor_gather_hits_view" => {
             // Half of the hits lie in a few columns: counts from one to more than four different columns can have.
@@ -682,6 +683,41 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
         name if name.starts_with("localmatrix_") => localmatrix::own_tables(r, name),
         name if name.starts_with("multibounce_") => multibounce::own_tables(r, name),
         name if name.starts_with("temporal_") => temporal::own_tables(r, name),
+        "patches_weigh" | "patches_weigh_view" | "patches_mark_receivers" => {
+            // Of 90 receivers, whose values follow their quadrants or are the sums of these.
+            let rows = 150;
+            let parts = if name == "patches_weigh" { 4 } else { 1 };
+            let made: Vec<Vec<Weight>> = (0..rows).map(|_| (0..r.below(9)).map(|_| r.weight(90)).collect()).collect();
+            let weights = PackedWeights::new(rows, |k| made[k].clone()).expect("few weights");
+            let p = WeightParams {
+                count: rows as u32,
+                block_rows: weights.block_rows(),
+                first_value: if parts == 1 { 4 * 90 } else { 0 },
+                parts,
+                view: VIEW,
+                light: LIGHT,
+                ..WeightParams::default()
+            };
+            let mut tables = vec![
+                buffer("row_start", weights.row_start()),
+                buffer("list_start", weights.list_start()),
+                buffer("lists", weights.lists()),
+                buffer("entries", weights.entries()),
+            ];
+            match name {
+                "patches_mark_receivers" => {
+                    tables.extend([buffer("row_marks", &r.marks(rows)), buffer("marks", &r.marks(5 * 90))]);
+                }
+                "patches_weigh" => {
+                    tables.extend([buffer("received", &r.colors(5 * 90)), room::<Vec4>("irradiance", rows)]);
+                }
+                _ => {
+                    tables.push(buffer("received", &r.colors(5 * 90)));
+                    tables.extend(r.view_rows(rows));
+                }
+            }
+            call(rows as u32, p, tables)
+        }
         "patches_lookup" => {
             let (shape, cells, full) = voxels(r);
             let offsets = offsets(r, full);

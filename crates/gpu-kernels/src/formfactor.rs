@@ -151,40 +151,6 @@ kernels! {
         }
     } host crate::host::view::mark_pixels;
 
-    /// Marks the columns of the rows that a view needs, once for each view: [`view::mark`]. One
-    /// invocation per row.
-    FORMFACTOR_MARK_COLUMNS = "formfactor_mark_columns"(p: ViewParams) for k in 0..count {
-        row_start: read [u32],
-        columns: read [u32],
-        row_marks: update [u32],
-        marks: update [u32],
-    } invocation {
-        if row_marks[k as usize] == view::needed(p.view) {
-            row_marks[k as usize] = view::needed(p.view) + 1;
-            for entry in row_start[k as usize]..row_start[k as usize + 1] {
-                view::mark(marks, columns[entry as usize], p.view);
-            }
-        }
-    } host crate::host::view::mark_columns;
-
-    /// [`FORMFACTOR_GATHER_CSR`] of the rows that a view needs and that are not computed for the
-    /// light yet. One invocation per row.
-    FORMFACTOR_GATHER_CSR_VIEW = "formfactor_gather_csr_view"(p: ViewParams) for k in 0..count {
-        row_start: read [u32],
-        columns: read [u32],
-        values: read [f32],
-        exitance: read [Rgb],
-        marks: read [u32; count],
-        computed: update [u32] as light,
-        irradiance: update [Rgb] as before,
-    } each {
-        if view::is_needed(marks[k as usize], p.view) && light != p.light {
-            (p.light, product::gather_row_sparse(k, row_start, columns, values, exitance))
-        } else {
-            (light, before)
-        }
-    } host crate::host::view::gather_csr;
-
     /// [`FORMFACTOR_GATHER_HITS`] of the rows that a view needs and that are not computed for the
     /// light yet. One invocation per row.
     FORMFACTOR_GATHER_HITS_VIEW = "formfactor_gather_hits_view"(p: ViewParams) for k in 0..count {

@@ -1,7 +1,8 @@
-//! Kernels of the virtual patches: lookups between patches and between probes in the air.
+//! Kernels of patches and receivers: lookups between patches and between probes in the air, weighted means of receivers.
 
-use ::patches::kernel::{lookup, volume};
-use ::patches::{LookupParams, LookupPatch, VolumeParams};
+use ::formfactor::kernel::view;
+use ::patches::kernel::{lookup, volume, weights};
+use ::patches::{LookupParams, LookupPatch, VolumeParams, WeightParams};
 use ::scene::{Rgb, SurfacePoint};
 
 kernels! {
@@ -44,4 +45,52 @@ kernels! {
         let point = points[k as usize];
         volume::volume_lookup_sh(p, probes, planes, harmonics, point.position, point.normal)
     }
+
+    /// Weighted means of the irradiance of receivers, W/m²: [`weights::weighted_row`]. One
+    /// invocation per row.
+    PATCHES_WEIGH = "patches_weigh"(p: WeightParams) for k in 0..count {
+        row_start: read [u32; count + 1],
+        list_start: read [u32; crate::host::patches::blocks(p)?],
+        lists: read [u32],
+        entries: read [u32],
+        received: read [Rgb],
+        irradiance: write [Rgb],
+    } each {
+        weights::weighted_row(k, p, row_start, list_start, lists, entries, received)
+    } host crate::host::patches::weigh;
+
+    /// The same for the rows that a view needs and that are not computed for the light yet.
+    PATCHES_WEIGH_VIEW = "patches_weigh_view"(p: WeightParams) for k in 0..count {
+        row_start: read [u32; count + 1],
+        list_start: read [u32; crate::host::patches::blocks(p)?],
+        lists: read [u32],
+        entries: read [u32],
+        received: read [Rgb],
+        marks: read [u32; count],
+        computed: update [u32] as light,
+        irradiance: update [Rgb] as before,
+    } each {
+        if view::is_needed(marks[k as usize], p.view) && light != p.light {
+            let row = weights::weighted_row(k, p, row_start, list_start, lists, entries, received);
+            (p.light, row)
+        } else {
+            (light, before)
+        }
+    } host crate::host::patches::weigh_view;
+
+    /// Marks what the rows that a view needs take from, once for each view:
+    /// [`weights::mark_row`]. One invocation per row.
+    PATCHES_MARK_RECEIVERS = "patches_mark_receivers"(p: WeightParams) for k in 0..count {
+        row_start: read [u32; count + 1],
+        list_start: read [u32; crate::host::patches::blocks(p)?],
+        lists: read [u32],
+        entries: read [u32],
+        row_marks: update [u32],
+        marks: update [u32],
+    } invocation {
+        if row_marks[k as usize] == view::needed(p.view) {
+            row_marks[k as usize] = view::needed(p.view) + 1;
+            weights::mark_row(k, p, row_start, list_start, lists, entries, marks);
+        }
+    } host crate::host::patches::mark_receivers;
 }

@@ -19,6 +19,7 @@ mod test_lights;
 mod view;
 mod visibility;
 mod volume;
+mod weights;
 
 pub use axis::{AxisWeights, axis_patches};
 pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
@@ -41,3 +42,4 @@ pub use test_lights::{LIGHT_VECTORS, Lights, TestLights, test_lights};
 pub use view::{ViewClusters, ViewSettings, view_clusters};
 pub use visibility::{SurfacePlace, is_covered, is_visible};
 pub use volume::{PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};
+pub use weights::{PackedWeights, Weight};

@@ -5,3 +5,4 @@ pub mod grid;
 pub mod lightmap;
 pub mod lookup;
 pub mod volume;
+pub mod weights;

@@ -136,3 +136,25 @@ pub struct LightmapParams {
     pub height: u32,
 }
 const _: () = assert!(size_of::<LightmapParams>() == 8);
+
+/// Settings of the products with packed rows of weights ([`crate::kernel::weights`]), of all rows or of those that a view
+/// needs.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct WeightParams {
+    /// Rows.
+    pub count: u32,
+    /// Rows of a block, which have a list of receivers.
+    pub block_rows: u32,
+    /// Where the values of the receivers begin.
+    pub first_value: u32,
+    /// Numbers of a receiver's value: 1, or 4 where it is the sum of the quadrants.
+    pub parts: u32,
+    /// Number of the view, from 1 on; 0 for all rows.
+    pub view: u32,
+    /// Number of the light, from 1 on; 0 for all rows.
+    pub light: u32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 2],
+}
+const _: () = assert!(size_of::<WeightParams>() == 32);

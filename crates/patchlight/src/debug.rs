@@ -10,7 +10,6 @@ use scene::kernel::shade::decode_srgb;
 use scene::math::ln;
 use scene::sampling::{hash3, unit};
 use scene::{Camera, Hit, NONE, Scene, SurfacePoint, Visibility, scale_to_stops};
-use transport::Csr;
 use transport::kernel::grid::{interpolate, place_in_cell};
 
 use patches::{MeshReceivers, PatchMesh};
@@ -191,10 +190,9 @@ fn shown(receivers: &MeshReceivers, scene: &Scene, seen: &Seen) -> Option<Shown>
     let cell = ids.to_array().map(|id| cell.first + id);
     let mut parts: Vec<(u32, f32)> = Vec::new();
     for (vertex, share) in cell.into_iter().zip(weights.to_array()) {
-        let Csr { row_start, column_index, values, .. } = &*receivers.weights;
         let node = nodes.vertices[vertex as usize] as usize;
-        for k in row_start[node] as usize..row_start[node + 1] as usize {
-            let (receiver, weight) = (column_index[k], share * values[k]);
+        for entry in receivers.weights.row(node) {
+            let (receiver, weight) = (entry.receiver, share * entry.weight);
             match parts.iter_mut().find(|(other, _)| *other == receiver) {
                 Some((_, sum)) => *sum += weight,
                 None => parts.push((receiver, weight)),

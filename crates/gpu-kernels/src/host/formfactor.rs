@@ -90,7 +90,7 @@ pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), Hos
 
 /// `gather_row_sparse` with what is known of a row checked once.
 #[inline]
-pub(super) fn sparse_row(k: usize, row_start: &[u32], columns: &[u32], values: &[f32], exitance: &[Rgb]) -> Rgb {
+fn sparse_row(k: usize, row_start: &[u32], columns: &[u32], values: &[f32], exitance: &[Rgb]) -> Rgb {
     let own = row_start[k] as usize..row_start[k + 1] as usize;
     let entries = columns[own.clone()].iter().zip(&values[own]);
     entries.fold(Vec4::ZERO, |sum, (&column, &value)| sum + exitance[column as usize] * value)

@@ -7,7 +7,7 @@ use ::formfactor::{ReceiverCell, TriangleGrid, ViewParams};
 use ::scene::{Hit, NONE, Rgb, SurfacePoint, Triangle};
 use rayon::prelude::*;
 
-use super::formfactor::{HitRows, sparse_row};
+use super::formfactor::HitRows;
 use super::{Bound, HostCall, HostError};
 use crate::table::Kernel;
 
@@ -24,7 +24,7 @@ fn part_of(count: usize) -> usize {
 }
 
 /// Rows by number, a bit each: every part of the work collects its own, then they are united.
-struct RowSet(Vec<u64>);
+pub(super) struct RowSet(Vec<u64>);
 
 impl RowSet {
     fn new(rows: usize) -> Self {
@@ -32,7 +32,7 @@ impl RowSet {
     }
 
     #[inline]
-    fn insert(&mut self, row: u32) {
+    pub(super) fn insert(&mut self, row: u32) {
         self.0[row as usize / 64] |= 1 << (row % 64);
     }
 
@@ -86,69 +86,64 @@ pub(crate) fn mark_pixels(kernel: &Kernel, call: &mut HostCall) -> Result<(), Ho
     Ok(())
 }
 
-pub(crate) fn mark_columns(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let (p, [row_start, columns, row_marks, marks]) = call.parts::<ViewParams, 4>(kernel)?;
-    let n = p.count as usize;
-    let row_start = row_start.read::<u32>(n + 1)?;
-    let columns = columns.read::<u32>(row_start[n] as usize)?;
-    let row_marks = row_marks.write::<u32>(n)?;
-    let marks = marks.whole::<u32>()?;
+/// Marks what the rows that a view needs take from, once: `columns` puts those of a row into a set.
+pub(super) fn mark_rows(
+    view: u32,
+    row_marks: &mut [u32],
+    marks: &mut [u32],
+    columns: impl Fn(usize, &mut RowSet) + Sync,
+) {
     let rows = marks.len();
-    let part = part_of(n);
+    let part = part_of(row_marks.len());
     let needing = row_marks.par_chunks_mut(part).enumerate().map(|(chunk, row_marks)| {
         let mut set = RowSet::new(rows);
-        for (k, mark) in row_marks.iter_mut().enumerate().filter(|(_, mark)| **mark == needed(p.view)) {
-            *mark = needed(p.view) + 1;
-            let row = chunk * part + k;
-            let own = &columns[row_start[row] as usize..row_start[row + 1] as usize];
-            own.iter().for_each(|&column| set.insert(column));
+        for (k, mark) in row_marks.iter_mut().enumerate().filter(|(_, mark)| **mark == needed(view)) {
+            *mark = needed(view) + 1;
+            columns(chunk * part + k, &mut set);
         }
         set
     });
     if let Some(needing) = needing.reduce_with(RowSet::united) {
-        needing.mark(marks, p.view);
+        needing.mark(marks, view);
     }
-    Ok(())
+}
+
+/// So many rows, for a view and a light.
+#[derive(Clone, Copy)]
+pub(super) struct ViewOf {
+    pub rows: u32,
+    pub view: u32,
+    pub light: u32,
 }
 
 /// Computes the rows that a view needs and that are of another light.
-fn gather(
-    p: &ViewParams,
+pub(super) fn gather_view(
+    of: ViewOf,
     [marks, computed, irradiance]: [Bound; 3],
     row: impl Fn(usize) -> Rgb + Sync,
 ) -> Result<(), HostError> {
-    let n = p.count as usize;
+    let n = of.rows as usize;
     let marks = &marks.read::<u32>(n)?[..n];
     let (computed, irradiance) = (computed.write::<u32>(n)?, irradiance.write::<Rgb>(n)?);
     let parts = computed.par_chunks_mut(PACK).zip(irradiance.par_chunks_mut(PACK)).zip(marks.par_chunks(PACK));
     parts.with_min_len(TOGETHER / PACK / 8).enumerate().for_each(|(pack, ((computed, irradiance), marks))| {
         // Most rows are out of view, and their neighbours with them.
-        if !marks.iter().fold(false, |any, &mark| any | is_needed(mark, p.view)) {
+        if !marks.iter().fold(false, |any, &mark| any | is_needed(mark, of.view)) {
             return;
         }
         for (k, ((light, irradiance), &mark)) in computed.iter_mut().zip(irradiance).zip(marks).enumerate() {
-            if is_needed(mark, p.view) && *light != p.light {
-                (*light, *irradiance) = (p.light, row(PACK * pack + k));
+            if is_needed(mark, of.view) && *light != of.light {
+                (*light, *irradiance) = (of.light, row(PACK * pack + k));
             }
         }
     });
     Ok(())
 }
 
-pub(crate) fn gather_csr(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let (p, [row_start, columns, values, exitance, marks, computed, irradiance]) =
-        call.parts::<ViewParams, 7>(kernel)?;
-    let n = p.count as usize;
-    let row_start = row_start.read::<u32>(n + 1)?;
-    let entries = row_start[n] as usize;
-    let (columns, values) = (columns.read::<u32>(entries)?, values.read::<f32>(entries)?);
-    let exitance = exitance.read::<Rgb>(0)?;
-    gather(&p, [marks, computed, irradiance], |k| sparse_row(k, row_start, columns, values, exitance))
-}
-
 pub(crate) fn gather_hits(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
     let (p, [row_start, quads, counts, scales, exitance, marks, computed, irradiance]) =
         call.parts::<ViewParams, 8>(kernel)?;
     let rows = HitRows::new(p.count as usize, p.first_quad, [row_start, quads, counts, scales, exitance])?;
-    gather(&p, [marks, computed, irradiance], |k| rows.gather(k))
+    let of = ViewOf { rows: p.count, view: p.view, light: p.light };
+    gather_view(of, [marks, computed, irradiance], |k| rows.gather(k))
 }

@@ -163,6 +163,22 @@ impl InterpolationMesh {
         self.vertices.iter_mut().for_each(|r| *r = numbers[*r as usize]);
         Ok(left)
     }
+
+    /// Puts the points into another order: `order[k]` is the number that point k has so far.
+    ///
+    /// # Errors
+    /// [`transport::Error::Length`] unless the order has one number a point.
+    pub(super) fn permute(&mut self, order: &[u32]) -> Result<(), Error> {
+        check_length("order", self.points.len(), order.len())?;
+        let mut numbers = vec![NONE; order.len()];
+        for (k, &before) in (0u32..).zip(order) {
+            numbers[before as usize] = k;
+        }
+        self.points =
+            (0u32..).zip(order).map(|(k, &old)| SurfacePoint { patch: k, ..self.points[old as usize] }).collect();
+        self.vertices.iter_mut().for_each(|point| *point = numbers[*point as usize]);
+        Ok(())
+    }
 }
 
 impl ReceiverSet for InterpolationMesh {

@@ -11,16 +11,18 @@ use std::sync::Arc;
 use std::vec;
 use std::vec::Vec;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use scene::sampling::frame;
 use scene::{NONE, SKY_BINS, Scene, Sides, SurfacePoint};
-use transport::{Csr, HitCounts, QUADRANTS, rotational_gradients};
+use transport::{HitCounts, QUADRANTS};
 
 use self::field::{ReceiverField, weighted_sum};
 use self::refinement::ReceiverSamples;
 use super::interpolation_mesh::InterpolationMesh;
 use super::lit::LitSampler;
 use super::test_lights::{Estimates, Lights, TestLights};
+use super::weights::{PackedWeights, Weight};
 use crate::error::Error;
 use crate::types::Sample;
 
@@ -39,8 +41,6 @@ const LEAST_ROTATION: f32 = 0.05;
 const MOST_ROTATION: f32 = 0.5;
 /// Smoothed values begin at multiples of this: ranges of a buffer do at 256 bytes.
 const ALIGNED: usize = 64;
-/// Rows of an operator that are made together.
-const BLOCK_ROWS: usize = 1 << 16;
 
 /// How receivers are placed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,14 +72,15 @@ pub struct MeshReceivers {
     /// As many rows over the sky's bins: the share of the hemisphere that sees the sky there.
     pub sky_rows: Arc<HitCounts>,
     /// From the quadrants' values to one smoothed value for each receiver: a linear fit with those
-    /// near it that differ by no more than their noise.
-    pub smoothing: Arc<Csr>,
-    /// The interpolation points, and the triangles' grids over them.
+    /// near it that differ by no more than their noise, each rotated to its normal.
+    pub smoothing: Arc<PackedWeights>,
+    /// The interpolation points, and the triangles' grids over them. Points that take most from the same receiver follow each
+    /// other.
     pub interpolation: Arc<InterpolationMesh>,
-    /// From the quadrants' values, followed from [`Self::first_smooth`] on by the smoothed ones, to
-    /// the value of each interpolation point: smoothed values interpolate, and quadrants rotate them
-    /// to the point's normal. For light that is the same everywhere the quadrants add nothing.
-    pub weights: Arc<Csr>,
+    /// From the smoothed values, which stand behind the quadrants' from [`Self::first_smooth`] on, to the value of each
+    /// interpolation point: smoothed values interpolate, and quadrants rotate them to the point's normal. For light that is
+    /// the same everywhere the quadrants add nothing.
+    pub weights: Arc<PackedWeights>,
 }
 
 impl MeshReceivers {
@@ -90,7 +91,7 @@ impl MeshReceivers {
     pub fn none(scene: &Scene) -> Result<Self, Error> {
         let sides = vec![Sides::default(); scene.geometry.triangles.len()];
         let interpolation = InterpolationMesh::new(scene, &sides, 1.0, 1.0, |_, _| None, |_| None)?;
-        let empty = Csr { row_start: vec![0], ..Csr::default() };
+        let empty = PackedWeights::new(0, |_| Vec::new())?;
         Ok(Self {
             points: Arc::default(),
             rows: Arc::new(HitCounts::new(0)?),
@@ -133,14 +134,18 @@ impl MeshReceivers {
         let points = interpolation.points.par_iter();
         points.zip(&mut weights).for_each(|(point, weights)| field.fit(point, weights, &smooth));
         placement.serve_rest(&field, &interpolation.points, &mut weights);
-        let weights = served_weights(scene, &mut interpolation, weights)?;
+        let mut weights = served_weights(scene, &mut interpolation, weights)?;
+
+        interpolation.permute(&order_by_receivers(&mut weights, field.set.samples.len()))?;
 
         let samples = &field.set.samples;
-        let smoothing =
-            table(QUADRANTS * samples.len(), smoothing, &|k, row| smoothing_entries(samples, samples[k].normal, row))?;
-        let columns = first_smooth(samples.len()) + samples.len();
-        let weights =
-            table(columns, weights, &|k, row| interpolation_entries(samples, interpolation.points[k].normal, row))?;
+        let smoothing = PackedWeights::new(smoothing.len(), |k| {
+            smoothing[k].iter().map(|&entry| rotated_weight(samples, samples[k].normal, entry)).collect()
+        })?;
+        let points = &interpolation.points;
+        let weights = PackedWeights::new(weights.len(), |k| {
+            weights[k].iter().map(|&entry| rotated_weight(samples, points[k].normal, entry)).collect()
+        })?;
         Ok(Self {
             points: Arc::new(field.set.points),
             rows: Arc::new(field.set.rows),
@@ -260,65 +265,41 @@ fn first_smooth(receivers: usize) -> usize {
     (QUADRANTS * receivers).next_multiple_of(ALIGNED)
 }
 
-/// An operator from what `entries` makes of each row, in blocks: the rows are many, and theirs are
-/// longer.
-fn table(
-    columns: usize,
-    rows: Vec<Vec<Entry>>,
-    entries: &(dyn Fn(usize, &[Entry]) -> Vec<Entry> + Sync),
-) -> Result<Csr, Error> {
-    let mut csr = Csr { columns, row_start: vec![0], ..Csr::default() };
-    for (block, rows) in rows.chunks(BLOCK_ROWS).enumerate() {
-        let numbered = rows.par_iter().enumerate();
-        let made = numbered.map(|(k, row)| {
-            let mut row = entries(block * BLOCK_ROWS + k, row);
-            row.sort_unstable_by_key(|entry| entry.0);
-            row
-        });
-        csr.push_rows(&made.collect::<Vec<_>>())?;
+/// Puts weights of interpolation points into the order of the receivers that they take most from: what is near in space is near
+/// in memory. Returns the order. Those without weights come last.
+fn order_by_receivers(weights: &mut Vec<Vec<Entry>>, receivers: usize) -> Vec<u32> {
+    let greatest = |row: &Vec<Entry>| {
+        let most = row.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
+        most.map_or(receivers, |entry| entry.0 as usize)
+    };
+    let mut next = vec![0u32; receivers + 1];
+    weights.iter().for_each(|row| next[greatest(row)] += 1);
+    let mut first = 0;
+    for next in &mut next {
+        (first, *next) = (first + *next, first);
     }
-    Ok(csr)
-}
-
-/// The row of the smoothing of a receiver with this normal, over quadrants: each of the receivers
-/// that it is smoothed with is rotated to its normal.
-fn smoothing_entries(samples: &[Sample], normal: Vec3, row: &[Entry]) -> Vec<Entry> {
-    let mut entries = Vec::with_capacity(QUADRANTS * row.len());
-    for &(receiver, weight) in row {
-        let changes = rotation_changes(samples[receiver as usize].normal, normal);
-        for quadrant in 0..QUADRANTS {
-            let change = changes.map_or(0.0, |changes| changes[quadrant]);
-            entries.push((quadrant_row(receiver, quadrant), weight * (1.0 + change)));
-        }
+    let mut order = vec![0u32; weights.len()];
+    for (k, row) in (0u32..).zip(weights.iter()) {
+        let place = &mut next[greatest(row)];
+        order[*place as usize] = k;
+        *place += 1;
     }
-    entries
+    *weights = order.iter().map(|&k| std::mem::take(&mut weights[k as usize])).collect();
+    order
 }
 
-/// The row of an interpolation point with this normal: what rotation changes, over quadrants, then
-/// the smoothed values.
-fn interpolation_entries(samples: &[Sample], normal: Vec3, row: &[Entry]) -> Vec<Entry> {
-    let mut entries = Vec::with_capacity(row.len());
-    for &(receiver, weight) in row {
-        let changes = rotation_changes(samples[receiver as usize].normal, normal);
-        for (quadrant, change) in changes.into_iter().flatten().enumerate() {
-            entries.push((quadrant_row(receiver, quadrant), weight * change));
-        }
+/// The weight of a receiver in a value at a place with this normal, to which it is rotated.
+fn rotated_weight(samples: &[Sample], normal: Vec3, (receiver, weight): Entry) -> Weight {
+    Weight { receiver, weight, rotation: rotation(samples[receiver as usize].normal, normal) }
+}
+
+/// The difference of two normals, to the right and upwards of the frame of the first; `None` where it is too small to count.
+fn rotation(from: Vec3, to: Vec3) -> Option<Vec2> {
+    let difference = to - from;
+    if difference.length() <= LEAST_ROTATION {
+        return None;
     }
-    let first_smooth = first_smooth(samples.len()) as u32;
-    entries.extend(row.iter().map(|&(receiver, weight)| (first_smooth + receiver, weight)));
-    entries
-}
-
-/// The row of a quadrant of a receiver.
-fn quadrant_row(receiver: u32, quadrant: usize) -> u32 {
-    QUADRANTS as u32 * receiver + quadrant as u32
-}
-
-/// By what share the irradiance from each quadrant changes as the normal rotates; `None` where it
-/// does not.
-fn rotation_changes(from: Vec3, to: Vec3) -> Option<[f32; QUADRANTS]> {
-    let rotation = to - from;
-    let is_rotated = rotation.length() > LEAST_ROTATION;
-    let rotation = rotation.clamp_length_max(MOST_ROTATION);
-    is_rotated.then(|| rotational_gradients(from).map(|gradient| gradient.dot(rotation)))
+    let (right, up) = frame(from);
+    let rotation = difference.clamp_length_max(MOST_ROTATION);
+    Some(Vec2::new(rotation.dot(right), rotation.dot(up)))
 }

@@ -4,6 +4,7 @@ use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
 use runtime::executor::ExecutorError;
 use runtime::recipe::formfactor::{HitTables, SparseTables};
+use runtime::recipe::patches::WeightTables;
 use runtime::recipe::{add_pass, rgb_bytes};
 
 use crate::frame::FramePlan;
@@ -16,9 +17,9 @@ pub struct ReceiverTables {
     /// From the elements to the quadrants of the receivers; none where the method finds these itself.
     pub rows: Option<HitTables>,
     /// From the quadrants to the smoothed values.
-    pub smoothing: SparseTables,
+    pub smoothing: WeightTables,
     /// From both to the interpolation points.
-    pub weights: SparseTables,
+    pub weights: WeightTables,
 }
 
 /// Adds the passes to the elements.
@@ -98,16 +99,17 @@ fn add_patch_light(frame: &mut FramePlan) -> Result<(), ExecutorError> {
 }
 
 /// From the quadrants of the receivers to smoothed values, and from both to the interpolation points.
-fn add_interpolation(frame: &mut FramePlan) -> Result<(SparseTables, SparseTables), ExecutorError> {
+fn add_interpolation(frame: &mut FramePlan) -> Result<(WeightTables, WeightTables), ExecutorError> {
     let receivers = &frame.bake.receivers;
     let count = receivers.points.len();
+    let first_smooth = receivers.first_smooth();
     let quadrants = frame.received.range(0, rgb_bytes(QUADRANTS * count));
-    let smooth = frame.received.range(rgb_bytes(receivers.first_smooth()), rgb_bytes(count));
+    let smooth = frame.received.range(rgb_bytes(first_smooth), rgb_bytes(count));
     let plan = &mut frame.plan;
     let tables = &mut frame.tables;
-    let smoothing = SparseTables::new(plan, tables, "smoothing", &receivers.smoothing);
-    smoothing.gather(plan, "lookup", quadrants, smooth)?;
-    let weights = SparseTables::new(plan, tables, "interpolation", &receivers.weights);
-    weights.gather(plan, "lookup", frame.received, frame.interpolated)?;
+    let smoothing = WeightTables::new(plan, tables, "smoothing", &receivers.smoothing, (0, QUADRANTS));
+    smoothing.weigh(plan, "lookup", quadrants, smooth)?;
+    let weights = WeightTables::new(plan, tables, "interpolation", &receivers.weights, (first_smooth, 1));
+    weights.weigh(plan, "lookup", frame.received, frame.interpolated)?;
     Ok((smoothing, weights))
 }

@@ -46,8 +46,8 @@ pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, E
     rows.gather(plan, PASS, range, bins, received)?;
     let quadrants = received.range(0, rgb_bytes(QUADRANTS * count));
     let smooth = received.range(rgb_bytes(first_smooth), rgb_bytes(count));
-    tables.smoothing.gather(plan, PASS, quadrants, smooth)?;
-    tables.weights.gather(plan, PASS, received, interpolated)?;
+    tables.smoothing.weigh(plan, PASS, quadrants, smooth)?;
+    tables.weights.weigh(plan, PASS, received, interpolated)?;
     Ok(SkyLight { bins, interpolated, passes: plan.all_passes().split_off(first) })
 }
 

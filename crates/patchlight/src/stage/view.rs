@@ -2,10 +2,13 @@
 //! these. The others keep what an earlier light gave them until they come into view, and are exact then: nothing of an
 //! irradiance depends on that of the frame before.
 
+use std::iter;
+
 use formfactor::kernel::view::{is_needed, needed};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Range};
 use runtime::recipe::formfactor::{ViewPass, ViewRows, mark_pixels};
+use runtime::recipe::patches::WeightPass;
 use runtime::recipe::rgb_bytes;
 use runtime::recipe::scene::SceneTables;
 use scene::Camera;
@@ -23,9 +26,12 @@ pub const PASS: &str = "view";
 /// The passes, and for what view and what light they are.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Passes that find out what is in view, and those that compute it.
-    marks: Vec<ViewPass>,
+    /// The passes that find out what is in view: the points of the pixels, then the receivers of points and of smoothing.
+    mark_pixels: ViewPass,
+    mark_receivers: [WeightPass; 2],
+    /// Those that compute it: the quadrants of the receivers, then smoothing and points.
     gathers: Vec<ViewPass>,
+    weights: [WeightPass; 2],
     /// What is zeros at first.
     cleared: Vec<BufferId>,
     points: BufferId,
@@ -88,19 +94,34 @@ pub fn add(
     ];
     seen.extend(indirect.mesh());
     seen.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-    let mut marks = vec![mark_pixels(plan, MARK, &seen, shade.pixel_count())?];
-    marks.push(tables.weights.mark_columns(plan, MARK, points.marks, received.marks)?);
-    marks.push(tables.smoothing.mark_columns(plan, MARK, smooth.marks, quadrants.marks)?);
+    let mark_pixels = mark_pixels(plan, MARK, &seen, shade.pixel_count())?;
+    let mark_receivers = [
+        tables.weights.mark(plan, MARK, points.marks, received.marks)?,
+        tables.smoothing.mark(plan, MARK, smooth.marks, quadrants.marks)?,
+    ];
     let of_quadrants = (received.marks, received.computed);
-    let mut gathers = rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?;
-    gathers.push(tables.smoothing.gather_view(plan, PASS, quadrant_values, smooth_values, smooth)?);
+    let gathers = rows.gather_view(plan, PASS, range, exitance, frame.received, of_quadrants)?;
     let all_points = points.part(0, point_count);
-    gathers.push(tables.weights.gather_view(plan, PASS, frame.received, frame.interpolated, all_points)?);
+    let weights = [
+        tables.smoothing.weigh_view(plan, PASS, quadrant_values, smooth_values, smooth)?,
+        tables.weights.weigh_view(plan, PASS, frame.received, frame.interpolated, all_points)?,
+    ];
 
     let cleared =
         vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
     let (points, received) = (points.marks, received.marks);
-    let view = View { marks, gathers, cleared, points, received, camera: None, view: 0, light: 0 };
+    let view = View {
+        mark_pixels,
+        mark_receivers,
+        gathers,
+        weights,
+        cleared,
+        points,
+        received,
+        camera: None,
+        view: 0,
+        light: 0,
+    };
     shade.add_after_primary(&view.passes());
     Ok(Some(view))
 }
@@ -108,12 +129,16 @@ pub fn add(
 impl View {
     /// The passes, in their order.
     pub fn passes(&self) -> Vec<PassId> {
-        self.marks.iter().chain(&self.gathers).map(|&(pass, _)| pass).collect()
+        let mut passes = vec![self.mark_pixels.pass];
+        passes.extend(self.mark_receivers.map(|mark| mark.pass));
+        passes.extend(self.gathers());
+        passes
     }
 
     /// Those that compute what is known to be in view.
     pub fn gathers(&self) -> Vec<PassId> {
-        self.gathers.iter().map(|&(pass, _)| pass).collect()
+        let rows = self.gathers.iter().map(|gather| gather.pass);
+        rows.chain(self.weights.iter().map(|weigh| weigh.pass)).collect()
     }
 
     /// Fills what the first frame finds.
@@ -159,8 +184,11 @@ impl View {
         self.view += u32::from(is_other);
         self.light += u32::from(is_lit_anew);
         self.camera = Some(*camera);
-        for &(pass, params) in self.marks.iter().chain(&self.gathers) {
-            executor.push(pass, &transport::ViewParams { view: self.view, light: self.light, ..params })?;
+        for pass in iter::once(&self.mark_pixels).chain(&self.gathers) {
+            pass.set(executor, self.view, self.light)?;
+        }
+        for pass in self.mark_receivers.iter().chain(&self.weights) {
+            pass.set(executor, self.view, self.light)?;
         }
         Ok(is_other)
     }

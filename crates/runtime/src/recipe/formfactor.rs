@@ -11,7 +11,7 @@ use transport::kernel::hits::WORD_COUNTS;
 use transport::{Csr, HitCounts, HitsParams, LinearOperator as _, ViewParams};
 
 use super::{Bindings, Named, Tables, add_pass, rgb_bytes, row_blocks};
-use crate::executor::ExecutorError;
+use crate::executor::{Executor, ExecutorError};
 use crate::plan::{BufferId, PassId, Plan, Range};
 
 /// Compressed sparse rows on the device.
@@ -57,55 +57,24 @@ impl SparseTables {
     }
 }
 
-impl SparseTables {
-    /// Adds the pass that marks the columns of the rows that a view needs.
-    ///
-    /// # Errors
-    /// Buffers that are too short.
-    pub fn mark_columns(
-        &self,
-        plan: &mut Plan,
-        pass: &str,
-        row_marks: impl Into<Range>,
-        marks: impl Into<Range>,
-    ) -> Result<ViewPass, ExecutorError> {
-        let own = [
-            ("row_start", self.row_start),
-            ("columns", self.columns),
-            ("row_marks", row_marks.into()),
-            ("marks", marks.into()),
-        ];
-        view_pass(plan, pass, &table::FORMFACTOR_MARK_COLUMNS, &own, self.rows)
-    }
-
-    /// Adds the pass of `irradiance = F exitance` for the rows that a view needs.
-    ///
-    /// # Errors
-    /// Buffers that are too short.
-    pub fn gather_view(
-        &self,
-        plan: &mut Plan,
-        pass: &str,
-        exitance: impl Into<Range>,
-        irradiance: impl Into<Range>,
-        rows: ViewRows,
-    ) -> Result<ViewPass, ExecutorError> {
-        let own = [
-            ("row_start", self.row_start),
-            ("columns", self.columns),
-            ("values", self.values),
-            ("exitance", exitance.into()),
-            ("irradiance", irradiance.into()),
-            ("marks", rows.marks),
-            ("computed", rows.computed),
-        ];
-        view_pass(plan, pass, &table::FORMFACTOR_GATHER_CSR_VIEW, &own, self.rows)
-    }
-}
-
 /// A pass that computes only what a view needs, and its push constants, of which the numbers of the view and the light
 /// change.
-pub type ViewPass = (PassId, ViewParams);
+#[derive(Clone, Copy, Debug)]
+pub struct ViewPass {
+    /// The pass.
+    pub pass: PassId,
+    params: ViewParams,
+}
+
+impl ViewPass {
+    /// Makes the pass ready for a view and a light.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set(&self, executor: &mut (dyn Executor + 'static), view: u32, light: u32) -> Result<(), ExecutorError> {
+        executor.push(self.pass, &ViewParams { view, light, ..self.params })
+    }
+}
 
 /// Which rows a view needs, and for which light each was computed: a number of 32 bits a row.
 #[derive(Clone, Copy, Debug)]
@@ -116,24 +85,14 @@ pub struct ViewRows {
     pub computed: Range,
 }
 
-fn view_pass(
-    plan: &mut Plan,
-    pass: &str,
-    kernel: &'static table::Kernel,
-    own: Bindings,
-    count: u32,
-) -> Result<ViewPass, ExecutorError> {
-    let params = ViewParams { count, ..ViewParams::default() };
-    Ok((add_pass(plan, pass, kernel, own, &[], &params, count)?, params))
-}
-
 /// Adds the pass that marks the interpolation points that the pixels of a view take light from. Bindings: `hits`, `points`,
 /// `triangles`, `grids`, `receiver_cells`, `vertices`, `marks`.
 ///
 /// # Errors
 /// Buffers that are missing or too short.
 pub fn mark_pixels(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32) -> Result<ViewPass, ExecutorError> {
-    view_pass(plan, pass, &table::FORMFACTOR_MARK_PIXELS, bindings, pixels)
+    let params = ViewParams { count: pixels, ..ViewParams::default() };
+    Ok(ViewPass { pass: add_pass(plan, pass, &table::FORMFACTOR_MARK_PIXELS, bindings, &[], &params, pixels)?, params })
 }
 
 /// What a bounce works on, each with one RGB value a patch (or element): albedo ρ, first exitance E and irradiance H in,
@@ -304,7 +263,7 @@ impl HitTables {
             ];
             let params = ViewParams { count: rows.len() as u32, first_quad, ..ViewParams::default() };
             let kernel = &table::FORMFACTOR_GATHER_HITS_VIEW;
-            passes.push((add_pass(plan, pass, kernel, &own, &tables, &params, params.count)?, params));
+            passes.push(ViewPass { pass: add_pass(plan, pass, kernel, &own, &tables, &params, params.count)?, params });
         }
         Ok(passes)
     }

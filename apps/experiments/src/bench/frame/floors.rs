@@ -5,6 +5,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use glam::{UVec2, Vec4};
+use patches::PackedWeights;
 use rayon::prelude::*;
 use scene::{Hit, SurfacePoint};
 use transport::{Csr, HitCounts, LinearOperator as _};
@@ -31,6 +32,10 @@ fn of_hits(rows: &HitCounts) -> Work {
     let quads = rows.quads().len();
     let bytes = quads * (size_of::<UVec2>() + 1) + size_of_val(rows.row_start()) + size_of_val(rows.scales());
     Work { bytes: bytes as u64 + rows.scales().len() as u64 * RGB, operations: quads as u64 * VALUE * 5 }
+}
+
+fn of_weights(weights: &PackedWeights) -> Work {
+    of_entries(weights.weights(), weights.bytes(), weights.rows())
 }
 
 fn of_csr(rows: &Csr) -> Work {
@@ -69,8 +74,8 @@ pub fn work(
     let all = &bake.receivers;
     let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
     let receivers_share = share(found, all.points.len());
-    let rows = of_hits(&all.rows).and(of_csr(&all.smoothing)).times(receivers_share);
-    let last = rows.and(of_csr(&all.weights).times(share(points, all.interpolation.points.len())));
+    let rows = of_hits(&all.rows).and(of_weights(&all.smoothing)).times(receivers_share);
+    let last = rows.and(of_weights(&all.weights).times(share(points, all.interpolation.points.len())));
     match receivers {
         ReceiverUpdate::All => {
             work.insert("lookup", elements.and(last));

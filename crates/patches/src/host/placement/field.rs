@@ -31,6 +31,8 @@ const RIDGE: f32 = 0.03;
 const SLACK: f32 = 0.01;
 /// Weights below this are left out.
 const LEAST_WEIGHT: f32 = 0.02;
+/// Greatest weight that a fit gives, either way: far outside of its receivers it would follow their noise.
+const MOST_WEIGHT: f32 = 1.5;
 /// What a difference of the normal counts in the choice, over that in the search.
 const NORMAL_WEIGHT: f32 = 100.0;
 
@@ -173,6 +175,11 @@ impl<'a> ReceiverField<'a> {
             let margin = Vec4::select(upwards, most + slack - mean[v], least - slack - mean[v]);
             let moves = step[v].abs().cmpgt(Vec4::splat(f32::MIN_POSITIVE));
             share = share.min(Vec4::select(moves, margin / step[v], Vec4::ONE).min_element());
+        }
+        for (weight, change) in weights.iter().zip(&changes) {
+            let step = weight.1 * change;
+            let room = if step > 0.0 { MOST_WEIGHT - weight.1 } else { MOST_WEIGHT + weight.1 };
+            share = if step.abs() > room { share.min(room / step.abs()) } else { share };
         }
         let share = share.max(0.0);
         for (entry, change) in weights.iter_mut().zip(changes) {
