@@ -225,11 +225,16 @@ fn a_sky_that_no_receiver_sees_shows_nowhere() {
         lighting.sky.radiance = Vec3::splat(sky);
         renderer.picture(&lighting, camera, 0).unwrap().pictures.full
     };
+    let difference = |loaded: &LoadedScene, camera: &Camera| {
+        let [dark, lit] = [0.0, 1.0].map(|sky| picture_below(loaded, camera, sky));
+        dark.pixels.iter().zip(&lit.pixels).map(|(dark, lit)| dark.distance(*lit)).fold(0.0, f32::max)
+    };
     let closed = procedural::build("furnace").unwrap();
-    let inside = closed.view.camera(SIZE, SIZE);
-    assert_eq!(picture_below(&closed, &inside, 0.0), picture_below(&closed, &inside, 1.0));
+    // What rounding leaves of the sum of a row of form factors is taken for sky.
+    let found = difference(&closed, &closed.view.camera(SIZE, SIZE));
+    assert!(found < 1e-6, "{found}");
     let (open, camera) = lit_wall();
-    assert_ne!(picture_below(&open, &camera, 0.0), picture_below(&open, &camera, 1.0));
+    assert!(difference(&open, &camera) > 0.1);
 }
 
 #[test]

@@ -71,7 +71,7 @@ fn by_operator(scene: &Scene, patches: u32) -> (Subdivision, Vec<Vec3>) {
     let albedo: Vec<Vec3> = (0..n).map(|k| scene.tables().albedo(subdivision.patches[k].triangle, 0.3, 0.3)).collect();
     for channel in 0..3 {
         let reflectance: Vec<f32> = albedo.iter().map(|a| a[channel]).collect();
-        let operator = all_bounces(&symmetric, &reflectance).unwrap();
+        let operator = all_bounces(symmetric.clone(), &reflectance).unwrap();
         let source: Vec<f64> = (0..n)
             .map(|k| {
                 let own = subdivision.offsets[k] as usize..subdivision.offsets[k + 1] as usize;

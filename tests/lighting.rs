@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use assets::{LoadedScene, procedural};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
 use patchlight::operator::Codec;
-use patchlight::{Bake, Estimator, MethodSettings, Pictures, ReceiverUpdate, Renderer};
+use patchlight::{Bake, Error, Estimator, MethodSettings, Pictures, ReceiverUpdate, Renderer, SampleLight};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::Lighting;
@@ -263,4 +263,99 @@ fn an_update_computes_less_when_only_a_part_is_in_view() {
     assert_eq!(wrong.count(), 0);
     let all = renderer.surface_irradiance().unwrap().iter().filter(|h| **h != Vec3::ZERO).count();
     assert!(part > 0 && 2 * part < all, "{part} of {all}");
+}
+
+/// Direct irradiance of the samples of the last update.
+fn sample_light(renderer: &mut Renderer) -> Vec<Vec3> {
+    let direct = renderer.irradiance().direct;
+    renderer.download(direct).unwrap().iter().map(|h| h.truncate()).collect()
+}
+
+/// Indirect irradiance of the interpolation points under a lighting.
+fn indirect(renderer: &mut Renderer, loaded: &LoadedScene, lighting: &Lighting) -> Vec<Vec3> {
+    picture(renderer, loaded, lighting);
+    renderer.surface_irradiance().unwrap()
+}
+
+/// What a caller gives as direct light of the samples stands for what would be traced; the light then is the same in every bit.
+#[test]
+fn direct_light_of_the_samples_may_be_the_callers() {
+    let loaded = procedural::build("cornell").unwrap();
+    let lighting = &loaded.scene.lighting;
+    let mut dark = lighting.clone();
+    dark.lights.iter_mut().for_each(|lamp| lamp.color = Vec3::ZERO);
+    let in_view = Setup { receivers_updated: ReceiverUpdate::InView, ..setup(MethodSettings::Classic) };
+    for setup in methods().into_iter().map(setup).chain([in_view]) {
+        let bake = setup.bake(&loaded).unwrap();
+        let devices = vulkan().map(|vulkan| Box::new(vulkan) as Box<dyn Executor>);
+        for executor in [Box::new(Cpu::new()) as Box<dyn Executor>].into_iter().chain(devices) {
+            let mut traced = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+            let expected = indirect(&mut traced, &loaded, lighting);
+            let values = sample_light(&mut traced);
+            assert_eq!(values.len(), traced.samples().len());
+
+            // Lamps that are dark would give none of it.
+            let mut given = setup.load(&loaded, &bake, executor).unwrap();
+            given.set_sample_light(SampleLight::Values(&values)).unwrap();
+            assert!(indirect(&mut given, &loaded, &dark) == expected, "{setup:?}");
+            assert_eq!(sample_light(&mut given), values);
+        }
+    }
+}
+
+#[test]
+fn direct_light_of_the_samples_changes_as_the_caller_says() {
+    let loaded = procedural::build("cornell").unwrap();
+    let lighting = &loaded.scene.lighting;
+    let setup = setup(MethodSettings::Classic);
+    let mut renderer = setup.renderer(&loaded, Box::new(Cpu::new())).unwrap();
+    let expected = picture(&mut renderer, &loaded, lighting);
+    let values = sample_light(&mut renderer);
+    // Other light at one sample that is lit: another picture.
+    let mut wrong = values.clone();
+    wrong[values.iter().position(|h| h.x > 1.0).unwrap()] *= 3.0;
+    renderer.set_sample_light(SampleLight::Values(&wrong)).unwrap();
+    let of_wrong = indirect(&mut renderer, &loaded, lighting);
+    assert!(picture(&mut renderer, &loaded, lighting) != expected);
+    // The caller's shader writes: on the device, and nothing but that counts.
+    let direct = renderer.irradiance().direct;
+    let on_device: Vec<Vec4> = values.iter().map(|h| h.extend(0.0)).collect();
+    renderer.executor_mut().upload(direct, &on_device).unwrap();
+    renderer.set_sample_light(SampleLight::OnDevice).unwrap();
+    assert!(picture(&mut renderer, &loaded, lighting) == expected);
+    // It lasts while lights move, and through a new plan where the caller's values are known.
+    renderer.set_sample_light(SampleLight::Values(&wrong)).unwrap();
+    assert!(indirect(&mut renderer, &loaded, lighting) == of_wrong);
+    assert!(indirect(&mut renderer, &loaded, &lamps(&loaded, 40)) == of_wrong);
+    // Traced again.
+    renderer.set_sample_light(SampleLight::Traced).unwrap();
+    assert!(picture(&mut renderer, &loaded, lighting) == expected);
+}
+
+#[test]
+fn direct_light_that_does_not_suit_the_samples_is_refused() {
+    let loaded = procedural::build("cornell").unwrap();
+    let mut renderer = setup(MethodSettings::Classic).renderer(&loaded, Box::new(Cpu::new())).unwrap();
+    let count = renderer.samples().len();
+    let few = vec![Vec3::ONE; count - 1];
+    match renderer.set_sample_light(SampleLight::Values(&few)) {
+        Err(Error::SampleLightCount { expected, found }) => assert_eq!((expected, found), (count, count - 1)),
+        other => panic!("{other:?}"),
+    }
+    for wrong in [f32::NAN, f32::INFINITY, -1.0] {
+        let mut values = vec![Vec3::ONE; count];
+        values[7].y = wrong;
+        let error = renderer.set_sample_light(SampleLight::Values(&values)).unwrap_err();
+        assert!(matches!(error, Error::SampleLightValue { sample: 7, .. }), "{error}");
+    }
+    // A plan with room for more lights has another buffer, which the caller has not written.
+    picture(&mut renderer, &loaded, &loaded.scene.lighting);
+    renderer.set_sample_light(SampleLight::OnDevice).unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    for _ in 0..2 {
+        let error = renderer.update_light(&lamps(&loaded, 40), &camera).unwrap_err();
+        assert!(matches!(error, Error::SampleLightLost), "{error}");
+    }
+    renderer.set_sample_light(SampleLight::OnDevice).unwrap();
+    renderer.update_light(&lamps(&loaded, 40), &camera).unwrap();
 }

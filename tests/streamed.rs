@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
 use glam::Vec3;
+use integration_tests::limited::Limited;
 use integration_tests::vulkan;
 use localmatrix::{BakeFile, LocalSettings};
 use patchlight::world::{StreamFrame, StreamSettings, Streamed, WorldSettings, bake};
@@ -112,4 +113,17 @@ fn more_lights_than_fitted_shine_at_once() {
     // As bright together as one is.
     assert!(distance(&many, &few) < 1e-4);
     assert!(many.pixels.iter().any(|pixel| pixel.length() > 0.0));
+}
+
+#[test]
+fn pictures_of_worlds_in_bands_are_the_same() {
+    let world = World::new("city:125000");
+    let lights = world.lights(1);
+    let (mut whole, mut in_bands) = (world.stream(cpu()), world.stream(Box::new(Limited::new(cpu(), 1 << 14))));
+    for number in 0..2 {
+        let (expected, at_once) = world.frame(&mut whole, 3 * number, &lights);
+        let (picture, frame) = world.frame(&mut in_bands, 3 * number, &lights);
+        assert!(picture == expected, "frame {number}");
+        assert_eq!((frame.change, frame.behind), (at_once.change, at_once.behind), "frame {number}");
+    }
 }

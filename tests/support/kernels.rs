@@ -413,14 +413,14 @@ fn call<P: Pod>(elements: u32, push: P, tables: Tables) -> (u32, Vec<u8>, Tables
     (elements, bytemuck::bytes_of(&push).to_vec(), tables)
 }
 
-/// Light of rectangles and emitters at the pixels of the third of four fixed sub-frames. Emitters count by groups, though they
-/// are few.
+/// Light of rectangles and emitters at a band of pixels, in the third of four fixed sub-frames. Emitters count by groups, though
+/// they are few.
 fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
-    let (width, height) = (33, 21);
+    let (width, height) = (33, 31);
     let camera = Camera::look_at(Vec3::new(1.7, 1.2, 1.9), Vec3::splat(0.4), Vec3::Y, 55.0, width, height);
     let p = LargeParams {
         camera: Camera { fixed_sub_frames: 4, ..camera },
-        count: width * height,
+        count: width * 21,
         sub_frame: 2,
         light_count: scene.lighting.lights.len() as u32,
         emitter_count: scene.emitters.len() as u32,
@@ -429,15 +429,18 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
         stride: 8,
         ray_offset: scene.geometry.ray_offset,
         group_count: 3,
-        reserved: [0; 3],
+        first: width * 4 + 7,
+        reserved: [0; 2],
     };
     let n = p.count as usize;
     let geometry = scene.tables();
-    let hits: Vec<Hit> = (0..p.count).map(|k| camera::primary_hit(&geometry, &p.camera, k, p.sub_frame)).collect();
-    let points: Vec<SurfacePoint> = (0..p.count)
-        .map(|k| {
+    let pixels = p.first..p.first + p.count;
+    let hits: Vec<Hit> = pixels.clone().map(|k| camera::primary_hit(&geometry, &p.camera, k, p.sub_frame)).collect();
+    let points: Vec<SurfacePoint> = pixels
+        .zip(&hits)
+        .map(|(k, &hit)| {
             let direction = camera::primary_direction(&p.camera, k, p.sub_frame);
-            camera::surface_point(&geometry, hits[k as usize], direction)
+            camera::surface_point(&geometry, hit, direction)
         })
         .collect();
     let group = |r: &mut Random| EmitterGroup {
@@ -467,7 +470,20 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
     ];
     match name {
         "scene_add_large_light" => {
-            call(p.count, ShareParams { count: p.count, width, tolerance: 0.3, reserved: 0 }, tables)
+            // The tables have the pixels about, too.
+            let margin = 2 * width + 2;
+            let count = p.count - 2 * margin;
+            let share = ShareParams {
+                count,
+                first: p.first + margin,
+                width,
+                height,
+                first_about: p.first,
+                count_about: p.count,
+                tolerance: 0.3,
+                reserved: 0,
+            };
+            call(count, share, tables)
         }
         _ => call(p.count, p, tables),
     }
@@ -524,16 +540,18 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
         "scene_open_light" | "scene_seen_light" | "scene_add_large_light" => large_light(r, name, scene),
         "scene_primary" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
-            let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 21);
+            let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 31);
             let n = 33 * 21;
             let light_count = scene.lighting.lights.len() as u32;
-            let p = PixelParams { camera, count: n as u32, seed: 5, light_count, reserved: 0 };
+            let p = PixelParams { camera, count: n as u32, seed: 5, light_count, first: 33 * 5 };
             let geometry = scene.tables();
-            let hits: Vec<Hit> = (0..p.count).map(|k| camera::primary_hit(&geometry, &camera, k, p.seed)).collect();
-            let points: Vec<SurfacePoint> = (0..p.count)
-                .map(|k| {
+            let pixels = p.first..p.first + p.count;
+            let hits: Vec<Hit> = pixels.clone().map(|k| camera::primary_hit(&geometry, &camera, k, p.seed)).collect();
+            let points: Vec<SurfacePoint> = pixels
+                .zip(&hits)
+                .map(|(k, &hit)| {
                     let direction = camera::primary_direction(&camera, k, p.seed);
-                    camera::surface_point(&geometry, hits[k as usize], direction)
+                    camera::surface_point(&geometry, hit, direction)
                 })
                 .collect();
             if name == "scene_primary" {

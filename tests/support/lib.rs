@@ -1,6 +1,7 @@
 //! Shared by the integration tests: seeded inputs, tolerances, the skip rules.
 
 pub mod kernels;
+pub mod limited;
 pub mod mutate;
 pub mod setup;
 

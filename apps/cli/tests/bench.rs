@@ -179,6 +179,45 @@ fn bench_frame_tells_where_the_time_of_light_updates_goes() {
 }
 
 #[test]
+fn bench_frame_shows_how_light_updates_grow() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["bench", "frame", "cornell", "--curves", "--counts", "60,120", "--densities", "0.5,1"];
+    arguments.extend(["--frames", "2", "--size", "32x24", "--rays", "64", "--receiver-rays", "16"]);
+    arguments.extend(["--quiet", "--device", "cpu", "--out", out]);
+    let markdown = succeeds(&arguments);
+    let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&summary["name"], &summary["frames"]), (&"frame".into(), &2.into()));
+    assert_eq!(summary["size"], serde_json::json!([32, 24]));
+    assert!(summary["machine"]["stream_gb_s"].as_f64().unwrap() > 0.0, "{summary}");
+
+    let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    let rows = summary["rows"].as_array().unwrap();
+    // What each curve is over, and the number of its points.
+    let curves = [("patches", 2), ("receivers", 2), ("lights", 4), ("triangles", 3)];
+    for (curve, points) in curves {
+        let sizes: Vec<u64> =
+            rows.iter().filter(|row| row["curve"] == curve).map(|row| row[curve].as_u64().unwrap()).collect();
+        assert_eq!(sizes.len(), points, "{curve}");
+        assert!(sizes.windows(2).all(|pair| pair[0] < pair[1]), "{curve}: {sizes:?}");
+        assert_eq!(markdown.matches(&format!("lights move, over {curve} |")).count(), points, "{curve}: {markdown}");
+        assert!(report.contains(&format!("A light update over {curve}")), "{curve}");
+    }
+    assert_eq!(rows.len(), curves.iter().map(|curve| curve.1).sum::<usize>());
+    for row in rows {
+        let update = &row["light_update"];
+        let number = |key: &str| update[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
+        assert!(number("median_ms") > 0.0 && number("median_ms") <= number("max_ms"), "{row}");
+        assert!(number("visible_receivers") > 0.0 && number("visible_points") > 0.0 && number("bytes") > 0.0, "{row}");
+        for pass in ["direct", "gather", "method", "lookup", "view"] {
+            assert!(row["passes"][pass].as_f64().unwrap() > 0.0, "{pass}: {row}");
+        }
+    }
+    assert!(leftovers(folder.path()).is_empty());
+}
+
+#[test]
 fn bench_clean_counts_faults_against_references_that_it_keeps() {
     let folder = tempfile::tempdir().unwrap();
     let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();

@@ -43,14 +43,14 @@ const _: () = assert!(size_of::<MultiplyVtParams>() == 32);
 pub struct PixelParams {
     /// The pinhole; pixels are counted row by row from the upper left corner.
     pub camera: Camera,
-    /// Number of pixels.
+    /// Number of pixels of this dispatch.
     pub count: u32,
     /// Number of the sub-frame: decides the positions in the pixels.
     pub seed: u32,
     /// Number of lights (shading only).
     pub light_count: u32,
-    /// Keeps the size a multiple of 16.
-    pub reserved: u32,
+    /// First pixel of this dispatch.
+    pub first: u32,
 }
 const _: () = assert!(size_of::<PixelParams>() == 80);
 

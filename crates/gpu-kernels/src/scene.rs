@@ -82,8 +82,9 @@ kernels! {
         hits: write [Hit],
         points: write [SurfacePoint],
     } each {
-        let hit = camera::primary_hit(&geometry, &p.camera, k, p.seed);
-        let direction = camera::primary_direction(&p.camera, k, p.seed);
+        let at = p.first + k;
+        let hit = camera::primary_hit(&geometry, &p.camera, at, p.seed);
+        let direction = camera::primary_direction(&p.camera, at, p.seed);
         (hit, camera::surface_point(&geometry, hit, direction))
     }
 
@@ -104,7 +105,7 @@ kernels! {
             p.light_count,
             &p.camera,
             p.seed,
-            k,
+            p.first + k,
             hits[i],
             direct[i],
             indirect[i],
@@ -140,7 +141,8 @@ kernels! {
         open: update [Rgb] as open_before,
     } each {
         let i = k as usize;
-        large::add_open_light(&geometry, &lights, groups, p, k, hits[i], points[i], open_before)
+        let at = p.first + k;
+        large::add_open_light(&geometry, &lights, groups, p, at, hits[i], points[i], open_before)
     }
 
     /// Adds one sub-frame to every pixel's samples of rectangles and emitters, those that it sees
@@ -157,21 +159,23 @@ kernels! {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };
         let i = k as usize;
+        let at = p.first + k;
         let sums = (seen_before, sampled_before);
-        large::add_seen_light(&geometry, &lights, p, k, hits[i], points[i], sums, stopped)
+        large::add_seen_light(&geometry, &lights, p, at, hits[i], points[i], sums, stopped)
     }
 
     /// Adds the light of rectangles and emitters to every pixel's sums, W/m²/sr:
     /// [`large::shadowed_light`]. One invocation per pixel.
     SCENE_ADD_LARGE_LIGHT = "scene_add_large_light"(p: ShareParams) for k in 0..count {
-        points: read [SurfacePoint; count],
-        open: read [Rgb; count],
-        seen: read [Rgb; count],
-        sampled: read [Rgb; count],
+        points: read [SurfacePoint; p.count_about as usize],
+        open: read [Rgb; p.count_about as usize],
+        seen: read [Rgb; p.count_about as usize],
+        sampled: read [Rgb; p.count_about as usize],
         full: update [Rgb] as full_before,
         direct: update [Rgb] as direct_before,
     } each {
-        let light = large::shadowed_light(p, k, points, open, seen, sampled).extend(0.0);
+        let at = p.first + k;
+        let light = large::shadowed_light(p, at, points, open, seen, sampled).extend(0.0);
         (full_before + light, direct_before + light)
     }
 

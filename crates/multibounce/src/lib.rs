@@ -30,7 +30,7 @@
 //! // Two plates that see each other by half, one twice as large.
 //! let (area, values) = ([1.0, 2.0], [0.5, 0.25]);
 //! let factors = Factors { row_start: &[0, 1, 2], columns: &[1, 0], values: &values, area: &area };
-//! let operator = all_bounces(&factors.symmetric()?, &[0.8, 0.5])?;
+//! let operator = all_bounces(factors.symmetric()?, &[0.8, 0.5])?;
 //! let order = halving_order(&[Vec3::ZERO, Vec3::Z], &[Vec3::Z, Vec3::NEG_Z], &[]);
 //! let go_on = |_, _| Proceed::Continue(());
 //! let patches = TileSide { area: &area, order: &order };

@@ -83,7 +83,7 @@ fn cholesky_lu_and_many_bounces_agree() {
     let case = Case::new(90, 0.5);
     let (rho, f) = (albedo(90, 0), case.dense());
     let symmetric = case.factors().symmetric().unwrap();
-    let all = unscaled(&all_bounces(&symmetric, &rho).unwrap(), &case.area);
+    let all = unscaled(&all_bounces(symmetric.clone(), &rho).unwrap(), &case.area);
     let lu = all_bounces_lu(&f, &rho).unwrap();
     assert!(difference(&all, &lu) < 1e-5, "{}", difference(&all, &lu));
     // 0.9^k of the light is left after k bounces.
@@ -143,7 +143,7 @@ fn operators_in_files_are_those_in_memory_and_keep_to_the_limit() {
         let case = Case::new(n, 0.5);
         let rho: Vec<f32> = albedo(n, 0).iter().map(|&a| if dark { a } else { a.max(0.2) }).collect();
         let (symmetric, order) = (case.factors().symmetric().unwrap(), case.order());
-        let all = all_bounces(&symmetric, &rho).unwrap();
+        let all = all_bounces(symmetric.clone(), &rho).unwrap();
         let some = some_bounces(&symmetric, &rho, 4, &go).unwrap();
         let mut last = u64::MAX;
         for bytes in LIMITS.into_iter().rev() {
@@ -289,7 +289,7 @@ fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_ope
     let n = 300;
     let case = Case::new(n, 0.3);
     let symmetric = case.factors().symmetric().unwrap();
-    let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
+    let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(symmetric.clone(), &albedo(n, c)).unwrap()).collect();
     let bytes = |tiles: &LowRank| tiles.bytes_by_part().iter().map(|part| part.1).sum::<u64>();
     let mut last = 0;
     for epsilon in [1e-1, 1e-2, 1e-3, 1e-4] {
@@ -325,7 +325,7 @@ fn differences_of_one_hue_are_stored_once() {
     let n = 300;
     let case = Case::new(n, 0.3);
     let symmetric = case.factors().symmetric().unwrap();
-    let [green, red] = [1, 0].map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap());
+    let [green, red] = [1, 0].map(|c| all_bounces(symmetric.clone(), &albedo(n, c)).unwrap());
     let hue = &red - &green;
     let blue = Mat::from_fn(n, n, |i, j| green[(i, j)] - 2.0 * hue[(i, j)]);
     let encode = |blue: &Mat<f32>| {
@@ -383,7 +383,7 @@ fn a_furnace_stays_one() {
     }
     let symmetric = Mat::from_fn(n, n, |i, j| f[(i, j)] * (case.area[i] / case.area[j]).sqrt());
     let rho = vec![0.6; n];
-    let all = all_bounces(&symmetric, &rho).unwrap();
+    let all = all_bounces(symmetric.clone(), &rho).unwrap();
     let expected = 1.0 / (1.0 - 0.6);
     for (name, tiles) in [
         ("one", tiles_of(Channels::One(&all), &case.area, &case.order(), 1e-3, &go).unwrap()),
@@ -452,7 +452,7 @@ fn the_product_in_vectors_is_that_of_the_bodies() {
     let n = 300;
     let case = Case::new(n, 0.9);
     let symmetric = case.factors().symmetric().unwrap();
-    let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(&symmetric, &albedo(n, c)).unwrap()).collect();
+    let made: Vec<Mat<f32>> = (0..3).map(|c| all_bounces(symmetric.clone(), &albedo(n, c)).unwrap()).collect();
     let channels = Channels::Three([&made[0], &made[1], &made[2]]);
     let tiles = tiles_of(channels, &case.area, &case.order(), 3e-3, &go).unwrap();
     assert!(tiles.report.terms.iter().all(|&c| c > 0) && tiles.report.entries > 0, "{:?}", tiles.report);
@@ -577,9 +577,9 @@ fn what_is_wrong_is_said() {
 
     // Light that grows: rows above 1.
     let bright = Mat::from_fn(20, 20, |i, j| 3.0 * symmetric[(i, j)]);
-    assert!(matches!(all_bounces(&bright, &[0.9; 20]), Err(Error::Singular { .. })));
+    assert!(matches!(all_bounces(bright, &[0.9; 20]), Err(Error::Singular { .. })));
     assert!(matches!(
-        all_bounces(&symmetric, &[1.0; 20]),
+        all_bounces(symmetric.clone(), &[1.0; 20]),
         Err(Error::Shared(transport::Error::Value { name: "albedo", index: 0, .. }))
     ));
 
@@ -596,7 +596,7 @@ fn what_is_wrong_is_said() {
 
     // Tables that lead beyond their end.
     let large = Case::new(300, 0.0);
-    let all = all_bounces(&large.factors().symmetric().unwrap(), &[0.5; 300]).unwrap();
+    let all = all_bounces(large.factors().symmetric().unwrap(), &[0.5; 300]).unwrap();
     let good = tiles_of(Channels::One(&all), &large.area, &large.order(), 0.01, &go).unwrap();
     good.check().unwrap();
     let mut tiles = good.clone();

@@ -56,8 +56,8 @@ pub enum Error {
          are possible; cut long thin triangles, or choose fewer patches or a larger distance between receivers"
     )]
     LongTriangle {
-        /// The triangle with the most cells.
-        triangle: usize,
+        /// The triangle with the most cells, by its number in the file ([`scene::Triangle::source`]).
+        triangle: u32,
         /// Its longest edge, m.
         length: f32,
         /// Cells of all triangles.

@@ -215,12 +215,12 @@ fn needles_are_refused_with_the_longest_triangle_and_a_remedy() {
     let needle = |k: u32| {
         let start = Vec3::new(0.0, 5.0 * k as f32, 0.0);
         let end = start + (if k == 17 { 1200.0 } else { 1000.0 }) * Vec3::X;
-        triangle(start, end, end + 1e-4 * Vec3::Y)
+        Triangle { source: k, ..triangle(start, end, end + 1e-4 * Vec3::Y) }
     };
     let scene = scene((0..200).map(needle).collect());
     let sides = vec![Sides { front: true, back: true }; 200];
     let fine = InterpolationMesh::new(&scene, &sides, 0.3, 0.1, |_, _| Some(0.3), |_| None);
-    let error = fine.err().expect("they are refused");
+    let error = fine.expect_err("they are refused");
     assert!(matches!(error, Error::LongTriangle { triangle: 17, limit: 268_435_456, .. }), "{error}");
     let message = error.to_string();
     assert!(message.contains("1200 m") && message.contains("268435456"), "{message}");

@@ -20,7 +20,7 @@ fn row(k: usize, most: u32) -> Vec<Weight> {
         .map(|j| Weight {
             receiver: (7 * k + 13 * j) % RECEIVERS,
             weight: random(k, 10 + j) - 0.2,
-            rotation: (hash3(k, j, 6) % 3 == 0)
+            rotation: (hash3(k, j, 6).is_multiple_of(3))
                 .then(|| 0.5 * Vec2::new(2.0 * random(k, 50 + j) - 1.0, 2.0 * random(k, 90 + j) - 1.0)),
         })
         .collect();

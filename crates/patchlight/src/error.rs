@@ -177,6 +177,30 @@ pub enum Error {
         /// What would be smaller.
         remedy: &'static str,
     },
+    /// Direct light of a caller's for another number of samples.
+    #[error(
+        "direct light of {found} samples, and the bake has {expected}; give one value for each of Renderer::samples"
+    )]
+    SampleLightCount {
+        /// Samples of the bake.
+        expected: usize,
+        /// Values given.
+        found: usize,
+    },
+    /// Direct light of a caller's that no surface can receive.
+    #[error("sample {sample} is to receive {value} W/m²; give finite irradiance that is not below 0")]
+    SampleLightValue {
+        /// Index of the sample.
+        sample: usize,
+        /// What was given for it.
+        value: glam::Vec3,
+    },
+    /// A caller's direct light was in a buffer that an update has replaced by a larger one.
+    #[error(
+        "the buffer with the direct light of the samples is another one now: ask Renderer::irradiance for it, write the light \
+         there, and call Renderer::set_sample_light again"
+    )]
+    SampleLightLost,
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,

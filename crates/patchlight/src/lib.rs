@@ -3,7 +3,8 @@
 //! [`Bake::build`] cuts a scene into patches and elements, estimates their form factors and places receivers. A
 //! [`Renderer`] puts a bake on an executor: native code, a Vulkan device of its own, or one that is borrowed from an
 //! engine. [`Renderer::update_light`] finds the light of a frame, whatever lights, sky and emission have become, without
-//! waiting; [`Renderer::irradiance`] hands out the device buffers, and [`Renderer::picture`] shades a picture.
+//! waiting; [`Renderer::irradiance`] hands out the device buffers, and [`Renderer::picture`] shades a picture. An engine that
+//! knows the direct light already gives it: [`Renderer::set_sample_light`].
 //!
 //! How light goes between patches is a [`Method`]: classic radiosity, the operator of all bounces, progressive feedback,
 //! sampled rows, the matrix round the camera, photons, or one's own. A frame is a plan of stages: direct light at samples →
@@ -55,6 +56,6 @@ pub use method::{Method, MethodReport, MethodSettings};
 pub use observe::run_phase;
 pub use picture::{Picture, Pictures};
 pub use pixels::PixelGather;
-pub use renderer::{FrameResult, LightUpdate, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer};
+pub use renderer::{FrameResult, LightUpdate, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer, SampleLight};
 pub use stage::shade::PixelLight;
 pub use transport::{Observer, Phase, Silent};

@@ -77,7 +77,7 @@ pub trait Method: Send {
         Ok(())
     }
 
-    /// Called before each frame, when lights are set and nothing of the frame has run; waits for nothing.
+    /// Called in each frame, when lights are set and the passes of the first exitance submitted; waits for nothing.
     ///
     /// # Errors
     /// What the device says.

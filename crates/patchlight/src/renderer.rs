@@ -41,6 +41,29 @@ pub enum ReceiverUpdate {
     InView,
 }
 
+/// Where the direct irradiance H_d of the samples comes from, of which follows the first exitance `E = ρ∘H_d` of the elements.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum SampleLight<'a> {
+    /// From the lighting, by shadow rays.
+    #[default]
+    Traced,
+    /// From the caller: RGB at each of [`Renderer::samples`], W/m².
+    Values(&'a [Vec3]),
+    /// From the caller, who has put it into the device buffer [`ReceiverBuffers::direct`].
+    OnDevice,
+}
+
+/// The same as it is kept.
+#[derive(Clone, Debug, PartialEq)]
+enum KeptLight {
+    Traced,
+    Values(Vec<Vec4>),
+    /// Whether the caller has written the buffer of the loaded plan.
+    OnDevice {
+        is_written: bool,
+    },
+}
+
 /// Settings of [`Renderer::new`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderSettings {
@@ -99,6 +122,8 @@ pub struct FrameResult {
 /// W/m² and one unused component. `runtime::vulkan::Vulkan::buffer` gives the Vulkan buffer of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReceiverBuffers {
+    /// Direct irradiance of the samples ([`Renderer::samples`]); with [`SampleLight::OnDevice`] what the caller's shaders write.
+    pub direct: BufferId,
     /// Irradiance of the patches, all bounces but the last two where receivers are on the mesh.
     pub patches: BufferId,
     /// Irradiance of the elements.
@@ -120,6 +145,9 @@ pub struct Renderer {
     method: Box<dyn Method>,
     settings: RenderSettings,
     frame: Frame,
+    sample_light: KeptLight,
+    /// Whether that is another one than the last update's.
+    has_new_sample_light: bool,
     number: u32,
 }
 
@@ -178,7 +206,19 @@ impl Renderer {
     ) -> Result<Self, Error> {
         let scene = bake.scene.clone();
         let frame = Frame::load(&bake, &scene, executor.as_mut(), settings, method.as_mut())?;
-        Ok(Self { bake, scene, executor, method, settings: settings.clone(), frame, number: 0 })
+        let sample_light = KeptLight::Traced;
+        let settings = settings.clone();
+        Ok(Self {
+            bake,
+            scene,
+            executor,
+            method,
+            settings,
+            frame,
+            sample_light,
+            has_new_sample_light: false,
+            number: 0,
+        })
     }
 
     /// Changes the method; light starts anew.
@@ -200,6 +240,37 @@ impl Renderer {
         self.load()
     }
 
+    /// The points at which direct light is measured: position, m, and unit normal of the side that is lit.
+    pub fn samples(&self) -> &[SurfacePoint] {
+        &self.bake.mesh.points
+    }
+
+    /// Says where updates and pictures take the direct irradiance of the samples from, from the next one on. An engine that has
+    /// it already, say by looking the samples up in its shadow maps, thus saves all shadow rays of an update.
+    ///
+    /// A caller's irradiance is all that comes to the samples straight from lights, emissive surfaces and a sky with a map; what a
+    /// constant sky sends is added to it by the updates, from the lighting. Pixels of [`Self::picture`] find their own direct
+    /// light by the lighting, and photons start at its lights.
+    ///
+    /// With [`SampleLight::OnDevice`] it is called for each new content of the buffer, whose writes a memory barrier has made
+    /// visible to all commands. The buffer is another one after [`Self::set_method`] and [`Self::set_receivers`], and after
+    /// an update with more lights or another size of the sky's map than any before.
+    ///
+    /// # Errors
+    /// Another number of values than there are samples; a value that is not finite or below 0.
+    pub fn set_sample_light(&mut self, light: SampleLight) -> Result<(), Error> {
+        self.sample_light = match light {
+            SampleLight::Traced => KeptLight::Traced,
+            SampleLight::Values(values) => {
+                check_sample_light(values, self.samples().len())?;
+                KeptLight::Values(values.iter().map(|value| value.extend(0.0)).collect())
+            }
+            SampleLight::OnDevice => KeptLight::OnDevice { is_written: true },
+        };
+        self.has_new_sample_light = true;
+        Ok(())
+    }
+
     /// Receivers and interpolation points that the last light update was for; waits.
     ///
     /// # Errors
@@ -216,6 +287,9 @@ impl Renderer {
     fn load(&mut self) -> Result<(), Error> {
         let executor = self.executor.as_mut();
         self.frame = Frame::load(&self.bake, &self.scene, executor, &self.settings, self.method.as_mut())?;
+        if let KeptLight::OnDevice { is_written } = &mut self.sample_light {
+            *is_written = false;
+        }
         Ok(())
     }
 
@@ -223,10 +297,10 @@ impl Renderer {
     /// removed and changed, and so may the sky and the emission of materials; only lights that have moved are traced, so one that
     /// is switched off best stays in the list with the colour zero. Submits the work and waits for nothing, but where
     /// more lights or another sky map need larger buffers, and with photons, which are traced first. Under the lighting of the
-    /// update before, only what may still change is found.
+    /// update before, only what may still change is found. [`Self::set_sample_light`] gives direct light that is known already.
     ///
     /// # Errors
-    /// Lighting that does not suit the scene; what the device says.
+    /// Lighting that does not suit the scene; [`Error::SampleLightLost`]; what the device says.
     pub fn update_light(&mut self, lighting: &Lighting, camera: &Camera) -> Result<LightUpdate, Error> {
         let (update, changes) = self.update_elements(lighting, camera)?;
         let Some(view) = &self.frame.view else { return Ok(update) };
@@ -247,19 +321,19 @@ impl Renderer {
 
     /// A light update up to the elements, and to all receivers if these are updated.
     fn update_elements(&mut self, lighting: &Lighting, camera: &Camera) -> Result<(LightUpdate, Changes), Error> {
-        let direct = self.set_lighting(lighting)?;
+        let source = self.set_lighting(lighting)?;
         let input = FrameInput { lighting: &self.scene.lighting, camera, number: self.number };
         let executor = self.executor.as_mut();
         let frame = &mut self.frame;
         let mut times = Vec::new();
-        let is_light = !direct.is_empty() || !self.method.depends_on_source_alone();
+        let is_light = !source.is_empty() || !self.method.depends_on_source_alone();
         // Until all is submitted: what fails on the way is found again.
         frame.is_lit = false;
         if is_light {
-            self.method.before_frame(&input, executor)?;
-            if !direct.is_empty() {
-                executor.submit_passes(&[&direct[..], &frame.source_passes].concat())?;
+            if !source.is_empty() {
+                executor.submit_passes(&source)?;
             }
+            self.method.before_frame(&input, executor)?;
             times = submit_light(frame, self.method.as_mut(), executor)?;
         }
         if let Some(sky) = frame.sky.as_ref().filter(|sky| !frame.has_sky_light && !sky.passes.is_empty()) {
@@ -271,6 +345,7 @@ impl Renderer {
             None => false,
         };
         frame.is_lit = true;
+        self.has_new_sample_light = false;
         times.extend(executor.finished_times()?);
         let number = self.number;
         self.number = self.number.wrapping_add(1);
@@ -504,9 +579,10 @@ impl Renderer {
         bytes
     }
 
-    /// Takes over what shines, and puts on the device what has changed of it; the passes of direct light that this asks for.
+    /// Takes over what shines, and puts on the device what has changed of it; the passes of direct light and of the first
+    /// exitance that this asks for.
     fn set_lighting(&mut self, lighting: &Lighting) -> Result<Vec<PassId>, Error> {
-        if self.frame.is_lit && self.scene.lighting == *lighting {
+        if self.frame.is_lit && self.scene.lighting == *lighting && !self.has_new_sample_light {
             return Ok(Vec::new());
         }
         if !self.frame.is_lit {
@@ -522,13 +598,23 @@ impl Renderer {
             self.frame.upload_sky(&self.bake, &self.scene, self.executor.as_mut())?;
             self.frame.direct.forget_surroundings();
         }
-        self.set_lights()
+        self.frame.tables.set_lights(self.executor.as_mut(), &self.scene.lighting.lights)?;
+        let mut passes = match &self.sample_light {
+            KeptLight::Traced => self.set_traced_light()?,
+            KeptLight::Values(values) => {
+                self.executor.upload(self.frame.direct.irradiance, values)?;
+                Vec::new()
+            }
+            KeptLight::OnDevice { is_written: true } => Vec::new(),
+            KeptLight::OnDevice { is_written: false } => return Err(Error::SampleLightLost),
+        };
+        passes.extend(&self.frame.source_passes);
+        Ok(passes)
     }
 
-    fn set_lights(&mut self) -> Result<Vec<PassId>, Error> {
+    fn set_traced_light(&mut self) -> Result<Vec<PassId>, Error> {
         let executor = self.executor.as_mut();
         let lights = &self.scene.lighting.lights;
-        self.frame.tables.set_lights(executor, lights)?;
         let params = DirectParams {
             light_count: lights.len() as u32,
             emitter_count: self.scene.emitters.len() as u32,
@@ -536,6 +622,17 @@ impl Renderer {
             ..self.bake.direct
         };
         Ok(self.frame.direct.set(executor, lights, &params)?)
+    }
+}
+
+fn check_sample_light(values: &[Vec3], samples: usize) -> Result<(), Error> {
+    if values.len() != samples {
+        return Err(Error::SampleLightCount { expected: samples, found: values.len() });
+    }
+    let is_wrong = |value: &Vec3| !value.is_finite() || value.min_element() < 0.0;
+    match values.iter().position(is_wrong) {
+        Some(sample) => Err(Error::SampleLightValue { sample, value: values[sample] }),
+        None => Ok(()),
     }
 }
 
@@ -598,6 +695,7 @@ impl Frame {
         let in_view = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView);
         let view = view::add(&mut frame, &tables, in_view.as_ref(), &indirect, &mut shade)?;
         let buffers = ReceiverBuffers {
+            direct: direct.irradiance,
             patches: frame.irradiance(),
             elements: frame.elements.irradiance.buffer,
             element_exitance: frame.elements.exitance.buffer,
@@ -629,6 +727,8 @@ impl Frame {
         };
         loaded.upload_sky(bake, scene, executor)?;
         method.start(executor)?;
+        // What a caller writes on the device from now on stays.
+        executor.submit_passes(&[])?;
         Ok(loaded)
     }
 

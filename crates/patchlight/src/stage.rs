@@ -3,6 +3,7 @@
 //! `direct` (irradiance at samples) → `source` (first exitance of elements and patches) → the method (irradiance of patches)
 //! → `gather` (elements, receivers, interpolation points) → `shade` (pixels).
 
+pub mod bands;
 pub mod direct;
 pub mod gather;
 pub mod shade;

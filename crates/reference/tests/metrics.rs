@@ -180,7 +180,6 @@ fn pictures_that_cannot_be_compared_are_refused() {
     let mut broken = p.clone();
     broken.pixels[17].y = f32::NAN;
     assert!(matches!(compare_pictures(&broken, &p, 1.0, None), Err(Error::NotFinite { pixel: 17, .. })));
-    let black = Picture::new(70, 50);
     assert!(matches!(Picture::from_pixels(3, 3, vec![Vec3::ZERO; 8]), Err(scene::Error::PixelCount { found: 8, .. })));
 }
 

@@ -311,7 +311,7 @@ const _: () = assert!(size_of::<DirectParams>() == 32);
 pub struct LargeParams {
     /// The pinhole, with its number of fixed sub-frames.
     pub camera: Camera,
-    /// Number of pixels.
+    /// Number of pixels of this dispatch.
     pub count: u32,
     /// Number of the sub-frame.
     pub sub_frame: u32,
@@ -329,8 +329,10 @@ pub struct LargeParams {
     pub ray_offset: f32,
     /// Number of groups of emitters; 0 where each counts by itself.
     pub group_count: u32,
+    /// First pixel of this dispatch.
+    pub first: u32,
     /// Keeps the size a multiple of 16.
-    pub reserved: [u32; 3],
+    pub reserved: [u32; 2],
 }
 const _: () = assert!(size_of::<LargeParams>() == 112);
 
@@ -338,16 +340,24 @@ const _: () = assert!(size_of::<LargeParams>() == 112);
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ShareParams {
-    /// Number of pixels.
+    /// Number of pixels of this dispatch.
     pub count: u32,
-    /// Pixels in a row.
+    /// First of them.
+    pub first: u32,
+    /// Pixels in a row of the picture.
     pub width: u32,
+    /// Rows of the picture.
+    pub height: u32,
+    /// First pixel of the tables that are averaged over, which hold the pixels about, too.
+    pub first_about: u32,
+    /// Number of pixels of these tables.
+    pub count_about: u32,
     /// Most by which shares of light differ that are averaged.
     pub tolerance: f32,
     /// Keeps the size a multiple of 16.
     pub reserved: u32,
 }
-const _: () = assert!(size_of::<ShareParams>() == 16);
+const _: () = assert!(size_of::<ShareParams>() == 32);
 
 /// Radiance or irradiance as kernels store it: RGB and one unused word (arrays of three floats have no GPU layout).
 pub type Rgb = Vec4;

@@ -1,13 +1,14 @@
 //! The four estimators behind one trait, and the loop over rows.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::vec::Vec;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use scene::SurfacePoint;
 use scene::sampling::{frame, hash3, sobol2};
-use transport::{Dense, Polygon, Proceed, Surfaces, check_length, quadrant_of};
+use scene::{NONE, SurfacePoint};
+use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, check_length, quadrant_of};
 
 use super::area;
 use super::contour;
@@ -192,18 +193,61 @@ pub(super) fn hemisphere_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u
     order.iter().map(|&k| (hemisphere_column(s, &p, row, k), share(k))).collect()
 }
 
-/// Columns of what these rays of a row meet, and the quadrant of the hemisphere that each goes to, as in
+/// Columns of what the rays of some rows meet, row by row.
+pub(super) fn rows_hits(s: &Surfaces, rows: Range<usize>, rays: u32) -> Vec<u32> {
+    let mut hits = vec![NONE; rows.len() * rays as usize];
+    trace_rows(s, rows, rays, &mut |place, column, _| hits[place] = column);
+    hits
+}
+
+/// The same in [`QUADRANTS`] rows for each: the hits in each quadrant of the hemisphere, as in
 /// [`transport::rotational_gradients`]. Rays that escape have the column [`first_sky_column`] plus the bin of their direction.
-pub(super) fn quadrant_hits(s: &Surfaces, row: usize, order: &[u32], sky_bin: &SkyBin) -> Vec<(u32, usize)> {
-    let p = hemisphere_params(s, row, order.len() as u32);
-    let (right, up) = frame(s.row_points(row)[0].normal);
-    let hit = |&k: &u32| {
-        let (origin, direction) = hemisphere_ray(&p, s.offsets, s.points, row as u32, k);
-        let column = ray_column(s, &p, origin, direction);
-        let column = if column == p.patch_count { first_sky_column(s) + sky_bin(direction) } else { column };
-        (column, quadrant_of(direction, right, up))
-    };
-    order.iter().map(hit).collect()
+pub(super) fn quadrant_hits(s: &Surfaces, rows: Range<usize>, rays: u32, sky_bin: &SkyBin) -> Vec<u32> {
+    let each = rays as usize;
+    let mut hits = vec![NONE; QUADRANTS * rows.len() * each];
+    let frames: Vec<(Vec3, Vec3)> = rows.clone().map(|row| frame(s.row_points(row)[0].normal)).collect();
+    let sky = s.patches.len() as u32;
+    trace_rows(s, rows, rays, &mut |place, column, direction| {
+        let column = if column == sky { first_sky_column(s) + sky_bin(direction) } else { column };
+        let (row, k) = (place / each, place % each);
+        let (right, up) = frames[row];
+        hits[(QUADRANTS * row + quadrant_of(direction, right, up)) * each + k] = column;
+    });
+    hits
+}
+
+/// A ray of a row, and its place among the rays of all rows.
+struct RowRay {
+    origin: Vec3,
+    direction: Vec3,
+    place: u32,
+}
+
+/// Calls `found(place, column, direction)` for each ray of some rows with what it meets; its place is `row · rays + k`. Rays of
+/// like directions follow each other, those of all rows together: rows that are neighbours see the same parts of the scene there.
+fn trace_rows(s: &Surfaces, rows: Range<usize>, rays: u32, found: &mut dyn FnMut(usize, u32, Vec3)) {
+    let p = hemisphere_params(s, rows.start, rays);
+    let mut sorted: Vec<Vec<RowRay>> = (0..DIRECTION_CELLS).map(|_| Vec::new()).collect();
+    for (number, row) in rows.enumerate() {
+        for k in 0..rays {
+            let (origin, direction) = hemisphere_ray(&p, s.offsets, s.points, row as u32, k);
+            sorted[direction_cell(direction)].push(RowRay { origin, direction, place: number as u32 * rays + k });
+        }
+    }
+    for ray in sorted.iter().flatten() {
+        found(ray.place as usize, ray_column(s, &p, ray.origin, ray.direction), ray.direction);
+    }
+}
+
+/// Cells along each axis in which directions are sorted, and all of them.
+const DIRECTION_STEPS: usize = 8;
+const DIRECTION_CELLS: usize = DIRECTION_STEPS * DIRECTION_STEPS * DIRECTION_STEPS;
+
+/// The cell of a unit direction.
+fn direction_cell(direction: Vec3) -> usize {
+    let step = (direction * 0.5 + 0.5) * DIRECTION_STEPS as f32;
+    let [x, y, z] = step.to_array().map(|x| (x as usize).min(DIRECTION_STEPS - 1));
+    (x * DIRECTION_STEPS + y) * DIRECTION_STEPS + z
 }
 
 /// The bin of a unit direction in which a ray escapes.

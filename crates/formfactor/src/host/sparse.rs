@@ -10,12 +10,15 @@ use scene::NONE;
 
 use super::estimate::{
     Estimator, Hemisphere, SkyBin, check_surfaces, first_sky_column, hemisphere_hits, like_rays, quadrant_hits,
+    rows_hits,
 };
 use crate::error::Error;
 use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, check_length};
 
 /// Rows that one task makes.
 const TASK_ROWS: usize = 64;
+/// Rays that are traced together, of as many rows as have them.
+const GROUP_RAYS: usize = 1 << 14;
 /// Hits of a block of rows that are coded together.
 const BLOCK_HITS: usize = 1 << 22;
 
@@ -83,8 +86,7 @@ pub fn add_hit_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
-    let order = like_rays(rays);
-    let hits = |row: usize| hemisphere_hits(surfaces, row, &order).into_iter().map(|(column, _)| column).collect();
+    let hits = |own: Range<usize>| rows_hits(surfaces, own, rays);
     add_rows(rows, None, surfaces, (rays, 1), &hits, progress)
 }
 
@@ -102,13 +104,7 @@ pub fn add_quadrant_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
-    let order = like_rays(rays);
-    let hits = |row: usize| {
-        let mut hits = std::vec![NONE; QUADRANTS * order.len()];
-        let found = quadrant_hits(surfaces, row, &order, sky_bin);
-        found.into_iter().enumerate().for_each(|(k, (column, quadrant))| hits[quadrant * order.len() + k] = column);
-        hits
-    };
+    let hits = |own: Range<usize>| quadrant_hits(surfaces, own, rays, sky_bin);
     add_rows(rows, Some(sky_rows), surfaces, (rays, QUADRANTS), &hits, progress)
 }
 
@@ -118,7 +114,7 @@ fn add_rows(
     mut sky_rows: Option<&mut HitCounts>,
     surfaces: &Surfaces,
     (rays, parts): (u32, usize),
-    hits: &(dyn Fn(usize) -> Vec<u32> + Sync),
+    hits: &(dyn Fn(Range<usize>) -> Vec<u32> + Sync),
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
     check_surfaces(surfaces)?;
@@ -130,9 +126,14 @@ fn add_rows(
     let mut sky_factor = Vec::with_capacity(parts * total);
     let watch = Watch::new(total, progress);
     let block = (BLOCK_HITS / (parts * rays as usize)).max(1).next_multiple_of(TASK_ROWS);
+    let group = (GROUP_RAYS / rays as usize).max(1);
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
-        let mut hits = watch.tasks(own.clone(), |rows| rows.flat_map(hits).collect::<Vec<u32>>())?.concat();
+        let task = |rows: Range<usize>| {
+            let starts = rows.clone().step_by(group);
+            starts.flat_map(|first| hits(first..(first + group).min(rows.end))).collect::<Vec<u32>>()
+        };
+        let mut hits = watch.tasks(own.clone(), task)?.concat();
         let scales = std::vec![1.0 / rays as f32; parts * own.len()];
         rows.push(&hits, &scales)?;
         let escaped = |hits: &[u32]| hits.iter().filter(|&&column| is_sky(column)).count() as f32 / rays as f32;

@@ -2,8 +2,12 @@
 
 use std::vec::Vec;
 
-use faer::linalg::solvers::{DenseSolveCore, Solve};
-use faer::{Mat, Side};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+use faer::linalg::solvers::Solve;
+use faer::linalg::triangular_inverse::invert_lower_triangular;
+use faer::{Accum, Mat};
 use rayon::prelude::*;
 use transport::{Proceed, check_length};
 
@@ -134,27 +138,25 @@ pub(super) const LEAST_ALBEDO: f32 = 0.1;
 pub(super) const FLOOR: f32 = 1e-13;
 
 /// All bounces of one colour channel, from the symmetric form factors, `T = a^-½ T̂ a^½`: with `P = diag(ρ^½)`,
-/// `T̂ = P⁻¹ ((I − P Ŝ P)⁻¹ − I) P⁻¹`. The inverse is found by Cholesky's factorisation, about n³ operations, and 3 n² numbers
-/// of memory at the peak. Where ρ is almost 0, the operator T̂' of a small reflectance ρ' is made first, and then
+/// `T̂ = P⁻¹ ((I − P Ŝ P)⁻¹ − I) P⁻¹`. The inverse is found by Cholesky's factorisation, about n³ operations; it takes the
+/// place of Ŝ, and n² numbers of memory more at the peak. Where ρ is almost 0, the operator T̂' of a small reflectance ρ' is made first, and then
 /// `T̂ = T̂' − T̂' Δ T̂` with `Δ = diag(ρ' − ρ)`, which is a linear system of so many patches only.
 ///
 /// # Errors
 /// [`transport::Error::Length`], [`transport::Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when light grows without end.
-pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
-    let n = symmetric.nrows();
-    check_length("columns", n, symmetric.ncols())?;
+pub fn all_bounces(symmetric: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
+    let mut out = symmetric;
+    let n = out.nrows();
+    check_length("columns", n, out.ncols())?;
     check_albedo(albedo, n)?;
     let sqrt_albedo: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect();
     let identity = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
-    let system =
-        Mat::from_fn(n, n, |i, j| identity(i, j) - (sqrt_albedo[i] * symmetric[(i, j)] * sqrt_albedo[j]).max(FLOOR));
-    let factor = system.llt(Side::Lower).map_err(|error| {
-        let faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index } = error;
-        Error::Singular { patch: index }
-    })?;
-    drop(system);
-    let mut out = factor.inverse();
-    drop(factor);
+    out.par_col_iter_mut().enumerate().for_each(|(j, column)| {
+        for (i, value) in column.iter_mut().enumerate() {
+            *value = identity(i, j) - (sqrt_albedo[i] * *value * sqrt_albedo[j]).max(FLOOR);
+        }
+    });
+    invert(&mut out)?;
     out.par_col_iter_mut().enumerate().for_each(|(j, column)| {
         for (i, value) in column.iter_mut().enumerate() {
             *value = (*value - identity(i, j)) / (sqrt_albedo[i] * sqrt_albedo[j]);
@@ -170,13 +172,37 @@ pub fn all_bounces(symmetric: &Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Err
     let rows = small.partial_piv_lu().solve(columns.transpose());
     let scaled = Mat::from_fn(n, dark.len(), |i, k| columns[(i, k)] * less(k));
     let parallel = faer::get_global_parallelism();
-    faer::linalg::matmul::matmul(out.as_mut(), faer::Accum::Add, scaled.as_ref(), rows.as_ref(), -1.0f32, parallel);
-    for j in 0..n {
+    faer::linalg::matmul::matmul(out.as_mut(), Accum::Add, scaled.as_ref(), rows.as_ref(), -1.0f32, parallel);
+    mirror(&mut out);
+    Ok(out)
+}
+
+/// The inverse of a positive definite matrix in its place, by Cholesky's factorisation `L Lᵀ`: `L⁻ᵀ L⁻¹`.
+///
+/// # Errors
+/// [`Error::Singular`].
+fn invert(matrix: &mut Mat<f32>) -> Result<(), Error> {
+    let n = matrix.nrows();
+    let parallel = faer::get_global_parallelism();
+    let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f32>(n, parallel, Default::default()));
+    let stack = MemStack::new(&mut memory);
+    cholesky_in_place(matrix.as_mut(), Default::default(), parallel, stack, Default::default())
+        .map_err(|LltError::NonPositivePivot { index }| Error::Singular { patch: index })?;
+    let mut inverse: Mat<f32> = Mat::zeros(n, n);
+    invert_lower_triangular(inverse.as_mut(), matrix.as_ref(), parallel);
+    let (lower, upper) = (BlockStructure::TriangularLower, BlockStructure::TriangularUpper);
+    matmul(matrix.as_mut(), lower, Accum::Replace, inverse.transpose(), upper, inverse.as_ref(), lower, 1.0, parallel);
+    mirror(matrix);
+    Ok(())
+}
+
+/// Makes what is above the diagonal the same as below it.
+fn mirror(matrix: &mut Mat<f32>) {
+    for j in 0..matrix.ncols() {
         for i in 0..j {
-            out[(i, j)] = out[(j, i)];
+            matrix[(i, j)] = matrix[(j, i)];
         }
     }
-    Ok(out)
 }
 
 /// All bounces of one colour channel for form factors that need not be reciprocal, `T = F (I − diag(ρ) F)⁻¹`, by LU with
@@ -224,7 +250,7 @@ pub fn some_bounces(
         let lit = Mat::from_fn(n, n, |i, j| albedo[i] * sum[(i, j)]);
         sum = factors.clone();
         let parallel = faer::get_global_parallelism();
-        faer::linalg::matmul::matmul(sum.as_mut(), faer::Accum::Add, factors.as_ref(), lit.as_ref(), 1.0f32, parallel);
+        faer::linalg::matmul::matmul(sum.as_mut(), Accum::Add, factors.as_ref(), lit.as_ref(), 1.0f32, parallel);
         if progress(done, total).is_break() {
             return Err(transport::Error::Cancelled { done, total }.into());
         }

@@ -81,7 +81,7 @@ impl InterpolationMesh {
         let mut new = Self { grids, cells, ..Self::default() };
         let sides = new.sides(scene);
         // The places on all cores, then the receivers one after the other; in blocks, because places are many.
-        let mut welder = Welder { distance: weld, ..Welder::default() };
+        let mut welder = Welder::new(scene, weld);
         for block in sides.chunks(BLOCK_SIDES) {
             let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
                 block.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
@@ -89,15 +89,17 @@ impl InterpolationMesh {
             if found >= u64::from(NONE) {
                 return Err(transport::Error::TooMany { name: "receivers", found, limit: u64::from(NONE) - 1 }.into());
             }
+            let mut vertices = Vec::new();
             for (side, places) in block.iter().zip(places) {
                 for (k, (divisions, points)) in (0u32..).zip(places) {
                     if divisions > 0 {
-                        let cell = ReceiverCell { first: new.vertices.len() as u32, divisions };
-                        new.cells[(side.first + k) as usize] = cell;
-                        new.vertices.extend(points.into_iter().map(|point| welder.receiver(scene, point)));
+                        let first = (new.vertices.len() + vertices.len()) as u32;
+                        new.cells[(side.first + k) as usize] = ReceiverCell { first, divisions };
+                        vertices.extend(points);
                     }
                 }
             }
+            new.vertices.extend(welder.receivers(&vertices));
         }
         new.points = welder.points;
         Ok(new)
@@ -283,53 +285,184 @@ fn sides_of(grid: &TriangleGrid) -> impl Iterator<Item = (bool, u32)> + use<> {
     [(true, grid.front), (false, grid.back)].into_iter().filter(|&(_, first)| first != NONE)
 }
 
-/// Receivers by the cell of space that they are in.
-#[derive(Default)]
-struct Welder {
+/// Receivers by the cell of space that they are in: those from number `first` on.
+struct Cells {
     distance: f32,
+    first: u32,
     /// The last receiver of each cell.
-    cells: HashMap<IVec3, u32>,
-    /// The one before each receiver in its cell, or [`NONE`].
+    last: HashMap<IVec3, u32>,
+    /// For each receiver the one before it in its cell, or [`NONE`].
     before: Vec<u32>,
-    points: Vec<SurfacePoint>,
 }
 
-impl Welder {
-    /// The receiver of a vertex: one that is there with nothing between, or a new one.
-    fn receiver(&mut self, scene: &Scene, point: SurfacePoint) -> u32 {
-        let place = point.position;
-        let home = (place / self.distance).floor().as_ivec3();
-        let mut best = (self.distance * self.distance, NONE);
-        for k in 0..27 {
-            let cell = home + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
-            let mut next = self.cells.get(&cell).copied().unwrap_or(NONE);
+/// A receiver that may serve a vertex. Of those at the same distance the one with the least `order` does.
+#[derive(Clone, Copy)]
+struct Found {
+    squared: f32,
+    order: u32,
+    receiver: u32,
+}
+
+/// The cells about a place, its own first: that holds most of what is found.
+const ABOUT: [u32; 27] =
+    [13, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26];
+/// What rounding may take from a place in edges of a cell, as a share of it.
+const ROUNDING: f32 = 1e-6;
+/// Most distance of a receiver from the plane of a vertex, in edges of a cell: [`MOST_OFFSET`], and what the difference of
+/// their normals adds.
+const MOST_HEIGHT: f32 = 0.21;
+
+impl Cells {
+    fn new(distance: f32, first: usize) -> Self {
+        Self { distance, first: first as u32, last: HashMap::new(), before: Vec::new() }
+    }
+
+    fn add(&mut self, point: &SurfacePoint) {
+        let cell = (point.position / self.distance).floor().as_ivec3();
+        let number = self.first + self.before.len() as u32;
+        self.before.push(self.last.insert(cell, number).unwrap_or(NONE));
+    }
+
+    /// The nearest receiver of the same side and nearly the same plane as `point`, if it comes before `best`. The order is that
+    /// of the cells, in a cell the newest first; `is_older` says that these receivers are older than those of `best`.
+    fn nearest(&self, points: &[SurfacePoint], point: &SurfacePoint, is_older: bool, mut best: Found) -> Found {
+        let place = point.position / self.distance;
+        let home = place.floor();
+        let about = About { within: place - home, normal: point.normal, slack: ROUNDING * place.abs().max_element() };
+        for k in ABOUT {
+            let step = IVec3::new(k as i32 % 3 - 1, k as i32 / 3 % 3 - 1, k as i32 / 9 - 1);
+            if about.is_beyond(step.as_vec3(), best.squared / (self.distance * self.distance)) {
+                continue;
+            }
+            let order = 2 * k + u32::from(is_older);
+            let mut next = self.last.get(&(home.as_ivec3() + step)).copied().unwrap_or(NONE);
             while next != NONE {
-                let id = next;
-                next = self.before[id as usize];
-                let there = &self.points[id as usize];
-                let offset = (place - there.position).dot(there.normal).abs();
-                let squared = place.distance_squared(there.position);
-                if point.normal.dot(there.normal) >= LEAST_COSINE
-                    && offset <= MOST_OFFSET * self.distance
-                    && squared < best.0
-                {
-                    best = (squared, id);
+                let receiver = next;
+                next = self.before[(receiver - self.first) as usize];
+                let there = &points[receiver as usize];
+                let squared = point.position.distance_squared(there.position);
+                let is_first = squared < best.squared || squared == best.squared && order < best.order;
+                if is_first && self.are_of_one_plane(point, there) {
+                    best = Found { squared, order, receiver };
                 }
             }
         }
-        if best.1 != NONE {
-            let there = &self.points[best.1 as usize];
-            // High enough to pass over the curvature that welding allows.
-            let lift = (point.normal + there.normal) * (scene.geometry.ray_offset + MOST_OFFSET * self.distance);
-            if scene.any_hit(place + lift, there.position + lift) {
-                best.1 = NONE;
+        best
+    }
+
+    /// Whether a vertex is on the side of a receiver and nearly in its plane.
+    fn are_of_one_plane(&self, point: &SurfacePoint, there: &SurfacePoint) -> bool {
+        let offset = (point.position - there.position).dot(there.normal).abs();
+        point.normal.dot(there.normal) >= LEAST_COSINE && offset <= MOST_OFFSET * self.distance
+    }
+}
+
+/// A place in its cell, in edges of a cell.
+struct About {
+    within: Vec3,
+    normal: Vec3,
+    slack: f32,
+}
+
+impl About {
+    /// Whether no receiver of the cell at this step can serve: all are further than the root of `squared`, or too far from the
+    /// plane.
+    fn is_beyond(&self, step: Vec3, squared: f32) -> bool {
+        let gap = (step - self.within).max(self.within - step - 1.0) - self.slack;
+        if gap.max(Vec3::ZERO).length_squared() * (1.0 - ROUNDING) > squared {
+            return true;
+        }
+        let half = 0.5 * self.normal.abs().element_sum();
+        self.normal.dot(step + 0.5 - self.within).abs() > half + MOST_HEIGHT + 3.0 * self.slack
+    }
+}
+
+/// Makes receivers of vertices.
+struct Welder<'a> {
+    scene: &'a Scene,
+    cells: Cells,
+    points: Vec<SurfacePoint>,
+}
+
+/// The receiver of a vertex, and the one nearest to it: an older receiver, a vertex of the same block (numbered after those),
+/// or [`NONE`].
+#[derive(Clone, Copy)]
+struct Joined {
+    receiver: u32,
+    nearest: u32,
+}
+
+impl<'a> Welder<'a> {
+    fn new(scene: &'a Scene, distance: f32) -> Self {
+        Self { scene, cells: Cells::new(distance, 0), points: Vec::new() }
+    }
+
+    /// The receiver of each vertex, one after the other: the nearest there is with nothing between, or a new one.
+    ///
+    /// The nearest of the receivers before the first vertex are found on all cores. So is what stands between, after all
+    /// vertices were joined as if nothing did; where something does, they are joined once more.
+    fn receivers(&mut self, vertices: &[SurfacePoint]) -> Vec<u32> {
+        let first = self.points.len();
+        let squared = self.cells.distance * self.cells.distance;
+        let search = |vertex: &SurfacePoint| {
+            let nothing = Found { squared, order: 0, receiver: NONE };
+            self.cells.nearest(&self.points, vertex, true, nothing)
+        };
+        let older: Vec<Found> = vertices.par_iter().map(search).collect();
+        let mut joined = self.join(vertices, &older, &|_, _, _| false);
+        let hidden: Vec<bool> = (vertices.par_iter().zip(&joined))
+            .map(|(vertex, join)| join.nearest != NONE && self.is_hidden(vertex, &self.points[join.receiver as usize]))
+            .collect();
+        if hidden.contains(&true) {
+            self.points.truncate(first);
+            let before = joined;
+            joined = self.join(vertices, &older, &|welder, k, best| {
+                if before[k].nearest == best.nearest {
+                    return hidden[k];
+                }
+                welder.is_hidden(&vertices[k], &welder.points[best.receiver as usize])
+            });
+        }
+        for point in &self.points[first..] {
+            self.cells.add(point);
+        }
+        joined.iter().map(|join| join.receiver).collect()
+    }
+
+    /// Joins vertices with the nearest receivers that are not hidden, as `is_hidden(self, vertex, nearest)` says. `older` are
+    /// the nearest receivers before the first vertex.
+    fn join(
+        &mut self,
+        vertices: &[SurfacePoint],
+        older: &[Found],
+        is_hidden: &dyn Fn(&Self, usize, Joined) -> bool,
+    ) -> Vec<Joined> {
+        let first = self.points.len() as u32;
+        let mut cells = Cells::new(self.cells.distance, first as usize);
+        let mut made_by: Vec<u32> = Vec::new();
+        let mut joined = Vec::with_capacity(vertices.len());
+        for (k, (vertex, older)) in vertices.iter().zip(older).enumerate() {
+            let receiver = cells.nearest(&self.points, vertex, false, *older).receiver;
+            let is_older = receiver == NONE || receiver < first;
+            let nearest = if is_older { receiver } else { first + made_by[(receiver - first) as usize] };
+            let mut join = Joined { receiver, nearest };
+            if nearest == NONE || is_hidden(self, k, join) {
+                join.receiver = self.points.len() as u32;
+                let point = SurfacePoint { patch: join.receiver, ..*vertex };
+                self.points.push(point);
+                cells.add(&point);
+                made_by.push(k as u32);
             }
+            joined.push(join);
         }
-        if best.1 == NONE {
-            best.1 = self.points.len() as u32;
-            self.points.push(SurfacePoint { patch: best.1, ..point });
-            self.before.push(self.cells.insert(home, best.1).unwrap_or(NONE));
-        }
-        best.1
+        joined
+    }
+
+    /// Whether something stands between a vertex and a receiver.
+    fn is_hidden(&self, vertex: &SurfacePoint, receiver: &SurfacePoint) -> bool {
+        // High enough to pass over the curvature that welding allows.
+        let height = self.scene.geometry.ray_offset + MOST_OFFSET * self.cells.distance;
+        let lift = (vertex.normal + receiver.normal) * height;
+        self.scene.any_hit(vertex.position + lift, receiver.position + lift)
     }
 }

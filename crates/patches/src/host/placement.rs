@@ -59,7 +59,7 @@ pub struct Placing {
 type Entry = (u32, f32);
 
 /// Adds the rows of receivers over the elements, and those over the sky's bins
-/// ([`scene::sky_bin`]): [`QUADRANTS`] rows a point, in the order of [`rotational_gradients`].
+/// ([`scene::sky_bin`]): [`QUADRANTS`] rows a point, in the order of [`transport::rotational_gradients`].
 pub type AddRows<'a> = dyn Fn(&mut HitCounts, &mut HitCounts, &[SurfacePoint]) -> Result<(), Error> + 'a;
 
 /// Receivers and the interpolation points between them. Cheap to clone.

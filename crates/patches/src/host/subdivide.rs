@@ -208,8 +208,9 @@ pub(super) fn check_cells(scene: &Scene, sides: &[Sides], divisions: &[u32]) -> 
     let cells = |k: usize| (u64::from(sides[k].front) + u64::from(sides[k].back)) * u64::from(cell_count(divisions[k]));
     let total: u64 = (0..sides.len()).map(cells).sum();
     match (0..sides.len()).max_by_key(|&k| cells(k)) {
-        Some(triangle) if total > MOST_CELLS => {
-            let length = scene.longest_edge(triangle as u32);
+        Some(longest) if total > MOST_CELLS => {
+            let length = scene.longest_edge(longest as u32);
+            let triangle = scene.geometry.triangles[longest].source;
             Err(Error::LongTriangle { triangle, length, cells: total, limit: MOST_CELLS })
         }
         _ => Ok(()),

@@ -41,8 +41,6 @@ pub struct Feedback {
 }
 
 struct Passes {
-    /// What finds the first exitance.
-    source: Vec<PassId>,
     /// A frame's bounces.
     bounces: Vec<PassId>,
     change: BufferId,
@@ -76,7 +74,7 @@ pub fn prepare(settings: &FeedbackSettings, with: &Preparation) -> Result<Box<dy
 
 impl Method for Feedback {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
-        let source = passes_so_far(frame);
+        let before = passes_so_far(frame).len();
         let range = frame.binding_bytes();
         let tables = self.operator.add_tables(&mut frame.plan, &mut frame.tables, range, Decoder::Kernel);
         let patches = frame.patches.count as usize;
@@ -88,9 +86,9 @@ impl Method for Feedback {
             let surfaces = frame.patches;
             accelerated_bounce(&mut frame.plan, "method", &surfaces, change, &self.acceleration)?;
         }
-        let bounces = passes_so_far(frame).split_off(source.len());
+        let bounces = passes_so_far(frame).split_off(before);
         let settling_frames = frame.patch_bounces().div_ceil(self.products.max(1));
-        self.passes = Some(Passes { source, bounces, change, patches, settling_frames, is_settled: false });
+        self.passes = Some(Passes { bounces, change, patches, settling_frames, is_settled: false });
         Ok(())
     }
 
@@ -104,7 +102,6 @@ impl Method for Feedback {
     fn before_frame(&mut self, _: &FrameInput, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         let Some(passes) = self.passes.as_mut().filter(|passes| !passes.is_settled) else { return Ok(()) };
         passes.is_settled = true;
-        executor.submit_passes(&passes.source)?;
         for _ in 0..passes.settling_frames {
             executor.submit_passes(&passes.bounces)?;
         }

@@ -179,7 +179,8 @@ struct Light {
 impl Method for TemporalMethod {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
         self.levels.clear();
-        self.passes = 0;
+        // Those of the first exitance have run before the first frame of the method.
+        self.passes = frame.plan.passes().len();
         self.frame = 0;
         self.is_settled = false;
         let Some(rows) = self.patches.clone() else { return Ok(frame.start_from_source()?) };

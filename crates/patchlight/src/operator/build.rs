@@ -56,8 +56,8 @@ impl Default for Build {
     }
 }
 
-/// Dense matrices of single precision at the peak: F, three operators, three of the solver.
-pub const MATRICES: usize = 7;
+/// Dense matrices of single precision at the peak, of some bounces: two operators that are made, F, three of the solver.
+pub const MATRICES: usize = 6;
 
 /// Memory that is left for what is not panels: packed blocks of products, tiles that are being made.
 const ASIDE_BYTES: u64 = 64 << 20;

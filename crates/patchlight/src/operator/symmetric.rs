@@ -82,8 +82,8 @@ impl SymmetricFactors {
         }
     }
 
-    /// The symmetric operators of so many bounces, or of all, for red, green and blue, on the host: [`super::build::MATRICES`] N²
-    /// numbers at the peak.
+    /// The symmetric operators of so many bounces, or of all, for red, green and blue, on the host: 4 N² numbers at the peak for
+    /// all, [`super::build::MATRICES`] N² for some.
     ///
     /// # Errors
     /// Light that would grow for ever; cancellation.
@@ -94,12 +94,11 @@ impl SymmetricFactors {
         observer: &dyn Observer,
     ) -> Result<[Mat<f32>; 3], Error> {
         run_phase(observer, Phase::OPERATOR, |report| {
-            let symmetric = self.symmetric()?;
             let one = |channel: usize| {
                 let albedo: Vec<f32> = albedo.iter().map(|rho| rho[channel]).collect();
                 let made = match bounces {
-                    None => all_bounces(&symmetric, &albedo)?,
-                    Some(bounces) => some_bounces(&symmetric, &albedo, bounces, &|_, _| report(channel, 3))?,
+                    None => all_bounces(self.symmetric()?, &albedo)?,
+                    Some(bounces) => some_bounces(&self.symmetric()?, &albedo, bounces, &|_, _| report(channel, 3))?,
                 };
                 if report(channel + 1, 3).is_continue() { Ok(made) } else { Err(Error::Cancelled) }
             };

@@ -71,6 +71,7 @@ impl DirectLight {
     /// # Errors
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
+        executor.clear(self.irradiance)?;
         executor.clear(self.changed)?;
         executor.clear(self.shares)
     }
@@ -95,7 +96,6 @@ impl DirectLight {
                 changed.push(slot as u32);
             }
         }
-        // A method may run all passes before it: the pass then traces nothing again.
         executor.push(self.trace, &DirectParams { light_count: changed.len() as u32, ..*params })?;
         if !changed.is_empty() {
             executor.upload(self.changed, &changed)?;

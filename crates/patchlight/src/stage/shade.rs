@@ -9,8 +9,9 @@ use runtime::recipe::patches::LookupTables;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Named, rgb_bytes};
 use scene::sampling::hash3;
-use scene::{Camera, DirectParams, Hit, SurfacePoint};
+use scene::{Camera, DirectParams, Hit, Rgb, SurfacePoint};
 
+use super::bands::{Band, bands};
 use super::sky::SkyLight;
 use super::smooth::{SmoothLight, SmoothPasses};
 use crate::bake::ReceiverKind;
@@ -38,6 +39,8 @@ pub struct PixelSettings {
     pub size: (u32, u32),
     /// Sub-frames a picture.
     pub sub_frames: u32,
+    /// Bytes of a buffer that one binding may show: larger pictures run in bands.
+    pub binding_bytes: u64,
     /// How direct light is measured at the pixels: shadow rays to area lights, rays to the sky where it is sampled, and how
     /// far points lie off their surface.
     pub direct: DirectParams,
@@ -59,22 +62,29 @@ pub struct Shade {
     pub pixels: PixelBuffers,
     no_light: BufferId,
     settings: PixelSettings,
+    bands: Vec<Band>,
     smooth: Option<SmoothLight>,
     sub_frames: Vec<SubFrame>,
     /// What follows them.
-    last: Option<PassId>,
+    last: Vec<PassId>,
     passes: Vec<PassId>,
 }
 
-/// The passes of a sub-frame; the push constants of those that are named change.
+/// The passes of a sub-frame: the primary rays of all bands, then the rest of each.
 #[derive(Clone, Debug)]
 struct SubFrame {
+    primary: Vec<PassId>,
+    bands: Vec<BandPasses>,
+    passes: Vec<PassId>,
+}
+
+/// Passes of a band whose push constants change.
+#[derive(Clone, Copy, Debug)]
+struct BandPasses {
     light: PassId,
     smooth: Option<SmoothPasses>,
-    primary: PassId,
     shade_full: PassId,
     shade_direct: Option<PassId>,
-    passes: Vec<PassId>,
 }
 
 /// Buffers of a sub-frame, shared by all.
@@ -88,6 +98,18 @@ pub struct PixelBuffers {
     pub direct: BufferId,
     /// Indirect irradiance there, W/m².
     pub indirect: BufferId,
+}
+
+impl PixelBuffers {
+    /// What the primary rays of a band meet, as a binding.
+    pub fn hits_of(&self, band: Band) -> Named {
+        ("hits", band.of::<Hit>(self.hits))
+    }
+
+    /// The points of a band, as a binding.
+    pub fn points_of(&self, band: Band) -> Named {
+        ("points", band.of::<SurfacePoint>(self.points))
+    }
 }
 
 /// Adds the passes of so many sub-frames of a picture of a bake; without noise where there is light of the sky for it.
@@ -104,7 +126,14 @@ pub fn add(
 ) -> Result<Shade, ExecutorError> {
     let smooth_sky = sky.map(|sky| Range::from(sky.interpolated));
     let direct = DirectParams { area_rays: PIXEL_RAYS, sky_rays: PIXEL_RAYS, ..frame.bake.direct };
-    let settings = PixelSettings { size, sub_frames, direct, has_separate_direct: true, smooth_sky };
+    let settings = PixelSettings {
+        size,
+        sub_frames,
+        binding_bytes: frame.binding_bytes(),
+        direct,
+        has_separate_direct: true,
+        smooth_sky,
+    };
     add_pixels(&mut frame.plan, scene, indirect, &settings)
 }
 
@@ -127,23 +156,25 @@ pub fn add_pixels(
         direct: plan.storage("pixel direct", rgb),
         indirect: plan.storage("pixel indirect", rgb),
     };
+    let bands = bands(settings.size, settings.binding_bytes);
     let direct_bytes = if settings.has_separate_direct { rgb } else { 0 };
-    let no_light = plan.storage("no light", direct_bytes);
+    let band_bytes = bands.first().map_or(0, |band| rgb_bytes(band.count as usize));
+    let no_light = plan.storage("no light", direct_bytes.min(band_bytes));
     let full = plan.storage("full", rgb);
     let direct = plan.storage("direct sum", direct_bytes);
-    let settings = PixelSettings { direct: DirectParams { count, ..settings.direct }, ..*settings };
     let sub_frames = settings.sub_frames.max(1);
     let smooth_sky = settings.smooth_sky.filter(|_| settings.has_separate_direct);
-    let smooth = smooth_sky.map(|sky| SmoothLight::new(plan, sky, sub_frames, &settings.direct));
+    let smooth = smooth_sky.map(|sky| SmoothLight::new(plan, sky, sub_frames, settings));
     let mut shade = Shade {
         full,
         direct,
         pixels,
         no_light,
-        settings,
+        settings: *settings,
+        bands,
         smooth,
         sub_frames: Vec::new(),
-        last: None,
+        last: Vec::new(),
         passes: Vec::new(),
     };
     for _ in 0..sub_frames {
@@ -151,7 +182,8 @@ pub fn add_pixels(
         shade.sub_frames.push(sub_frame);
     }
     if let Some(smooth) = &shade.smooth {
-        shade.last = Some(smooth.add_sum(plan, &shade.pixels, settings.size.0, (full, direct))?);
+        let add = |&band| smooth.add_sum(plan, &shade.pixels, band, (full, direct));
+        shade.last = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
     }
     shade.passes = plan.all_passes().split_off(first);
     Ok(shade)
@@ -219,7 +251,7 @@ impl Indirect {
         }
     }
 
-    /// Adds the pass of the irradiance of the visible points, into `irradiance`.
+    /// Adds the pass of the irradiance of the visible points of a band, into `irradiance`.
     ///
     /// # Errors
     /// What the plan says.
@@ -229,19 +261,19 @@ impl Indirect {
         scene: &SceneTables,
         buffers: &PixelBuffers,
         irradiance: BufferId,
-        pixels: u32,
+        band: Band,
     ) -> Result<PassId, ExecutorError> {
-        let mut own = vec![("points", Range::from(buffers.points)), ("irradiance", Range::from(irradiance))];
+        let mut own = vec![buffers.points_of(band), ("irradiance", band.of::<Rgb>(irradiance))];
         match *self {
             Self::Patches { lookup, values } => {
                 own.push(("values", values));
-                lookup.at_points(plan, "shade", &own, pixels)
+                lookup.at_points(plan, "shade", &own, band.count)
             }
             Self::Interpolation { values, .. } => {
-                own.extend([("hits", Range::from(buffers.hits)), ("values", values)]);
+                own.extend([buffers.hits_of(band), ("values", values)]);
                 own.extend(self.mesh());
                 own.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-                interpolate(plan, "shade", &own, pixels)
+                interpolate(plan, "shade", &own, band.count)
             }
         }
     }
@@ -255,34 +287,49 @@ fn add_sub_frame(
 ) -> Result<SubFrame, ExecutorError> {
     let first = plan.passes().len();
     let buffers = &shade.pixels;
-    let direct = &shade.settings.direct;
-    let camera = PixelParams { count: direct.count, ..PixelParams::default() };
-    let seen = [("hits", Range::from(buffers.hits)), ("points", Range::from(buffers.points))];
-    let primary = scene.primary(plan, "shade", &seen, &camera)?;
-    let smooth = shade.smooth.as_ref().map(|smooth| smooth.add(plan, scene, buffers, indirect)).transpose()?;
+    let mut primary = Vec::new();
+    for &band in &shade.bands {
+        let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
+        let seen = [buffers.hits_of(band), buffers.points_of(band)];
+        primary.push(scene.primary(plan, "shade", &seen, &camera)?);
+    }
+    let add = |&band| add_band(plan, scene, shade, indirect, band);
+    let bands = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
+    let passes = plan.all_passes().split_off(first);
+    Ok(SubFrame { primary, bands, passes })
+}
+
+/// Adds what follows the primary rays of a band.
+fn add_band(
+    plan: &mut Plan,
+    scene: &SceneTables,
+    shade: &Shade,
+    indirect: &Indirect,
+    band: Band,
+) -> Result<BandPasses, ExecutorError> {
+    let buffers = &shade.pixels;
+    let smooth = shade.smooth.as_ref().map(|smooth| smooth.add(plan, scene, buffers, indirect, band)).transpose()?;
     let light = match &smooth {
         Some(passes) => passes.sharp,
         None => {
-            let own = [("points", Range::from(buffers.points)), ("irradiance", Range::from(buffers.direct))];
-            scene.direct_light(plan, "shade", &own, direct)?
+            let own = [buffers.points_of(band), ("irradiance", band.of::<Rgb>(buffers.direct))];
+            let direct = DirectParams { count: band.count, first: band.first, ..shade.settings.direct };
+            scene.direct_light(plan, "shade", &own, &direct)?
         }
     };
-    indirect.add_to(plan, scene, buffers, buffers.indirect, direct.count)?;
-    let own = |indirect: BufferId, sum: BufferId| {
-        [
-            ("hits", Range::from(buffers.hits)),
-            ("direct", Range::from(buffers.direct)),
-            ("indirect", Range::from(indirect)),
-            ("sum", Range::from(sum)),
-        ]
+    indirect.add_to(plan, scene, buffers, buffers.indirect, band)?;
+    let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
+    let own = |indirect: Range, sum: BufferId| {
+        let direct = band.of::<Rgb>(buffers.direct);
+        [buffers.hits_of(band), ("direct", direct), ("indirect", indirect), ("sum", band.of::<Rgb>(sum))]
     };
-    let shade_full = scene.shade(plan, "shade", &own(buffers.indirect, shade.full), &camera)?;
+    let shade_full = scene.shade(plan, "shade", &own(band.of::<Rgb>(buffers.indirect), shade.full), &camera)?;
     let mut shade_direct = None;
     if shade.settings.has_separate_direct {
-        shade_direct = Some(scene.shade(plan, "shade", &own(shade.no_light, shade.direct), &camera)?);
+        let no_light = Band { first: 0, ..band }.of::<Rgb>(shade.no_light);
+        shade_direct = Some(scene.shade(plan, "shade", &own(no_light, shade.direct), &camera)?);
     }
-    let passes = plan.all_passes().split_off(first);
-    Ok(SubFrame { light, smooth, primary, shade_full, shade_direct, passes })
+    Ok(BandPasses { light, smooth, shade_full, shade_direct })
 }
 
 /// What a picture is of.
@@ -313,24 +360,24 @@ impl Shade {
         Ok(())
     }
 
-    /// Number of pixels.
-    pub fn pixel_count(&self) -> u32 {
-        self.settings.size.0 * self.settings.size.1
+    /// The bands of pixels over which passes run.
+    pub fn bands(&self) -> &[Band] {
+        &self.bands
     }
 
     /// Lets these passes follow the primary rays of every sub-frame.
     pub fn add_after_primary(&mut self, passes: &[PassId]) {
         for sub_frame in &mut self.sub_frames {
-            let first = sub_frame.passes.iter().position(|&pass| pass == sub_frame.primary).map_or(0, |k| k + 1);
+            let first = sub_frame.primary.len();
             sub_frame.passes.splice(first..first, passes.iter().copied());
         }
         let sub_frames = self.sub_frames.iter().flat_map(|sub_frame| sub_frame.passes.clone());
-        self.passes = sub_frames.chain(self.last).collect();
+        self.passes = sub_frames.chain(self.last.iter().copied()).collect();
     }
 
-    /// The pass of the primary rays of the first sub-frame.
+    /// The passes of the primary rays of the first sub-frame.
     pub fn first_primary(&self) -> &[PassId] {
-        self.sub_frames.first().map_or(&[], |sub_frame| std::slice::from_ref(&sub_frame.primary))
+        self.sub_frames.first().map_or(&[], |sub_frame| &sub_frame.primary)
     }
 
     /// Number of sub-frames.
@@ -368,13 +415,16 @@ impl Shade {
             // Light without noise is the same in every frame.
             let seed = if self.smooth.is_some() { number } else { seed };
             let light = DirectParams { light_count, emitter_count: shot.emitter_count, sky_rays, seed, ..direct };
-            executor.push(sub.light, &light)?;
-            if let (Some(smooth), Some(passes)) = (&self.smooth, &sub.smooth) {
-                smooth.set(executor, passes, &camera, shot, number)?;
-            }
-            let push = PixelParams { camera, count: direct.count, seed, light_count, reserved: 0 };
-            for pass in [sub.primary, sub.shade_full].into_iter().chain(sub.shade_direct) {
-                executor.push(pass, &push)?;
+            let pixels = PixelParams { camera, seed, light_count, ..PixelParams::default() };
+            for ((band, primary), passes) in self.bands.iter().zip(&sub.primary).zip(&sub.bands) {
+                let &Band { first, count } = band;
+                executor.push(passes.light, &DirectParams { first, count, ..light })?;
+                if let (Some(smooth), Some(large)) = (&self.smooth, &passes.smooth) {
+                    smooth.set(executor, large, *band, &camera, shot, number)?;
+                }
+                for pass in [*primary, passes.shade_full].into_iter().chain(passes.shade_direct) {
+                    executor.push(pass, &PixelParams { first, count, ..pixels })?;
+                }
             }
         }
         Ok(())

@@ -6,9 +6,10 @@ use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::rgb_bytes;
 use runtime::recipe::scene::{SceneTables, add_large_light};
-use scene::{Camera, DirectParams, LargeParams, ShareParams};
+use scene::{Camera, DirectParams, LargeParams, Rgb, ShareParams, SurfacePoint};
 
-use super::shade::{Indirect, PixelBuffers, Shot};
+use super::bands::Band;
+use super::shade::{Indirect, PixelBuffers, PixelSettings, Shot};
 
 /// Most by which shares of light differ that are averaged, times the number of samples of a pixel: with few samples all, with
 /// many only those that differ by a step or two of their counting.
@@ -25,8 +26,8 @@ pub struct SmoothLight {
     open: BufferId,
     seen: BufferId,
     sampled: BufferId,
-    /// Number of pixels, and of sub-frames.
-    pixels: u32,
+    /// Picture size, pixels, and number of sub-frames.
+    size: (u32, u32),
     sub_frames: u32,
     /// How direct light is measured.
     direct: DirectParams,
@@ -41,22 +42,23 @@ pub struct SmoothPasses {
 }
 
 impl SmoothLight {
-    /// The buffers of so many sub-frames of `direct.count` pixels, with the irradiance of the interpolation points from the sky.
-    pub fn new(plan: &mut Plan, sky: Range, sub_frames: u32, direct: &DirectParams) -> Self {
-        let bytes = rgb_bytes(direct.count as usize);
+    /// The buffers of so many sub-frames of a picture, with the irradiance of the interpolation points from the sky.
+    pub fn new(plan: &mut Plan, sky: Range, sub_frames: u32, settings: &PixelSettings) -> Self {
+        let size = settings.size;
+        let bytes = rgb_bytes(size.0 as usize * size.1 as usize);
         Self {
             sky,
             from_sky: plan.storage("pixel sky", bytes),
             open: plan.storage("open light", bytes),
             seen: plan.storage("seen samples", bytes),
             sampled: plan.storage("all samples", bytes),
-            pixels: direct.count,
+            size,
             sub_frames,
-            direct: *direct,
+            direct: settings.direct,
         }
     }
 
-    /// Adds the passes of a sub-frame, behind its primary rays.
+    /// Adds the passes of a band of a sub-frame, behind its primary rays.
     ///
     /// # Errors
     /// What the plan says.
@@ -66,24 +68,27 @@ impl SmoothLight {
         scene: &SceneTables,
         buffers: &PixelBuffers,
         indirect: &Indirect,
+        band: Band,
     ) -> Result<SmoothPasses, ExecutorError> {
-        let points = ("points", Range::from(buffers.points));
-        indirect.with_values(self.sky).add_to(plan, scene, buffers, self.from_sky, self.pixels)?;
-        let own = [points, ("from_sky", self.from_sky.into()), ("irradiance", buffers.direct.into())];
-        let sharp = scene.sharp_light(plan, "shade", &own, &self.direct)?;
+        let points = buffers.points_of(band);
+        let rgb = |buffer: BufferId| band.of::<Rgb>(buffer);
+        indirect.with_values(self.sky).add_to(plan, scene, buffers, self.from_sky, band)?;
+        let own = [points, ("from_sky", rgb(self.from_sky)), ("irradiance", rgb(buffers.direct))];
+        let direct = DirectParams { count: band.count, first: band.first, ..self.direct };
+        let sharp = scene.sharp_light(plan, "shade", &own, &direct)?;
         let own = [
-            ("hits", buffers.hits.into()),
+            buffers.hits_of(band),
             points,
-            ("open", self.open.into()),
-            ("seen", self.seen.into()),
-            ("sampled", self.sampled.into()),
+            ("open", rgb(self.open)),
+            ("seen", rgb(self.seen)),
+            ("sampled", rgb(self.sampled)),
         ];
-        let params = LargeParams { count: self.pixels, ..LargeParams::default() };
+        let params = LargeParams { count: band.count, first: band.first, ..LargeParams::default() };
         let large = scene.large_light(plan, "shade", &own, &params)?;
         Ok(SmoothPasses { sharp, large })
     }
 
-    /// Adds the pass behind all sub-frames, which adds what they found to the sums of the pixels.
+    /// Adds the pass behind all sub-frames, which adds what they found to the sums of the pixels of a band.
     ///
     /// # Errors
     /// What the plan says.
@@ -91,20 +96,29 @@ impl SmoothLight {
         &self,
         plan: &mut Plan,
         buffers: &PixelBuffers,
-        width: u32,
+        band: Band,
         (full, direct): (BufferId, BufferId),
     ) -> Result<PassId, ExecutorError> {
+        let about = band.with_pixels_about(self.size);
         let own = [
-            ("points", Range::from(buffers.points)),
-            ("open", self.open.into()),
-            ("seen", self.seen.into()),
-            ("sampled", self.sampled.into()),
-            ("full", full.into()),
-            ("direct", direct.into()),
+            ("points", about.of::<SurfacePoint>(buffers.points)),
+            ("open", about.of::<Rgb>(self.open)),
+            ("seen", about.of::<Rgb>(self.seen)),
+            ("sampled", about.of::<Rgb>(self.sampled)),
+            ("full", band.of::<Rgb>(full)),
+            ("direct", band.of::<Rgb>(direct)),
         ];
         let samples = (self.direct.area_rays * self.sub_frames) as f32;
-        let tolerance = TOLERANCE / samples;
-        let params = ShareParams { count: self.pixels, width, tolerance, reserved: 0 };
+        let params = ShareParams {
+            count: band.count,
+            first: band.first,
+            width: self.size.0,
+            height: self.size.1,
+            first_about: about.first,
+            count_about: about.count,
+            tolerance: TOLERANCE / samples,
+            reserved: 0,
+        };
         add_large_light(plan, "shade", &own, &params)
     }
 
@@ -121,7 +135,7 @@ impl SmoothLight {
         [self.open, self.seen, self.sampled].into_iter().try_for_each(|buffer| executor.clear(buffer))
     }
 
-    /// Makes the passes of a sub-frame ready for a picture by the camera of [`Self::camera`].
+    /// Makes the passes of a band of a sub-frame ready for a picture by the camera of [`Self::camera`].
     ///
     /// # Errors
     /// What the device says.
@@ -129,6 +143,7 @@ impl SmoothLight {
         &self,
         executor: &mut (dyn Executor + 'static),
         passes: &SmoothPasses,
+        band: Band,
         camera: &Camera,
         shot: &Shot,
         sub_frame: u32,
@@ -136,7 +151,7 @@ impl SmoothLight {
         let DirectParams { area_rays: rays, ray_offset, .. } = self.direct;
         let push = LargeParams {
             camera: *camera,
-            count: self.pixels,
+            count: band.count,
             sub_frame,
             light_count: shot.light_count,
             emitter_count: shot.emitter_count,
@@ -145,7 +160,8 @@ impl SmoothLight {
             stride: (rays * self.sub_frames).next_power_of_two(),
             ray_offset,
             group_count: shot.group_count,
-            reserved: [0; 3],
+            first: band.first,
+            reserved: [0; 2],
         };
         passes.large.into_iter().try_for_each(|pass| executor.push(pass, &push))
     }

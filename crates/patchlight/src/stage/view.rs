@@ -2,8 +2,6 @@
 //! these. The others keep what an earlier light gave them until they come into view, and are exact then: nothing of an
 //! irradiance depends on that of the frame before.
 
-use std::iter;
-
 use formfactor::kernel::view::{is_needed, needed};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Range};
@@ -26,8 +24,9 @@ pub const PASS: &str = "view";
 /// The passes, and for what view and what light they are.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The passes that find out what is in view: the points of the pixels, then the receivers of points and of smoothing.
-    mark_pixels: ViewPass,
+    /// The passes that find out what is in view: the points of the pixels, band by band, then the receivers of points and of
+    /// smoothing.
+    mark_pixels: Vec<ViewPass>,
     mark_receivers: [WeightPass; 2],
     /// Those that compute it: the quadrants of the receivers, then smoothing and points.
     gathers: Vec<ViewPass>,
@@ -87,14 +86,14 @@ pub fn add(
     let exitance = frame.elements.exitance.buffer;
     let plan = &mut frame.plan;
 
-    let mut seen = vec![
-        ("hits", Range::from(shade.pixels.hits)),
-        ("points", Range::from(shade.pixels.points)),
-        ("marks", Range::from(points.marks)),
-    ];
-    seen.extend(indirect.mesh());
-    seen.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
-    let mark_pixels = mark_pixels(plan, MARK, &seen, shade.pixel_count())?;
+    let mut of_bands = Vec::new();
+    for &band in shade.bands() {
+        let pixels = &shade.pixels;
+        let mut seen = vec![pixels.hits_of(band), pixels.points_of(band), ("marks", Range::from(points.marks))];
+        seen.extend(indirect.mesh());
+        seen.extend(scene.bindings().iter().filter(|(name, _)| *name == "triangles"));
+        of_bands.push(mark_pixels(plan, MARK, &seen, band.count)?);
+    }
     let mark_receivers = [
         tables.weights.mark(plan, MARK, points.marks, received.marks)?,
         tables.smoothing.mark(plan, MARK, smooth.marks, quadrants.marks)?,
@@ -111,7 +110,7 @@ pub fn add(
         vec![points.marks, points.computed, received.marks, received.computed, frame.received, frame.interpolated];
     let (points, received) = (points.marks, received.marks);
     let view = View {
-        mark_pixels,
+        mark_pixels: of_bands,
         mark_receivers,
         gathers,
         weights,
@@ -129,7 +128,7 @@ pub fn add(
 impl View {
     /// The passes, in their order.
     pub fn passes(&self) -> Vec<PassId> {
-        let mut passes = vec![self.mark_pixels.pass];
+        let mut passes: Vec<PassId> = self.mark_pixels.iter().map(|mark| mark.pass).collect();
         passes.extend(self.mark_receivers.map(|mark| mark.pass));
         passes.extend(self.gathers());
         passes
@@ -184,7 +183,7 @@ impl View {
         self.view += u32::from(is_other);
         self.light += u32::from(is_lit_anew);
         self.camera = Some(*camera);
-        for pass in iter::once(&self.mark_pixels).chain(&self.gathers) {
+        for pass in self.mark_pixels.iter().chain(&self.gathers) {
             pass.set(executor, self.view, self.light)?;
         }
         for pass in self.mark_receivers.iter().chain(&self.weights) {

@@ -15,7 +15,7 @@ use runtime::recipe::localmatrix::SlotMatrix;
 use runtime::recipe::patches::LookupTables;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
-use scene::{Camera, DirectParams, Light, NONE, Scene, SurfacePoint};
+use scene::{Camera, DirectParams, Light, NONE, Rgb, Scene, SurfacePoint};
 
 use super::bake::POINTS;
 use crate::bake::direct_params;
@@ -97,7 +97,7 @@ struct Pixels {
     shown: BufferId,
     offset: BufferId,
     offset_seen: BufferId,
-    see_offset: PassId,
+    see_offset: Vec<PassId>,
     shade: Shade,
 }
 
@@ -188,12 +188,14 @@ impl Pixels {
         lookup: LookupTables,
         values: usize,
         settings: SlotSettings,
+        binding_bytes: u64,
     ) -> Result<Self, ExecutorError> {
         let shown = plan.storage("shown", rgb_bytes(values));
         let offset = plan.storage("offset", rgb_bytes(values));
         let pixels = PixelSettings {
             size: settings.size,
             sub_frames: settings.sub_frames,
+            binding_bytes,
             direct: world_params(scene),
             has_separate_direct: false,
             smooth_sky: None,
@@ -202,9 +204,12 @@ impl Pixels {
         let shade = shade::add_pixels(plan, scene_tables, &indirect, &pixels)?;
         let count = settings.size.0 * settings.size.1;
         let offset_seen = plan.storage("pixel offset", rgb_bytes(count as usize));
-        let own =
-            [("values", offset.into()), ("points", shade.pixels.points.into()), ("irradiance", offset_seen.into())];
-        let see_offset = lookup.at_points(plan, "shade", &own, count)?;
+        let mut see_offset = Vec::new();
+        for &band in shade.bands() {
+            let irradiance = ("irradiance", band.of::<Rgb>(offset_seen));
+            let own = [("values", offset.into()), shade.pixels.points_of(band), irradiance];
+            see_offset.push(lookup.at_points(plan, "shade", &own, band.count)?);
+        }
         Ok(Self { shown, offset, offset_seen, see_offset, shade })
     }
 }
@@ -230,7 +235,8 @@ impl SlotFrame {
         let samples = Samples::add(&mut plan, &mut tables, &scene_tables, scene, slots)?;
         let on_device = executor.device().kind != DeviceKind::Native;
         let matrix = on_device.then(|| SlotMatrix::new(&mut plan, slots, samples.source)).transpose()?;
-        let pixels = Pixels::add(&mut plan, &scene_tables, scene, lookup_tables, lookup.values, settings)?;
+        let range = executor.device().max_storage_buffer_range;
+        let pixels = Pixels::add(&mut plan, &scene_tables, scene, lookup_tables, lookup.values, settings, range)?;
         let bytes = plan_bytes(&plan) - bytes_of_tables;
 
         executor.load(plan)?;
@@ -365,7 +371,7 @@ impl SlotFrame {
         shade.set(executor, &shot)?;
         let first = shade.first_passes();
         executor.submit_passes(first)?;
-        executor.submit_passes(&[pixels.see_offset])?;
+        executor.submit_passes(&pixels.see_offset)?;
         let hits: Vec<scene::Hit> = executor.download_table(shade.pixels.hits)?;
         let shown: Vec<Vec4> = executor.download_table(shade.pixels.indirect)?;
         let offset: Vec<Vec4> = executor.download_table(pixels.offset_seen)?;

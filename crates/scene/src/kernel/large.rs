@@ -27,7 +27,7 @@ const TEXTURED_POINTS: u32 = 4;
 const SMALL: f32 = 1e-4;
 /// Distance in pixels to the furthest pixels that share visibility; those count half, so that each place of a tile counts
 /// the same.
-const REACH: i32 = 2;
+pub const REACH: i32 = 2;
 /// Cosine between normals of pixels that share visibility, at least, and their slope out of the surface, at most.
 const LIKE_NORMALS: f32 = 0.9;
 const MOST_SLOPE: f32 = 0.1;
@@ -481,7 +481,8 @@ fn grey_share(seen: Vec4, all: Vec4) -> f32 {
 }
 
 /// Radiance of pixel `index` from rectangles and emitters, W/m²/sr: what `open` says times the share that samples see, its
-/// mean over pixels about on the same surface that see a like share. Shapes: all tables `[width · height]`.
+/// mean over pixels about on the same surface that see a like share. Shapes: all tables `[count_about]`, from pixel
+/// `first_about` on; they hold all pixels of the picture up to [`REACH`] columns and rows away.
 #[inline]
 pub fn shadowed_light(
     p: &ShareParams,
@@ -491,17 +492,16 @@ pub fn shadowed_light(
     seen: &[Vec4],
     all: &[Vec4],
 ) -> Vec3 {
-    let i = index as usize;
+    let i = (index - p.first_about) as usize;
     let here = points[i];
     let own = grey_share(seen[i], all[i]);
     let (x, y) = ((index % p.width) as i32, (index / p.width) as i32);
-    let height = (p.count / p.width) as i32;
     let (mut seen_sum, mut all_sum) = (Vec3::ZERO, Vec3::ZERO);
     for step in 0..(2 * REACH + 1) * (2 * REACH + 1) {
         let (dx, dy) = (step % (2 * REACH + 1) - REACH, step / (2 * REACH + 1) - REACH);
         let (at_x, at_y) = (x + dx, y + dy);
-        if at_x >= 0 && at_y >= 0 && at_x < p.width as i32 && at_y < height {
-            let j = (at_y * p.width as i32 + at_x) as usize;
+        if at_x >= 0 && at_y >= 0 && at_x < p.width as i32 && at_y < p.height as i32 {
+            let j = (at_y as u32 * p.width + at_x as u32 - p.first_about) as usize;
             let there = points[j];
             let share = if luminance(open[j].truncate()) > 0.0 { grey_share(seen[j], all[j]) } else { -1.0 };
             let way = there.position - here.position;

@@ -15,9 +15,10 @@ use crate::error::Error;
 use crate::output;
 use crate::report::{Plot, Series};
 
-/// Patches of the curve over them, and of the others.
+/// Patches of the curve over them.
 pub const COUNTS: [u32; 4] = [1000, 2000, 4000, 8000];
-const COUNT: usize = 2000;
+/// Patches of the other curves, at most: no more than the most of that one.
+const COUNT: u32 = 2000;
 /// Scenes of the curve over triangles.
 const SCENES: [&str; 3] = ["atrium:30000", "atrium:100000", "atrium:300000"];
 /// Lamps of the curve over lights.
@@ -37,21 +38,22 @@ pub fn measure(
         let settings = suited_settings(common, args, loaded, count as usize);
         keep(measuring.point("patches", &settings)?)?;
     }
-    let settings = suited_settings(common, args, loaded, COUNT);
+    let count = counts.iter().copied().max().unwrap_or(COUNT).min(COUNT) as usize;
+    let settings = suited_settings(common, args, loaded, count);
     for &receiver_density in &args.densities {
         keep(measuring.point("receivers", &BakeSettings { receiver_density, ..settings })?)?;
     }
     let mut renderer = measuring.renderer(&settings)?;
-    for count in LAMPS {
+    for lamps in LAMPS {
         let named = Named { method: TILES, event: Event::Move.name(), receivers: ReceiverUpdate::InView };
-        let row = measuring.measured(&mut renderer, &named, &|number| measuring.lamps(count, number))?;
+        let row = measuring.measured(&mut renderer, &named, &|number| measuring.lamps(lamps, number))?;
         keep(Row { curve: Some("lights"), ..row })?;
     }
     drop(renderer);
     for scene in SCENES {
         let loaded = output::import(scene, progress)?;
         let measuring = Measuring { loaded: &loaded, ..*measuring };
-        keep(measuring.point("triangles", &suited_settings(common, args, &loaded, COUNT))?)?;
+        keep(measuring.point("triangles", &suited_settings(common, args, &loaded, count))?)?;
     }
     Ok(())
 }

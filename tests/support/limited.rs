@@ -1,0 +1,75 @@
+//! An executor whose device says that a binding shows few bytes.
+
+use std::sync::Arc;
+
+use runtime::executor::{DeviceInfo, Executor, ExecutorError, PassTime};
+use runtime::plan::{BufferId, PassId, Plan};
+use runtime::recipe::Table;
+
+/// Runs plans as another executor does, and names a smaller limit.
+pub struct Limited {
+    inner: Box<dyn Executor>,
+    info: DeviceInfo,
+}
+
+impl Limited {
+    /// An executor with bindings of so many bytes.
+    pub fn new(inner: Box<dyn Executor>, max_storage_buffer_range: u64) -> Self {
+        let info = DeviceInfo { max_storage_buffer_range, ..inner.device().clone() };
+        Self { inner, info }
+    }
+}
+
+impl Executor for Limited {
+    fn device(&self) -> &DeviceInfo {
+        &self.info
+    }
+
+    fn load(&mut self, plan: Plan) -> Result<(), ExecutorError> {
+        self.inner.load(plan)
+    }
+
+    fn plan(&self) -> &Plan {
+        self.inner.plan()
+    }
+
+    fn upload_at(&mut self, buffer: BufferId, offset: u64, bytes: &[u8]) -> Result<(), ExecutorError> {
+        self.inner.upload_at(buffer, offset, bytes)
+    }
+
+    fn share(&mut self, buffer: BufferId, table: Arc<dyn Table>) -> Result<(), ExecutorError> {
+        self.inner.share(buffer, table)
+    }
+
+    fn clear(&mut self, buffer: BufferId) -> Result<(), ExecutorError> {
+        self.inner.clear(buffer)
+    }
+
+    fn set_push(&mut self, pass: PassId, push: &[u8]) -> Result<(), ExecutorError> {
+        self.inner.set_push(pass, push)
+    }
+
+    fn set_elements(&mut self, pass: PassId, elements: u32) -> Result<(), ExecutorError> {
+        self.inner.set_elements(pass, elements)
+    }
+
+    fn run_passes(&mut self, passes: &[PassId]) -> Result<Vec<PassTime>, ExecutorError> {
+        self.inner.run_passes(passes)
+    }
+
+    fn submit_passes(&mut self, passes: &[PassId]) -> Result<(), ExecutorError> {
+        self.inner.submit_passes(passes)
+    }
+
+    fn wait(&mut self) -> Result<Vec<PassTime>, ExecutorError> {
+        self.inner.wait()
+    }
+
+    fn finished_times(&mut self) -> Result<Vec<PassTime>, ExecutorError> {
+        self.inner.finished_times()
+    }
+
+    fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError> {
+        self.inner.download(buffer)
+    }
+}
