@@ -506,6 +506,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
         "scene_direct_light" | "scene_direct_shares" | "scene_add_lights" => {
             let points = surface_points(r, scene, 150);
             let lights = scene.lighting.lights.len();
+            let triangles = scene.geometry.triangles.len() as u32;
             let p = DirectParams {
                 count: 150,
                 light_count: lights as u32,
@@ -524,6 +525,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("points", &points),
                 buffer("changed", &changed),
                 buffer("shares", &r.floats(150 * lights)),
+                buffer("occluders", &(0..150 * lights as u32).map(|k| 7 * k % (triangles + 1)).collect::<Vec<_>>()),
                 buffer("surroundings", &r.colors(150)),
                 room::<Vec4>("irradiance", 150),
             ];

@@ -1,7 +1,7 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
 use ::scene::kernel::{bvh, camera, large, light, shade};
-use ::scene::{DirectParams, EmitterGroup, Hit, LargeParams, Light, Ray, Rgb, ShareParams, SurfacePoint};
+use ::scene::{DirectParams, EmitterGroup, Hit, LargeParams, Light, NONE, Ray, Rgb, ShareParams, SurfacePoint};
 use glam::Vec3;
 
 use crate::params::{CountParams, PixelParams, ToneMapParams};
@@ -43,24 +43,32 @@ kernels! {
     }
 
     /// Share of the colour of every light in `changed` that arrives at every point as irradiance:
-    /// [`light::irradiance_share`] with shadow rays by [`bvh::any_hit`]. `light_count` says how many have changed; `shares` holds
-    /// `count` values for each light. One invocation per point.
+    /// [`light::irradiance_share`] with shadow rays by [`bvh::occluder`]. `light_count` says how many have changed; `shares` holds
+    /// `count` values for each light, and `occluders` what stopped the last ray of each, as the executor names it, 1 added, or 0:
+    /// most rays meet it again while a light moves little. One invocation per point.
     SCENE_DIRECT_SHARES = "scene_direct_shares"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: read [Light],
         changed: read [u32; p.light_count as usize],
         shares: update [f32],
+        occluders: update [u32],
     } invocation {
-        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
-            bvh::any_hit(&geometry, origin, direction, t_max)
-        };
         let at = p.first + k;
         for number in 0..p.light_count {
             let slot = changed[number as usize];
             let light = lights[slot as usize];
-            let share = light::irradiance_share(p, at, slot, &light, points[k as usize], stopped);
-            shares[(slot * p.count + k) as usize] = share;
+            let place = (slot * p.count + k) as usize;
+            let mut last = occluders[place].wrapping_sub(1);
+            let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+                let triangle = bvh::occluder(&geometry, origin, direction, t_max, last);
+                if triangle != NONE {
+                    last = triangle;
+                }
+                triangle != NONE
+            };
+            shares[place] = light::irradiance_share(p, at, slot, &light, points[k as usize], stopped);
+            occluders[place] = last.wrapping_add(1);
         }
     } host crate::host::scene::direct_shares;
 

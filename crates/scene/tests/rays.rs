@@ -3,7 +3,8 @@
 use std::cell::Cell;
 
 use glam::{Vec2, Vec3};
-use scene::kernel::bvh::{FAR, any_hit, closest_hit, intersect_triangle};
+use scene::kernel::GeometryTables;
+use scene::kernel::bvh::{FAR, any_hit, closest_hit, host_occluder, intersect_triangle, occluder};
 use scene::math::sin_cos_2pi;
 use scene::sampling::{hash3, unit};
 use scene::{Hit, Material, NONE, Occluder, Scene, SceneParts, Texture, Triangle, TriangleUv};
@@ -113,7 +114,7 @@ fn the_last_occluder_changes_no_answer() {
     let lamp = Vec3::new(2.0, 5.0, 1.0);
     let last = Cell::new(Occluder::default());
     for scene in [&solid, &masked, &solid] {
-        let mut dark = 0;
+        let (mut dark, mut triangle, mut packet) = (0, NONE, NONE);
         for k in 0..4000 {
             // A walk in small steps, so that the same triangle is in the way again and again.
             let t = k as f32 / 4000.0;
@@ -121,6 +122,13 @@ fn the_last_occluder_changes_no_answer() {
             let origin = Vec3::new(4.0 * t, 1.0 + s, 2.0 + c);
             let blocked = brute_force(scene, origin, lamp - origin).t < 1.0;
             assert_eq!(scene.occluded_again(origin, lamp - origin, 1.0, &last), blocked, "ray {k}");
+            // The kernels' form, asked with what stopped the last ray, and now and then with any triangle.
+            let asked = if k % 7 == 0 { k % scene.geometry.triangles.len() as u32 } else { triangle };
+            triangle = occluder(&scene.tables(), origin, lamp - origin, 1.0, asked);
+            assert_eq!(triangle != NONE, blocked, "ray {k}");
+            let tables = GeometryTables { hierarchy: scene.geometry.hierarchy(), ..scene.tables() };
+            packet = host_occluder(&tables, origin, lamp - origin, 1.0, [k % 50, packet]);
+            assert_eq!(packet != NONE, blocked, "ray {k}");
             dark += u32::from(blocked);
         }
         assert!((400..3980).contains(&dark), "{dark} rays in the dark");

@@ -1,9 +1,7 @@
 //! Host forms of the kernels of direct light.
 
-use std::cell::Cell;
-
 use ::scene::kernel::{bvh, light};
-use ::scene::{DirectParams, Light, Occluder, SurfacePoint};
+use ::scene::{DirectParams, Light, NONE, SurfacePoint};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -15,8 +13,8 @@ const TOGETHER: usize = 256;
 
 /// Light by light, so that rays which follow each other go the same way.
 pub(crate) fn direct_shares(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let (p, [points, nodes, triangles, uvs, materials, textures, texels, lights, changed, shares]) =
-        call.parts::<DirectParams, 10>(kernel)?;
+    let (p, [points, nodes, triangles, uvs, materials, textures, texels, lights, changed, shares, occluders]) =
+        call.parts::<DirectParams, 11>(kernel)?;
     let n = p.count as usize;
     let geometry = geometry([nodes, triangles, uvs, materials, textures, texels])?;
     let points = &points.read::<SurfacePoint>(n)?[..n];
@@ -24,17 +22,25 @@ pub(crate) fn direct_shares(kernel: &Kernel, call: &mut HostCall) -> Result<(), 
     let slots = named(changed);
     let lights = lights.read::<Light>(slots)?;
     let shares = shares.write::<f32>(slots * n)?;
+    let occluders = occluders.write::<u32>(slots * n)?;
     for &slot in changed {
-        let of_light = &mut shares[slot as usize * n..(slot as usize + 1) * n];
-        let parts = of_light.par_chunks_mut(TOGETHER).zip(points.par_chunks(TOGETHER)).enumerate();
-        parts.for_each(|(part, (shares, points))| {
-            let last = Cell::new(Occluder::default());
-            let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
-                bvh::any_hit_again(&geometry, origin, direction, t_max, &last)
-            };
-            for (k, (share, &point)) in shares.iter_mut().zip(points).enumerate() {
+        let of_light = slot as usize * n..(slot as usize + 1) * n;
+        let parts = shares[of_light.clone()].par_chunks_mut(TOGETHER);
+        let parts = parts.zip(occluders[of_light].par_chunks_mut(TOGETHER)).zip(points.par_chunks(TOGETHER));
+        parts.enumerate().for_each(|(part, ((shares, occluders), points))| {
+            let mut before = NONE;
+            for (k, ((share, own), &point)) in shares.iter_mut().zip(occluders).zip(points).enumerate() {
                 let at = p.first + (part * TOGETHER + k) as u32;
+                let mut last = own.wrapping_sub(1);
+                let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+                    let occluder = bvh::host_occluder(&geometry, origin, direction, t_max, [last, before]);
+                    if occluder != NONE {
+                        (last, before) = (occluder, occluder);
+                    }
+                    occluder != NONE
+                };
                 *share = light::irradiance_share(&p, at, slot, &lights[slot as usize], point, stopped);
+                *own = last.wrapping_add(1);
             }
         });
     }

@@ -25,6 +25,7 @@ pub struct DirectLight {
     add: PassId,
     changed: BufferId,
     shares: BufferId,
+    occluders: BufferId,
     /// Lights whose shares are on the device, without their colours.
     traced: Vec<Light>,
     is_surrounded: bool,
@@ -44,9 +45,11 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
     let irradiance = plan.storage("direct irradiance", rgb_bytes(count));
     let surroundings = plan.storage("surroundings", rgb_bytes(count));
     let shares = plan.storage("light shares", (capacity * count * size_of::<f32>()) as u64);
+    let occluders = plan.storage("occluders", (capacity * count * size_of::<u32>()) as u64);
     let changed = plan.storage("changed lights", (capacity * size_of::<u32>()) as u64);
 
-    let own = [("points", points), ("changed", changed.into()), ("shares", shares.into())];
+    let of_lights = [("changed", changed), ("shares", shares), ("occluders", occluders)].map(|(n, id)| (n, id.into()));
+    let own = [&[("points", points)], &of_lights[..]].concat();
     let trace = scene.direct_shares(plan, "direct", &own, params)?;
     let own = [("points", points), ("irradiance", Range::from(surroundings))];
     let surround = scene.direct_light(plan, "direct", &own, params)?;
@@ -60,6 +63,7 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
         add,
         changed,
         shares,
+        occluders,
         traced: Vec::new(),
         is_surrounded: false,
     })
@@ -73,6 +77,7 @@ impl DirectLight {
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
         executor.clear(self.irradiance)?;
         executor.clear(self.changed)?;
+        executor.clear(self.occluders)?;
         executor.clear(self.shares)
     }
 
@@ -113,7 +118,7 @@ impl DirectLight {
 
     /// Bytes of what is kept of all lights at so many samples.
     pub fn bytes(&self, samples: usize) -> u64 {
-        (self.traced.len() * samples * size_of::<f32>() + samples * size_of::<Vec4>()) as u64
+        (self.traced.len() * samples * (size_of::<f32>() + size_of::<u32>()) + samples * size_of::<Vec4>()) as u64
     }
 
     /// Emitters or the sky have changed.

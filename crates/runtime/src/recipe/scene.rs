@@ -118,7 +118,7 @@ impl SceneTables {
     }
 
     /// Adds the pass of the share of each changed light's colour that arrives at points. `params.light_count` is the number of
-    /// changed lights. Bindings: `points`, `changed` (their numbers), `shares` (`light_capacity · count`).
+    /// changed lights. Bindings: `points`, `changed` (their numbers), `shares` and `occluders` (`light_capacity · count`).
     ///
     /// # Errors
     /// Buffers that are missing or too short.

@@ -12,7 +12,7 @@ use super::wide::WideBvh;
 use crate::Visibility;
 use crate::error::Error;
 use crate::kernel::GeometryTables;
-use crate::kernel::bvh::{FAR, Hierarchy, STACK_SIZE, any_hit_again};
+use crate::kernel::bvh::{FAR, Hierarchy, STACK_SIZE, host_occluder};
 use crate::types::*;
 
 /// Triangles with their hierarchy, materials and textures: what never changes, shared by all
@@ -130,7 +130,11 @@ impl Geometry {
     #[inline]
     pub fn occluded_again(&self, origin: Vec3, direction: Vec3, t_max: f32, last: &Cell<Occluder>) -> bool {
         let tables = GeometryTables { hierarchy: self.hierarchy(), ..self.tables() };
-        any_hit_again(&tables, origin, direction, t_max, last)
+        let occluder = host_occluder(&tables, origin, direction, t_max, [last.get().0, NONE]);
+        if occluder != NONE {
+            last.set(Occluder(occluder));
+        }
+        occluder != NONE
     }
 
     /// Longest edge of a triangle, m.

@@ -190,34 +190,30 @@ impl WideBvh {
         index | LEAF
     }
 
-    /// Whether anything is in the way in (0, t_max) that `is_hole(triangle, u, v)` does not let pass. The packet `last` is asked
-    /// first, if there is one; it becomes the one that is in the way.
+    /// A packet with a triangle in the way in (0, t_max) that `is_hole(triangle, u, v)` does not let pass, or [`NONE`]. Those that
+    /// are `likely`, [`NONE`] or packets, are asked first.
     #[inline]
-    pub(crate) fn occluded_again(
+    pub(crate) fn occluder(
         &self,
         origin: Vec3,
         direction: Vec3,
         t_max: f32,
         is_hole: impl Fn(u32, f32, f32) -> bool,
-        last: &mut u32,
-    ) -> bool {
+        likely: [u32; 2],
+    ) -> u32 {
         let ray = WideRay::new(origin, direction);
-        if let Some(packet) = self.packets.get(*last as usize) {
+        for number in likely {
+            let Some(packet) = self.packets.get(number as usize) else { continue };
             let (mut mask, u, v, _) = ray.meet(packet, t_max);
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
                 if packet.masked >> lane & 1 == 0 || !is_hole(packet.first + lane as u32, u[lane], v[lane]) {
-                    return true;
+                    return number;
                 }
             }
         }
-        let (hit, packet) = self.search::<true>(&ray, t_max, is_hole);
-        if hit.triangle == NONE {
-            return false;
-        }
-        *last = packet;
-        true
+        self.search::<true>(&ray, t_max, is_hole).1
     }
 
     /// The nearest triangle in (0, t_max), or any one when `ANY`, that `is_hole(triangle, u, v)` does not let pass.

@@ -205,26 +205,34 @@ pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) ->
     traverse(g, origin, direction, t_max, true).triangle != NONE
 }
 
-/// [`any_hit`] on the host for rays that follow each other from near by to one light: what was in the way of the `last` one is
-/// asked first.
+/// Whether this triangle is in the way along `origin + t·direction`, t in (0, t_max); [`NONE`] is not.
+#[inline]
+fn is_in_the_way(g: &GeometryTables, triangle: u32, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+    if triangle == NONE {
+        return false;
+    }
+    let hit = intersect_triangle(&g.triangles[triangle as usize], triangle, origin, direction, t_max);
+    hit.triangle != NONE && !g.is_hole(triangle, hit.u, hit.v)
+}
+
+/// A triangle in the way along `origin + t·direction`, t in (0, t_max), or [`NONE`]. What was in the way of a ray like this one
+/// (`last`, or [`NONE`]) is asked first.
+#[inline]
+pub fn occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, last: u32) -> u32 {
+    if is_in_the_way(g, last, origin, direction, t_max) {
+        return last;
+    }
+    traverse(g, origin, direction, t_max, true).triangle
+}
+
+/// [`occluder`] on the host, which names what is in the way by its place in the host's hierarchy, if there is one: two such names
+/// are asked first.
 #[cfg(feature = "std")]
 #[inline]
-pub fn any_hit_again(
-    g: &GeometryTables,
-    origin: Vec3,
-    direction: Vec3,
-    t_max: f32,
-    last: &core::cell::Cell<crate::host::Occluder>,
-) -> bool {
+pub fn host_occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, likely: [u32; 2]) -> u32 {
     match g.hierarchy.wide {
-        Some(wide) => {
-            let crate::host::Occluder(mut packet) = last.get();
-            let is_hole = |triangle, u, v| g.is_hole(triangle, u, v);
-            let is_stopped = wide.occluded_again(origin, direction, t_max, is_hole, &mut packet);
-            last.set(crate::host::Occluder(packet));
-            is_stopped
-        }
-        None => any_hit(g, origin, direction, t_max),
+        Some(wide) => wide.occluder(origin, direction, t_max, |triangle, u, v| g.is_hole(triangle, u, v), likely),
+        None => occluder(g, origin, direction, t_max, likely[0]),
     }
 }
 

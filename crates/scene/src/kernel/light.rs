@@ -113,7 +113,7 @@ fn light_share(
     slot: u32,
     light: &Light,
     (origin, normal): (Vec3, Vec3),
-    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+    mut occluded: impl FnMut(Vec3, Vec3, f32) -> bool,
 ) -> f32 {
     if light.kind == LIGHT_RECT {
         let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
@@ -142,7 +142,7 @@ pub fn irradiance_share(
     slot: u32,
     light: &Light,
     point: SurfacePoint,
-    occluded: impl Fn(Vec3, Vec3, f32) -> bool,
+    occluded: impl FnMut(Vec3, Vec3, f32) -> bool,
 ) -> f32 {
     let normal = point.normal;
     if normal.dot(normal) < 0.5 {
