@@ -16,6 +16,7 @@ use experiments::args::{
 use assets::procedural;
 
 use super::bake::{Bake, Merge, parse_bytes};
+use super::export::Export;
 use patches::PatchKind;
 use patchlight::BakeSettings;
 use patchlight::method::temporal::{RowKind, Sampled};
@@ -35,6 +36,7 @@ pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
         patchlight                                   demo: pictures and out/report.html\n  \
         patchlight render atrium --method classic    render a built-in scene\n  \
         patchlight render room.glb --out out/room    render your own scene\n  \
+        patchlight export room.glb --lightmap        its light in files for an engine\n  \
         patchlight compare ours.exr reference.exr    print the differences\n  \
         patchlight bench patches                     the experiments: tables, plots, report\n  \
         patchlight devices                           what can run the kernels"
@@ -85,6 +87,7 @@ pub enum Command {
     Render(Render),
     Bake(Bake),
     Merge(Merge),
+    Export(Export),
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors; leaks, stains, blotches and noise, counted in pixels.
     #[command(
         after_help = "Examples:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png\n  \

@@ -7,6 +7,7 @@ mod bake;
 mod compare;
 mod demo;
 mod devices;
+mod export;
 mod info;
 mod render;
 mod streamed;
@@ -75,6 +76,7 @@ fn dispatch(cli: Cli, matches: &ArgMatches) -> Result<(), Error> {
         Some(Command::Bench(args)) => bench::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),
         Some(Command::Info { scene, patches, operator }) => info::run(&cli.common, &scene, &patches, &operator),
+        Some(Command::Export(args)) => export::run(&cli.common, &args),
         Some(Command::Scene { name }) => write_scene::run(&cli.common, &name),
     }
 }

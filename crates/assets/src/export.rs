@@ -1,4 +1,6 @@
-//! A scene back into files: scene .toml, OBJ, MTL, PNG textures, EXR sky.
+//! A scene back into files: scene .toml, OBJ, MTL, PNG textures, EXR sky; with its light ([`lit`]) as glTF and PLY.
+
+pub mod lit;
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
@@ -60,6 +62,11 @@ impl SceneFiles {
         files.push((folder.join(format!("{name}.obj")), mesh(scene, &name).into_bytes()));
         files.push((path.clone(), settings(scene, &name).into_bytes()));
         Ok(Self { folder: folder.to_path_buf(), files, path })
+    }
+
+    /// Adds a file, written before the scene file.
+    pub fn add(&mut self, name: &str, bytes: Vec<u8>) {
+        self.files.insert(0, (self.folder.join(name), bytes));
     }
 
     /// Writes them into the folder, which is made when needed. Each file goes through a temporary one that is renamed.

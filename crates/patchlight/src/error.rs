@@ -26,6 +26,18 @@ pub enum Error {
     /// Receivers that photons do not serve.
     #[error("photons light receivers on the mesh or at the pixels, not the patches themselves; choose other receivers")]
     FirstShotReceivers,
+    /// Light at places of surfaces where no receivers stand on these.
+    #[error("light at corners and texels is interpolated between receivers on the mesh; choose those")]
+    OutputReceivers,
+    /// A description that is no JSON, or not that of a probe volume.
+    #[error("the description is damaged: {0}; export the probes again")]
+    Json(#[from] serde_json::Error),
+    /// Files of a probe volume that do not belong together.
+    #[error("the probe volume is damaged: {what}; export the probes again")]
+    Probes {
+        /// What is wrong.
+        what: String,
+    },
     /// A scene, or lighting that does not suit it.
     #[error(transparent)]
     Scene(#[from] scene::Error),

@@ -42,6 +42,7 @@ pub mod memory;
 pub mod method;
 pub mod observe;
 pub mod operator;
+pub mod outputs;
 pub mod picture;
 mod pixels;
 pub mod renderer;

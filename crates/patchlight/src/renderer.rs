@@ -366,6 +366,11 @@ impl Renderer {
         Ok(self.frame.shade.set(self.executor.as_mut(), &shot)?)
     }
 
+    /// The scene under the lights of the last update.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// Device buffers of the light.
     pub fn irradiance(&self) -> &ReceiverBuffers {
         &self.frame.buffers

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use glam::{IVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
-use scene::{GeometryTables, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
+use scene::{GeometryTables, Hit, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 
 use crate::error::Error;
 use crate::kernel::lightmap::lightmap_lookup;
@@ -37,6 +37,8 @@ pub struct LightmapTexels {
     pub uvs: Vec<TriangleUv>,
     /// The receiver of each texel, row by row, or [`NONE`].
     pub texels: Vec<u32>,
+    /// Where each receiver stands: its triangle and the shares u, v of the triangle's edges; t is 0.
+    pub places: Vec<Hit>,
     points: Vec<SurfacePoint>,
 }
 
@@ -83,6 +85,7 @@ impl LightmapTexels {
             sides: std::vec![[NONE; 2]; scene.geometry.triangles.len()],
             uvs: Vec::new(),
             texels: std::vec![NONE; params.width as usize * params.height as usize],
+            places: Vec::new(),
             points: Vec::new(),
         };
         for (((chart, filled), place), size) in charts.iter().zip(filled).zip(places).zip(sizes) {
@@ -92,6 +95,7 @@ impl LightmapTexels {
                 let at = place[0] + k as u32 % size[0] + params.width * (place[1] + k as u32 / size[0]);
                 set.texels[at as usize] = first + receiver;
             }
+            set.places.extend(filled.places);
             set.points.extend(filled.points.into_iter().zip(first..).map(|(p, patch)| SurfacePoint { patch, ..p }));
             for part in &chart.triangles {
                 let corner = |c: Vec2| {
@@ -165,6 +169,7 @@ struct Chart {
 /// Receivers of a chart.
 struct Filled {
     points: Vec<SurfacePoint>,
+    places: Vec<Hit>,
     /// The receiver of each texel of the rectangle.
     texels: Vec<u32>,
 }
@@ -275,7 +280,7 @@ impl Chart {
     ) -> Option<Filled> {
         let (width, height) = (self.size.x as u32, self.size.y as u32);
         let mut texels = std::vec![NONE; (width * height) as usize];
-        let mut points = Vec::new();
+        let (mut points, mut places) = (Vec::new(), Vec::new());
         for (k, entry) in texels.iter_mut().enumerate() {
             let middle = Vec2::new((k as u32 % width) as f32 - 0.5, (k as u32 / width) as f32 - 0.5) * texel;
             let nearest = (self.triangles.iter())
@@ -295,10 +300,11 @@ impl Chart {
             if is_lit(&point) {
                 *entry = points.len() as u32;
                 points.push(point);
+                places.push(Hit { triangle: part.triangle, u, v, t: 0.0 });
             }
         }
         dilate(&mut texels, width, height);
-        (!points.is_empty()).then_some(Filled { points, texels })
+        (!points.is_empty()).then_some(Filled { points, places, texels })
     }
 }
 

@@ -1,0 +1,103 @@
+//! `patchlight export`: files that other programs read.
+
+mod program;
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use program::{fails, succeeds};
+use reference::PictureFile as _;
+use scene::Picture;
+
+#[test]
+fn light_in_files_is_read_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let printed = succeeds(&[
+        "export",
+        "cornell",
+        "--vertices",
+        "--lightmap",
+        "--probes",
+        "--volume",
+        "--texel",
+        "0.1",
+        "--probe-count",
+        "27",
+        "--patch-count",
+        "150",
+        "--out",
+        out.to_str().unwrap(),
+        "--quiet",
+        "--json",
+    ]);
+    let names =
+        ["vertices.gltf", "vertices.ply", "lightmap.gltf", "lightmap.exr", "probes.json", "probes.bin", "volume.ktx2"];
+    let sizes: BTreeMap<&str, u64> =
+        names.iter().map(|name| (*name, fs::metadata(out.join(format!("cornell-{name}"))).unwrap().len())).collect();
+    assert!(sizes.values().all(|&bytes| bytes > 100), "{sizes:?}");
+    assert!(names.iter().all(|name| printed.contains(name)));
+
+    // Both glTF files hold all sides, where they were.
+    let whole = assets::procedural::build("cornell").unwrap();
+    for name in ["vertices", "lightmap"] {
+        let read = assets::import::load(&out.join(format!("cornell-{name}.gltf"))).unwrap();
+        assert!(read.scene.geometry.triangles.len() >= whole.scene.geometry.triangles.len(), "{name}");
+        let (a, b) = (read.scene.geometry.bounds, whole.scene.geometry.bounds);
+        assert!(a.0.distance(b.0) + a.1.distance(b.1) < 1e-4, "{name}: {a:?} {b:?}");
+    }
+    let picture = Picture::read(&out.join("cornell-lightmap.exr")).unwrap();
+    let lit = picture.pixels.iter().filter(|pixel| pixel.min_element() > 0.0).count();
+    assert!(lit > picture.pixels.len() / 3 && picture.pixels.iter().all(|pixel| pixel.is_finite()));
+    // The coordinates are in the file, and lead to texels with light.
+    let (gltf, buffers, _) = gltf::import(out.join("cornell-lightmap.gltf")).unwrap();
+    let mut corners = 0;
+    for primitive in gltf.meshes().flat_map(|mesh| mesh.primitives()) {
+        let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
+        for [u, v] in reader.read_tex_coords(1).unwrap().into_f32() {
+            let x = ((u * picture.width as f32) as u32).min(picture.width - 1);
+            let y = ((v * picture.height as f32) as u32).min(picture.height - 1);
+            assert!((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v));
+            corners += u32::from(picture.pixels[(x + picture.width * y) as usize].max_element() > 0.0);
+        }
+    }
+    assert!(corners > 60, "{corners}");
+    let description = fs::read_to_string(out.join("cornell-probes.json")).unwrap();
+    let binary = fs::read(out.join("cornell-probes.bin")).unwrap();
+    assert!(!patchlight::outputs::ProbeVolume::from_files(&description, &binary).unwrap().is_empty());
+}
+
+#[test]
+fn what_cannot_apply_is_refused_and_frames_have_folders() {
+    for (options, said) in [
+        (&["export", "cornell"][..], "--vertices"),
+        (&["export", "cornell", "--vertices", "--texel", "0.1"], "--lightmap"),
+        (&["export", "cornell", "--lightmap", "--texel", "0"], "--texel"),
+        (&["export", "cornell", "--vertices", "--probe-count", "8"], "--probes"),
+    ] {
+        let message = fails(2, options);
+        assert!(message.contains(said), "{options:?}: {message}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let tiny = fails(
+        1,
+        &["export", "cornell", "--lightmap", "--texel", "1e-5", "--patch-count", "60", "--out", out.to_str().unwrap()],
+    );
+    assert!(tiny.contains("texels"), "{tiny}");
+    succeeds(&[
+        "export",
+        "cornell",
+        "--vertices",
+        "--indirect",
+        "--frames",
+        "2",
+        "--patch-count",
+        "60",
+        "--out",
+        out.to_str().unwrap(),
+        "--quiet",
+    ]);
+    let of = |frame: &str| fs::read(out.join(frame).join("cornell-vertices.bin")).unwrap();
+    assert_ne!(of("frame-0000"), of("frame-0001"));
+}

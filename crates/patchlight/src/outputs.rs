@@ -1,0 +1,141 @@
+//! Light at the places where engines keep it: corners of triangles, texels of a lightmap, probes in the air.
+//!
+//! All of it is irradiance, W/m², of the last [`Renderer::update_light`]. Indirect light on surfaces is what pixels show,
+//! interpolated between the receivers; in the air it is gathered by rays from each probe. Direct light is added by shadow rays.
+
+pub mod probes;
+
+use glam::{Vec3, Vec4};
+use patches::{LightmapTexels, VoxelVolume};
+use scene::{DirectParams, Hit, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint};
+use transport::TriangleGrid;
+use transport::kernel::grid::{cell_count, interpolate_receivers};
+
+use crate::bake::{Bake, ReceiverKind, direct_params};
+use crate::error::Error;
+use crate::renderer::Renderer;
+
+pub use probes::ProbeVolume;
+
+/// Shadow rays to each area light.
+const AREA_RAYS: u32 = 64;
+/// Rays to the sky.
+const SKY_RAYS: u32 = 256;
+/// Corners are lit from this share of the way to the middle of their triangle.
+const INWARDS: f32 = 0.05;
+
+/// Which light is asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LightPart {
+    /// Direct and indirect.
+    #[default]
+    Full,
+    /// Reflected at least once: for engines that light directly themselves.
+    Indirect,
+}
+
+/// The sides of each triangle of the bake's own scene that have receivers: it is cut where something stands on a triangle.
+pub fn lit_sides(bake: &Bake) -> Vec<Sides> {
+    let mesh = &bake.receivers.interpolation;
+    let is_lit = |first: u32, divisions: u32| {
+        first != NONE && {
+            let cells = &mesh.cells[first as usize..(first + cell_count(divisions)) as usize];
+            cells.iter().any(|cell| cell.first != NONE)
+        }
+    };
+    let sides = |grid: &TriangleGrid| Sides {
+        front: is_lit(grid.front, grid.divisions),
+        back: is_lit(grid.back, grid.divisions),
+    };
+    mesh.grids.iter().map(sides).collect()
+}
+
+/// Irradiance at the corners of each triangle, on its front or its back, W/m²: at the corner, the end of `edge_a` and the end of
+/// `edge_b`. Zero where that side has no receivers. Direct light is that of a place a twentieth of the way to the middle of the
+/// triangle: a corner itself touches what stands beside it.
+///
+/// # Errors
+/// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
+pub fn at_corners(renderer: &mut Renderer, part: LightPart, front: bool) -> Result<Vec<[Vec3; 3]>, Error> {
+    let indirect = indirect(renderer)?;
+    let mesh = &renderer.bake().receivers.interpolation;
+    let mut corners: Vec<[Vec3; 3]> =
+        mesh.corner_irradiance(&indirect, front)?.iter().map(|corners| corners.map(Vec4::truncate)).collect();
+    if part == LightPart::Indirect {
+        return Ok(corners);
+    }
+    let is_lit = |side: &Sides| if front { side.front } else { side.back };
+    let sides = lit_sides(renderer.bake());
+    let lit: Vec<usize> = (0..corners.len()).filter(|&triangle| is_lit(&sides[triangle])).collect();
+    let points: Vec<SurfacePoint> =
+        lit.iter().flat_map(|&triangle| corner_points(renderer.scene(), triangle as u32, front)).collect();
+    let direct = direct(renderer.scene(), &points);
+    for (&triangle, direct) in lit.iter().zip(direct.chunks_exact(3)) {
+        corners[triangle].iter_mut().zip(direct).for_each(|(sum, direct)| *sum += *direct);
+    }
+    Ok(corners)
+}
+
+/// Irradiance at the receivers of a lightmap, W/m², as [`LightmapTexels::picture`] takes them.
+///
+/// # Errors
+/// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
+pub fn on_lightmap(renderer: &mut Renderer, lightmap: &LightmapTexels, part: LightPart) -> Result<Vec<Vec4>, Error> {
+    let indirect = indirect(renderer)?;
+    let mesh = &renderer.bake().receivers.interpolation;
+    let tables = renderer.scene().tables();
+    let at = |(place, point): (&Hit, &SurfacePoint)| {
+        let front = tables.normal(place.triangle).dot(point.normal) > 0.0;
+        interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, *place, front)
+    };
+    let mut values: Vec<Vec4> = lightmap.places.iter().zip(lightmap.points()).map(at).collect();
+    add_direct(renderer.scene(), lightmap.points(), part, &mut values);
+    Ok(values)
+}
+
+/// Irradiance at the receivers of a probe volume, W/m²: six to a probe, as [`VoxelVolume::at`] takes them.
+///
+/// # Errors
+/// What the device says; cancellation.
+pub fn in_volume(renderer: &mut Renderer, volume: &VoxelVolume, part: LightPart) -> Result<Vec<Vec4>, Error> {
+    let indirect = renderer.irradiance_at(volume.points())?;
+    let mut values: Vec<Vec4> = indirect.iter().map(|h| h.extend(0.0)).collect();
+    add_direct(renderer.scene(), volume.points(), part, &mut values);
+    Ok(values)
+}
+
+/// Indirect irradiance at the interpolation points.
+fn indirect(renderer: &mut Renderer) -> Result<Vec<Vec4>, Error> {
+    if renderer.bake().settings.receivers != ReceiverKind::Mesh {
+        return Err(Error::OutputReceivers);
+    }
+    Ok(renderer.surface_irradiance()?.iter().map(|h| h.extend(0.0)).collect())
+}
+
+/// Direct irradiance at points, with more rays than a frame can afford.
+fn direct(scene: &Scene, points: &[SurfacePoint]) -> Vec<Vec3> {
+    let params =
+        DirectParams { count: points.len() as u32, area_rays: AREA_RAYS, sky_rays: SKY_RAYS, ..direct_params(scene) };
+    scene.direct_irradiance(&params, points)
+}
+
+fn add_direct(scene: &Scene, points: &[SurfacePoint], part: LightPart, values: &mut [Vec4]) {
+    if part == LightPart::Full {
+        values.iter_mut().zip(direct(scene, points)).for_each(|(sum, direct)| *sum += direct.extend(0.0));
+    }
+}
+
+/// Places near the corners of a side.
+fn corner_points(scene: &Scene, triangle: u32, front: bool) -> [SurfacePoint; 3] {
+    let tables = scene.tables();
+    let normal = tables.normal(triangle);
+    let normal = if front { normal } else { -normal };
+    let near = INWARDS / 3.0;
+    let far = 1.0 - 2.0 * near;
+    [(near, near), (far, near), (near, far)].map(|(u, v)| SurfacePoint {
+        position: tables.position(triangle, u, v),
+        patch: NONE,
+        normal,
+        weight: 1.0,
+    })
+}

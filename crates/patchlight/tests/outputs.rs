@@ -1,0 +1,105 @@
+//! Light at corners, texels and probes is that of the pixels.
+
+use std::sync::Arc;
+
+use assets::procedural;
+use glam::Vec3;
+use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
+use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, lit_sides, on_lightmap};
+use patchlight::{Bake, BakeSettings, ReceiverKind, RenderSettings, Renderer, Silent};
+use runtime::cpu::Cpu;
+use scene::{POINT_WALKS, ReceiverSet as _, Scene, SurfacePoint, is_open};
+
+/// The Cornell box with the light of its lamp.
+fn lit(receivers: ReceiverKind) -> (Renderer, Scene) {
+    let loaded = procedural::build("cornell").unwrap();
+    let settings = BakeSettings { patch_count: 200, receivers, receiver_rays: 256, ..BakeSettings::default() };
+    let bake = Bake::build(&loaded.scene, &settings, &Silent).unwrap();
+    let scene = bake.scene.clone();
+    let frame = RenderSettings { size: (1, 1), sub_frames: 1, ..RenderSettings::default() };
+    let mut renderer = Renderer::new(Arc::new(bake), Box::new(Cpu::new()), &frame, &Silent).unwrap();
+    renderer.update_light(&loaded.scene.lighting, &loaded.view.camera(1, 1)).unwrap();
+    (renderer, scene)
+}
+
+fn is_lit(scene: &Scene) -> impl Fn(&SurfacePoint) -> bool + Sync + '_ {
+    |point| is_open(scene, point, POINT_WALKS, 7)
+}
+
+/// Median of |a − b| over the mean of b.
+fn difference(pairs: &[(Vec3, Vec3)]) -> f32 {
+    let mean = pairs.iter().map(|(_, b)| b.element_sum()).sum::<f32>() / pairs.len() as f32;
+    let mut all: Vec<f32> = pairs.iter().map(|(a, b)| (*a - *b).abs().element_sum() / mean).collect();
+    all.sort_by(f32::total_cmp);
+    all[all.len() / 2]
+}
+
+#[test]
+fn a_lightmap_has_the_light_that_rays_from_its_texels_gather() {
+    let (mut renderer, scene) = lit(ReceiverKind::Mesh);
+    let sides = lit_sides(renderer.bake());
+    assert!(sides.iter().any(|side| side.front || side.back));
+    let lightmap = LightmapTexels::new(&scene, &sides, 0.05, &is_lit(&scene)).unwrap();
+    let values = on_lightmap(&mut renderer, &lightmap, LightPart::Indirect).unwrap();
+    // Every 40th texel, by rays of its own.
+    let some: Vec<usize> = (0..values.len()).step_by(40).collect();
+    assert!(some.len() > 30, "{}", some.len());
+    let points: Vec<SurfacePoint> = some.iter().map(|&k| lightmap.points()[k]).collect();
+    let exact = renderer.irradiance_at(&points).unwrap();
+    let pairs: Vec<_> = some.iter().zip(&exact).map(|(&k, &exact)| (values[k].truncate(), exact)).collect();
+    assert!(difference(&pairs) < 0.02, "{}", difference(&pairs));
+    // Those of other texels are refused.
+    let wrong: Vec<_> = pairs.iter().zip(pairs.iter().cycle().skip(pairs.len() / 2)).map(|(p, q)| (p.0, q.1)).collect();
+    assert!(difference(&wrong) > 0.05, "{}", difference(&wrong));
+}
+
+#[test]
+fn the_full_light_is_the_direct_more() {
+    let (mut renderer, scene) = lit(ReceiverKind::Mesh);
+    let corners = |renderer: &mut Renderer, part| at_corners(renderer, part, true).unwrap();
+    let (full, indirect) = (corners(&mut renderer, LightPart::Full), corners(&mut renderer, LightPart::Indirect));
+    let sides = lit_sides(renderer.bake());
+    let mut brighter = 0;
+    for ((full, indirect), side) in full.iter().zip(&indirect).zip(&sides) {
+        for (full, indirect) in full.iter().zip(indirect) {
+            assert!(full.cmpge(*indirect).all() && full.is_finite());
+            assert!(side.front || *full == Vec3::ZERO);
+            brighter += u32::from(full.x > 1.1 * indirect.x);
+        }
+    }
+    assert!(brighter > 10, "{brighter} corners with direct light");
+    let texels = LightmapTexels::new(&scene, &sides, 0.2, &is_lit(&scene)).unwrap();
+    let full = on_lightmap(&mut renderer, &texels, LightPart::Full).unwrap();
+    let indirect = on_lightmap(&mut renderer, &texels, LightPart::Indirect).unwrap();
+    let brighter = full.iter().zip(&indirect).filter(|(full, indirect)| full.x > 1.1 * indirect.x).count();
+    assert!(full.iter().zip(&indirect).all(|(full, indirect)| full.cmpge(*indirect).all()));
+    assert!(brighter > full.len() / 4, "{brighter} of {}", full.len());
+}
+
+#[test]
+fn probes_from_files_give_the_light_of_the_volume() {
+    let (mut renderer, scene) = lit(ReceiverKind::Mesh);
+    let settings = VolumeSettings { size: VolumeSize::Count(27), ..VolumeSettings::default() };
+    let volume = VoxelVolume::new(&scene, &settings, &is_lit(&scene)).unwrap();
+    let values = in_volume(&mut renderer, &volume, LightPart::Indirect).unwrap();
+    let probes = ProbeVolume::new(&volume, values.clone()).unwrap();
+    let (description, binary) = probes.to_files().unwrap();
+    let read = ProbeVolume::from_files(&description, &binary).unwrap();
+    let middle = 0.5 * (scene.geometry.bounds.0 + scene.geometry.bounds.1);
+    for normal in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::new(0.6, -0.8, 0.0)] {
+        let expected = volume.at(&values, middle, normal).unwrap().truncate();
+        assert_eq!(read.irradiance(middle, normal), expected);
+        let smooth = read.irradiance_by_harmonics(middle, normal);
+        assert!(expected.min_element() > 0.0 && (smooth - expected).abs().max_element() < 0.3 * expected.max_element());
+    }
+    // Red light comes from the red wall, green from the green one.
+    let (left, right) = (read.irradiance(middle, Vec3::NEG_X), read.irradiance(middle, Vec3::X));
+    assert!((left.x / left.y - right.x / right.y).abs() > 0.2, "{left} {right}");
+}
+
+#[test]
+fn corners_and_texels_need_receivers_on_the_mesh() {
+    let (mut renderer, _) = lit(ReceiverKind::Pixels);
+    let error = at_corners(&mut renderer, LightPart::Indirect, true).unwrap_err().to_string();
+    assert!(error.contains("receivers on the mesh"), "{error}");
+}
