@@ -91,7 +91,7 @@ fn what_cannot_apply_is_refused_and_frames_have_folders() {
         "--vertices",
         "--indirect",
         "--frames",
-        "2",
+        "3",
         "--patch-count",
         "60",
         "--out",
@@ -99,5 +99,5 @@ fn what_cannot_apply_is_refused_and_frames_have_folders() {
         "--quiet",
     ]);
     let of = |frame: &str| fs::read(out.join(frame).join("cornell-vertices.bin")).unwrap();
-    assert_ne!(of("frame-0000"), of("frame-0001"));
+    assert!(of("frame-0000") != of("frame-0001"), "the light does not move");
 }
