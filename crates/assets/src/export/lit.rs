@@ -64,7 +64,7 @@ pub fn lit_gltf(
     by: LitBy,
 ) -> Result<SceneFiles, ImportError> {
     let name = one_line(name).replace(['/', '\\'], "_");
-    let exposure = scene.exposure_stops.exp2();
+    let exposure = scene::stops_to_scale(scene.exposure_stops);
     let shown = |irradiance: Vec3| irradiance * (exposure / std::f32::consts::PI);
     let mut pictures: BTreeMap<String, Vec<u8>> = BTreeMap::new();
     let mut add_picture = |file: &str, picture: Option<DynamicImage>| -> Result<(), ImportError> {

@@ -275,10 +275,10 @@ fn ktx2(size: [u32; 3], texels: &[u8]) -> Vec<u8> {
     words(&mut file, &[BEFORE, descriptor, 0, 0, 0, 0, 0, 0]);
     words(&mut file, &[first, 0, texels.len() as u32, 0, texels.len() as u32, 0]);
     // The descriptor: Khronos' basic block of version 2, RGB colours with the primaries of BT.709, linear; texels of eight bytes.
-    words(&mut file, &[descriptor, 0, 2 | block << 16, 1 | 1 << 8 | 1 << 16, 0, 8, 0]);
+    words(&mut file, &[descriptor, 0, 2 + (block << 16), 1 + (1 << 8) + (1 << 16), 0, 8, 0]);
     for (k, channel) in (0u32..).zip(CHANNELS) {
         // Signed floats of 16 bits: the bounds are those of −1 and 1.
-        words(&mut file, &[16 * k | 15 << 16 | (channel | 0xc0) << 24, 0, (-1f32).to_bits(), 1f32.to_bits()]);
+        words(&mut file, &[16 * k + (15 << 16) + ((channel + 0xc0) << 24), 0, (-1f32).to_bits(), 1f32.to_bits()]);
     }
     file.resize(first as usize, 0);
     file.extend_from_slice(texels);
