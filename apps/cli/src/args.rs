@@ -17,6 +17,7 @@ use assets::procedural;
 
 use super::bake::{Bake, Merge, parse_bytes};
 use super::export::Export;
+use super::illuminance::Illuminance;
 use patches::PatchKind;
 use patchlight::BakeSettings;
 use patchlight::method::temporal::{RowKind, Sampled};
@@ -88,6 +89,7 @@ pub enum Command {
     Bake(Bake),
     Merge(Merge),
     Export(Export),
+    Illuminance(Illuminance),
     /// Compare two pictures: MSE, PSNR, SSIM, FLIP, block errors; leaks, stains, blotches and noise, counted in pixels.
     #[command(
         after_help = "Examples:\n  patchlight compare ours.exr reference.exr --stops 1.8 --difference diff.png\n  \

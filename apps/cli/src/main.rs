@@ -8,6 +8,7 @@ mod compare;
 mod demo;
 mod devices;
 mod export;
+mod illuminance;
 mod info;
 mod render;
 mod streamed;
@@ -77,6 +78,7 @@ fn dispatch(cli: Cli, matches: &ArgMatches) -> Result<(), Error> {
         Some(Command::Devices) => devices::run(&cli.common),
         Some(Command::Info { scene, patches, operator }) => info::run(&cli.common, &scene, &patches, &operator),
         Some(Command::Export(args)) => export::run(&cli.common, &args),
+        Some(Command::Illuminance(args)) => illuminance::run(&cli.common, &args),
         Some(Command::Scene { name }) => write_scene::run(&cli.common, &name),
     }
 }

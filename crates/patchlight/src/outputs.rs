@@ -3,11 +3,16 @@
 //! All of it is irradiance, W/m², of the last [`Renderer::update_light`]. Indirect light on surfaces is what pixels show,
 //! interpolated between the receivers; in the air it is gathered by rays from each probe. Direct light is added by shadow rays.
 
+pub mod planes;
 pub mod probes;
 
 use glam::{Vec3, Vec4};
 use patches::{LightmapTexels, VoxelVolume};
-use scene::{DirectParams, Hit, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint};
+use rayon::prelude::*;
+use scene::kernel::bvh::FAR;
+use scene::kernel::camera::{camera_direction, surface_point};
+use scene::math::luminance;
+use scene::{Camera, DirectParams, Hit, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint};
 use transport::TriangleGrid;
 use transport::kernel::grid::{cell_count, interpolate_receivers};
 
@@ -15,12 +20,15 @@ use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::Error;
 use crate::renderer::Renderer;
 
+pub use planes::{CalculationPlane, PlaneKind, PlaneLight};
 pub use probes::ProbeVolume;
 
 /// Shadow rays to each area light.
 const AREA_RAYS: u32 = 64;
 /// Rays to the sky.
 const SKY_RAYS: u32 = 256;
+/// Luminous efficacy of white light.
+const LUMENS_PER_WATT: f32 = 179.0;
 /// Corners are lit from this share of the way to the middle of their triangle.
 const INWARDS: f32 = 0.05;
 
@@ -102,6 +110,35 @@ pub fn in_volume(renderer: &mut Renderer, volume: &VoxelVolume, part: LightPart)
     let mut values: Vec<Vec4> = indirect.iter().map(|h| h.extend(0.0)).collect();
     add_direct(renderer.scene(), volume.points(), part, &mut values);
     Ok(values)
+}
+
+/// Irradiance at what the middle of each pixel shows, row by row, W/m²; zero where that is nothing. On lamps it is what falls
+/// on them.
+///
+/// # Errors
+/// [`Error::OutputReceivers`] unless receivers are on the mesh; what the device says.
+pub fn on_view(renderer: &mut Renderer, camera: &Camera, part: LightPart) -> Result<Vec<Vec3>, Error> {
+    let indirect = indirect(renderer)?;
+    let mesh = &renderer.bake().receivers.interpolation;
+    let scene = renderer.scene();
+    let tables = scene.tables();
+    let seen = |pixel: u32| {
+        let (x, y) = (pixel % camera.width, pixel / camera.width);
+        let direction = camera_direction(camera, x as f32 + 0.5, y as f32 + 0.5).normalize_or_zero();
+        let hit = scene.closest_before(camera.eye, direction, FAR);
+        let point = surface_point(&tables, hit, direction);
+        let front = !hit.is_miss() && tables.normal(hit.triangle).dot(point.normal) > 0.0;
+        (interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, hit, front), point)
+    };
+    let (mut values, points): (Vec<Vec4>, Vec<SurfacePoint>) =
+        (0..camera.width * camera.height).into_par_iter().map(seen).unzip();
+    add_direct(scene, &points, part, &mut values);
+    Ok(values.iter().map(|e| e.truncate()).collect())
+}
+
+/// Illuminance of an irradiance, lx: 179 lm/W, the luminous efficacy of equal-energy white, times its luminance (Ward 1994).
+pub fn illuminance(irradiance: Vec3) -> f32 {
+    LUMENS_PER_WATT * luminance(irradiance)
 }
 
 /// Indirect irradiance at the interpolation points.

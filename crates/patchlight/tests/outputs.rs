@@ -3,12 +3,19 @@
 use std::sync::Arc;
 
 use assets::procedural;
+use bytemuck::Zeroable as _;
 use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
-use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, lit_sides, on_lightmap};
+use patchlight::outputs::{
+    CalculationPlane, LightPart, PlaneKind, ProbeVolume, at_corners, illuminance, in_volume, lit_sides, on_lightmap,
+    on_view,
+};
 use patchlight::{Bake, BakeSettings, ReceiverKind, RenderSettings, Renderer, Silent};
 use runtime::cpu::Cpu;
-use scene::{POINT_WALKS, ReceiverSet as _, Scene, SurfacePoint, is_open};
+use scene::{
+    Camera, LIGHT_POINT, Light, Material, POINT_WALKS, ReceiverSet as _, Scene, SceneParts, SurfacePoint, Triangle,
+    TriangleUv, is_open,
+};
 
 /// The Cornell box with the light of its lamp.
 fn lit(receivers: ReceiverKind) -> (Renderer, Scene) {
@@ -102,4 +109,54 @@ fn corners_and_texels_need_receivers_on_the_mesh() {
     let (mut renderer, _) = lit(ReceiverKind::Pixels);
     let error = at_corners(&mut renderer, LightPart::Indirect, true).unwrap_err().to_string();
     assert!(error.contains("receivers on the mesh"), "{error}");
+}
+
+#[test]
+fn planes_under_a_lamp_have_the_illuminance_of_the_closed_form() {
+    // A lamp 3 m above a black floor.
+    let triangle =
+        |a: Vec3, b: Vec3, c: Vec3| Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
+    let [a, b, c, d] = [(-4.0, -4.0), (-4.0, 4.0), (4.0, 4.0), (4.0, -4.0)].map(|(x, z)| Vec3::new(x, 0.0, z));
+    let lamp = Vec3::new(0.5, 3.0, -0.5);
+    let intensity = Vec3::new(20.0, 10.0, 30.0);
+    let scene = Scene::new(SceneParts {
+        triangles: vec![triangle(a, b, c), triangle(a, c, d)],
+        uvs: vec![TriangleUv::default(); 2],
+        materials: vec![Material { albedo: Vec3::ZERO, ..Material::default() }],
+        lights: vec![Light { kind: LIGHT_POINT, position: lamp, color: intensity, ..Light::zeroed() }],
+        ..SceneParts::default()
+    })
+    .unwrap();
+    let settings = BakeSettings { patch_count: 16, receiver_rays: 64, ..BakeSettings::default() };
+    let bake = Bake::build(&scene, &settings, &Silent).unwrap();
+    let frame = RenderSettings { size: (1, 1), sub_frames: 1, ..RenderSettings::default() };
+    let mut renderer = Renderer::new(Arc::new(bake), Box::new(Cpu::new()), &frame, &Silent).unwrap();
+    let camera = Camera::look_at(Vec3::new(0.0, 8.0, 0.1), Vec3::ZERO, Vec3::NEG_Z, 60.0, 8, 8);
+    renderer.update_light(&scene.lighting, &camera).unwrap();
+    for (kind, height) in [(PlaneKind::Horizontal, 0.8), (PlaneKind::Cylindrical, 1.2)] {
+        let plane = CalculationPlane { kind, height, spacing: 0.9, area: None };
+        let light = plane.light(&mut renderer).unwrap();
+        assert_eq!(light.counts, [9, 9]);
+        for (k, lux) in (0u32..).zip(&light.lux) {
+            let to = lamp - light.place(k);
+            let facing = illuminance(intensity) / to.length_squared();
+            let expected = match kind {
+                PlaneKind::Horizontal => facing * to.y / to.length(),
+                // The mean of the cosines round a cylinder is 1/π of the light across it.
+                PlaneKind::Cylindrical => facing * to.with_y(0.0).length() / to.length() / std::f32::consts::PI,
+            };
+            let lux = lux.unwrap();
+            assert!((lux - expected).abs() < 0.02 * expected, "{kind:?} {k}: {lux} {expected}");
+        }
+        let [mean, least, greatest] = light.statistics().unwrap();
+        assert!(least < mean && mean < greatest);
+    }
+    // What the camera sees is the floor.
+    let seen = on_view(&mut renderer, &camera, LightPart::Full).unwrap();
+    let brightest = seen.iter().map(|&e| illuminance(e)).fold(0.0, f32::max);
+    assert!((brightest / (illuminance(intensity) / 9.0) - 1.0).abs() < 0.1, "{brightest}");
+    let endless = CalculationPlane { kind: PlaneKind::Horizontal, height: f32::NAN, spacing: 1.0, area: None };
+    assert!(endless.light(&mut renderer).unwrap_err().to_string().contains("height"));
+    let fine = CalculationPlane { height: 1.0, spacing: 1e-4, ..endless };
+    assert!(fine.light(&mut renderer).unwrap_err().to_string().contains("points of a plane"));
 }
