@@ -13,7 +13,7 @@ use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::{Hemisphere, Patch, Proceed, Surfaces, form_factor_blocks};
 use glam::{Vec3, Vec4};
 use patches::{
-    AxisWeights, ClusterSettings, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
+    AxisWeights, ClusterSettings, Density, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
     SampleSettings, ViewSettings, VolumeSettings, VolumeSize, VoxelVolume, axis_patches, cluster_patches,
     sample_voxels, view_clusters,
 };
@@ -123,9 +123,9 @@ fn view_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dyn
     let settings = ViewSettings { patches: size, samples: SAMPLES, seed: SEED, ..ViewSettings::default() };
     let count = |set: &Result<PatchSet, _>| set.as_ref().map_or(0, PatchSet::len);
     let set = table.time("view_clusters", count, || {
-        view_clusters(&LitSampler::new(scene, PROBES, SEED)?, &settings).map(|found| found.set)
+        view_clusters(&LitSampler::new(scene, PROBES, Density::default(), SEED)?, &settings).map(|found| found.set)
     })?;
-    let nearest = Nearest::new(&set.samples);
+    let nearest = Nearest::new(&set.samples, &Density::default());
     let mut owners = vec![NONE; set.samples.len()];
     for (patch, range) in set.offsets.windows(2).enumerate() {
         owners[range[0] as usize..range[1] as usize].fill(patch as u32);

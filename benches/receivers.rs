@@ -16,7 +16,7 @@ use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::HemisphereParams;
 use formfactor::kernel::hemisphere::hemisphere_ray;
 use glam::{IVec4, UVec3, Vec3, Vec4};
-use patches::InterpolationMesh;
+use patches::{Density, InterpolationMesh};
 use rayon::prelude::*;
 use scene::{Hit, NONE, Scene, SidePolicy, SurfacePoint, Visibility, find_sides};
 use transport::{Csr, HitCounts, LinearOperator};
@@ -82,9 +82,10 @@ fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     let area: f32 = scene.geometry.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
     let mut edge = f32::sqrt(area / ROWS as f32);
     loop {
-        let points = InterpolationMesh::new(scene, &sides, edge, 0.4 * edge, |_, _| Some(edge), |_| None)
-            .expect("the edge is positive")
-            .points;
+        let points =
+            InterpolationMesh::new(scene, &Density::default(), &sides, edge, 0.4 * edge, |_, _| Some(edge), |_| None)
+                .expect("the edge is positive")
+                .points;
         println!("receivers: {} at edges of {edge:.3} m", points.len());
         if points.len() >= ROWS {
             return (0..ROWS).map(|k| points[k * points.len() / ROWS]).collect();

@@ -3,7 +3,7 @@
 use formfactor::{Csr, Hemisphere, Proceed};
 use formfactor::{form_factors, normalise_rows};
 use glam::{Vec3, Vec4};
-use patches::{InterpolationMesh, PatchSize, SubdivideSettings, Subdivision, subdivide};
+use patches::{Density, InterpolationMesh, PatchSize, SubdivideSettings, Subdivision, subdivide};
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{Material, ReceiverSet, Scene, SceneParts, SidePolicy, Sides, SurfacePoint, Triangle, TriangleUv};
@@ -47,7 +47,8 @@ fn every_set_shows_the_same_light() {
     let sides = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
     let settings = SubdivideSettings { size: PatchSize::Count(200), sides: SidePolicy::Front, ..Default::default() };
     let subdivision = subdivide(&scene, &settings).unwrap();
-    let mesh = InterpolationMesh::new(&scene, &sides, 0.9, 0.1, |_, _| Some(0.3), |_| None).unwrap();
+    let mesh =
+        InterpolationMesh::new(&scene, &Density::default(), &sides, 0.9, 0.1, |_, _| Some(0.3), |_| None).unwrap();
     let map = LightmapTexels::new(&scene, &sides, 0.3, &|_| true).unwrap();
     let size = VolumeSize::Edge(0.4);
     let volume = VoxelVolume::new(&scene, &VolumeSettings { size, ..VolumeSettings::default() }, &|_| true).unwrap();

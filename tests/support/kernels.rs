@@ -261,6 +261,7 @@ pub fn small_scene() -> Scene {
         lights,
         sky: Sky { radiance: Vec3::new(0.5, 0.7, 0.9), map_width: 8, map_height: 4, ..Sky::default() },
         sky_map: r.colors(32),
+        ray_offset: None,
     })
     .expect("the scene of the tests is sound")
 }

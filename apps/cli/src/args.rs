@@ -10,7 +10,8 @@ use clap::{ArgMatches, Args, CommandFactory as _, FromArgMatches as _, Parser, S
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use experiments::args::{
-    Animate, Bench, CameraPath, Common, Patches, parse_epsilon, parse_error, parse_metres, parse_size,
+    Animate, Bench, CameraPath, Common, FocusChoice, Patches, parse_epsilon, parse_error, parse_focus, parse_metres,
+    parse_size,
 };
 
 use assets::procedural;
@@ -271,6 +272,10 @@ pub struct PatchOptions {
     /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
     #[arg(long, value_name = "METRES", value_parser = parse_metres)]
     pub voxel_size: Option<f32>,
+    /// Where patches and receivers stand close: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what the camera sees
+    /// round it, or what is given. What is far from there gets few, large ones [default: auto].
+    #[arg(long, value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus)]
+    pub focus: Option<FocusChoice>,
 }
 
 impl PatchOptions {
@@ -286,7 +291,7 @@ impl PatchOptions {
 
     /// Whether any of them was given.
     pub fn is_given(&self) -> bool {
-        self.patches.is_some() || self.patch_count.is_some() || self.voxel_size.is_some()
+        self.patches.is_some() || self.patch_count.is_some() || self.voxel_size.is_some() || self.focus.is_some()
     }
 }
 

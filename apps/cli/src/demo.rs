@@ -322,6 +322,7 @@ impl Stage<'_> {
             light_update: None,
             passes: times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect(),
             bake: BTreeMap::new(),
+            energy: self.bake.energy,
             peak_memory_bytes: peak_memory_bytes(),
             bytes: renderer.bytes(),
             full: last.map(|errors| errors.1),

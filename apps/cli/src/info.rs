@@ -14,7 +14,7 @@ use experiments::args::Common;
 use experiments::output;
 use experiments::progress::interruptible;
 use experiments::{say, tell};
-use patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
+use patches::{Density, MeshSettings, PatchKind, PatchMesh, lit_sampler};
 use patchlight::BakeSettings;
 
 #[derive(Serialize)]
@@ -87,6 +87,7 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
         let settings = BakeSettings {
             patches: kind,
             patch_count: patches.count(),
+            focus: patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation),
             voxel_size: patches.voxel_size,
             seed: common.seed,
             ..BakeSettings::default()
@@ -206,7 +207,11 @@ fn make_mesh(loaded: &LoadedScene, settings: &BakeSettings) -> Result<PatchMesh,
         samples: settings.samples,
         seed: settings.seed,
     };
-    let sampler = lit_sampler(&loaded.scene, made.count, made.seed)?;
+    let density = match settings.patches.has_voxels() {
+        true => Density::default(),
+        false => Density::new(&loaded.scene, settings.focus, settings.seed)?,
+    };
+    let sampler = lit_sampler(&loaded.scene, made.count, density, made.seed)?;
     Ok(PatchMesh::new(&loaded.scene, sampler.as_ref(), &made)?)
 }
 

@@ -45,8 +45,8 @@ const PIXEL_BYTES: f64 = 100.0;
 /// Shadow rays of a frame of which the user is told: those of minutes.
 const MANY_RAYS: f64 = 1e9;
 /// Phases before the first frame that the summary tells.
-const BAKE_PHASES: [&str; 9] =
-    ["import", "sample", "form_factors", "receivers", "operator", "compress", "tables", "maps", "photons"];
+const BAKE_PHASES: [&str; 10] =
+    ["import", "sample", "form_factors", "receivers", "energy", "operator", "compress", "tables", "maps", "photons"];
 
 pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
     if args.method == Method::Path {
@@ -237,9 +237,12 @@ impl Job<'_> {
 
     fn bake_settings(&self) -> BakeSettings {
         let args = self.args;
+        let own = &self.loaded.animation;
+        let animation = args.path.map_or_else(|| own.clone(), |path| path.animation(self.loaded));
         BakeSettings {
             patches: args.patches.kind(self.loaded.scene.geometry.triangles.len()),
             patch_count: args.patches.count(),
+            focus: args.patches.focus.unwrap_or_default().focus(self.loaded, &animation),
             voxel_size: args.patches.voxel_size,
             estimator: match args.form_factors {
                 FormFactors::Hemisphere => Estimator::Hemisphere { rays: args.rays },
@@ -313,6 +316,7 @@ impl Job<'_> {
         let bake = renderer.bake();
         summary.patches = Some(bake.mesh.patches.len());
         summary.receivers = Some(bake.receivers.points.len());
+        summary.energy = bake.energy;
         summary.bytes = renderer.bytes();
         let multibounce = renderer.method().as_any().downcast_ref::<Multibounce>();
         if let Some(decoder) = multibounce.and_then(Multibounce::decoder) {

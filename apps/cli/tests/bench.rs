@@ -254,6 +254,8 @@ fn bench_clean_counts_faults_against_references_that_it_keeps() {
             assert!(row["reference_noise"][part]["median_relative_standard_error"].as_f64().unwrap() > 0.0, "{row}");
         }
         assert_eq!(row["reference_noise"]["paths"], 16);
+        assert!(row["energy"]["balance"].as_f64().unwrap().abs() < 0.05, "{row}");
+        assert!(row["energy"]["near"]["ratio"].as_f64().unwrap() > 0.5, "{row}");
         assert_eq!((row["leak_share"].clone(), row["blotch_p95"].clone()), {
             let indirect = &row["indirect"];
             (indirect["leak_share"].clone(), indirect["blotch_p95"].clone())

@@ -27,6 +27,7 @@ fn help_and_version_succeed_and_wrong_usage_is_2() {
     assert!(fails(2, &["render", "cornell", "--size", "10"]).contains("WIDTHxHEIGHT"));
     assert!(fails(2, &["render", "cornell", "--bounces", "0"]).contains("all"));
     fails(2, &["render", "cornell", "--patch-count", "100000000"]);
+    assert!(fails(2, &["render", "cornell", "--focus", "0,0,0,1,-1,1"]).contains("X,Y,Z,X,Y,Z"));
 }
 
 #[test]
@@ -51,6 +52,10 @@ fn classic_and_path_write_their_pictures_and_summary() {
         assert_eq!(printed, written);
         assert_eq!(written["method"], method);
         assert_eq!(written["patches"].is_number(), method == "classic");
+        if method == "classic" {
+            assert!(written["energy"]["balance"].as_f64().unwrap().abs() < 0.05, "{written}");
+            assert!((written["energy"]["near"]["ratio"].as_f64().unwrap() - 1.0).abs() < 0.2, "{written}");
+        }
         assert!(written.get("full").is_none(), "no reference, no errors");
         for name in ["full", "direct", "indirect"] {
             assert!(out.join(format!("{name}.exr")).is_file() && out.join(format!("{name}.png")).is_file());

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use assets::{Animation, LoadedScene};
 use clap::{Args, ValueEnum};
+use glam::Vec3;
 use multibounce::BlockCodec;
-use patches::PatchKind;
+use patches::{Focus, PatchKind};
 use patchlight::BakeSettings;
 use patchlight::method::FirstShotSettings;
 
@@ -89,6 +90,62 @@ impl Patches {
     }
 }
 
+/// Times at which a camera that moves is asked where it is.
+const EYES: u16 = 9;
+
+/// Where people look.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum FocusChoice {
+    /// In enclosed space.
+    #[default]
+    Auto,
+    /// Where the camera is.
+    Camera,
+    /// In a box.
+    Box {
+        /// Least coordinates, m.
+        low: Vec3,
+        /// Greatest coordinates, m.
+        high: Vec3,
+    },
+}
+
+impl FocusChoice {
+    /// The focus in a scene with a camera that may move.
+    pub fn focus(self, loaded: &LoadedScene, animation: &Animation) -> Focus {
+        match self {
+            Self::Auto => Focus::Auto,
+            Self::Box { low, high } => Focus::Box { low, high },
+            Self::Camera => {
+                let time = |k: u16| animation.duration() * f32::from(k) / f32::from(EYES - 1);
+                let mut eyes: Vec<Vec3> = (0..EYES).map(|k| animation.at(time(k)).1.eye).collect();
+                eyes.dedup();
+                Focus::seen_from(&loaded.scene, &eyes)
+            }
+        }
+    }
+}
+
+/// A focus: auto, camera, or the least and the greatest coordinates of a box.
+///
+/// # Errors
+/// Text that is none.
+pub fn parse_focus(text: &str) -> Result<FocusChoice, String> {
+    match text {
+        "auto" => return Ok(FocusChoice::Auto),
+        "camera" => return Ok(FocusChoice::Camera),
+        _ => {}
+    }
+    let wrong = || {
+        format!("`{text}` is no focus; write auto, camera, or a box as X,Y,Z,X,Y,Z: its least and greatest corner, m")
+    };
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let [a, b, c, d, e, f] = numbers.map_err(|_| wrong())?[..] else { return Err(wrong()) };
+    let (low, high) = (Vec3::new(a, b, c), Vec3::new(d, e, f));
+    let is_box = low.is_finite() && high.is_finite() && low.cmple(high).all();
+    if is_box { Ok(FocusChoice::Box { low, high }) } else { Err(wrong()) }
+}
+
 /// Experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Experiment {
@@ -120,10 +177,14 @@ pub struct Bench {
     /// Scene files or built-in scenes [default: clean rooms stripes blinds clutter window corridor, frame office,
     /// ddgi cornell office, others cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, ddgi 2000, curves 1000,2000,4000,8000,
-    /// others 10000].
+    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, ddgi 2000, curves 1000,2000,4000,8000 (frame)
+    /// and 1000,2000,4000,10000,20000 (clean), others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
+    /// Where patches and receivers stand close: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what the camera sees
+    /// round it, or what is given (clean, ddgi, frame, local, temporal).
+    #[arg(long, default_value = "auto", value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus)]
+    pub focus: FocusChoice,
     /// Relative errors (Frobenius) of compressed operators.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03,0.02,0.01,0.005", value_parser = parse_epsilon)]
     pub epsilons: Vec<f64>,
@@ -185,7 +246,8 @@ pub struct Bench {
     /// Rays of each probe in a frame (ddgi).
     #[arg(long, value_delimiter = ',', default_value = "144,288", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub probe_rays: Vec<u32>,
-    /// Light updates over patches, receivers, triangles (of the atrium) and lights, instead of one size (frame).
+    /// Light updates over patches, receivers, triangles (of the atrium) and lights, instead of one size (frame); errors over
+    /// 1,000 to 20,000 patches (clean).
     #[arg(long)]
     pub curves: bool,
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
@@ -345,6 +407,23 @@ impl Blocks {
             Self::Bc3 => Some(BlockCodec::Bc3),
             Self::Bc6h => Some(BlockCodec::Bc6h),
             Self::Bc7 => Some(BlockCodec::Bc7),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_focus_is_auto_camera_or_a_box() {
+        assert_eq!(parse_focus("auto"), Ok(FocusChoice::Auto));
+        assert_eq!(parse_focus("camera"), Ok(FocusChoice::Camera));
+        let (low, high) = (Vec3::new(-1.0, 0.0, 2.5), Vec3::new(3.0, 0.0, 4.0));
+        assert_eq!(parse_focus("-1, 0,2.5,3,0,4"), Ok(FocusChoice::Box { low, high }));
+        for wrong in ["", "here", "1,2,3", "0,0,0,1,1,1,1", "0,0,0,1,-1,1", "0,0,0,1,inf,1", "0,0,NaN,1,1,1"] {
+            let message = parse_focus(wrong).unwrap_err();
+            assert!(message.contains("X,Y,Z,X,Y,Z") && message.contains(wrong), "{wrong}: {message}");
         }
     }
 }

@@ -213,6 +213,7 @@ fn suited_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: u
     BakeSettings {
         patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), count),
         patch_count: count,
+        focus: args.focus.focus(loaded, &loaded.animation),
         estimator: Estimator::Hemisphere { rays: args.rays },
         receiver_rays: args.receiver_rays(),
         seed: common.seed,

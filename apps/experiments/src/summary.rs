@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use patchlight::EnergyCheck;
 use reference::metrics::{PictureErrors, PointErrors};
 use serde::Serialize;
 
@@ -100,6 +101,9 @@ pub struct Summary {
     /// Seconds of each phase before the first frame.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub bake: BTreeMap<String, f64>,
+    /// What the bake says of its own errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<EnergyCheck>,
     /// Greatest resident memory of the process.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_memory_bytes: Option<u64>,

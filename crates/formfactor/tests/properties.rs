@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 use formfactor::*;
 use glam::{Quat, Vec3, Vec4};
 use patches::{
-    PatchSize, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count, divisions_for_gradient,
-    subdivide,
+    Density, PatchSize, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count,
+    divisions_for_gradient, subdivide,
 };
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
@@ -54,7 +54,7 @@ fn factors(scene: &Scene, count: u32, rays: u32) -> Solved {
     for (side, t) in sides.iter_mut().zip(&scene.geometry.triangles) {
         side.back = 0.5 * t.edge_a.cross(t.edge_b).length() < 0.2 * scene.diagonal().powi(2) / 7.25;
     }
-    let divisions = divisions_for_count(scene, &sides, count).unwrap();
+    let divisions = divisions_for_count(scene, &sides, &Density::default(), count).unwrap();
     let cut = Subdivision::new(scene, &sides, &divisions, 16, 1).unwrap();
     let surfaces = cut.surfaces(scene, &[]);
     let mut rows = form_factors(&Hemisphere { rays }, &surfaces, &go).unwrap();
@@ -229,6 +229,26 @@ fn sides_nobody_sees_and_dark_insides_have_no_patches() {
     let steep = divisions_for_gradient(&open, &sides, 1.0, 0.01, 0.1, |p| 4.0 * p.position.x * p.position.x).unwrap();
     let flat = divisions_for_gradient(&open, &sides, 1.0, 0.01, 0.1, |_| 1.0).unwrap();
     assert!(steep.iter().zip(&flat).any(|(s, f)| s > f) && flat == divisions_for_area(&open, 1.0).unwrap());
+}
+
+/// A large patch that sees only a small one, as beneath what stands on it: no scaling that keeps reciprocity closes it.
+#[test]
+fn rows_that_cannot_be_closed_stay_finite() {
+    let closed = |area: [f32; 3]| {
+        // The first sees only the second; the others see each other, too.
+        let mut factors = Dense { rows: 3, columns: 3, values: vec![0.0, 1.0, 0.0, 0.5, 0.0, 0.5, 0.0, 1.0, 0.0] };
+        let mut sky = [0.0; 3];
+        let report = balance(&mut factors, &mut sky, &area, None).unwrap();
+        assert!(factors.values.iter().all(|f| f.is_finite()) && report.reciprocity < 1e-5, "{area:?}: {factors:?}");
+        let sums = [0, 1, 2].map(|i| factors.row(i).iter().sum::<f32>());
+        assert!(sums.iter().all(|sum| *sum < 1.001), "{area:?}: {sums:?}");
+        sums
+    };
+    let sums = closed([1e6, 1.0, 1.0]);
+    assert!(sums[0] < 1e-4, "the large patch cannot send more than the small one receives: {sums:?}");
+    assert!((sums[1] - 1.0).abs() < 1e-3, "the small one is closed: {sums:?}");
+    let sums = closed([1.0, 2.0, 1.0]);
+    assert!(sums.iter().all(|sum| (sum - 1.0).abs() < 1e-4), "what can be closed is: {sums:?}");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod axis;
 mod cluster;
 mod cut;
+mod focus;
 mod grid;
 mod group;
 mod interpolation_mesh;
@@ -24,6 +25,7 @@ mod weights;
 pub use axis::{AxisWeights, axis_patches};
 pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
 pub use cut::cut_at_feet;
+pub use focus::{Density, Focus};
 pub use grid::{CLIPPED_TRIANGLE_LIMIT, Grid, VOXEL_LIMIT};
 pub use interpolation_mesh::InterpolationMesh;
 pub use lightmap::{LIGHTMAP_LIMIT, LightmapTexels};

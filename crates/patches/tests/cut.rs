@@ -1,7 +1,7 @@
 //! Triangles cut where something stands on them.
 
 use glam::{Vec2, Vec3, vec2, vec3};
-use patches::cut_at_feet;
+use patches::{Density, cut_at_feet};
 use scene::{Material, Scene, SceneParts, Triangle, TriangleUv, Visibility as _};
 
 /// A parallelogram as two triangles.
@@ -49,7 +49,7 @@ fn a_floor_is_cut_along_the_foot_of_a_wall() {
         let wall = quad(vec3(1.5, foot, 0.5), Vec3::Z * 3.0, up);
         let scene = floor_with(&[wall]);
         assert!(across(&scene, 1.5, 0.5, 3.5) > 0);
-        let cut = cut_at_feet(&scene, 0.2).unwrap().expect("it is cut");
+        let cut = cut_at_feet(&scene, &Density::default(), 0.2).unwrap().expect("it is cut");
         assert_eq!(across(&cut, 1.5, 0.5, 3.5), 0, "{foot} {up}");
         assert!((area(&cut) / area(&scene) - 1.0).abs() < 1e-5, "{} {}", area(&cut), area(&scene));
         // The same surface with the same texture.
@@ -71,7 +71,7 @@ fn a_floor_is_cut_along_the_foot_of_a_wall() {
         let normals = cut.geometry.triangles.iter().filter(|t| corners(t).iter().all(|p| p.y.abs() < 1e-6));
         assert!(normals.into_iter().all(|t| t.edge_a.cross(t.edge_b).y > 0.0), "fronts stay fronts");
         // What is cut is not cut again.
-        assert!(cut_at_feet(&cut, 0.2).unwrap().is_none());
+        assert!(cut_at_feet(&cut, &Density::default(), 0.2).unwrap().is_none());
     }
 }
 
@@ -86,14 +86,14 @@ fn what_does_not_stand_on_a_floor_cuts_nothing() {
         ("on a point", quad(vec3(1.5, 0.0, 1.5), vec3(0.0, 1.0, 1.0), vec3(0.0, 1.0, -1.0))),
     ];
     for (what, thing) in things {
-        assert!(cut_at_feet(&floor_with(&[thing]), 0.2).unwrap().is_none(), "{what}");
+        assert!(cut_at_feet(&floor_with(&[thing]), &Density::default(), 0.2).unwrap().is_none(), "{what}");
     }
 }
 
 #[test]
 fn both_faces_of_a_thin_wall_cut() {
     let faces = [1.5, 1.52].map(|x| quad(vec3(x, 0.0, 0.0), Vec3::Z * 4.0, Vec3::Y));
-    let cut = cut_at_feet(&floor_with(&faces), 0.2).unwrap().expect("it is cut");
+    let cut = cut_at_feet(&floor_with(&faces), &Density::default(), 0.2).unwrap().expect("it is cut");
     assert_eq!((across(&cut, 1.5, 0.0, 4.0), across(&cut, 1.52, 0.0, 4.0)), (0, 0));
     // The strip below the wall is there, too.
     let strip = cut.closest(vec3(1.51, 0.5, 2.1), Vec3::NEG_Y);

@@ -4,8 +4,8 @@ mod support;
 
 use glam::Vec3;
 use patches::{
-    Error, LitSampler, Nearest, PatchSet, PatchSize, Sample, SubdivideSettings, ViewClusters, ViewSettings, subdivide,
-    view_clusters,
+    Density, Error, Focus, LitSampler, Nearest, PatchSet, PatchSize, Sample, SubdivideSettings, ViewClusters,
+    ViewSettings, cut_at_feet, subdivide, view_clusters,
 };
 use scene::{Scene, Sky};
 use support::{Mesh, atrium};
@@ -20,7 +20,7 @@ fn open_hall() -> Scene {
 }
 
 fn cut(scene: &Scene, patches: u32, seed: u32) -> ViewClusters {
-    let sampler = LitSampler::new(scene, 1 << 14, seed).unwrap();
+    let sampler = LitSampler::new(scene, 1 << 14, Density::default(), seed).unwrap();
     view_clusters(&sampler, &ViewSettings { patches, seed, ..ViewSettings::default() }).unwrap()
 }
 
@@ -91,7 +91,7 @@ fn elements_cut_patches_and_samples_into_runs() {
     assert!(length(&found.elements) > length(&found.set.offsets));
     // No more elements than samples, nor than wanted.
     let few = ViewSettings { patches: 10, elements: 1000, most_elements: 50, ..ViewSettings::default() };
-    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
+    let sampler = LitSampler::new(&scene, 1, Density::default(), 0).unwrap();
     assert_eq!(view_clusters(&sampler, &few).unwrap().elements.len(), 51);
 }
 
@@ -99,7 +99,7 @@ fn elements_cut_patches_and_samples_into_runs() {
 fn every_sample_is_nearest_to_itself_and_sides_are_separate() {
     let scene = open_hall();
     let set = clusters(&scene, 300, 2);
-    let nearest = Nearest::new(&set.samples);
+    let nearest = Nearest::new(&set.samples, &Density::default());
     let (mut wrong, mut same_behind) = (0, 0);
     for (k, s) in set.samples.iter().enumerate() {
         let (found, distance) = nearest.sample(s.position, s.normal, 1.0).unwrap();
@@ -114,7 +114,7 @@ fn every_sample_is_nearest_to_itself_and_sides_are_separate() {
 #[test]
 fn the_grid_finds_what_looking_at_all_samples_finds() {
     let set = clusters(&open_hall(), 300, 2);
-    let nearest = Nearest::new(&set.samples);
+    let nearest = Nearest::new(&set.samples, &Density::default());
     let area: f32 = set.samples.iter().map(|s| s.area).sum();
     let edge = (area / set.samples.len() as f32).sqrt();
     let distance = |k: usize, p: Vec3, n: Vec3| {
@@ -144,9 +144,9 @@ fn the_grid_finds_what_looking_at_all_samples_finds() {
 fn there_is_nothing_near_far_places_and_nothing_among_no_samples() {
     let set = clusters(&open_hall(), 100, 2);
     for far in [1e4, 1e30, f32::INFINITY] {
-        assert_eq!(Nearest::new(&set.samples).sample(Vec3::splat(-far), Vec3::Y, 8.0), None);
+        assert_eq!(Nearest::new(&set.samples, &Density::default()).sample(Vec3::splat(-far), Vec3::Y, 8.0), None);
     }
-    let (_, found) = Nearest::new(&[]).samples::<4>(Vec3::ZERO, Vec3::Y, 8.0);
+    let (_, found) = Nearest::new(&[], &Density::default()).samples::<4>(Vec3::ZERO, Vec3::Y, 8.0);
     assert_eq!(found, 0);
 }
 
@@ -178,7 +178,7 @@ fn probe_samples_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
         mesh.quad(corner, 80.0 * way, 60.0 * Vec3::Y);
     }
     let scene = mesh.scene(1.0);
-    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
+    let sampler = LitSampler::new(&scene, 1, Density::default(), 0).unwrap();
     let samples = sampler.candidates(20_000, 7);
     let above = |s: &&Sample| s.normal.y > 0.9 && s.position.y > -0.01;
     let dark = samples.iter().filter(above).filter(|s| !sampler.is_lit(s, 7)).count();
@@ -262,16 +262,49 @@ fn patches_of_a_dark_room_have_the_area_of_its_surfaces() {
     let settings = SubdivideSettings { size: PatchSize::Count(600), points: 16, ..SubdivideSettings::default() };
     let polygons: f32 = subdivide(&scene, &settings).unwrap().areas().iter().sum();
     // The outside sees no geometry.
-    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
+    let sampler = LitSampler::new(&scene, 1, Density::default(), 0).unwrap();
     println!("{expected} m²: polygons {polygons}, samples {}", sampler.lit_area());
     assert!((polygons / expected - 1.0).abs() < 0.005, "{polygons} for {expected}");
     assert!((sampler.lit_area() as f32 / expected - 1.0).abs() < 0.02, "{} for {expected}", sampler.lit_area());
 }
 
+/// A house of 4 × 3 × 4 m on 800 m of ground, under a sky: from far off few rays meet the house.
+#[test]
+fn open_ground_none_of_whose_rays_meets_anything_takes_part() {
+    let mut mesh = Mesh::default();
+    mesh.cuboid(Vec3::new(-2.0, 0.1, -2.0), Vec3::new(2.0, 3.1, 2.0), false);
+    mesh.quad(Vec3::new(-400.0, 0.0, -400.0), 800.0 * Vec3::Z, 800.0 * Vec3::X);
+    let mut scene = mesh.scene(1.0);
+    scene.lighting.sky = Sky { radiance: Vec3::ONE, ..scene.lighting.sky };
+    let focus = Focus::Box { low: Vec3::new(-2.0, 0.1, -2.0), high: Vec3::new(2.0, 3.1, 2.0) };
+    let density = Density::new(&scene, focus, 0).unwrap();
+    let cut = cut_at_feet(&scene, &density, 1.0).unwrap().unwrap();
+    let is_far = |position: Vec3| position.length() > 100.0;
+    let ground = 800.0 * 800.0 - std::f32::consts::PI * 100.0 * 100.0;
+    let share = |areas: f32| areas / ground;
+
+    let sampler = LitSampler::new(&cut, 1 << 14, density, 0).unwrap();
+    let samples = sampler.samples(5000, 1);
+    let sampled = share(samples.iter().filter(|s| is_far(s.position)).map(|s| s.area).sum());
+    let settings =
+        |density| SubdivideSettings { size: PatchSize::Count(1000), density, points: 4, ..Default::default() };
+    let polygons = |density: Density| -> f32 {
+        let found = subdivide(&cut, &settings(density)).unwrap();
+        share(found.patches.iter().filter(|p| is_far(p.centroid)).map(|p| p.area).sum())
+    };
+    let (near, without) = (polygons(density), polygons(Density::default()));
+    println!("far ground: samples {sampled}, polygons {near}, without a focus {without}");
+    assert!((sampled - 1.0).abs() < 0.1 && (near - 1.0).abs() < 0.1, "{sampled} {near}");
+    assert!(without < 0.5, "without a focus it is left out: {without}");
+    // It is shared out by what it sends: few patches, however much of it there is.
+    let far = samples.iter().filter(|s| is_far(s.position)).count();
+    assert!(far < samples.len() / 8, "{far} of {}", samples.len());
+}
+
 #[test]
 fn settings_and_scenes_that_give_nothing_are_errors() {
     let scene = open_hall();
-    let sampler = LitSampler::new(&scene, 1, 0).unwrap();
+    let sampler = LitSampler::new(&scene, 1, Density::default(), 0).unwrap();
     for settings in
         [ViewSettings { patches: 0, ..ViewSettings::default() }, ViewSettings { samples: 0, ..ViewSettings::default() }]
     {
@@ -281,5 +314,5 @@ fn settings_and_scenes_that_give_nothing_are_errors() {
     assert!(matches!(view_clusters(&sampler, &huge), Err(Error::TooMany { .. })));
     // Closed and without a light.
     let dark = atrium().scene(1.0);
-    assert!(matches!(LitSampler::new(&dark, 1, 0), Err(Error::NoSamples)));
+    assert!(matches!(LitSampler::new(&dark, 1, Density::default(), 0), Err(Error::NoSamples)));
 }

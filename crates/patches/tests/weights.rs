@@ -70,6 +70,12 @@ fn products_are_those_of_the_weights() {
         (0..quadrants + RECEIVERS).map(|k| Vec4::new(random(k, 1), random(k, 2), random(k, 3), 0.0)).collect();
     for (first_value, parts) in [(0, 4), (quadrants, 1)] {
         let p = WeightParams { count: 400, block_rows: packed.block_rows(), first_value, parts, ..<_>::default() };
+        let mut product = vec![Vec4::ZERO; 400];
+        packed.apply(first_value as usize, parts as usize, &values, &mut product).unwrap();
+        let last = *packed.lists().iter().max().unwrap();
+        let few = &values[..(first_value + parts * (last + 1)) as usize - 1];
+        assert!(packed.apply(first_value as usize, parts as usize, few, &mut vec![Vec4::ZERO; 400]).is_err());
+        assert!(packed.apply(0, 4, &values, &mut [Vec4::ZERO; 399]).is_err());
         for k in 0..400u32 {
             let expected = |rows: &[Weight]| {
                 let mut expected = Vec4::ZERO;
@@ -86,6 +92,7 @@ fn products_are_those_of_the_weights() {
             };
             let found =
                 weighted_row(k, &p, packed.row_start(), packed.list_start(), packed.lists(), packed.entries(), &values);
+            assert_eq!(product[k as usize], found, "row {k}");
             let rows = packed.row(k as usize);
             // Additions in another order.
             assert!((found - expected(&rows)).abs().max_element() < 1e-5, "row {k}");

@@ -5,13 +5,14 @@ use std::sync::Arc;
 use formfactor::{Stop, add_quadrant_rows, jacobi};
 use glam::Vec4;
 use patches::{
-    Columns, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
-    cut_at_feet, lit_sampler, test_lights,
+    Columns, Density, Focus, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing,
+    ViewSettings, cut_at_feet, lit_sampler, test_lights,
 };
 use scene::sampling::hash3;
 use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
 use transport::{Csr, HitCounts, Observer, Phase};
 
+use crate::energy::{EnergyCheck, MeanRatio};
 use crate::error::Error;
 use crate::form_factors::{Estimator, FormFactors};
 use crate::memory::check_free;
@@ -52,6 +53,9 @@ pub struct BakeSettings {
     pub patches: PatchKind,
     /// About how many patches.
     pub patch_count: usize,
+    /// Where people look: samples, patches and receivers are shared out by how much of the light that a place sends can get
+    /// there. Voxel and axis patches and their receivers are the same everywhere.
+    pub focus: Focus,
     /// Edge of the voxels of voxel and axis patches, m, instead of their count.
     pub voxel_size: Option<f32>,
     /// Samples of a cluster, on average: where its direct light is measured.
@@ -64,7 +68,8 @@ pub struct BakeSettings {
     pub bounces: Option<u32>,
     /// Where irradiance is gathered.
     pub receivers: ReceiverKind,
-    /// Distance between receivers where light is even, m; `None` takes a third of the patches' mean edge, over √density.
+    /// Distance between receivers in the focus where light is even, m; `None` takes a third of the patches' mean edge there,
+    /// over √density.
     pub receiver_edge: Option<f32>,
     /// Most receivers: beyond those of the distance, where light bends; `None` for ten thirds of those.
     pub most_receivers: Option<usize>,
@@ -84,6 +89,7 @@ impl Default for BakeSettings {
         Self {
             patches: PatchKind::default(),
             patch_count: 4000,
+            focus: Focus::default(),
             voxel_size: None,
             samples: ViewSettings::default().samples,
             sample_rays: 8,
@@ -111,6 +117,10 @@ pub struct Bake {
     pub form_factors: FormFactors,
     /// Receivers and interpolation points.
     pub receivers: MeshReceivers,
+    /// How densely patches and receivers stand.
+    pub density: Density,
+    /// What is known of its errors; none for a bake without patches.
+    pub energy: Option<EnergyCheck>,
     /// How direct light is measured at the samples.
     pub direct: DirectParams,
     /// Bounces of a frame.
@@ -132,8 +142,13 @@ impl Bake {
     /// # Errors
     /// Too many triangles or voxels, settings that do not suit each other, cancellation.
     pub fn build(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
-        let cut = cut_scene(scene, settings)?;
-        PatchBake::build(cut.as_ref().unwrap_or(scene), settings, observer)?.with_receivers(settings, observer)
+        let density = match settings.patches.has_voxels() {
+            true => Density::default(),
+            false => run_phase(observer, Phase::SAMPLE, |_| Density::new(scene, settings.focus, settings.seed))?,
+        };
+        let cut = cut_scene(scene, &density, settings)?;
+        let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, observer)?;
+        patches.with_receivers(settings, observer)
     }
 
     /// Values that the patches' irradiance has: those between them where pixels take it from the patches.
@@ -146,17 +161,28 @@ impl Bake {
 }
 
 impl<'a> PatchBake<'a> {
-    /// Cuts a scene into patches, and estimates and balances their form factors.
+    /// Cuts a scene into patches, and estimates and balances their form factors. Triangles stay whole, so the focus is not
+    /// asked: the density is the same everywhere.
     ///
     /// # Errors
     /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
     pub fn build(scene: &'a Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
+        Self::with_density(scene, Density::default(), settings, observer)
+    }
+
+    /// [`PatchBake::build`] with a density that is known.
+    fn with_density(
+        scene: &'a Scene,
+        density: Density,
+        settings: &BakeSettings,
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
         check_receivers(settings)?;
         let triangles = scene.geometry.triangles.len();
         if settings.patches == PatchKind::Polygon && triangles > MOST_PATCHES {
             return Err(too_many(triangles, triangles));
         }
-        let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, settings))?;
+        let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings))?;
         if mesh.patches.len() > MOST_PATCHES {
             return Err(too_many(triangles, mesh.patches.len()));
         }
@@ -173,6 +199,8 @@ impl<'a> PatchBake<'a> {
             mesh: Arc::new(mesh),
             form_factors,
             receivers: MeshReceivers::none(scene)?,
+            density,
+            energy: None,
             bounces,
             settings: *settings,
         };
@@ -213,19 +241,41 @@ impl<'a> PatchBake<'a> {
             receivers.points.len(),
             receivers.interpolation.points.len()
         ));
-        Ok(Bake { receivers, settings, ..bake })
+        let mut bake = Bake { receivers, settings, ..bake };
+        bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
+        if let Some(energy) = &bake.energy {
+            observer.note(&energy_note(energy));
+        }
+        Ok(bake)
     }
 }
 
+/// A sentence on the errors of a bake.
+fn energy_note(energy: &EnergyCheck) -> String {
+    let percent = |share: f64| format!("{:+.1} %", 100.0 * share);
+    let ratio = |place: &str, ratio: Option<MeanRatio>| {
+        let said = |r: MeanRatio| {
+            format!(
+                "; indirect light{place} {} (± {:.1} %) beside rays",
+                percent(r.ratio - 1.0),
+                100.0 * r.standard_error
+            )
+        };
+        ratio.map(said).unwrap_or_default()
+    };
+    let balance = percent(energy.balance);
+    format!("energy: {balance} between patches{}{}", ratio("", energy.near), ratio(" far off", energy.far))
+}
+
 /// The scene with triangles cut where something stands on them, as far as that matters to patches of these settings.
-fn cut_scene(scene: &Scene, settings: &BakeSettings) -> Result<Option<Scene>, Error> {
+fn cut_scene(scene: &Scene, density: &Density, settings: &BakeSettings) -> Result<Option<Scene>, Error> {
     if settings.patches.has_voxels() {
         return Ok(None);
     }
     // Of both sides.
-    let area: f64 = scene.geometry.triangles.iter().map(|t| f64::from(t.edge_a.cross(t.edge_b).length())).sum();
+    let area: f64 = scene.geometry.triangles.iter().map(|triangle| density.counted_area(triangle)).sum::<f64>() * 2.0;
     let patch_edge = (area / settings.patch_count.max(1) as f64).sqrt();
-    Ok(cut_at_feet(scene, FOOT_OF_PATCH * patch_edge as f32)?)
+    Ok(cut_at_feet(scene, density, FOOT_OF_PATCH * patch_edge as f32)?)
 }
 
 fn too_many(triangles: usize, needed: usize) -> Error {
@@ -233,8 +283,12 @@ fn too_many(triangles: usize, needed: usize) -> Error {
 }
 
 /// What knows where light comes, and the patches and elements.
-fn make_mesh<'a>(scene: &'a Scene, settings: &BakeSettings) -> Result<(Option<LitSampler<'a>>, PatchMesh), Error> {
-    let sampler = lit_sampler(scene, settings.patch_count, settings.seed)?;
+fn make_mesh<'a>(
+    scene: &'a Scene,
+    density: Density,
+    settings: &BakeSettings,
+) -> Result<(Option<LitSampler<'a>>, PatchMesh), Error> {
+    let sampler = lit_sampler(scene, settings.patch_count, density, settings.seed)?;
     let made = MeshSettings {
         kind: settings.patches,
         count: settings.patch_count,
@@ -262,7 +316,8 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
     let scene = &bake.scene;
     let mesh = &bake.mesh;
     let seed = settings.seed ^ 0x7265_6365;
-    let area: f32 = mesh.areas().iter().sum();
+    let density = sampler.density();
+    let area: f32 = mesh.patches.iter().map(|patch| patch.area * density.share(patch.centroid)).sum();
     let patch_edge = (area / mesh.patches.len().max(1) as f32).sqrt();
     let even = patch_edge / (RECEIVERS_AN_EDGE * scene::math::sqrt(settings.receiver_density));
     let edge = settings.receiver_edge.unwrap_or(even);
@@ -280,7 +335,7 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
         "choose a larger distance between receivers, or fewer receivers",
     )?;
     let factors = &bake.form_factors;
-    let lights = test_lights(scene, mesh, &*factors.factors, factors.element_operator(), &bake.direct)?;
+    let lights = test_lights(scene, mesh, density, &*factors.factors, factors.element_operator(), &bake.direct)?;
     let placing = Placing {
         rays: settings.receiver_rays,
         edge,

@@ -3,7 +3,7 @@
 
 use colorous::VIRIDIS;
 use glam::{Vec3, Vec4};
-use patches::{Nearest, Sample};
+use patches::{Density, Nearest, Sample};
 use rayon::prelude::*;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::kernel::shade::decode_srgb;
@@ -217,7 +217,7 @@ impl Spacing {
         let points = &receivers.points;
         let area = area / points.len() as f32;
         let sample = |p: &SurfacePoint| Sample { position: p.position, normal: p.normal, area, ..Sample::default() };
-        let nearest = Nearest::new(&points.iter().map(sample).collect::<Vec<_>>());
+        let nearest = Nearest::new(&points.iter().map(sample).collect::<Vec<_>>(), &Density::default());
         let distance = |p: &SurfacePoint| {
             // The first is the receiver itself.
             let (found, count) = nearest.samples::<{ ABOUT + 1 }>(p.position, p.normal, FAR);

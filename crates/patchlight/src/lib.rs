@@ -35,6 +35,7 @@
 
 pub mod bake;
 pub mod debug;
+pub mod energy;
 pub mod error;
 pub mod form_factors;
 pub mod frame;
@@ -50,6 +51,7 @@ pub mod stage;
 pub mod world;
 
 pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
+pub use energy::{EnergyCheck, MeanRatio};
 pub use error::{Error, Result};
 pub use form_factors::{Estimator, FormFactors};
 pub use frame::{FrameInput, FramePlan};

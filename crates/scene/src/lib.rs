@@ -49,7 +49,7 @@ pub use types::*;
 #[cfg(feature = "std")]
 pub use host::{
     Geometry, Lighting, MOST_EMITTER_GROUPS, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneParts,
-    SidePolicy, Sides, find_sides, is_open, scale_to_stops, sky_bin, sky_exitance, stops_to_scale,
+    SidePolicy, Sides, find_lit_sides, find_sides, is_open, scale_to_stops, sky_bin, sky_exitance, stops_to_scale,
 };
 
 use glam::Vec3;

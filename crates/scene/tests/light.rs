@@ -190,6 +190,7 @@ fn lamp_room(lighting: &Lighting, radiance: Vec3) -> Scene {
         lights: lighting.lights.clone(),
         sky: lighting.sky,
         sky_map: lighting.sky_map.to_vec(),
+        ray_offset: None,
     })
     .unwrap()
 }

@@ -41,6 +41,8 @@ impl Phase {
     pub const BOUNCES: Self = Self("bounces");
     /// Receivers are placed, and their rows are estimated.
     pub const RECEIVERS: Self = Self("receivers");
+    /// A bake is checked by rays of its own.
+    pub const ENERGY: Self = Self("energy");
     /// The operator of all bounces is made.
     pub const OPERATOR: Self = Self("operator");
     /// Rows and columns are ordered so that blocks of a matrix are smooth.

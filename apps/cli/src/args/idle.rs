@@ -3,6 +3,7 @@
 use clap::ArgMatches;
 use clap::parser::ValueSource;
 
+use experiments::args::Patches;
 use experiments::progress::Progress;
 
 use super::{Bounces, FormFactors, Method, ReceiverPlaces, Render, Storage, Switch};
@@ -111,6 +112,11 @@ const RULES: &[Rule] = &[
         suits: has_patches,
     },
     Rule {
+        options: &["focus"],
+        whom: "scenes, not bakes, by methods other than path, with --patches polygon or cluster",
+        suits: |run| has_patches(run) && !matches!(run.args.patches.patches, Some(Patches::Voxel | Patches::Axis)),
+    },
+    Rule {
         options: &["rays"],
         whom: "scenes, not bakes, by methods other than path, with --form-factors hemisphere",
         suits: |run| has_patches(run) && run.args.form_factors == FormFactors::Hemisphere,
@@ -193,7 +199,7 @@ mod tests {
             assert_eq!(idle(options), [options[0]], "{options:?}");
         }
         assert_eq!(idle(&classic.concat()).len(), classic.len());
-        let path: [&[&str]; 7] = [
+        let path: [&[&str]; 8] = [
             &["--form-factors", "area"],
             &["--receivers", "pixels"],
             &["--receiver-edge", "0.1"],
@@ -201,15 +207,17 @@ mod tests {
             &["--debug"],
             &["--epsilon", "0.1"],
             &["--patch-count", "50"],
+            &["--focus", "camera"],
         ];
         for options in path {
             assert_eq!(idle(&[&["--method", "path"], options].concat()), [options[0]], "{options:?}");
         }
+        assert_eq!(idle(&["--patches", "axis", "--focus", "0,0,0,1,1,1"]), ["--focus"]);
     }
 
     #[test]
     fn options_that_apply_are_not_named() {
-        let none: [&[&str]; 9] = [
+        let none: [&[&str]; 10] = [
             &[],
             &["--method", "temporal", "--samples", "16", "--refresh", "4", "--frames", "3", "--animate", "sun"],
             &["--method", "temporal", "--control-variate", "off", "--blend", "0.5"],
@@ -229,6 +237,7 @@ mod tests {
             ],
             &["--method", "firstshot", "--error", "0.1", "--photons", "1000"],
             &["--method", "path", "--resume", "--spp", "4"],
+            &["--focus", "camera", "--patches", "cluster"],
             &["--receiver-edge", "0.1", "--rays", "64", "--debug", "--errors", "--direct", "sampled"],
         ];
         for options in none {

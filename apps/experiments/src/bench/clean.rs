@@ -19,10 +19,14 @@ use crate::report::{Figure, Section, Table, page, significant};
 use assets::import::LoadedScene;
 use assets::procedural;
 use patchlight::renderer::with_lights;
-use patchlight::{Bake, MethodSettings, Pictures, RenderSettings, Renderer};
+use patchlight::{Bake, EnergyCheck, MeanRatio, MethodSettings, Pictures, RenderSettings, Renderer};
 
 /// Patches of a scene, unless it is said: as many as a picture of it has by default.
 const COUNT: u32 = 4000;
+/// The same of curves.
+const CURVE: [u32; 5] = [1000, 2000, 4000, 10_000, 20_000];
+/// Errors over patches rise where one exceeds that of fewer patches by more than this share.
+const RISE: f64 = 0.05;
 /// Paths a pixel of references, unless it is said.
 const PATHS: u32 = 2048;
 /// Edge of the squares of blotches that are drawn, pixels, and the relative error of full colour.
@@ -56,6 +60,8 @@ struct Row {
     patches: usize,
     receivers: usize,
     interpolation_points: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    energy: Option<EnergyCheck>,
     bake_s: f64,
 }
 
@@ -93,7 +99,8 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         return make_references(common, args, &store, &progress);
     }
     let subjects = subjects(args, references, &store, &progress)?;
-    let Setup { out, machine, counts, .. } = Setup::new(common, args, "clean", &procedural::STRESS_SCENES, &[COUNT])?;
+    let usual: &[u32] = if args.curves { &CURVE } else { &[COUNT] };
+    let Setup { out, machine, counts, .. } = Setup::new(common, args, "clean", &procedural::STRESS_SCENES, usual)?;
     let mut outcomes: Vec<Outcome> = Vec::new();
     for subject in &subjects {
         for &count in &counts {
@@ -219,6 +226,7 @@ impl Measuring<'_> {
             patches: bake.mesh.patches.len(),
             receivers: bake.receivers.points.len(),
             interpolation_points: bake.receivers.interpolation.points.len(),
+            energy: bake.energy,
             bake_s,
         };
         progress.note(&summary_line(&row));
@@ -393,7 +401,53 @@ fn tables(outcomes: &[Outcome]) -> Vec<Table> {
         head: head.map(str::to_owned).to_vec(),
         rows: outcomes.iter().flat_map(|outcome| error_cells(&outcome.row)).collect(),
     };
-    vec![faults, errors]
+    vec![faults, errors, energy_table(outcomes)]
+}
+
+/// Errors of indirect light over patches, beside what bakes say of themselves.
+fn energy_table(outcomes: &[Outcome]) -> Table {
+    let head = [
+        "scene",
+        "patches",
+        "block median %",
+        "block dB",
+        "mean ratio",
+        "balance %",
+        "shown / rays",
+        "far off",
+        "rises",
+    ];
+    let rows = outcomes.iter().map(|outcome| energy_cells(outcomes, &outcome.row));
+    Table {
+        caption: "Indirect light over patches. Balance: light that all patches send alike and that is neither absorbed nor \
+                  escapes, or that comes from nowhere. Shown / rays: mean indirect light of receivers over that of 65,536 rays, \
+                  in the focus and far off, with its standard error. Rises: the block median exceeds that of fewer \
+                  patches by more than a twentieth."
+            .to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: rows.collect(),
+    }
+}
+
+fn energy_cells(outcomes: &[Outcome], row: &Row) -> Vec<String> {
+    let median = |row: &Row| row.indirect.errors.block_median_relative_error;
+    let is_fewer = |other: &&Row| other.scene == row.scene && other.patches < row.patches;
+    let before = outcomes.iter().map(|outcome| &outcome.row).filter(is_fewer).map(median).fold(f64::INFINITY, f64::min);
+    let ratio = |found: Option<MeanRatio>| {
+        found.map_or_else(|| "–".to_owned(), |r| format!("{:.3} ± {:.3}", r.ratio, r.standard_error))
+    };
+    let balance = row.energy.map_or_else(|| "–".to_owned(), |energy| format!("{:+.2}", 100.0 * energy.balance));
+    vec![
+        row.scene.clone(),
+        row.patches.to_string(),
+        format!("{:.2}", 100.0 * median(row)),
+        format!("{:.1}", row.indirect.errors.block_psnr_db),
+        format!("{:.3}", row.indirect.errors.mean_ratio),
+        balance,
+        ratio(row.energy.and_then(|energy| energy.near)),
+        ratio(row.energy.and_then(|energy| energy.far)),
+        if median(row) > before * (1.0 + RISE) { "yes" } else { "" }.to_owned(),
+    ]
 }
 
 fn fault_cells(row: &Row) -> Vec<String> {

@@ -6,7 +6,7 @@ mod receivers;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ::patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
+use ::patches::{Density, MeshSettings, PatchKind, PatchMesh, lit_sampler};
 use faer::Mat;
 use formfactor::{Stop, jacobi};
 use glam::Vec4;
@@ -357,7 +357,7 @@ fn make_mesh(scene: &Scene, settings: &BakeSettings) -> Result<PatchMesh, Error>
         samples: settings.samples,
         seed: settings.seed,
     };
-    let sampler = lit_sampler(scene, settings.patch_count, settings.seed)?;
+    let sampler = lit_sampler(scene, settings.patch_count, Density::default(), settings.seed)?;
     Ok(PatchMesh::new(scene, sampler.as_ref(), &made)?)
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::Vec3;
-use patches::LitSampler;
+use patches::{Density, LitSampler};
 use reference::metrics::{compare_pictures, indirect_scale, quantile};
 use reference::path::{PathSettings, PathTracer};
 use reference::{Picture, ReferenceData};
@@ -113,7 +113,7 @@ impl Truth {
         progress: &Progress,
     ) -> Result<Self, Error> {
         let mut truth = Self::traced(loaded, &loaded.scene.lighting.lights, size, paths, seed, progress)?;
-        let sampler = LitSampler::new(&loaded.scene, POINT_PROBE_SAMPLES, seed)?;
+        let sampler = LitSampler::new(&loaded.scene, POINT_PROBE_SAMPLES, Density::default(), seed)?;
         let samples = sampler.samples(POINTS, seed);
         let point =
             |s: &patches::Sample| SurfacePoint { position: s.position, patch: NONE, normal: s.normal, weight: 1.0 };

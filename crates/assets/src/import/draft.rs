@@ -236,6 +236,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         lights,
         sky,
         sky_map: setting.sky_map,
+        ray_offset: None,
     };
     let start = Instant::now();
     let mut content_hash = hash(&parts, &packed.hashes);

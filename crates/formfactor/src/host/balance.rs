@@ -24,6 +24,8 @@ pub struct Balance {
 }
 
 const STEPS: u32 = 2000;
+/// Most that a row is scaled by.
+const MOST_SCALE: f64 = 4.0;
 const TOLERANCE: f64 = 2e-6;
 const TILE: usize = 64;
 
@@ -84,7 +86,8 @@ pub fn normalise_rows(factors: &mut Dense, sky: &[f32]) -> Result<(), Error> {
 ///    rays have a variance of `A_i S_ij`, so the weight of row i is `1 / A_i` times `samples[i]` (equal when `None`):
 ///    slivers do not ruin their neighbours, nor the reverse.
 /// 2. `S_ij ← x_i x_j S_ij`, `F_i0 ← x_i F_i0` with `x_i (Σ_j S_ij x_j + A_i F_i0) = A_i`, by damped fixed-point steps: a
-///    symmetric Sinkhorn scaling in which the sky is a column that takes whatever comes.
+///    symmetric Sinkhorn scaling in which the sky is a column that takes whatever comes. No x is above 4: a patch that sees only
+///    smaller ones than itself, as beneath what stands on it, cannot be closed, and stays open.
 ///
 /// Shapes: `factors[n · n]`, `sky_factor[n]`, `area[n]`.
 ///
@@ -125,8 +128,9 @@ pub fn balance(
             .collect();
         let mut worst = 0.0f64;
         for i in 0..n {
-            if sums[i] > 0.0 {
-                let ratio = x[i] * sums[i] / f64::from(area[i]);
+            let ratio = x[i] * sums[i] / f64::from(area[i]);
+            let is_open = x[i] >= MOST_SCALE && ratio < 1.0;
+            if sums[i] > 0.0 && !is_open {
                 worst = worst.max((ratio - 1.0).abs());
             }
         }
@@ -135,7 +139,7 @@ pub fn balance(
         }
         for i in 0..n {
             if sums[i] > 0.0 {
-                x[i] *= (f64::from(area[i]) / (x[i] * sums[i])).sqrt();
+                x[i] = (x[i] * (f64::from(area[i]) / (x[i] * sums[i])).sqrt()).min(MOST_SCALE);
             }
         }
         report.iterations += 1;

@@ -11,21 +11,25 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use scene::{BvhNode, Scene, SceneParts, Triangle, TriangleUv};
 
+use super::focus::{Density, corners};
+
 /// Triangles whose planes meet at a greater cosine than this stand on each other nowhere.
 const MOST_COSINE: f64 = 0.9;
 /// A corner that is no further from a plane than this many ray offsets lies in it.
 const IN_PLANE: f64 = 2.0;
-/// Most fragments of a triangle.
+/// Most fragments of a triangle, unless the density alone gives more.
 const MOST_FRAGMENTS: usize = 256;
 
 /// A scene of the same surfaces in which triangles are cut along the feet of others that stand on them or pass through them,
-/// and that meet a fragment over at least `least` m; none where nothing is cut. Texture coordinates are interpolated.
+/// and that meet a fragment over at least `least` m, and where they reach over more than two levels of a density; none where
+/// nothing is cut. Texture coordinates are interpolated.
 ///
 /// # Errors
 /// What making the scene says.
-pub fn cut_at_feet(scene: &Scene, least: f32) -> Result<Option<Scene>, scene::Error> {
+pub fn cut_at_feet(scene: &Scene, density: &Density, least: f32) -> Result<Option<Scene>, scene::Error> {
     let triangles = &scene.geometry.triangles;
-    let cutter = Cutter { scene, least: f64::from(least), tolerance: IN_PLANE * f64::from(scene.geometry.ray_offset) };
+    let cutter =
+        Cutter { scene, density, least: f64::from(least), tolerance: IN_PLANE * f64::from(scene.geometry.ray_offset) };
     let fragments: Vec<Option<Vec<Fragment>>> =
         (0..triangles.len()).into_par_iter().map(|t| cutter.fragments(t as u32)).collect();
     if fragments.iter().all(Option::is_none) {
@@ -35,6 +39,7 @@ pub fn cut_at_feet(scene: &Scene, least: f32) -> Result<Option<Scene>, scene::Er
         materials: scene.geometry.materials.to_vec(),
         textures: scene.geometry.textures.clone(),
         texels: scene.geometry.texels.clone(),
+        ray_offset: Some(scene.geometry.ray_offset),
         ..SceneParts::default()
     };
     for (t, fragments) in fragments.iter().enumerate() {
@@ -57,6 +62,7 @@ type Fragment = Vec<DVec3>;
 
 struct Cutter<'a> {
     scene: &'a Scene,
+    density: &'a Density,
     /// Shortest foot that cuts, m.
     least: f64,
     /// What lies no further from a plane or a line lies in it, m.
@@ -66,20 +72,21 @@ struct Cutter<'a> {
 impl Cutter<'_> {
     /// What a triangle is cut into; none where it stays whole.
     fn fragments(&self, triangle: u32) -> Option<Vec<Fragment>> {
-        if f64::from(self.scene.longest_edge(triangle)) < 2.0 * self.least {
-            return None;
-        }
         let whole = corners(&self.scene.geometry.triangles[triangle as usize]);
+        let mut fragments: Vec<Fragment> = self.density.parts(whole).into_iter().map(Vec::from).collect();
         let normal = (whole[1] - whole[0]).cross(whole[2] - whole[0]).try_normalize()?;
-        let mut feet = self.feet(triangle, &whole, normal);
+        let mut feet = Vec::new();
+        if f64::from(self.scene.longest_edge(triangle)) >= 2.0 * self.least {
+            feet = self.feet(triangle, &whole, normal);
+        }
         // Long ones first: walls before what stands beside them.
         feet.sort_by(|a, b| (b[1] - b[0]).length().total_cmp(&(a[1] - a[0]).length()));
-        let mut fragments = vec![whole.to_vec()];
+        let most = MOST_FRAGMENTS.max(fragments.len());
         for foot in &feet {
             let mut next = Vec::with_capacity(fragments.len() + 1);
-            let room = MOST_FRAGMENTS - fragments.len().min(MOST_FRAGMENTS);
+            let room = most - fragments.len().min(most);
             for fragment in fragments {
-                match self.split(&fragment, foot, normal).filter(|_| next.len() < MOST_FRAGMENTS && room > 0) {
+                match self.split(&fragment, foot, normal).filter(|_| next.len() < most && room > 0) {
                     Some(halves) => next.extend(halves),
                     None => next.push(fragment),
                 }
@@ -171,11 +178,6 @@ impl Cutter<'_> {
         let met = to.min((foot[1] - foot[0]).length()) - from.max(0.0);
         (met >= self.least).then_some([left, right])
     }
-}
-
-fn corners(t: &Triangle) -> [DVec3; 3] {
-    let corner = t.corner.as_dvec3();
-    [corner, corner + t.edge_a.as_dvec3(), corner + t.edge_b.as_dvec3()]
 }
 
 /// The triangles of the leaves whose boxes meet a box.

@@ -11,6 +11,7 @@ use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Vis
 use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_at, vertex_count};
 use transport::{ReceiverCell, TriangleGrid, check_length};
 
+use super::focus::Density;
 use super::subdivide::{MOST_DIVISIONS, check_cells, check_positive, number_entries, side_point, triangle_area};
 use crate::error::Error;
 
@@ -54,12 +55,14 @@ impl InterpolationMesh {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
     /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says
     /// nothing asks `otherwise` for its middle, and has no vertices where that says nothing either; one that is smaller than
-    /// the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver.
+    /// the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver. Both
+    /// lengths grow with [`Density::edge`].
     ///
     /// # Errors
     /// [`transport::Error::Setting`] for an edge that is not positive, [`transport::Error::Length`], [`transport::Error::TooMany`].
     pub fn new(
         scene: &Scene,
+        density: &Density,
         sides: &[Sides],
         edge: f32,
         weld: f32,
@@ -71,6 +74,7 @@ impl InterpolationMesh {
         check_positive("weld", weld)?;
         let divisions: Vec<u32> = (0..scene.geometry.triangles.len())
             .map(|t| {
+                let edge = edge * density.triangle_edge(&scene.geometry.triangles[t]);
                 (scene.longest_edge(t as u32) / edge * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_DIVISIONS as f32) as u32
             })
             .collect();
@@ -81,7 +85,7 @@ impl InterpolationMesh {
         let mut new = Self { grids, cells, ..Self::default() };
         let sides = new.sides(scene);
         // The places on all cores, then the receivers one after the other; in blocks, because places are many.
-        let mut welder = Welder::new(scene, weld);
+        let mut welder = Welder::new(scene, density, weld);
         for block in sides.chunks(BLOCK_SIDES) {
             let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
                 block.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
@@ -287,10 +291,12 @@ fn sides_of(grid: &TriangleGrid) -> impl Iterator<Item = (bool, u32)> + use<> {
 
 /// Receivers by the cell of space that they are in: those from number `first` on.
 struct Cells {
+    density: Density,
+    /// Distance of receivers that are one, in the focus, m.
     distance: f32,
     first: u32,
-    /// The last receiver of each cell.
-    last: HashMap<IVec3, u32>,
+    /// The last receiver of each cell, level by level.
+    last: HashMap<(u32, IVec3), u32>,
     /// For each receiver the one before it in its cell, or [`NONE`].
     before: Vec<u32>,
 }
@@ -313,12 +319,18 @@ const ROUNDING: f32 = 1e-6;
 const MOST_HEIGHT: f32 = 0.21;
 
 impl Cells {
-    fn new(distance: f32, first: usize) -> Self {
-        Self { distance, first: first as u32, last: HashMap::new(), before: Vec::new() }
+    fn new(density: &Density, distance: f32, first: usize) -> Self {
+        Self { density: *density, distance, first: first as u32, last: HashMap::new(), before: Vec::new() }
+    }
+
+    /// Distance of receivers about a place that are one, m.
+    fn distance(&self, place: Vec3) -> f32 {
+        self.distance * self.density.edge(place)
     }
 
     fn add(&mut self, point: &SurfacePoint) {
-        let cell = (point.position / self.distance).floor().as_ivec3();
+        let place = point.position;
+        let cell = (self.density.level(place), (place / self.distance(place)).floor().as_ivec3());
         let number = self.first + self.before.len() as u32;
         self.before.push(self.last.insert(cell, number).unwrap_or(NONE));
     }
@@ -326,35 +338,37 @@ impl Cells {
     /// The nearest receiver of the same side and nearly the same plane as `point`, if it comes before `best`. The order is that
     /// of the cells, in a cell the newest first; `is_older` says that these receivers are older than those of `best`.
     fn nearest(&self, points: &[SurfacePoint], point: &SurfacePoint, is_older: bool, mut best: Found) -> Found {
-        let place = point.position / self.distance;
+        let level = self.density.level(point.position);
+        let distance = self.distance(point.position);
+        let place = point.position / distance;
         let home = place.floor();
         let about = About { within: place - home, normal: point.normal, slack: ROUNDING * place.abs().max_element() };
         for k in ABOUT {
             let step = IVec3::new(k as i32 % 3 - 1, k as i32 / 3 % 3 - 1, k as i32 / 9 - 1);
-            if about.is_beyond(step.as_vec3(), best.squared / (self.distance * self.distance)) {
+            if about.is_beyond(step.as_vec3(), best.squared / (distance * distance)) {
                 continue;
             }
             let order = 2 * k + u32::from(is_older);
-            let mut next = self.last.get(&(home.as_ivec3() + step)).copied().unwrap_or(NONE);
+            let mut next = self.last.get(&(level, home.as_ivec3() + step)).copied().unwrap_or(NONE);
             while next != NONE {
                 let receiver = next;
                 next = self.before[(receiver - self.first) as usize];
                 let there = &points[receiver as usize];
                 let squared = point.position.distance_squared(there.position);
                 let is_first = squared < best.squared || squared == best.squared && order < best.order;
-                if is_first && self.are_of_one_plane(point, there) {
+                if is_first && are_of_one_plane(point, there, distance) {
                     best = Found { squared, order, receiver };
                 }
             }
         }
         best
     }
+}
 
-    /// Whether a vertex is on the side of a receiver and nearly in its plane.
-    fn are_of_one_plane(&self, point: &SurfacePoint, there: &SurfacePoint) -> bool {
-        let offset = (point.position - there.position).dot(there.normal).abs();
-        point.normal.dot(there.normal) >= LEAST_COSINE && offset <= MOST_OFFSET * self.distance
-    }
+/// Whether a vertex is on the side of a receiver and nearly in its plane; those within `distance` m are one.
+fn are_of_one_plane(point: &SurfacePoint, there: &SurfacePoint, distance: f32) -> bool {
+    let offset = (point.position - there.position).dot(there.normal).abs();
+    point.normal.dot(there.normal) >= LEAST_COSINE && offset <= MOST_OFFSET * distance
 }
 
 /// A place in its cell, in edges of a cell.
@@ -393,8 +407,8 @@ struct Joined {
 }
 
 impl<'a> Welder<'a> {
-    fn new(scene: &'a Scene, distance: f32) -> Self {
-        Self { scene, cells: Cells::new(distance, 0), points: Vec::new() }
+    fn new(scene: &'a Scene, density: &Density, distance: f32) -> Self {
+        Self { scene, cells: Cells::new(density, distance, 0), points: Vec::new() }
     }
 
     /// The receiver of each vertex, one after the other: the nearest there is with nothing between, or a new one.
@@ -403,9 +417,9 @@ impl<'a> Welder<'a> {
     /// vertices were joined as if nothing did; where something does, they are joined once more.
     fn receivers(&mut self, vertices: &[SurfacePoint]) -> Vec<u32> {
         let first = self.points.len();
-        let squared = self.cells.distance * self.cells.distance;
         let search = |vertex: &SurfacePoint| {
-            let nothing = Found { squared, order: 0, receiver: NONE };
+            let distance = self.cells.distance(vertex.position);
+            let nothing = Found { squared: distance * distance, order: 0, receiver: NONE };
             self.cells.nearest(&self.points, vertex, true, nothing)
         };
         let older: Vec<Found> = vertices.par_iter().map(search).collect();
@@ -438,7 +452,7 @@ impl<'a> Welder<'a> {
         is_hidden: &dyn Fn(&Self, usize, Joined) -> bool,
     ) -> Vec<Joined> {
         let first = self.points.len() as u32;
-        let mut cells = Cells::new(self.cells.distance, first as usize);
+        let mut cells = Cells::new(&self.cells.density, self.cells.distance, first as usize);
         let mut made_by: Vec<u32> = Vec::new();
         let mut joined = Vec::with_capacity(vertices.len());
         for (k, (vertex, older)) in vertices.iter().zip(older).enumerate() {
@@ -461,7 +475,7 @@ impl<'a> Welder<'a> {
     /// Whether something stands between a vertex and a receiver.
     fn is_hidden(&self, vertex: &SurfacePoint, receiver: &SurfacePoint) -> bool {
         // High enough to pass over the curvature that welding allows.
-        let height = self.scene.geometry.ray_offset + MOST_OFFSET * self.cells.distance;
+        let height = self.scene.geometry.ray_offset + MOST_OFFSET * self.cells.distance(vertex.position);
         let lift = (vertex.normal + receiver.normal) * height;
         self.scene.any_hit(vertex.position + lift, receiver.position + lift)
     }

@@ -5,8 +5,9 @@ use std::vec::Vec;
 use glam::Vec3;
 use rayon::prelude::*;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
-use scene::{POINT_WALKS, Scene, SurfacePoint, is_open};
+use scene::{POINT_WALKS, Scene, SurfacePoint, Triangle, is_open};
 
+use super::focus::Density;
 use super::nearest::Nearest;
 use super::visibility::{SurfacePlace, is_covered, is_visible};
 use crate::error::Error;
@@ -28,51 +29,54 @@ const MOST_DISTANCE: f32 = 3.0;
 /// The nearest of probe samples that say no is no further than this.
 const DARK_DISTANCE: f32 = 1.0;
 
-/// Makes equal-area samples of both sides of all triangles, without those inside of solids, below what stands on a surface
-/// or lies close over it, or that see no geometry. A few probe samples are tested by random walks; where they agree,
-/// candidates take their answer. In a dark room walks fail: light comes also to what sees geometry and, along the surface,
-/// no more dark probe samples than lit ones.
+/// Makes samples of both sides of all triangles, as dense as a [`Density`] says and for equal areas where that is the same
+/// everywhere, without those inside of solids, below what stands on a surface or lies close over it, or that see no geometry.
+/// A few probe samples are tested by random walks; where they agree, candidates take their answer. In a dark room walks
+/// fail: light comes also to what sees geometry and, along the surface, no more dark probe samples than lit ones.
 #[derive(Clone)]
 pub struct LitSampler<'a> {
     scene: &'a Scene,
+    density: Density,
     /// Whether light comes to each probe sample that nothing covers, and where they are.
     lit: Vec<bool>,
     probes: Vec<SurfacePlace>,
     nearest: Nearest,
     total_area: f64,
     lit_area: f64,
-    /// Distance between probe samples, m.
+    /// Distance between probe samples in the focus, m.
     probe_edge: f32,
 }
 
 impl<'a> LitSampler<'a> {
-    /// Asks about `probe_samples` samples, and at least 8192.
+    /// Asks about `probe_samples` samples, and at least 8192. All samples are as dense as `density` says.
     ///
     /// # Errors
     /// [`Error::NoSamples`] when light comes to none of them.
-    pub fn new(scene: &'a Scene, probe_samples: u32, seed: u32) -> Result<Self, Error> {
+    pub fn new(scene: &'a Scene, probe_samples: u32, density: Density, seed: u32) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
-        let probe_samples = equal_area_samples(scene, probe_samples.max(LEAST_PROBES), seed);
-        let total_area = probe_samples.iter().map(|s| f64::from(s.area)).sum();
+        let probe_samples = even_samples(scene, &density, probe_samples.max(LEAST_PROBES), seed);
+        let counted = |sample: &Sample| f64::from(sample.area * triangle_share(scene, &density, sample));
+        let total_area = probe_samples.iter().map(counted).sum();
         let probe_edge = scene::math::sqrt((total_area / probe_samples.len() as f64) as f32);
         // What lies in a narrow gap does not speak for the surface that covers it.
         let found = probe_samples.into_par_iter().enumerate().map(|(k, sample)| {
-            let part = part_taken(scene, &sample, k as u32, POINT_WALKS, seed);
+            let sees = density.is_far_and_faces(sample.position, sample.normal);
+            let part = part_taken(scene, &sample, sees, k as u32, POINT_WALKS, seed);
             (sample, part, is_sample_covered(scene, &sample))
         });
         let (covered, open): (Vec<_>, Vec<_>) = found.collect::<Vec<_>>().into_iter().partition(|probe| probe.2);
         let probe_samples: Vec<Sample> = open.iter().map(|probe| probe.0).collect();
         let mut parts: Vec<Part> = open.iter().map(|probe| probe.1).collect();
-        let nearest = Nearest::new(&probe_samples);
+        let nearest = Nearest::new(&probe_samples, &density);
         let probes: Vec<SurfacePlace> = probe_samples.iter().map(SurfacePlace::from).collect();
-        light_majorities(scene, &probes, &nearest, probe_edge, &mut parts);
+        light_majorities(scene, &probes, &nearest, |place| probe_edge * density.edge(place.position), &mut parts);
         let lit_parts = covered.iter().map(|probe| &probe.1).chain(&parts).filter(|part| **part == Part::Lit);
         let lit_area = lit_parts.count() as f64 * f64::from(probe_edge * probe_edge);
         if lit_area == 0.0 {
             return Err(Error::NoSamples);
         }
         let lit = parts.into_iter().map(|part| part == Part::Lit).collect();
-        Ok(Self { scene, lit, probes, nearest, total_area, lit_area, probe_edge })
+        Ok(Self { scene, density, lit, probes, nearest, total_area, lit_area, probe_edge })
     }
 
     /// The scene whose surfaces are asked about.
@@ -80,21 +84,26 @@ impl<'a> LitSampler<'a> {
         self.scene
     }
 
-    /// About the area to which light comes, both sides of sheets, m².
+    /// How densely samples stand.
+    pub fn density(&self) -> &Density {
+        &self.density
+    }
+
+    /// About the area to which light comes, both sides of sheets, m², each part counted by its [`Density::share`].
     pub fn lit_area(&self) -> f64 {
         self.lit_area
     }
 
-    /// About `count` samples to which light comes, each for the same area.
+    /// About `count` samples to which light comes, each for the same area times [`Density::share`].
     pub fn samples(&self, count: u32, seed: u32) -> Vec<Sample> {
         self.lit_samples(self.candidates(count, seed), seed)
     }
 
-    /// Samples of which about `count` are lit, without asking, each for the same area.
+    /// Samples of which about `count` are lit, without asking, each for the same area times [`Density::share`].
     pub fn candidates(&self, count: u32, seed: u32) -> Vec<Sample> {
         // No more than memory holds, however little of the surface is lit.
         let candidates = f64::from(count) * (self.total_area / self.lit_area).min(MOST_CANDIDATES);
-        equal_area_samples(self.scene, candidates as u32, seed)
+        even_samples(self.scene, &self.density, candidates as u32, seed)
     }
 
     /// Those of the samples to which light comes and that nothing covers within a share of the distance between them: in
@@ -127,11 +136,13 @@ impl<'a> LitSampler<'a> {
             lit if lit > 0 && lit == found => return true,
             _ => {}
         }
-        match part_taken(self.scene, sample, index, WALKS, seed) {
+        let sees = self.density.is_far_and_faces(sample.position, sample.normal);
+        match part_taken(self.scene, sample, sees, index, WALKS, seed) {
             Part::Lit => true,
             Part::Dark => {
+                let edge = self.probe_edge * self.density.edge(sample.position);
                 let seen = near[..found].iter().map(|probe| probe.0 as usize);
-                let seen = seen.filter(|&k| is_visible(self.scene, sample.into(), self.probes[k], self.probe_edge));
+                let seen = seen.filter(|&k| is_visible(self.scene, sample.into(), self.probes[k], edge));
                 is_majority(seen.map(|k| self.lit[k]))
             }
             Part::Apart => false,
@@ -141,7 +152,7 @@ impl<'a> LitSampler<'a> {
 
 /// Whether a sample takes part in light transport.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Part {
+pub(super) enum Part {
     /// It sees geometry, and light comes to it.
     Lit,
     /// It sees geometry, and no walk came to light.
@@ -150,12 +161,19 @@ enum Part {
     Apart,
 }
 
-/// Lights dark samples that see, of those near, no more dark than lit ones; they lie `edge` m from each other. Inside of a
-/// hollow wall, where a rare walk comes out by a crack, most stay dark.
-fn light_majorities(scene: &Scene, places: &[SurfacePlace], nearest: &Nearest, edge: f32, parts: &mut [Part]) {
+/// Lights dark samples that see, of those near, no more dark than lit ones; about a place they lie `edge` m from each
+/// other. Inside of a hollow wall, where a rare walk comes out by a crack, most stay dark.
+fn light_majorities(
+    scene: &Scene,
+    places: &[SurfacePlace],
+    nearest: &Nearest,
+    edge: impl Fn(&SurfacePlace) -> f32 + Sync,
+    parts: &mut [Part],
+) {
     let sees_light = |k: usize| {
         let (near, found) = nearest.samples::<COMPARED>(places[k].position, places[k].normal, MOST_DISTANCE);
         let others = near[..found].iter().map(|probe| probe.0 as usize).filter(|&j| j != k && parts[j] != Part::Apart);
+        let edge = edge(&places[k]);
         let seen = others.filter(|&j| is_visible(scene, places[k], places[j], edge));
         is_majority(seen.map(|j| parts[j] == Part::Lit))
     };
@@ -176,11 +194,11 @@ fn is_sample_covered(scene: &Scene, sample: &Sample) -> bool {
     is_covered(scene, SurfacePlace::from(sample), scene::math::sqrt(sample.area))
 }
 
-/// Whether a sample sees geometry, and whether light comes to it by so many walks.
-fn part_taken(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32) -> Part {
+/// Whether a sample sees geometry, or is known to, and whether light comes to it by so many walks.
+pub(super) fn part_taken(scene: &Scene, sample: &Sample, sees: bool, index: u32, walks: u32, seed: u32) -> Part {
     let key = |dimension: u32| hash3(index, dimension, seed ^ 0x6c69_7421);
     let origin = sample.position + sample.normal * scene.geometry.ray_offset;
-    let (mut sky, mut met) = (false, false);
+    let (mut sky, mut met) = (false, sees);
     for k in 0..RAYS {
         let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
         let hit = scene.closest_before(origin, direction, f32::INFINITY);
@@ -198,12 +216,20 @@ fn part_taken(scene: &Scene, sample: &Sample, index: u32, walks: u32, seed: u32)
     }
 }
 
-/// About `count` samples of both sides of all triangles, each for the same area: one in each interval of the running sum of
-/// the sides' areas. Holes of masked textures have none.
-fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
+/// What an area counts on the triangle of a sample.
+fn triangle_share(scene: &Scene, density: &Density, sample: &Sample) -> f32 {
+    density.triangle_share(&scene.geometry.triangles[sample.triangle as usize])
+}
+
+/// About `count` samples of both sides of all triangles, each for the same area times what that counts: one in each interval
+/// of the running sum over the sides. Holes of masked textures have none.
+fn even_samples(scene: &Scene, density: &Density, count: u32, seed: u32) -> Vec<Sample> {
     let geometry = scene.tables();
-    let areas: Vec<f64> =
-        scene.geometry.triangles.iter().map(|t| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length())).collect();
+    let triangles = &scene.geometry.triangles;
+    let shares: Vec<f32> = triangles.iter().map(|t| density.triangle_share(t)).collect();
+    let counted =
+        |(t, &share): (&Triangle, &f32)| 0.5 * f64::from(t.edge_a.cross(t.edge_b).length()) * f64::from(share);
+    let areas: Vec<f64> = triangles.iter().zip(&shares).map(counted).collect();
     let area = 2.0 * areas.iter().sum::<f64>() / f64::from(count);
     let (mut samples, mut sum, mut next) = (Vec::with_capacity(count as usize), 0.0, 0u32);
     let place = |k: u32| area * (f64::from(k) + f64::from(unit(hash3(k, 0x7374_6570, seed))));
@@ -222,7 +248,7 @@ fn equal_area_samples(scene: &Scene, count: u32, seed: u32) -> Vec<Sample> {
                     let position = geometry.position(triangle as u32, u, v);
                     samples.push(Sample {
                         position,
-                        area: area as f32,
+                        area: area as f32 / shares[triangle],
                         normal: if side == 0 { normal } else { -normal },
                         triangle: triangle as u32,
                         albedo: Vec3::ZERO,

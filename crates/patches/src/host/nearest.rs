@@ -4,6 +4,7 @@ use glam::{IVec3, Vec3};
 use hashbrown::HashMap;
 use std::vec::Vec;
 
+use super::focus::Density;
 use crate::types::Sample;
 
 /// A rotation of the normal by 60° counts as much as this many sample edges.
@@ -24,10 +25,19 @@ const NONE: u32 = u32::MAX;
 /// What rounding may take from the least distance of a cell.
 const ROUNDING: f32 = 0.9999;
 
-/// Finds the nearest samples in position and normal: cells in blocks of 8³, a hash of the blocks that hold samples, so that a
-/// search asks the hash for eight blocks at most and looks only at cells that can hold something nearer than what it has.
+/// Finds the nearest samples in position and normal. Distances are in sample edges, of each sample in its own: samples
+/// reach as far as they are large.
 #[derive(Clone)]
 pub struct Nearest {
+    density: Density,
+    /// The samples of each level of the density.
+    levels: Vec<Level>,
+}
+
+/// Samples of about equal area: cells in blocks of 8³, a hash of the blocks that hold samples, so that a search asks the hash
+/// for eight blocks at most and looks only at cells that can hold something nearer than what it has.
+#[derive(Clone)]
+struct Level {
     /// Positions and normals in the order of their cells, and whose they are.
     places: Vec<(Vec3, Vec3)>,
     order: Vec<u32>,
@@ -46,13 +56,46 @@ fn block_of(cell: IVec3) -> (IVec3, usize) {
 }
 
 impl Nearest {
-    /// Over samples of about equal area.
-    pub fn new(samples: &[Sample]) -> Self {
-        let total: f64 = samples.iter().map(|s| f64::from(s.area)).sum();
-        let edge = scene::math::sqrt((total / samples.len().max(1) as f64) as f32);
+    /// Over samples as dense as is said: of about equal area on each level.
+    pub fn new(samples: &[Sample], density: &Density) -> Self {
+        let mut levels: Vec<Vec<u32>> = Vec::new();
+        for (k, sample) in (0u32..).zip(samples) {
+            let level = density.level(sample.position) as usize;
+            levels.resize_with(levels.len().max(level + 1), Vec::new);
+            levels[level].push(k);
+        }
+        Self { density: *density, levels: levels.into_iter().map(|level| Level::new(samples, level)).collect() }
+    }
+
+    /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in its own edges: √ of
+    /// the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when there is none
+    /// within `most` edges, of which 8 are the most.
+    pub fn sample(&self, position: Vec3, normal: Vec3, most: f32) -> Option<(u32, f32)> {
+        let (best, found) = self.samples::<1>(position, normal, most);
+        (found > 0).then_some(best[0])
+    }
+
+    /// Up to N nearest samples within `most` edges, the nearest first with their distances, as [`Nearest::sample`] finds one,
+    /// and how many there are.
+    pub fn samples<const N: usize>(&self, position: Vec3, normal: Vec3, most: f32) -> ([(u32, f32); N], usize) {
+        let mut best = [(0, most * most); N];
+        let mut found = 0;
+        // Levels change slowly: what is near is of the place's own level or of one beside it.
+        let own = if self.levels.len() > 1 { self.density.level(position) as usize } else { 0 };
+        for level in self.levels.iter().take(own + 2).skip(own.saturating_sub(1)) {
+            found = level.search(position, normal, &mut best, found);
+        }
+        (best.map(|(sample, squared)| (sample, scene::math::sqrt(squared))), found)
+    }
+}
+
+impl Level {
+    /// These ones of the samples.
+    fn new(samples: &[Sample], mut order: Vec<u32>) -> Self {
+        let total: f64 = order.iter().map(|&k| f64::from(samples[k as usize].area)).sum();
+        let edge = scene::math::sqrt((total / order.len().max(1) as f64) as f32);
         let scale = 1.0 / (CELL * edge);
         let cell = |k: u32| block_of((samples[k as usize].position * scale).floor().as_ivec3());
-        let mut order: Vec<u32> = (0..samples.len() as u32).collect();
         order.sort_by_cached_key(|&k| {
             let (block, cell) = cell(k);
             (block.to_array(), cell, k)
@@ -71,32 +114,16 @@ impl Nearest {
         Self { places, order, blocks, starts, scale }
     }
 
-    /// The sample nearest to a place on the side of a surface with this unit normal, and its distance in sample edges: √ of
-    /// the square of that in space, the part along the normal counted four times, and 16 |n − n'|². None when there is none
-    /// within `most` sample edges, of which 8 are the most.
-    pub fn sample(&self, position: Vec3, normal: Vec3, most: f32) -> Option<(u32, f32)> {
-        let mut best = [(0, most * most)];
-        let found = self.search(position, normal, &mut best);
-        (found > 0).then(|| (best[0].0, scene::math::sqrt(best[0].1)))
-    }
-
-    /// Up to N nearest samples within `most` sample edges, the nearest first with their distances, as
-    /// [`Nearest::sample`] finds one, and how many there are.
-    pub fn samples<const N: usize>(&self, position: Vec3, normal: Vec3, most: f32) -> ([(u32, f32); N], usize) {
-        let mut best = [(0, most * most); N];
-        let found = self.search(position, normal, &mut best);
-        (best.map(|(sample, squared)| (sample, scene::math::sqrt(squared))), found)
-    }
-
-    /// Fills `best` with the nearest samples whose squared distance is below what stands there.
-    fn search(&self, position: Vec3, normal: Vec3, best: &mut [(u32, f32)]) -> usize {
+    /// Fills `best`, of which `found` are found already, with the nearest samples whose squared distance is below what stands
+    /// there, and returns how many are found then.
+    fn search(&self, position: Vec3, normal: Vec3, best: &mut [(u32, f32)], mut found: usize) -> usize {
         let place = position * self.scale;
         let home = place.floor().as_ivec3();
         let within = place - home.as_vec3();
-        let (mut found, last) = (0, best.len() - 1);
+        let last = best.len() - 1;
         // Without samples there is no scale, and what is out of all bounds has none about it.
         if self.blocks.is_empty() || place.abs().max_element() >= FARTHEST {
-            return 0;
+            return found;
         }
         let low = (home - REACH).div_euclid(IVec3::splat(BLOCK));
         let numbers: [u32; 8] = std::array::from_fn(|k| {
@@ -104,7 +131,7 @@ impl Nearest {
             self.blocks.get(&(low + corner)).copied().unwrap_or(NONE)
         });
         if numbers == [NONE; 8] {
-            return 0;
+            return found;
         }
         let edges = CELL * self.scale; // sample edges a metre
         // Distance of the place from the cells at this step along an axis, in cells.

@@ -19,6 +19,7 @@ use transport::{HitCounts, QUADRANTS};
 
 use self::field::{ReceiverField, weighted_sum};
 use self::refinement::ReceiverSamples;
+use super::focus::Density;
 use super::interpolation_mesh::InterpolationMesh;
 use super::lit::LitSampler;
 use super::test_lights::{Estimates, Lights, TestLights};
@@ -45,7 +46,7 @@ const ALIGNED: usize = 64;
 /// How receivers are placed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placing {
-    /// Distance between them where light is even, m.
+    /// Distance between them in the focus where light is even, m.
     pub edge: f32,
     /// Most receivers.
     pub most: usize,
@@ -90,7 +91,8 @@ impl MeshReceivers {
     /// [`Error::Shared`] for a scene with more triangles than can be numbered.
     pub fn none(scene: &Scene) -> Result<Self, Error> {
         let sides = vec![Sides::default(); scene.geometry.triangles.len()];
-        let interpolation = InterpolationMesh::new(scene, &sides, 1.0, 1.0, |_, _| None, |_| None)?;
+        let interpolation =
+            InterpolationMesh::new(scene, &Density::default(), &sides, 1.0, 1.0, |_, _| None, |_| None)?;
         let empty = PackedWeights::new(0, |_| Vec::new())?;
         Ok(Self {
             points: Arc::default(),
@@ -107,7 +109,7 @@ impl MeshReceivers {
         first_smooth(self.points.len())
     }
 
-    /// Receivers of the light of so many elements: equal-area ones, then more of them where they
+    /// Receivers of the light of so many elements: even ones, then more of them where they
     /// differ from the mean of their neighbours under `lights`, then some
     /// where interpolation points see none.
     ///
@@ -167,13 +169,13 @@ struct Placement<'a> {
 }
 
 impl<'a> Placement<'a> {
-    /// Equal-area receivers, and more of them where they differ from the mean of their neighbours.
+    /// Even receivers, and more of them where they differ from the mean of their neighbours.
     fn refined_samples(&self, elements: usize) -> Result<ReceiverSamples<'a>, Error> {
         let Self { sampler, placing, .. } = self;
         let wanted = sampler.lit_area() / f64::from(placing.edge * placing.edge);
         let most = (placing.most as f64 * (1.0 - ORPHAN_ROOM)) as usize;
         let samples = sampler.samples(wanted.clamp(1.0, most as f64) as u32, placing.seed);
-        let mut set = ReceiverSamples::new(self.scene, samples, elements)?;
+        let mut set = ReceiverSamples::new(self.scene, *sampler.density(), samples, elements)?;
         set.add_rows(self.add_rows)?;
         for round in 0..ROUNDS {
             let budget = most.saturating_sub(set.samples.len()) / (ROUNDS - round);
@@ -186,9 +188,9 @@ impl<'a> Placement<'a> {
             set.samples.extend(added);
             set.add_rows(self.add_rows)?;
         }
-        // All stand for the same mean area: distances are measured in the mean edge.
+        // All stand for the same mean area, as it is counted: distances are measured in the mean edge.
         let area = (sampler.lit_area() / set.samples.len().max(1) as f64) as f32;
-        set.samples.iter_mut().for_each(|sample| sample.area = area);
+        set.samples.iter_mut().for_each(|sample| sample.area = area / sampler.density().share(sample.position));
         set.mean_area = area;
         Ok(set)
     }
@@ -211,7 +213,8 @@ impl<'a> Placement<'a> {
                 break;
             }
             let chosen = orphans.par_iter().step_by(step);
-            let samples = chosen.map(|&k| Sample { area, ..sample_at(&points[k]) });
+            let samples = chosen
+                .map(|&k| Sample { area: area / sampler.density().share(points[k].position), ..sample_at(&points[k]) });
             let lit = samples.filter(|sample| sampler.is_lit(sample, placing.seed));
             field.set.samples.par_extend(lit);
             field.set.add_rows(self.add_rows)?;

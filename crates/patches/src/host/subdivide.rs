@@ -3,13 +3,14 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{Hit, NONE, POINT_WALKS, Scene, SidePolicy, Sides, SurfacePoint, find_sides, is_open};
+use scene::{Hit, NONE, POINT_WALKS, Scene, SidePolicy, Sides, SurfacePoint, find_lit_sides, find_sides, is_open};
 use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 use transport::kernel::grid::{cell_corners, cell_count, owner};
 use transport::{Patch, Polygon, Surfaces, TriangleGrid, check_length};
 
+use super::focus::Density;
 use super::visibility::{SurfacePlace, is_covered, is_visible};
 use crate::error::Error;
 
@@ -36,6 +37,8 @@ pub enum PatchSize {
 pub struct SubdivideSettings {
     /// How finely.
     pub size: PatchSize,
+    /// How densely what is cut by count is shared out.
+    pub density: Density,
     /// Which sides.
     pub sides: SidePolicy,
     /// Sample points a patch.
@@ -46,7 +49,7 @@ pub struct SubdivideSettings {
 
 impl Default for SubdivideSettings {
     fn default() -> Self {
-        Self { size: PatchSize::Count(4000), sides: SidePolicy::Lit, points: 32, seed: 0 }
+        Self { size: PatchSize::Count(4000), density: Density::default(), sides: SidePolicy::Lit, points: 32, seed: 0 }
     }
 }
 
@@ -88,32 +91,38 @@ pub(super) fn check_positive(name: &'static str, value: f32) -> Result<(), Error
 /// [`transport::Error::Setting`] for an area that is not positive.
 pub fn divisions_for_area(scene: &Scene, area: f32) -> Result<Vec<u32>, Error> {
     check_positive("area", area)?;
-    Ok((0..scene.geometry.triangles.len()).map(|t| edge_divisions(triangle_area(scene, t) / area)).collect())
+    Ok(divisions_of(&(0..scene.geometry.triangles.len()).map(|t| triangle_area(scene, t)).collect::<Vec<_>>(), area))
+}
+
+fn divisions_of(areas: &[f32], area: f32) -> Vec<u32> {
+    areas.iter().map(|own| edge_divisions(own / area)).collect()
 }
 
 fn total_cells(sides: &[Sides], divisions: &[u32]) -> u64 {
     sides.iter().zip(divisions).map(|(s, &n)| (u64::from(s.front) + u64::from(s.back)) * u64::from(n).pow(2)).sum()
 }
 
-/// Divisions of every triangle for about `count` patches of like area.
+/// Divisions of every triangle for about `count` patches of like area times [`Density::share`].
 ///
 /// # Errors
 /// [`transport::Error::Setting`] for a count of 0, [`transport::Error::Length`] unless there is one entry of `sides` a triangle.
-pub fn divisions_for_count(scene: &Scene, sides: &[Sides], count: u32) -> Result<Vec<u32>, Error> {
+pub fn divisions_for_count(scene: &Scene, sides: &[Sides], density: &Density, count: u32) -> Result<Vec<u32>, Error> {
     check_length("sides", scene.geometry.triangles.len(), sides.len())?;
     check_positive("count", count as f32)?;
-    let total: f64 = (0..sides.len()).map(|t| f64::from(triangle_area(scene, t))).sum();
+    let counted = |t: usize| triangle_area(scene, t) * density.triangle_share(&scene.geometry.triangles[t]);
+    let areas: Vec<f32> = (0..sides.len()).map(counted).collect();
+    let total: f64 = areas.iter().map(|&area| f64::from(area)).sum();
     let (mut low, mut high) = ((total * 1e-12).ln(), (total * 4.0).ln());
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if total_cells(sides, &divisions_for_area(scene, middle.exp() as f32)?) > u64::from(count) {
+        if total_cells(sides, &divisions_of(&areas, middle.exp() as f32)) > u64::from(count) {
             low = middle;
         } else {
             high = middle;
         }
     }
     // Both ends of the bracket: take the count that is nearer.
-    let (fine, coarse) = (divisions_for_area(scene, low.exp() as f32)?, divisions_for_area(scene, high.exp() as f32)?);
+    let (fine, coarse) = (divisions_of(&areas, low.exp() as f32), divisions_of(&areas, high.exp() as f32));
     let miss = |d: &[u32]| total_cells(sides, d).abs_diff(u64::from(count));
     Ok(if miss(&fine) < miss(&coarse) { fine } else { coarse })
 }
@@ -439,10 +448,17 @@ fn make_cell(
 /// # Errors
 /// As [`Subdivision::new`] and the functions that choose the divisions.
 pub fn subdivide(scene: &Scene, settings: &SubdivideSettings) -> Result<Subdivision, Error> {
-    let sides = find_sides(scene, settings.sides);
+    let sides = match settings.sides {
+        SidePolicy::Lit => find_lit_sides(scene, |triangle, normal| {
+            let triangle = &scene.geometry.triangles[triangle as usize];
+            let middle = triangle.corner + (triangle.edge_a + triangle.edge_b) / 3.0;
+            settings.density.is_far_and_faces(middle, normal)
+        }),
+        policy => find_sides(scene, policy),
+    };
     let divisions = match settings.size {
         PatchSize::Area(area) => divisions_for_area(scene, area)?,
-        PatchSize::Count(count) => divisions_for_count(scene, &sides, count)?,
+        PatchSize::Count(count) => divisions_for_count(scene, &sides, &settings.density, count)?,
     };
     let mut subdivision = Subdivision::new(scene, &sides, &divisions, settings.points, settings.seed)?;
     if settings.sides == SidePolicy::Lit {

@@ -11,6 +11,7 @@ use scene::sampling::{frame, hammersley};
 use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, SurfacePoint, sky_exitance};
 use transport::{HitCounts, LinearOperator, QUADRANTS};
 
+use super::focus::Density;
 use super::mesh::PatchMesh;
 use crate::error::Error;
 
@@ -99,7 +100,7 @@ fn gather(rows: &HitCounts, sky_rows: &HitCounts, exitance: &TestLights) -> Resu
 
 /// Exitance of the elements of a mesh under the test lights: the scene's own lights, four suns where
 /// there may be suns, and light that is the same everywhere. Each is scaled so that the mean
-/// irradiance of the patches is 1.
+/// irradiance of the patches, each by its area times [`Density::share`], is 1.
 ///
 /// `factors` are the form factors from patch to patch, `element_rows` those from element to element.
 ///
@@ -108,6 +109,7 @@ fn gather(rows: &HitCounts, sky_rows: &HitCounts, exitance: &TestLights) -> Resu
 pub fn test_lights(
     scene: &Scene,
     mesh: &PatchMesh,
+    density: &Density,
     factors: &dyn LinearOperator,
     element_rows: &dyn LinearOperator,
     direct: &DirectParams,
@@ -115,7 +117,7 @@ pub fn test_lights(
     let mut exitance = vec![[Vec4::ZERO; LIGHT_VECTORS]; mesh.elements.len()];
     let irradiance = direct_irradiance(scene, &mesh.points, direct);
     for (v, irradiance) in irradiance.iter().enumerate() {
-        let of_elements = settled_exitance(mesh, factors, element_rows, irradiance)?;
+        let of_elements = settled_exitance(mesh, density, factors, element_rows, irradiance)?;
         for (lights, exitance) in exitance.iter_mut().zip(of_elements) {
             lights[v] = exitance;
         }
@@ -169,14 +171,16 @@ fn sun_irradiance(scene: &Scene, point: &SurfacePoint, sun: Vec3) -> f32 {
 /// so that the mean irradiance of the patches is 1.
 fn settled_exitance(
     mesh: &PatchMesh,
+    density: &Density,
     factors: &dyn LinearOperator,
     element_rows: &dyn LinearOperator,
     irradiance: &[Vec4],
 ) -> Result<Vec<Vec4>, Error> {
     let source = element_source(mesh, irradiance);
     let received = patch_irradiance(mesh, factors, &source)?;
-    let area: f32 = mesh.patches.iter().map(|p| p.area).sum();
-    let mean: Vec4 = received.iter().zip(&mesh.patches).map(|(h, p)| *h * (p.area / area)).sum();
+    let counted: Vec<f32> = mesh.patches.iter().map(|p| p.area * density.share(p.centroid)).collect();
+    let area: f32 = counted.iter().sum();
+    let mean: Vec4 = received.iter().zip(&counted).map(|(h, own)| *h * (own / area)).sum();
     let scale = Vec4::select(mean.cmpgt(Vec4::ZERO), mean.recip(), Vec4::ZERO);
     // As in frames the last bounce goes from element to element.
     let mut exitance = Vec::with_capacity(source.len());

@@ -11,6 +11,7 @@ use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3};
 use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint};
 
+use super::focus::Density;
 use super::lit::LitSampler;
 use super::patch_set::PatchSet;
 use super::visibility::is_visible;
@@ -74,9 +75,9 @@ pub struct ViewClusters {
     pub patch_elements: Vec<u32>,
 }
 
-/// Makes patches of like samples: equal-area samples of both sides of all triangles, without those inside of solids or
-/// that see no geometry; then the cluster with the greatest area × variance is split at the mean of the feature that
-/// varies most, until there are enough. Going on in the same way cuts each patch into elements, over which light may be
+/// Makes patches of like samples: samples as dense as the sampler's are, of both sides of all triangles, without those
+/// inside of solids or that see no geometry; then the cluster with the greatest product of samples and variance is split at
+/// the mean of the feature that varies most, until there are enough. Going on in the same way cuts each patch into elements, over which light may be
 /// gathered more finely than patches send it. O(S log S) for S samples.
 ///
 /// Features: position in typical patch edges (weight 1), normal (1), the shares of 16 cosine-weighted rays that are free
@@ -107,15 +108,14 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
         return Err(Error::NoSamples);
     }
     let edge = scene::math::sqrt((sampler.lit_area() / f64::from(settings.patches)) as f32);
-    let mut features = see(scene, &samples, edge, settings.seed);
+    let mut features = see(scene, &samples, sampler.density(), edge, settings.seed);
     add_light(scene, &samples, &mut features, settings.seed);
     let elements = settings.patches.saturating_mul(settings.elements).min(settings.most_elements).max(settings.patches);
-    let sample_edge = scene::math::sqrt(samples[0].area);
     let set = Set {
         scene,
         samples: &samples,
         features: &features,
-        edge: sample_edge,
+        counted_area: samples.iter().map(|sample| sample.area).fold(f32::INFINITY, f32::min),
         asked: ASKED * settings.samples as usize,
     };
     let cut = set.split(settings.patches as usize, elements as usize);
@@ -132,12 +132,13 @@ fn surface_point(sample: &Sample) -> SurfacePoint {
     SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 }
 }
 
-/// Position, normal, openness and albedo of samples; `edge` is the typical edge of a patch, m.
-fn see(scene: &Scene, samples: &[Sample], edge: f32, seed: u32) -> Vec<Features> {
+/// Position, normal, openness and albedo of samples; `edge` is the typical edge of a patch in the focus, m.
+fn see(scene: &Scene, samples: &[Sample], density: &Density, edge: f32, seed: u32) -> Vec<Features> {
     (samples.par_iter().enumerate())
         .map(|(index, sample)| {
             let key = |dimension: u32| hash3(index as u32, dimension, seed ^ 0x7365_6573);
             let origin = sample.position + sample.normal * scene.geometry.ray_offset;
+            let edge = edge * density.edge(sample.position);
             let (mut near, mut far, mut sky) = (0u32, 0u32, 0u32);
             for k in 0..RAYS {
                 let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
@@ -211,8 +212,8 @@ struct Set<'a> {
     scene: &'a Scene,
     samples: &'a [Sample],
     features: &'a [Features],
-    /// Distance between samples, m.
-    edge: f32,
+    /// Area that every sample stands for, as the density counts it, m².
+    counted_area: f32,
     /// Most samples of a cluster that are asked whether they are cut off.
     asked: usize,
 }
@@ -233,7 +234,7 @@ impl Set<'_> {
     fn node(&self, start: usize, end: usize, order: &[u32]) -> Node {
         let (mut area, mut sum, mut squares) = (0.0f64, [0.0f64; FEATURES], [0.0f64; FEATURES]);
         for &k in &order[start..end] {
-            let a = f64::from(self.samples[k as usize].area);
+            let a = f64::from(self.counted_area);
             area += a;
             for (d, &x) in self.features[k as usize].iter().enumerate() {
                 let x = f64::from(x);
@@ -266,8 +267,9 @@ impl Set<'_> {
         let mut hidden = vec![true; own.len()];
         let mut asking = vec![middle];
         while let Some(from) = asking.pop().filter(|_| hidden.contains(&true)) {
+            let edge = scene::math::sqrt(sample(from).area);
             for (hidden, &k) in hidden.iter_mut().zip(own).filter(|(hidden, _)| **hidden) {
-                if k == from || is_visible(self.scene, sample(from).into(), sample(k).into(), self.edge) {
+                if k == from || is_visible(self.scene, sample(from).into(), sample(k).into(), edge) {
                     *hidden = false;
                     asking.push(k);
                 }

@@ -2,14 +2,16 @@
 
 use std::vec::Vec;
 
-use glam::Vec2;
+use glam::{Vec2, Vec4};
 use rayon::prelude::*;
+use transport::{QUADRANTS, check_length};
 
 use crate::error::Error;
 use crate::kernel::weights::{
     LISTED_BITS, MOST_LISTED, ROTATED_BITS, ROTATION_BIAS, ROTATION_STEPS, WEIGHT_BIAS, WEIGHT_STEPS, first_of,
-    first_rotated, half_word, listed, rotation_of, weight_of,
+    first_rotated, half_word, listed, rotation_of, weight_of, weighted_row,
 };
+use crate::types::WeightParams;
 
 /// Most rows of a block.
 const MOST_BLOCK_ROWS: usize = 16;
@@ -121,6 +123,31 @@ impl PackedWeights {
             as u64
     }
 
+    /// The product with values, on all cores: `out[k]` is [`weighted_row`] of row k, `[rows]`. Values of receivers begin at
+    /// `first_value` and are the sum of `parts` numbers each; the quadrants' come first.
+    ///
+    /// # Errors
+    /// [`transport::Error::Length`] for another number of results, or for fewer values than the rows name.
+    pub fn apply(&self, first_value: usize, parts: usize, values: &[Vec4], out: &mut [Vec4]) -> Result<(), Error> {
+        check_length("results", self.rows(), out.len())?;
+        if let Some(&last) = self.lists.iter().max() {
+            let needed = (first_value + parts * (last as usize + 1)).max(QUADRANTS * (last as usize + 1));
+            check_length("values", needed, values.len().min(needed))?;
+        }
+        let params = WeightParams {
+            count: self.rows() as u32,
+            block_rows: self.block_rows,
+            first_value: first_value as u32,
+            parts: parts as u32,
+            ..WeightParams::default()
+        };
+        out.par_iter_mut().enumerate().for_each(|(k, out)| {
+            let Self { row_start, list_start, lists, entries, .. } = self;
+            *out = weighted_row(k as u32, &params, row_start, list_start, lists, entries, values);
+        });
+        Ok(())
+    }
+
     /// The weights of row `k`, as they are used; nothing for a row that is not there.
     pub fn row(&self, k: usize) -> Vec<Weight> {
         let (Some(&start), Some(&end)) = (self.row_start.get(k), self.row_start.get(k + 1)) else { return Vec::new() };
@@ -153,12 +180,12 @@ impl Block {
     fn new(first: usize, end: usize, row: &(impl Fn(usize) -> Vec<Weight> + Sync)) -> Result<Self, Error> {
         let mut rows = Vec::with_capacity(end - first);
         for k in first..end {
-            rows.push(rounded(row(k)).ok_or(Error::Value {
-                name: "weights",
-                index: k,
-                value: f64::NAN,
-                rule: "between -2 and 2",
-            })?);
+            let row = row(k);
+            if let Some(wrong) = row.iter().find(|weight| !is_in_range(weight)) {
+                let value = f64::from(wrong.weight);
+                return Err(Error::Value { name: "weights", index: k, value, rule: "between -2 and 2" });
+            }
+            rows.push(rounded(row));
         }
         let mut list: Vec<u32> = rows.iter().flatten().map(|(weight, _)| weight.receiver).collect();
         list.sort_unstable();
@@ -194,13 +221,9 @@ fn rotation_code(rotation: f32) -> u16 {
 }
 
 /// Weights in whole steps whose sum is that of the weights, rounded: the weights that are furthest below are rounded up. Those
-/// of no step are left out. `None` for one that is out of its range.
-fn rounded(row: Vec<Weight>) -> Option<Vec<(Weight, i32)>> {
+/// of no step are left out.
+fn rounded(row: Vec<Weight>) -> Vec<(Weight, i32)> {
     let exact = |weight: &Weight| weight.weight * WEIGHT_STEPS as f32;
-    let bias = WEIGHT_BIAS as f32;
-    if !row.iter().all(|weight| exact(weight).abs() < bias - 1.0) {
-        return None;
-    }
     let total = scene::math::floor(row.iter().map(exact).sum::<f32>() + 0.5) as i32;
     let mut rounded: Vec<(Weight, i32)> =
         row.into_iter().map(|weight| (weight, scene::math::floor(exact(&weight)) as i32)).collect();
@@ -210,7 +233,11 @@ fn rounded(row: Vec<Weight>) -> Option<Vec<(Weight, i32)>> {
     order.sort_by(|&a, &b| left(b).total_cmp(&left(a)).then(a.cmp(&b)));
     order.into_iter().take(missing.max(0) as usize).for_each(|k| rounded[k].1 += 1);
     rounded.retain(|entry| entry.1 != 0);
-    Some(rounded)
+    rounded
+}
+
+fn is_in_range(weight: &Weight) -> bool {
+    (weight.weight * WEIGHT_STEPS as f32).abs() < WEIGHT_BIAS as f32 - 1.0
 }
 
 fn check_most(name: &'static str, found: u64, limit: u64) -> Result<(), Error> {

@@ -2,7 +2,7 @@
 
 use assets::procedural;
 use faer::Mat;
-use patches::{MeshSettings, PatchKind, PatchMesh, lit_sampler};
+use patches::{Density, MeshSettings, PatchKind, PatchMesh, lit_sampler};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor};
 use runtime::recipe::multibounce::Product;
@@ -38,7 +38,7 @@ pub fn cornell() -> (SymmetricFactors, Vec<Vec4>) {
         samples: patches::ViewSettings::default().samples,
         seed: 0,
     };
-    let sampler = lit_sampler(&scene, settings.count, settings.seed).unwrap();
+    let sampler = lit_sampler(&scene, settings.count, Density::default(), settings.seed).unwrap();
     let mesh = PatchMesh::new(&scene, sampler.as_ref(), &settings).unwrap();
     let estimator = Estimator::Hemisphere { rays: 1024 };
     let found = FormFactors::estimate(&scene, &mesh, estimator, 0, &go_on).unwrap();

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{UVec3, Vec3};
 use localmatrix::{LitPoint, NO_NODE, Node};
 use patches::{
-    AxisWeights, Grid, GridShape, LookupPatch, PatchSet, SampleSet, SampleSettings, axis_patches, lit_sampler,
+    AxisWeights, Density, Grid, GridShape, LookupPatch, PatchSet, SampleSet, SampleSettings, axis_patches, lit_sampler,
     sample_voxels,
 };
 use rayon::prelude::*;
@@ -324,8 +324,8 @@ fn drafts(
     memory_limit: u64,
     report: &Report,
 ) -> Result<Found, Error> {
-    let sampler =
-        lit_sampler(scene, PROBE_SAMPLES_FOR, settings.seed)?.ok_or(Error::Patches(patches::Error::NoSamples))?;
+    let sampler = lit_sampler(scene, PROBE_SAMPLES_FOR, Density::default(), settings.seed)?
+        .ok_or(Error::Patches(patches::Error::NoSamples))?;
     let sampling = SampleSettings { points: FACE_RAYS, seed: settings.seed, ..SampleSettings::default() };
     let (mut drafts, mut dark) = (Vec::new(), Vec::new());
     for first in (0..grid.len()).step_by(VOXELS_AT_ONCE) {

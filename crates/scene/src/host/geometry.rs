@@ -35,10 +35,22 @@ pub struct Geometry {
     pub nodes: Vec<BvhNode>,
     /// Least and greatest coordinates, m.
     pub bounds: (Vec3, Vec3),
-    /// Distance by which rays start above a surface: 2·10⁻⁵ of the bounds' diagonal, m.
+    /// Distance by which rays start above a surface, m: 2·10⁻⁵ of the bounds' diagonal, or what
+    /// [`SceneParts::ray_offset`] says. A few triangles far off do not count: the diagonal is at most
+    /// four times that of the box of the triangles' middles without the outermost 2.5 % at either end
+    /// of each axis. Never below 2⁻¹⁸ of the greatest coordinate, of which single precision keeps 2⁻²⁴.
     pub ray_offset: f32,
     wide: WideBvh,
 }
+
+/// Share of the diagonal by which rays start above a surface.
+const OFFSET_OF_DIAGONAL: f32 = 2e-5;
+/// Least share of the greatest coordinate, whatever else is far off: 2⁻¹⁸, 64 times what rounding may take from it.
+const OFFSET_OF_COORDINATE: f32 = 1.0 / (1 << 18) as f32;
+/// Share of the triangles that may be far off at either end of an axis.
+const OUTERMOST: f32 = 0.025;
+/// Fewer triangles than this have no outermost.
+const LEAST_TRIANGLES: usize = 16;
 
 /// What was in the way of a ray, if anything has been yet.
 #[derive(Clone, Copy, Debug)]
@@ -72,6 +84,7 @@ impl Geometry {
         let masked = |t: &Triangle| parts.materials[t.material as usize].mask_texture != NONE;
         let wide = WideBvh::new(&nodes, &triangles, masked).ok_or(too_deep)?;
         let (low, high) = bounds(&triangles);
+        let ray_offset = parts.ray_offset.unwrap_or_else(|| ray_offset(&triangles, low, high));
         Ok(Self {
             triangles,
             uvs,
@@ -80,7 +93,7 @@ impl Geometry {
             texels: parts.texels,
             nodes,
             bounds: (low, high),
-            ray_offset: 2e-5 * (high - low).length(),
+            ray_offset,
             wide,
         })
     }
@@ -188,6 +201,30 @@ fn bounds(triangles: &[Triangle]) -> (Vec3, Vec3) {
         }
     }
     (low, high)
+}
+
+/// The ray offset of triangles within these bounds, m; see [`Geometry::ray_offset`].
+fn ray_offset(triangles: &[Triangle], low: Vec3, high: Vec3) -> f32 {
+    let near = 4.0 * middle_box_diagonal(triangles);
+    let coordinate = low.abs().max(high.abs()).max_element();
+    let whole = OFFSET_OF_DIAGONAL * (high - low).length();
+    (OFFSET_OF_DIAGONAL * near).max(OFFSET_OF_COORDINATE * coordinate).min(whole)
+}
+
+/// Diagonal of the box of the triangles' middles, without the outermost at either end of each axis, m.
+fn middle_box_diagonal(triangles: &[Triangle]) -> f32 {
+    let outermost = (triangles.len() as f32 * OUTERMOST).ceil() as usize;
+    let last = triangles.len().saturating_sub(1);
+    let extent = |axis: usize| {
+        let mut middles: Vec<f32> = Vec::with_capacity(triangles.len());
+        middles.extend(triangles.iter().map(|t| t.corner[axis] + (t.edge_a[axis] + t.edge_b[axis]) / 3.0));
+        middles.sort_unstable_by(f32::total_cmp);
+        middles[last.saturating_sub(outermost)] - middles[outermost.min(last)]
+    };
+    if triangles.len() < LEAST_TRIANGLES {
+        return f32::INFINITY;
+    }
+    Vec3::new(extent(0), extent(1), extent(2)).length()
 }
 
 /// [`Geometry::filtered_albedo`] at the shares of a triangle's edges.

@@ -36,6 +36,8 @@ pub struct SceneParts {
     pub sky: Sky,
     /// Its map, `map_width · map_height` texels.
     pub sky_map: Vec<Vec4>,
+    /// Distance by which rays start above a surface, m; `None` for [`Geometry::ray_offset`]'s rule.
+    pub ray_offset: Option<f32>,
 }
 
 /// Geometry under lights, ready for rays. A clone shares the geometry.

@@ -49,17 +49,24 @@ pub fn find_sides(scene: &Scene, policy: SidePolicy) -> Vec<Sides> {
         SidePolicy::Both => return vec![Sides { front: true, back: true }; count],
         SidePolicy::Lit => {}
     }
-    let side = |t: usize, normal: Vec3| takes_part(scene, t as u32, normal);
-    let normal = |t: usize| scene.tables().normal(t as u32);
-    (0..count).into_par_iter().map(|t| Sides { front: side(t, normal(t)), back: side(t, -normal(t)) }).collect()
+    find_lit_sides(scene, |_, _| false)
 }
 
-/// Whether the side of a triangle with this normal sees geometry and is lit.
-fn takes_part(scene: &Scene, triangle: u32, normal: Vec3) -> bool {
+/// The sides by [`SidePolicy::Lit`], where those that are known to see geometry, by triangle and normal, need not meet it by
+/// their walks.
+pub fn find_lit_sides(scene: &Scene, sees: impl Fn(u32, Vec3) -> bool + Sync) -> Vec<Sides> {
+    let side = |t: usize, normal: Vec3| takes_part(scene, t as u32, normal, sees(t as u32, normal));
+    let normal = |t: usize| scene.tables().normal(t as u32);
+    let triangles = (0..scene.geometry.triangles.len()).into_par_iter();
+    triangles.map(|t| Sides { front: side(t, normal(t)), back: side(t, -normal(t)) }).collect()
+}
+
+/// Whether the side of a triangle with this normal sees geometry, or is known to, and is lit.
+fn takes_part(scene: &Scene, triangle: u32, normal: Vec3, mut sees: bool) -> bool {
     let geometry = scene.tables();
     let is_back = u32::from(geometry.normal(triangle).dot(normal) < 0.0);
     let key = |dimension: u32| hash3(2 * triangle + is_back, dimension, 0);
-    let (mut sees, mut lit) = (false, false);
+    let mut lit = false;
     for k in 0..WALKS {
         let (u, v) = uniform_triangle(hammersley(k, WALKS, (key(0), key(1))));
         let xi = hammersley(k.reverse_bits() >> 27, WALKS, (key(2), key(3)));

@@ -6,7 +6,7 @@ use std::time::Instant;
 use formfactor::add_hit_rows;
 use glam::{Vec3, Vec4};
 use multibounce::{LowRank, LowRankWorkspace, TileSide, TileSource, halving_order};
-use patches::{Columns, Sample, lit_sampler};
+use patches::{Columns, Density, Sample, lit_sampler};
 use patchlight::operator::mean_visible_points;
 use patchlight::operator::measure::relative_error;
 use runtime::executor::Executor;
@@ -66,7 +66,7 @@ pub(super) struct Receivers<'a> {
 /// Exactly so many points that stand for equal areas to which light comes, in an order in which neighbours are near; none where
 /// no light comes anywhere.
 fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<SurfacePoint>, Error> {
-    let Some(sampler) = lit_sampler(scene, patches, seed)? else { return Ok(Vec::new()) };
+    let Some(sampler) = lit_sampler(scene, patches, Density::default(), seed)? else { return Ok(Vec::new()) };
     let mut samples = Vec::new();
     let mut wanted = count;
     for _ in 0..MORE_TIMES {

@@ -13,6 +13,7 @@ use super::{MOST_PATCHES, MeshSettings, PatchKind, PatchMesh};
 use crate::error::Error;
 use crate::host::axis::{AxisWeights, axis_patches};
 use crate::host::cluster::{ClusterSettings, cluster_patches};
+use crate::host::focus::Density;
 use crate::host::grid::Grid;
 use crate::host::lit::LitSampler;
 use crate::host::lookup::{Lookup, LookupSettings};
@@ -39,14 +40,14 @@ const PROBES: usize = 6;
 const LEAST_PROBES: usize = 1 << 15;
 const MOST_PROBES: usize = 1 << 16;
 
-/// A sampler of the surfaces that light reaches, with as many probe samples as `count` patches need;
+/// A sampler of the surfaces that light reaches, with as many probe samples as `count` patches need, as dense as is said;
 /// `None` when light reaches none.
 ///
 /// # Errors
 /// What [`LitSampler::new`] says otherwise.
-pub fn lit_sampler(scene: &Scene, count: usize, seed: u32) -> Result<Option<LitSampler<'_>>, Error> {
+pub fn lit_sampler(scene: &Scene, count: usize, density: Density, seed: u32) -> Result<Option<LitSampler<'_>>, Error> {
     let probes = count.saturating_mul(PROBES).clamp(LEAST_PROBES, MOST_PROBES);
-    match LitSampler::new(scene, probes as u32, seed) {
+    match LitSampler::new(scene, probes as u32, density, seed) {
         Ok(sampler) => Ok(Some(sampler)),
         Err(Error::NoSamples) => Ok(None),
         Err(error) => Err(error),
@@ -70,14 +71,18 @@ impl PatchMesh {
                 VoxelPatches { scene, sampler, kind, seed }.mesh(count, voxel_size)
             }
             (PatchKind::Cluster, Some(sampler)) => Self::of_clusters(sampler, count, samples, seed),
-            (PatchKind::Polygon | PatchKind::Cluster, _) => Self::of_polygons(scene, count, seed),
+            (PatchKind::Polygon | PatchKind::Cluster, _) => {
+                let density = sampler.map_or_else(Density::default, |sampler| *sampler.density());
+                Self::of_polygons(scene, density, count, seed)
+            }
         }
     }
 
     /// Triangles cut into similar parts, which are patches and elements at once.
-    fn of_polygons(scene: &Scene, count: usize, seed: u32) -> Result<Self, Error> {
+    fn of_polygons(scene: &Scene, density: Density, count: usize, seed: u32) -> Result<Self, Error> {
         let mut settings = SubdivideSettings {
             size: PatchSize::Count(count as u32),
+            density,
             points: POLYGON_POINTS,
             seed,
             ..Default::default()
@@ -126,23 +131,25 @@ impl PatchMesh {
         let no_voxels = vec![NONE; clusters.elements.len() - 1];
         let patches = clusters.set.patches;
         let elements = PatchSet::from_groups(clusters.set.samples, &no_voxels, clusters.elements, members)?;
-        Self::of_samples(sampler.scene(), elements, &patches, clusters.patch_elements)
+        Self::of_samples(sampler.scene(), sampler.density(), elements, &patches, clusters.patch_elements)
     }
 
     /// Patches whose elements are the patches of a set: patch i owns the elements
     /// `patch_elements[i]..patch_elements[i + 1]`.
     fn of_samples(
         scene: &Scene,
+        density: &Density,
         elements: PatchSet,
         patches: &[VirtualPatch],
         patch_elements: Vec<u32>,
     ) -> Result<Self, Error> {
         let points = ElementPoints::new(&elements);
-        let area: f64 = elements.patches.iter().map(|e| f64::from(e.area)).sum();
+        let counted = |p: &VirtualPatch| f64::from(p.area) * f64::from(density.share(p.position));
+        let area: f64 = elements.patches.iter().map(counted).sum();
         let lookup_cells = elements.len().max((LOOKUP_CELLS * patches.len()).min(MOST_LOOKUP_CELLS));
-        let grids = lookup_grids(scene, scene::math::sqrt((area / lookup_cells as f64) as f32))?;
+        let grids = lookup_grids(scene, density, scene::math::sqrt((area / lookup_cells as f64) as f32))?;
         let sample_edge = scene::math::sqrt((area / elements.samples.len() as f64) as f32);
-        let cells = cell_elements(scene, &grids, &elements.samples, &points.owner, sample_edge);
+        let cells = cell_elements(scene, density, &grids, &elements.samples, &points.owner, sample_edge);
         Ok(Self {
             patches: patches.iter().map(patch).collect(),
             albedo: patches.iter().map(|p| p.albedo.extend(0.0)).collect(),
@@ -176,11 +183,12 @@ fn mean_albedo(offsets: &[u32], points: &[SurfacePoint], albedo: &[Vec4]) -> Vec
     means
 }
 
-/// The grids in which elements are looked up: cells are as large as an element with this edge, m.
-fn lookup_grids(scene: &Scene, edge: f32) -> Result<Vec<TriangleGrid>, Error> {
+/// The grids in which elements are looked up: cells are as large as an element with this edge in the focus, m.
+fn lookup_grids(scene: &Scene, density: &Density, edge: f32) -> Result<Vec<TriangleGrid>, Error> {
     let triangles = scene.geometry.triangles.len();
     let mut divisions = Vec::with_capacity(triangles);
     for triangle in 0..triangles as u32 {
+        let edge = edge * density.triangle_edge(&scene.geometry.triangles[triangle as usize]);
         let along_edge = (scene.longest_edge(triangle) * CELLS / edge).ceil();
         divisions.push(along_edge.clamp(1.0, MOST_DIVISIONS) as u32);
     }
@@ -254,7 +262,7 @@ impl VoxelPatches<'_> {
         )?;
         let patches = lit.patches.clone();
         let patch_elements = (0..=patches.len() as u32).collect();
-        let mesh = PatchMesh::of_samples(self.scene, lit, &patches, patch_elements)?;
+        let mesh = PatchMesh::of_samples(self.scene, &Density::default(), lit, &patches, patch_elements)?;
         Ok(PatchMesh { lookup: Some(Arc::new(lookup)), ..mesh })
     }
 

@@ -9,6 +9,7 @@ use scene::sampling::hash3;
 use scene::{NONE, Scene, SurfacePoint, Triangle, is_open};
 use transport::TriangleGrid;
 
+use crate::host::focus::Density;
 use crate::host::nearest::Nearest;
 use crate::host::visibility::{SurfacePlace, is_visible};
 use crate::types::Sample;
@@ -34,15 +35,16 @@ const WALKS_SEED: u32 = 0x6869_6465;
 type Near = (u32, f32);
 
 /// The element of each cell, or [`NONE`]: the `owner` of the most similar sample that the middle of
-/// the cell sees, with samples every `edge` m. Cells in one place have one element.
+/// the cell sees, with samples every `edge` m in the focus of the density. Cells in one place have one element.
 pub(super) fn cell_elements(
     scene: &Scene,
+    density: &Density,
     grids: &[TriangleGrid],
     samples: &[Sample],
     owner: &[u32],
     edge: f32,
 ) -> Vec<u32> {
-    let search = ElementSearch { scene, samples, owner, nearest: Nearest::new(samples), edge };
+    let search = ElementSearch { scene, density, samples, owner, nearest: Nearest::new(samples, density), edge };
     let triangles = (0..grids.len()).into_par_iter();
     triangles.flat_map_iter(|t| search.triangle(t as u32, grids[t].divisions)).collect()
 }
@@ -50,11 +52,12 @@ pub(super) fn cell_elements(
 /// Finds the elements of cells.
 struct ElementSearch<'a> {
     scene: &'a Scene,
+    density: &'a Density,
     samples: &'a [Sample],
     /// Element of each sample.
     owner: &'a [u32],
     nearest: Nearest,
-    /// Distance between samples, m.
+    /// Distance between samples in the focus, m.
     edge: f32,
 }
 
@@ -77,7 +80,8 @@ impl ElementSearch<'_> {
             } else {
                 let position = self.scene.tables().position(triangle, cell.middle.x, cell.middle.y);
                 let place = SurfacePlace { position, normal };
-                let albedo = self.scene.filtered_albedo(triangle, position, self.edge * self.edge);
+                let edge = self.edge * self.density.edge(position);
+                let albedo = self.scene.filtered_albedo(triangle, position, edge * edge);
                 let similar = most_similar_samples(&self.nearest, self.samples, place, albedo);
                 // Nothing may stand between: a dark place has no element, however bright it is
                 // beyond a wall.
@@ -95,7 +99,7 @@ impl ElementSearch<'_> {
 
     fn is_seen(&self, place: SurfacePlace, &(sample, distance): &Near) -> bool {
         let there = SurfacePlace::from(&self.samples[sample as usize]);
-        distance < TOUCHING || is_visible(self.scene, place, there, self.edge)
+        distance < TOUCHING || is_visible(self.scene, place, there, self.edge * self.density.edge(place.position))
     }
 
     /// The reachability test: whether random walks from a place come to light.
@@ -185,7 +189,7 @@ mod tests {
         };
         let mut samples: Vec<Sample> = (0..100).map(|k| sample((k % 10) as f32, (k / 10) as f32, 0.8)).collect();
         samples.push(sample(6.5, 5.5, 0.02));
-        let nearest = Nearest::new(&samples);
+        let nearest = Nearest::new(&samples, &Density::default());
         let place = SurfacePlace { position: Vec3::new(4.1, 5.0, 0.0), normal: Vec3::Z };
         let first = |albedo: f32| most_similar_samples(&nearest, &samples, place, Vec3::splat(albedo))[0].0;
         assert_eq!(first(0.02), 100, "a dark place takes the dark sample, though a dozen white ones are nearer");

@@ -3,7 +3,7 @@
 use std::vec;
 use std::vec::Vec;
 
-use glam::{Mat2, Vec2, Vec4};
+use glam::{Mat2, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::math::sqrt;
 use scene::sampling::frame;
@@ -33,6 +33,8 @@ const SLACK: f32 = 0.01;
 const LEAST_WEIGHT: f32 = 0.02;
 /// Greatest weight that a fit gives, either way: far outside of its receivers it would follow their noise.
 const MOST_WEIGHT: f32 = 1.5;
+/// Most that a fit may change the sum of the weights, before they are made to sum to 1 again.
+const MOST_CHANGE: f32 = 0.25;
 /// What a difference of the normal counts in the choice, over that in the search.
 const NORMAL_WEIGHT: f32 = 100.0;
 
@@ -60,15 +62,20 @@ const SPACED: usize = 5;
 pub(super) struct ReceiverField<'a> {
     pub set: ReceiverSamples<'a>,
     pub nearest: Nearest,
-    /// Mean edge between receivers, m.
+    /// Mean edge between receivers in the focus, m.
     pub edge: f32,
 }
 
 impl<'a> ReceiverField<'a> {
     pub fn new(set: ReceiverSamples<'a>) -> Self {
-        let nearest = Nearest::new(&set.samples);
+        let nearest = Nearest::new(&set.samples, &set.density);
         let edge = sqrt(set.mean_area);
         Self { set, nearest, edge }
+    }
+
+    /// Mean edge between receivers about a place, m.
+    fn edge_at(&self, position: Vec3) -> f32 {
+        self.edge * self.set.density.edge(position)
     }
 
     /// Interpolation points, as close as receivers are about them.
@@ -78,12 +85,13 @@ impl<'a> ReceiverField<'a> {
         let both = vec![Sides { front: true, back: true }; set.scene.geometry.triangles.len()];
         InterpolationMesh::new(
             set.scene,
+            &set.density,
             &both,
             CELL_EDGE * edge,
             WELD * edge,
             |point, size| self.spacing_about(&spacing, point, size),
             // Light may come where no receiver is: interpolation points there gather it themselves.
-            |point| sampler.is_lit(&sample_at(point), seed).then_some(SMALL * edge),
+            |point| sampler.is_lit(&sample_at(point), seed).then(|| SMALL * self.edge_at(point.position)),
         )
     }
 
@@ -101,13 +109,14 @@ impl<'a> ReceiverField<'a> {
     /// `None` where no receiver is near.
     fn spacing_about(&self, spacing: &[f32], point: &SurfacePoint, size: f32) -> Option<f32> {
         // What is small may have no receiver of its own.
-        let most = if size <= SMALL * self.edge { FURTHEST } else { NEAR };
+        let edge = self.edge_at(point.position);
+        let most = if size <= SMALL * edge { FURTHEST } else { NEAR };
         let (found, count) = self.nearest.samples::<3>(point.position, point.normal, most);
         if count == 0 {
             return None;
         }
         let mean = found[..count].iter().map(|f| spacing[f.0 as usize]).sum::<f32>() / count as f32;
-        Some(mean.max(LEAST_SPACING * self.edge))
+        Some(mean.max(LEAST_SPACING * edge))
     }
 
     /// The receivers that an interpolation point takes, with weights that sum to 1: the nearest in
@@ -154,7 +163,7 @@ impl<'a> ReceiverField<'a> {
     /// Whether a receiver is visible from a place.
     pub fn is_receiver_visible(&self, place: SurfacePlace, receiver: u32) -> bool {
         let there = SurfacePlace::from(&self.set.samples[receiver as usize]);
-        is_visible(self.set.scene, place, there, self.edge)
+        is_visible(self.set.scene, place, there, self.edge_at(place.position))
     }
 
     /// Makes the weights of an interpolation point those of a linear fit through its receivers, as
@@ -182,21 +191,27 @@ impl<'a> ReceiverField<'a> {
             share = if step.abs() > room { share.min(room / step.abs()) } else { share };
         }
         let share = share.max(0.0);
-        for (entry, change) in weights.iter_mut().zip(changes) {
-            entry.1 *= 1.0 + share * change;
+        let changed = weights.iter().zip(changes).map(|(entry, change)| (entry.0, entry.1 * (1.0 + share * change)));
+        let mut fitted: Vec<Entry> = changed.filter(|entry| entry.1.abs() >= LEAST_WEIGHT).collect();
+        let total: f32 = fitted.iter().map(|w| w.1).sum();
+        // Where more receivers are equally far than are taken, their weights sum to less than 1; a steep fit takes the rest.
+        if (total - 1.0).abs() <= MOST_CHANGE {
+            fitted.iter_mut().for_each(|w| w.1 /= total);
+            *weights = fitted;
+        } else {
+            let total: f32 = weights.iter().map(|w| w.1).sum();
+            weights.iter_mut().for_each(|w| w.1 /= total);
         }
-        weights.retain(|w| w.1.abs() >= LEAST_WEIGHT);
-        let total: f32 = weights.iter().map(|w| w.1).sum();
-        weights.iter_mut().for_each(|w| w.1 /= total);
     }
 
     /// What a linear fit at a place changes in weights that sum to 1, as shares of each, where
     /// `ridge` holds the slope back.
     pub fn linear_changes(&self, place: SurfacePlace, weights: &[Entry], ridge: f32) -> Vec<f32> {
         let (right, up) = frame(place.normal);
+        let edge = self.edge_at(place.position);
         let mut offsets: Vec<Vec2> = Vec::with_capacity(weights.len());
         for &(k, _) in weights {
-            let offset = (self.set.samples[k as usize].position - place.position) / self.edge;
+            let offset = (self.set.samples[k as usize].position - place.position) / edge;
             offsets.push(Vec2::new(offset.dot(right), offset.dot(up)));
         }
         let mean: Vec2 = offsets.iter().zip(weights).map(|(&offset, w)| offset * w.1).sum();

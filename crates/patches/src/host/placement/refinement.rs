@@ -11,6 +11,7 @@ use transport::{HitCounts, spatial_order};
 use super::field::{NEAR, shepard_weights, weighted_sum};
 use super::{AddRows, Entry};
 use crate::error::Error;
+use crate::host::focus::Density;
 use crate::host::lit::LitSampler;
 use crate::host::nearest::Nearest;
 use crate::host::test_lights::{Estimates, LIGHT_VECTORS};
@@ -36,6 +37,7 @@ const BLOCK: usize = 128;
 /// Receivers so far. Rows may be missing for the last samples.
 pub(super) struct ReceiverSamples<'a> {
     pub scene: &'a Scene,
+    pub density: Density,
     pub samples: Vec<Sample>,
     /// The samples that have rows.
     pub points: Vec<SurfacePoint>,
@@ -43,16 +45,16 @@ pub(super) struct ReceiverSamples<'a> {
     pub rows: HitCounts,
     /// Their rows over the sky's bins, of rays that escape.
     pub sky_rows: HitCounts,
-    /// Mean area that a receiver stands for, m².
+    /// Mean area that a receiver stands for in the focus, m².
     pub mean_area: f32,
 }
 
 impl<'a> ReceiverSamples<'a> {
     /// Samples without rows, which will be over so many elements.
-    pub fn new(scene: &'a Scene, samples: Vec<Sample>, elements: usize) -> Result<Self, Error> {
+    pub fn new(scene: &'a Scene, density: Density, samples: Vec<Sample>, elements: usize) -> Result<Self, Error> {
         let rows = HitCounts::new(elements)?;
         let sky_rows = HitCounts::new(SKY_BINS)?;
-        Ok(Self { scene, samples, points: Vec::new(), rows, sky_rows, mean_area: 0.0 })
+        Ok(Self { scene, density, samples, points: Vec::new(), rows, sky_rows, mean_area: 0.0 })
     }
 
     /// Makes the rows that are missing. New samples are put into an order in which neighbours are
@@ -77,7 +79,7 @@ impl<'a> ReceiverSamples<'a> {
         if budget == 0 || self.samples.len() <= COMPARED {
             return Vec::new();
         }
-        let nearest = Nearest::new(&self.samples);
+        let nearest = Nearest::new(&self.samples, &self.density);
         let receivers = (0..self.samples.len()).into_par_iter();
         let errors: Vec<f32> = receivers.map(|k| self.error(&nearest, estimates, k)).collect();
         let candidates = sampler.candidates((CANDIDATES * budget) as u32, seed).into_par_iter();

@@ -12,7 +12,7 @@ fn square(scene: &Scene) -> ReceiverField<'_> {
     let place = |k: u32| Vec3::new(10.0 * unit(hash3(k, 1, 5)), 10.0 * unit(hash3(k, 2, 5)), 100.0);
     let sample = |k| Sample { position: place(k), normal: Vec3::Z, area: 1.0, ..Sample::default() };
     let samples = (0..100).map(sample).collect();
-    let set = ReceiverSamples::new(scene, samples, 1).unwrap();
+    let set = ReceiverSamples::new(scene, Density::default(), samples, 1).unwrap();
     ReceiverField::new(ReceiverSamples { mean_area: 1.0, ..set })
 }
 
@@ -71,6 +71,30 @@ fn interpolation_points_take_a_slope_as_it_is_and_leave_no_range() {
     // Some points lie outside of their receivers. The mean of the same receivers is wrong.
     let (fit, mean) = (fit_error / count as f32, mean_error / count as f32);
     assert!(fit < 0.01 && mean > 2.0 * fit, "fit {fit}, mean {mean}, slope 0.1 an edge");
+}
+
+/// Nine receivers on an arc round a point: the ninth, which gives the range, has as much weight as each of the others.
+#[test]
+fn a_fit_through_receivers_that_are_equally_far_stays_in_range() {
+    let scene = triangle();
+    let on_arc = |k: u32| {
+        let (sin, cos) = scene::math::sin_cos_2pi(0.02 * k as f32);
+        Sample { position: Vec3::new(5.0 * cos, 5.0 * sin, 100.0), normal: Vec3::Z, area: 1.0, ..Sample::default() }
+    };
+    let samples: Vec<Sample> = (0..9).map(on_arc).collect();
+    let set = ReceiverSamples::new(&scene, Density::default(), samples, 1).unwrap();
+    let field = ReceiverField::new(ReceiverSamples { mean_area: 1.0, ..set });
+    let point = SurfacePoint { position: Vec3::new(0.0, 0.0, 100.0), normal: Vec3::Z, ..SurfacePoint::default() };
+    for seed in 0..400 {
+        let value = |k: u32| Vec4::splat(2.0 * unit(hash3(k, seed, 9)));
+        let smooth: Vec<Lights> = (0..9).map(|k| [value(k), Vec4::ZERO, Vec4::ZERO]).collect();
+        let mut weights = field.weights(&point, true);
+        assert_eq!(weights.len(), 8);
+        field.fit(&point, &mut weights, &smooth);
+        let sum: f32 = weights.iter().map(|w| w.1).sum();
+        let greatest = weights.iter().map(|w| w.1.abs()).fold(0.0, f32::max);
+        assert!((sum - 1.0).abs() < 1e-4 && greatest < 1.9, "{seed}: {weights:?}");
+    }
 }
 
 #[test]

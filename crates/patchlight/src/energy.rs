@@ -1,0 +1,267 @@
+//! What a bake says of its own errors, without a reference: whether light is lost between patches, and whether what
+//! receivers show is what rays find.
+
+use formfactor::{Stop, jacobi};
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+use scene::math::luminance;
+use scene::sampling::{cosine_hemisphere, hammersley, hash3, unit};
+use scene::{DirectParams, Hit, NONE, SurfacePoint};
+use serde::Serialize;
+use transport::kernel::grid::interpolate_receivers;
+use transport::{LinearOperator, QUADRANTS};
+
+use crate::bake::Bake;
+use crate::error::Error;
+use crate::stage::source::sky_exitance;
+
+/// Places at which rays are gathered, and rays of each.
+const PLACES: u32 = 4096;
+const RAYS: u32 = 16;
+/// Rays to each area light and to the sky from where one of those hits.
+const LIGHT_RAYS: u32 = 4;
+/// What rays start above, and end below, in ray offsets, where the triangle of a place is looked for.
+const OFFSETS: f32 = 4.0;
+/// Light that all patches send alike is absorbed or gone when bounces change it by less than this.
+const TOLERANCE: f32 = 1e-5;
+/// Changes random numbers.
+const SALT: u32 = 0x656e_6572;
+
+/// What is known of the errors of a bake without a reference.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct EnergyCheck {
+    /// (absorbed + escaped) / emitted − 1, where every patch sends 1 W/m² and light goes on until it is absorbed or escapes:
+    /// `Σ A ((1 − ρ) H + B F_0) / Σ A E − 1`. Zero for form factors that are reciprocal and whose rows sum to `1 − F_0`.
+    pub balance: f64,
+    /// Indirect light in the focus beside rays; none in a scene without light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub near: Option<MeanRatio>,
+    /// The same where distances between patches are greater; none where there are no such places.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub far: Option<MeanRatio>,
+}
+
+/// Mean indirect irradiance at random places under the scene's own light: what receivers show over what rays find.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MeanRatio {
+    /// Mean of what is shown over the mean of what rays find.
+    pub ratio: f64,
+    /// Its standard error, that of the rays.
+    pub standard_error: f64,
+    /// Places.
+    pub places: usize,
+}
+
+impl EnergyCheck {
+    /// That of a bake: the balance of its patches, and 65,536 rays from 4,096 places that are shared out as patches are. Where a
+    /// ray hits, direct light is found anew, and indirect light is that of the bake's element there: what is compared is the
+    /// last bounce with all that patches, elements, receivers and interpolation do to it. None without patches.
+    ///
+    /// # Errors
+    /// Operators that have not the shapes of the mesh.
+    pub fn of(bake: &Bake) -> Result<Option<Self>, Error> {
+        if bake.mesh.patches.is_empty() {
+            return Ok(None);
+        }
+        let light = Settled::new(bake)?;
+        let places = places(bake);
+        let shown: Vec<f64> = places.iter().map(|place| light.shown(bake, place)).collect();
+        let found = light.gathered(bake, &places);
+        let ratio = |is_near: bool| {
+            let chosen = places.iter().zip(shown.iter().zip(&found));
+            let values: Vec<(f64, f64)> =
+                chosen.filter(|(p, _)| p.is_near == is_near).map(|(_, (s, f))| (*s, *f)).collect();
+            mean_ratio(&values)
+        };
+        Ok(Some(Self { balance: balance(bake)?, near: ratio(true), far: ratio(false) }))
+    }
+}
+
+/// [`EnergyCheck::balance`].
+fn balance(bake: &Bake) -> Result<f64, Error> {
+    let mesh = &bake.mesh;
+    let source = vec![Vec3::ONE.extend(0.0); mesh.patches.len()];
+    let settled = jacobi(&*bake.form_factors.factors, &source, &mesh.albedo, Stop::Tolerance(TOLERANCE))?;
+    let sky: Vec<Vec4> = bake.form_factors.sky_factor.iter().map(|&share| Vec4::splat(share)).collect();
+    let mut emitted = 0.0;
+    let mut gone = 0.0;
+    for (i, sky) in mesh.patch_means(&sky).into_iter().enumerate() {
+        let area = f64::from(mesh.patches[i].area);
+        let absorbed = (Vec4::ONE - mesh.albedo[i]) * settled.irradiance[i];
+        let escaped = settled.exitance[i] * sky;
+        emitted += area * 3.0;
+        gone += area * f64::from((absorbed + escaped).truncate().element_sum());
+    }
+    Ok(gone / emitted - 1.0)
+}
+
+/// Ratio of the means of pairs, and its error to first order; none where the second mean is 0.
+fn mean_ratio(values: &[(f64, f64)]) -> Option<MeanRatio> {
+    let (shown, found) = values.iter().fold((0.0, 0.0), |sum, v| (sum.0 + v.0, sum.1 + v.1));
+    if found <= 0.0 {
+        return None;
+    }
+    let ratio = shown / found;
+    let squares: f64 = values.iter().map(|(shown, found)| (shown - ratio * found).powi(2)).sum();
+    Some(MeanRatio { ratio, standard_error: squares.sqrt() / found, places: values.len() })
+}
+
+/// A place on the surface.
+struct Place {
+    point: SurfacePoint,
+    hit: Hit,
+    is_front: bool,
+    is_near: bool,
+}
+
+/// Sample points of the elements, each as likely as its area times its share of the density, and one in each interval of
+/// their sum.
+fn places(bake: &Bake) -> Vec<Place> {
+    let mesh = &bake.mesh;
+    let mut sums = Vec::with_capacity(mesh.points.len());
+    let mut sum = 0.0f64;
+    for (element, range) in mesh.elements.iter().zip(mesh.offsets.windows(2)) {
+        for point in &mesh.points[range[0] as usize..range[1] as usize] {
+            sum += f64::from(point.weight * element.area * bake.density.share(point.position));
+            sums.push(sum);
+        }
+    }
+    let seed = bake.settings.seed ^ SALT;
+    let place = |k: u32| {
+        let at = (f64::from(k) + f64::from(unit(hash3(k, 0, seed)))) * sum / f64::from(PLACES);
+        let point = mesh.points[sums.partition_point(|&s| s <= at).min(sums.len() - 1)];
+        let scene = &bake.scene;
+        let above = OFFSETS * scene.geometry.ray_offset;
+        let hit = scene.closest_before(point.position + point.normal * above, -point.normal, 2.0 * above);
+        let is_front = !hit.is_miss() && scene.tables().normal(hit.triangle).dot(point.normal) > 0.0;
+        let is_near = bake.density.level(point.position) == 0;
+        (!hit.is_miss()).then_some(Place { point, hit, is_front, is_near })
+    };
+    (0..PLACES).into_par_iter().filter_map(place).collect()
+}
+
+/// The light of a bake under the lighting of its scene, W/m².
+struct Settled {
+    /// Indirect irradiance of the elements.
+    elements: Vec<Vec4>,
+    /// That of the interpolation points.
+    points: Vec<Vec4>,
+}
+
+impl Settled {
+    /// By the steps of a frame.
+    fn new(bake: &Bake) -> Result<Self, Error> {
+        let mesh = &bake.mesh;
+        let factors = &bake.form_factors;
+        let direct = bake.scene.direct_irradiance(&bake.direct, &mesh.points);
+        let mut source = sky_exitance(bake, &bake.scene.lighting);
+        for (range, source) in mesh.offsets.windows(2).zip(&mut source) {
+            let own = range[0] as usize..range[1] as usize;
+            for ((point, albedo), direct) in
+                mesh.points[own.clone()].iter().zip(&mesh.point_albedo[own.clone()]).zip(&direct[own])
+            {
+                *source += *albedo * direct.extend(0.0) * point.weight;
+            }
+        }
+        let patches = jacobi(&*factors.factors, &mesh.patch_means(&source), &mesh.albedo, Stop::Bounces(bake.bounces))?;
+        let mut elements = patches.irradiance.clone();
+        if let Some(rows) = &factors.element_rows {
+            let patch = |element: usize| patches.irradiance[mesh.patch_of(element as u32) as usize];
+            let bounce = |element: usize| source[element] + mesh.element_albedo[element] * patch(element);
+            let exitance: Vec<Vec4> = (0..source.len()).map(bounce).collect();
+            elements = vec![Vec4::ZERO; source.len()];
+            rows.apply(&exitance, &mut elements)?;
+        }
+        let bounce = |element: usize| source[element] + mesh.element_albedo[element] * elements[element];
+        let exitance: Vec<Vec4> = (0..source.len()).map(bounce).collect();
+        let points = interpolated(bake, &exitance)?;
+        Ok(Self { elements, points })
+    }
+
+    /// Indirect irradiance that is shown at a place: between interpolation points, or that of the element where there are none.
+    fn shown(&self, bake: &Bake, place: &Place) -> f64 {
+        let mesh = &bake.receivers.interpolation;
+        let shown = match self.points.is_empty() {
+            true => self.of_element(bake.mesh.element_on_side(&place.hit, place.is_front)),
+            false => {
+                interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &self.points, place.hit, place.is_front)
+            }
+        };
+        f64::from(luminance(shown.truncate()))
+    }
+
+    fn of_element(&self, element: u32) -> Vec4 {
+        if element == NONE { Vec4::ZERO } else { self.elements[element as usize] }
+    }
+
+    /// Indirect irradiance at places, by rays.
+    fn gathered(&self, bake: &Bake, places: &[Place]) -> Vec<f64> {
+        let scene = &bake.scene;
+        let seed = bake.settings.seed ^ SALT;
+        let ray = |k: usize| {
+            let point = &places[k / RAYS as usize].point;
+            let index = k as u32 / RAYS;
+            let shift = (hash3(index, 1, seed), hash3(index, 2, seed));
+            let direction = cosine_hemisphere(point.normal, hammersley(k as u32 % RAYS, RAYS, shift));
+            let hit = scene.closest_before(
+                point.position + point.normal * scene.geometry.ray_offset,
+                direction,
+                f32::INFINITY,
+            );
+            (hit, direction)
+        };
+        let rays: Vec<(Hit, Vec3)> = (0..places.len() * RAYS as usize).into_par_iter().map(ray).collect();
+        let hits: Vec<SurfacePoint> = rays.iter().map(|&(hit, direction)| hit_point(bake, hit, direction)).collect();
+        let has_sky = scene.has_sky();
+        let params = DirectParams {
+            count: hits.len() as u32,
+            area_rays: LIGHT_RAYS,
+            sky_rays: if has_sky { LIGHT_RAYS } else { 0 },
+            seed,
+            ..bake.direct
+        };
+        let direct = scene.direct_irradiance(&params, &hits);
+        let reflected = |k: usize| {
+            let (hit, direction) = rays[k];
+            if hit.is_miss() {
+                return 0.0;
+            }
+            let albedo = scene.filtered_albedo(hit.triangle, hits[k].position, 0.0);
+            let indirect = self.of_element(bake.mesh.element(scene, &hit, direction)).truncate();
+            f64::from(luminance(albedo * (direct[k] + indirect)))
+        };
+        let gathered = (0..places.len()).into_par_iter().map(|place| {
+            let own = place * RAYS as usize..(place + 1) * RAYS as usize;
+            own.map(reflected).sum::<f64>() / f64::from(RAYS)
+        });
+        gathered.collect()
+    }
+}
+
+/// Irradiance of the interpolation points from the exitance of the elements; none where there are no receivers.
+fn interpolated(bake: &Bake, exitance: &[Vec4]) -> Result<Vec<Vec4>, Error> {
+    let receivers = &bake.receivers;
+    let count = receivers.points.len();
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    let first_smooth = receivers.first_smooth();
+    let mut values = vec![Vec4::ZERO; first_smooth + count];
+    let (quadrants, smooth) = values.split_at_mut(first_smooth);
+    receivers.rows.apply(exitance, &mut quadrants[..QUADRANTS * count])?;
+    receivers.smoothing.apply(0, QUADRANTS, quadrants, smooth)?;
+    let mut points = vec![Vec4::ZERO; receivers.interpolation.points.len()];
+    receivers.weights.apply(first_smooth, 1, &values, &mut points)?;
+    Ok(points)
+}
+
+/// The point where a ray hits, on the side that it came from; of one that escapes nothing is asked.
+fn hit_point(bake: &Bake, hit: Hit, direction: Vec3) -> SurfacePoint {
+    let geometry = bake.scene.tables();
+    if hit.is_miss() {
+        return SurfacePoint { position: Vec3::ZERO, patch: NONE, normal: Vec3::Y, weight: 1.0 };
+    }
+    let front = geometry.normal(hit.triangle);
+    let normal = if front.dot(direction) < 0.0 { front } else { -front };
+    SurfacePoint { position: geometry.position(hit.triangle, hit.u, hit.v), patch: NONE, normal, weight: 1.0 }
+}
