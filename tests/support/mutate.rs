@@ -10,13 +10,18 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use assets::import::{LoadOptions, load_with};
+use assets::import::{LoadOptions, LoadedScene, load_with};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::{DynamicImage, ImageFormat};
 use localmatrix::{BakeFile, Part, beginning_of, join};
-use patchlight::Silent;
+use multibounce::BlockCodec;
+use patches::PatchKind;
+use patchlight::file::{BakeKind, kind_of};
+use patchlight::operator::{Build, Codec};
 use patchlight::world::{Extra, WorldSettings, bake, scene_of};
+use patchlight::{Bake, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, Silent};
+use runtime::cpu::Cpu;
 use scene::host::memory::{peak_memory_bytes, resident_bytes};
 use scene::sampling::hash3;
 
@@ -174,6 +179,7 @@ impl Corpus {
         };
         let whole = baked(None);
         let part = baked(Some(Part { number: 1, of: 1 }));
+        let scene = bake_scene(&cornell, &folder.path().join("scene.bake"));
         let text = |text: &str| text.as_bytes().to_vec();
         let file = |name, opened, bytes| Sound { name, opened, bytes };
         let files = vec![
@@ -192,6 +198,7 @@ impl Corpus {
             file("t.webp", "webp.obj", picture(ImageFormat::WebP)),
             file("whole.bake", "whole.bake", whole),
             file("part.bake", "part.bake", part),
+            file("scene.bake", "scene.bake", scene),
         ];
         let corpus = Self { folder, files };
         corpus.files.iter().for_each(|file| corpus.write(file.name, &file.bytes));
@@ -225,6 +232,7 @@ impl Corpus {
         if random.below(2) == 0 {
             match sound.name.rsplit('.').next() {
                 Some("png") => sign_png(&mut bytes),
+                Some("bake") if kind_of(&bytes) == Some(BakeKind::Scene) => sign_sections(&mut bytes),
                 Some("bake") => sign_bake(&mut bytes),
                 _ => {}
             }
@@ -406,6 +414,54 @@ fn sign_png(bytes: &mut [u8]) {
     }
 }
 
+/// The bake of a scene with operators of every kind of tables.
+fn bake_scene(loaded: &LoadedScene, path: &Path) -> Vec<u8> {
+    let bake = BakeSettings {
+        patches: PatchKind::Voxel,
+        patch_count: 40,
+        receiver_edge: Some(0.4),
+        receiver_rays: 16,
+        estimator: Estimator::Hemisphere { rays: 16 },
+        ..BakeSettings::default()
+    };
+    let codecs = [Codec::Dense, Codec::Half, Codec::Blocks(BlockCodec::Bc1), Codec::LowRank { epsilon: 0.1 }];
+    let settings = FileSettings {
+        origin: Origin {
+            scene: String::from("cornell"),
+            scene_hash: loaded.content_hash,
+            application: loaded.description().into_bytes(),
+        },
+        bake,
+        methods: codecs.map(MethodSettings::Multibounce).to_vec(),
+        build: Build::default(),
+    };
+    Bake::build_into(path, &loaded.scene, &settings, &mut Cpu::new(), &Silent).expect("a bake");
+    std::fs::read(path).expect("a bake")
+}
+
+/// Makes the checksums of the header and the sections of a scene's bake right, as far as they are where the headers say.
+fn sign_sections(bytes: &mut [u8]) {
+    const HEADER: usize = 56;
+    const SECTION: usize = 24;
+    let put = |bytes: &mut [u8], at: usize, sum: u32| {
+        if let Some(place) = bytes.get_mut(at..at + 4) {
+            place.copy_from_slice(&sum.to_le_bytes());
+        }
+    };
+    let Some(sum) = bytes.get(..HEADER - 4).map(crc32fast::hash) else { return };
+    put(bytes, HEADER - 4, sum);
+    let mut at = HEADER;
+    while let Some(head) = bytes.get(at..at + SECTION).filter(|head| head.starts_with(b"PART")) {
+        let length = u64::from_le_bytes(head[8..16].try_into().unwrap_or([0; 8]));
+        let Some(end) = (at + SECTION).checked_add(length as usize) else { return };
+        let Some(sum) = bytes.get(at + SECTION..end).map(crc32fast::hash) else { return };
+        put(bytes, at + 16, sum);
+        let Some(sum) = bytes.get(at..at + 20).map(crc32fast::hash) else { return };
+        put(bytes, at + 20, sum);
+        at = end;
+    }
+}
+
 /// Makes the checksums of a bake's header, world, blocks and table right, as far as they are where the header says.
 fn sign_bake(bytes: &mut [u8]) {
     const HEADER: usize = 120;
@@ -445,6 +501,12 @@ fn sign_bake(bytes: &mut [u8]) {
 fn open(path: &Path) -> Result<(), String> {
     if path.extension().is_none_or(|ending| ending != "bake") {
         return load_with(path, &OPTIONS).map(drop).map_err(|error| error.to_string());
+    }
+    let head = std::fs::read(path).unwrap_or_default();
+    if kind_of(&head) == Some(BakeKind::Scene) {
+        let bake = Bake::open(path).map_err(|error| error.to_string())?;
+        let text = String::from_utf8(bake.origin.application).map_err(|error| error.to_string())?;
+        return LoadedScene::of_description(bake.bake.scene, &text).map(drop);
     }
     let file = BakeFile::open(path).map_err(|error| error.to_string())?;
     let whole: PathBuf = path.with_file_name("joined.bake");

@@ -1,6 +1,8 @@
 //! The command line.
 
+mod bake;
 mod idle;
+mod input;
 mod local;
 mod operator;
 
@@ -10,21 +12,22 @@ use clap::{ArgMatches, Args, CommandFactory as _, FromArgMatches as _, Parser, S
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use experiments::args::{
-    Animate, Bench, CameraPath, Common, FocusChoice, Patches, parse_epsilon, parse_error, parse_focus, parse_metres,
-    parse_size,
+    Animate, Bench, CameraPath, Common, FocusChoice, Patches, parse_error, parse_focus, parse_metres, parse_size,
 };
 
 use assets::procedural;
 
-use super::bake::{Bake, Merge, parse_bytes};
+use super::bake::Bake;
 use super::export::Export;
 use super::illuminance::Illuminance;
+use super::world::{Merge, World};
 use patches::PatchKind;
-use patchlight::BakeSettings;
 use patchlight::method::temporal::{RowKind, Sampled};
 use patchlight::method::{FirstShotSettings, TemporalSettings};
 
-pub use idle::{Run, warn_of_idle};
+pub use bake::{BakeOptions, OperatorSettings};
+pub use idle::{warn_of_idle, warn_of_idle_in_bake, warn_of_idle_in_info};
+pub use input::{Input, kind};
 pub use local::LocalArgs;
 pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
 
@@ -38,6 +41,7 @@ pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
         patchlight                                   demo: pictures and out/report.html\n  \
         patchlight render atrium --method classic    render a built-in scene\n  \
         patchlight render room.glb --out out/room    render your own scene\n  \
+        patchlight bake room.glb -o room.bake        bake it once, for `render room.bake`\n  \
         patchlight export room.glb --lightmap        its light in files for an engine\n  \
         patchlight compare ours.exr reference.exr    print the differences\n  \
         patchlight bench patches                     the experiments: tables, plots, report\n  \
@@ -82,12 +86,14 @@ pub enum Command {
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
         patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
+        patchlight render sponza.bake --method tiles --frames 120 --animate sun\n  \
         patchlight render city.bake --method local --path fly --frames 300 --out out/city\n  \
         patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
     Render(Render),
     Bake(Bake),
+    World(World),
     Merge(Merge),
     Export(Export),
     Illuminance(Illuminance),
@@ -122,8 +128,9 @@ pub enum Command {
     /// List the devices that can run the kernels.
     Devices,
     /// Say what a scene file holds: triangles, areas, materials, lights, memory; with --patches also what patches it gives, with
-    /// --operator what the operator of the light between them takes and loses.
-    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info city.bake\n  \
+    /// --operator what the operator of the light between them takes and loses. Or what a bake holds, which is checked: its
+    /// sections and their bytes, settings, scene, and whether that has changed since.
+    #[command(after_help = "Examples:\n  patchlight info sponza.toml\n  patchlight info sponza.bake\n  \
         patchlight info atrium:50000 --json\n  patchlight info sponza.toml --patches axis --patch-count 10000\n  \
         patchlight info atrium --operator --codec bc1 --out out/matrix")]
     Info {
@@ -333,7 +340,7 @@ pub enum FormFactors {
 /// `patchlight render`.
 #[derive(Args, Debug)]
 pub struct Render {
-    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene with its parameters, as in atrium:20000 or
+    /// A scene file (.toml, .obj, .gltf, .glb), a bake, or a built-in scene with its parameters, as in atrium:20000 or
     /// rooms:wall=0.1,ground=1000 (`patchlight scene --help` lists them).
     pub scene: String,
     /// How the light is found.
@@ -362,27 +369,16 @@ pub struct Render {
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub spp: Option<u32>,
     #[command(flatten)]
-    pub patches: PatchOptions,
-    /// Bounces: a number, or all.
-    #[arg(long, default_value = "all", value_parser = parse_bounces)]
-    pub bounces: Bounces,
+    pub bake: BakeOptions,
+    #[command(flatten)]
+    pub operators: OperatorSettings,
     /// Where the operator of --bounces K is built (multibounce, tiles): auto takes the device of --device when it is a graphics
     /// processor.
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
     pub build_on: BuildPlace,
-    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun; tiles of a larger
-    /// operator are built panel by panel in a file in --out [default: what is free].
-    #[arg(long, value_parser = parse_bytes)]
-    pub memory_limit: Option<u64>,
-    /// How the operator is stored (multibounce) [default: tiles].
-    #[arg(long, value_enum)]
-    pub codec: Option<Storage>,
     /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
     #[arg(long, value_enum, default_value_t)]
     pub decode: Decoding,
-    /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius.
-    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon)]
-    pub epsilon: f64,
     /// Bounces in a frame (feedback).
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub products: u32,
@@ -396,29 +392,9 @@ pub struct Render {
     /// Most photons (firstshot).
     #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
     pub photons: u64,
-    /// Where irradiance is gathered.
-    #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
-    pub receivers: ReceiverPlaces,
     /// How pixels find direct light of sky, rectangles and emissive triangles.
     #[arg(long, value_enum, default_value_t = DirectLight::Smooth)]
     pub direct: DirectLight,
-    /// Distance between receivers where light is even, m [default: a third of the patches' mean
-    /// edge]. Receivers are the points at which indirect light is gathered.
-    #[arg(long, value_name = "METRES", value_parser = parse_metres)]
-    pub receiver_edge: Option<f32>,
-    /// Most receivers; where light bends they stand closer [default: ten thirds of as many as that
-    /// distance gives].
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
-    pub most_receivers: Option<u32>,
-    /// Estimator of the form factors.
-    #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
-    pub form_factors: FormFactors,
-    /// Rays a row of the form factors (hemisphere).
-    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
-    pub rays: u32,
-    /// Rays from each receiver.
-    #[arg(long, default_value_t = BakeSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
-    pub receiver_rays: u32,
     /// Folder with full.exr, indirect.exr, points.csv to compare with; OUT/points.csv then has the error of each point, worst
     /// first.
     #[arg(long)]
@@ -479,6 +455,19 @@ fn parse_bounces(text: &str) -> Result<Bounces, String> {
     }
 }
 
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("`{text}` is no number of bytes; write for example 2G or 800M");
+    let (digits, shift) = match text.char_indices().last() {
+        Some((at, 'K' | 'k')) => (&text[..at], 10),
+        Some((at, 'M' | 'm')) => (&text[..at], 20),
+        Some((at, 'G' | 'g')) => (&text[..at], 30),
+        _ => (text, 0),
+    };
+    let number: f64 = digits.parse().map_err(|_| wrong())?;
+    let bytes = number * f64::from(1u32 << shift);
+    if bytes.is_finite() && (1.0..1e15).contains(&bytes) { Ok(bytes as u64) } else { Err(wrong()) }
+}
+
 fn parse_blend(text: &str) -> Result<Blend, String> {
     match text.parse() {
         _ if text == "auto" => Ok(Settings::default().blend),
@@ -504,6 +493,16 @@ mod tests {
         assert!(matches!(parse_blend("auto"), Ok(Blend::Auto { .. })));
         for wrong in ["1", "-0.1", "NaN", "often", ""] {
             assert!(parse_blend(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn bytes() {
+        assert_eq!(parse_bytes("2G"), Ok(2 << 30));
+        assert_eq!(parse_bytes("1.5m"), Ok(3 << 19));
+        assert_eq!(parse_bytes("4096"), Ok(4096));
+        for wrong in ["", "G", "-1", "2T", "nan", "inf", "0", "1e99"] {
+            assert!(parse_bytes(wrong).is_err(), "{wrong}");
         }
     }
 

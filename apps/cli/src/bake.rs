@@ -1,318 +1,441 @@
-//! `patchlight bake`, `patchlight merge` and `patchlight info FILE.bake`.
+//! `patchlight bake`, and bakes of scenes where other commands take a scene.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
 
-use clap::Args;
-use localmatrix::{BakeFile, Part, beginning_of, is_begun_as_bake};
+use clap::{ArgMatches, Args, ValueEnum as _};
+use localmatrix::BakeError;
 use serde::Serialize;
 
+use super::args::{BakeOptions, Input, Method, OperatorSettings, PatchOptions, warn_of_idle_in_bake};
+use super::world::check_file;
+use assets::import::{LoadedScene, load_or_build};
 use experiments::Error;
-use experiments::args::{Common, parse_metres};
+use experiments::args::Common;
 use experiments::output;
 use experiments::progress::{Progress, continue_in, interruptible};
 use experiments::say;
+use patchlight::energy::EnergyCheck;
+use patchlight::file::{Section, beginning_of};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake, merge};
+use patchlight::method::FeedbackSettings;
+use patchlight::operator::{Build, Codec, OperatorKey};
+use patchlight::{BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind};
+use runtime::executor::{DeviceChoice, open};
 
-/// Patches without --patch-count: one for so many triangles, within these bounds.
-const TRIANGLES_A_PATCH: usize = 20;
-const LEAST_BY_DEFAULT: usize = 4_000;
-const MOST_BY_DEFAULT: usize = 250_000;
-
-/// Bake a world of patches into a file that --method local reads as the camera moves. Goes on where an interrupted run of the
-/// same ended; the bytes are the same for any number of threads.
+/// Bake a scene into a file: patches, form factors, receivers, and the operators of the methods that are named. `render` then
+/// begins with the first frame, by any method that needs no operator or whose operator is there. Goes on where an interrupted
+/// run of the same ended; the bytes are the same for any number of threads.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:\n  \
-    patchlight bake city:5000000 -o city.bake\n  \
-    patchlight bake sponza.toml --patch-count 50000 --rays 1024 --memory-limit 4G -o sponza.bake\n  \
-    patchlight bake city --part 3/8 -o part-3.bake     one job of an array; see examples/slurm/bake.sbatch\n\n\
-    --out names the file [default: SCENE.bake].")]
+    patchlight bake sponza.toml --patch-count 10000 -o sponza.bake\n  \
+    patchlight bake office --for tiles,feedback,temporal -o office.bake\n  \
+    patchlight bake office --for multibounce --codec bc6h -o office.bake\n  \
+    patchlight render office.bake --method temporal --frames 60 --animate sun\n  \
+    patchlight info office.bake\n\n\
+    --out names the file [default: SCENE.bake]. Worlds larger than memory: `patchlight world`.")]
 pub struct Bake {
     /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
     pub scene: String,
-    /// About how many patches; the voxels' edge is then a power of two of a metre [default: a twentieth of the triangles, 4,000 to
-    /// 250,000].
-    #[arg(long, conflicts_with = "voxel_size", value_parser = parse_patches)]
-    pub patch_count: Option<usize>,
-    /// Edge of the voxels, m.
-    #[arg(long, value_name = "METRES", value_parser = parse_metres)]
-    pub voxel_size: Option<f32>,
-    /// Rays a row.
-    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(16..=65_536))]
-    pub rays: u32,
-    /// Most resident memory: bytes, or with K, M or G.
-    #[arg(long, default_value = "2G", value_parser = parse_bytes)]
-    pub memory_limit: u64,
-    /// Bake only part K of N; join them with `patchlight merge`.
-    #[arg(long, value_name = "K/N", value_parser = parse_part)]
-    pub part: Option<Part>,
+    /// Methods that the file is for: tiles, multibounce and feedback have operators, which take time to make; all others need
+    /// nothing but what every bake has.
+    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose)]
+    pub methods: Vec<Method>,
+    #[command(flatten)]
+    pub bake: BakeOptions,
+    #[command(flatten)]
+    pub operators: OperatorSettings,
 }
 
-/// Join the parts of a bake into one file: the same bytes as those of a whole bake.
-#[derive(Args, Clone, Debug)]
-#[command(after_help = "Example:\n  patchlight merge part-*.bake -o city.bake")]
-pub struct Merge {
-    /// The parts, in any order.
-    #[arg(required = true)]
-    pub parts: Vec<PathBuf>,
-}
-
-fn parse_patches(text: &str) -> Result<usize, String> {
-    let range = LEAST_PATCHES..=MOST_PATCHES;
-    text.parse()
-        .ok()
-        .filter(|n| range.contains(n))
-        .ok_or_else(|| format!("`{text}` is no number from {LEAST_PATCHES} to {MOST_PATCHES}"))
-}
-
-pub fn parse_bytes(text: &str) -> Result<u64, String> {
-    let wrong = || format!("`{text}` is no number of bytes; write for example 2G or 800M");
-    let (digits, shift) = match text.char_indices().last() {
-        Some((at, 'K' | 'k')) => (&text[..at], 10),
-        Some((at, 'M' | 'm')) => (&text[..at], 20),
-        Some((at, 'G' | 'g')) => (&text[..at], 30),
-        _ => (text, 0),
-    };
-    let number: f64 = digits.parse().map_err(|_| wrong())?;
-    let bytes = number * f64::from(1u32 << shift);
-    if bytes.is_finite() && (1.0..1e15).contains(&bytes) { Ok(bytes as u64) } else { Err(wrong()) }
-}
-
-fn parse_part(text: &str) -> Result<Part, String> {
-    let wrong = || format!("`{text}` is no part; write K/N, for example 3/8, with K from 1 to N");
-    let (number, of) = text.split_once('/').ok_or_else(wrong)?;
-    let part = Part { number: number.parse().map_err(|_| wrong())?, of: of.parse().map_err(|_| wrong())? };
-    if part.number == 0 || part.number > part.of { Err(wrong()) } else { Ok(part) }
-}
-
-/// Whether a file that a command is given is a bake by its name.
-pub fn is_bake(path: &str) -> bool {
-    Path::new(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("bake"))
+fn parse_purpose(text: &str) -> Result<Method, String> {
+    match Method::from_str(text, true) {
+        Ok(Method::Path) => Err("path tracing needs no bake".to_owned()),
+        Ok(method) => Ok(method),
+        Err(_) => {
+            let names = Method::value_variants().iter().map(|method| method.name()).filter(|name| *name != "path");
+            let names: Vec<&str> = names.collect();
+            Err(format!("`{text}` is no method; choose from {}", names.join(", ")))
+        }
+    }
 }
 
 #[derive(Serialize)]
 struct Report {
     file: PathBuf,
-    #[serde(flatten)]
-    baked: BakedWorld,
+    bytes: u64,
+    patches: usize,
+    elements: usize,
+    receivers: usize,
+    operators: Vec<Operator>,
     seconds: Vec<(String, f64)>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_memory_bytes: Option<u64>,
 }
 
-/// Whether a bake can be written there, and nothing but a bake be lost by it.
-fn check_file(path: &Path) -> Result<(), Error> {
-    output::check_file(path)?;
-    match path.exists() && !is_begun_as_bake(path)? {
-        true => Err(Error::Overwrites { path: path.to_path_buf() }),
-        false => Ok(()),
+/// An operator of a bake in words.
+#[derive(Serialize)]
+struct Operator {
+    /// The options of `render` that take it.
+    options: String,
+    what: String,
+}
+
+impl Bake {
+    /// The method of an operator, or one without.
+    fn method(&self, method: Method) -> MethodSettings {
+        match method {
+            Method::Tiles => MethodSettings::Multibounce(self.operators.tiles()),
+            Method::Multibounce => MethodSettings::Multibounce(self.operators.storage()),
+            Method::Feedback => {
+                let FeedbackSettings { products, accelerated, .. } = FeedbackSettings::default();
+                MethodSettings::Feedback(self.operators.feedback(products, accelerated))
+            }
+            _ => MethodSettings::Classic,
+        }
     }
 }
 
-pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
+pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result<(), Error> {
     common.native_only("bake")?;
+    let progress = Progress::new(common.quiet);
+    if let Some(matches) = matches {
+        warn_of_idle_in_bake(matches, args, &progress);
+    }
     match &common.out {
         Some(path) => check_file(path)?,
         None => output::check_folder(Path::new("."))?,
     }
-    let progress = Progress::new(common.quiet);
-    let loaded = output::import_within(&args.scene, Some(args.memory_limit), &progress)?;
-    let by_default = (loaded.file_triangles / TRIANGLES_A_PATCH).clamp(LEAST_BY_DEFAULT, MOST_BY_DEFAULT);
-    let settings = WorldSettings {
-        scene: args.scene.clone(),
-        voxel_size: args.voxel_size,
-        patch_count: args.patch_count.unwrap_or(by_default),
-        rays: args.rays,
-        seed: common.seed,
+    let memory_limit = args.operators.memory_limit;
+    let begun = SystemTime::now();
+    let loaded = output::import_within(&args.scene, memory_limit, &progress)?;
+    let path = common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.bake", loaded.name.replace(':', "-"))));
+    check_file(&path)?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let settings = FileSettings {
+        origin: Origin {
+            scene: args.scene.clone(),
+            scene_hash: loaded.content_hash,
+            application: loaded.description().into_bytes(),
+        },
+        bake: args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed),
+        methods: args.methods.iter().map(|method| args.method(*method)).collect(),
+        build: Build { memory_limit, folder: folder.to_path_buf(), ..Build::default() },
     };
-    let part = args.part.map_or(String::new(), |p| format!("-{}-of-{}", p.number, p.of));
-    let path =
-        common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
-    check_file(&path)?;
+    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
+    if args.bake.patches.voxel_size.is_none() {
+        let FileSettings { bake, methods, build, .. } = &settings;
+        let check = |method: &MethodSettings| method.check_memory(bake.patch_count, bake.bounces, build);
+        methods.iter().try_for_each(check).map_err(of_scene)?;
+    }
+    let (mut device, _) = open(&DeviceChoice::Cpu)?;
     continue_in(beginning_of(&path));
-    let baked = interruptible(|| {
-        bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)
-    })?;
-    tell(common, path, baked, &progress);
+    let build = || patchlight::Bake::build_into(&path, &loaded.scene, &settings, device.as_mut(), &progress);
+    let bake = interruptible(build).map_err(of_scene)?;
+    if loaded.files.iter().any(|file| is_younger(file, begun)) {
+        progress.warn(&format!("{} was edited while it was baked; bake it again", args.scene));
+    }
+    let report = Report {
+        bytes: file_bytes(&path)?,
+        patches: bake.mesh.patches.len(),
+        elements: bake.mesh.elements.len(),
+        receivers: bake.receivers.points.len(),
+        operators: operators(&bake),
+        seconds: progress.phases(),
+        peak_memory_bytes: peak_memory_bytes(),
+        file: path,
+    };
+    match common.json {
+        true => say!("{}", output::json(&report)),
+        false => report.print(),
+    }
     Ok(())
 }
 
-pub fn run_merge(common: &Common, args: &Merge) -> Result<(), Error> {
-    common.native_only("merge")?;
-    let progress = Progress::new(common.quiet);
-    let path = common.out.clone().unwrap_or_else(|| PathBuf::from("merged.bake"));
-    check_file(&path)?;
-    continue_in(beginning_of(&path));
-    let baked = interruptible(|| merge(&args.parts, &path, &progress))?;
-    tell(common, path, baked, &progress);
-    Ok(())
+impl Report {
+    fn print(&self) {
+        say!("{:14} {}, {}", "file", self.file.display(), output::bytes(self.bytes));
+        say!("{:14} {}, {} elements, {} receivers", "patches", self.patches, self.elements, self.receivers);
+        print_operators(&self.operators);
+        for (name, seconds) in &self.seconds {
+            say!("{name:14} {seconds:.2} s");
+        }
+        if let Some(peak) = self.peak_memory_bytes {
+            say!("{:14} {}", "peak memory", output::bytes(peak));
+        }
+    }
 }
 
-fn tell(common: &Common, file: PathBuf, baked: BakedWorld, progress: &Progress) {
-    let report = Report { file, baked, seconds: progress.phases(), peak_memory_bytes: peak_memory_bytes() };
-    if common.json {
-        say!("{}", output::json(&report));
-        return;
+fn operators(bake: &patchlight::Bake) -> Vec<Operator> {
+    let one = |baked: &patchlight::operator::BakedOperator| Operator {
+        options: options_of(&baked.key),
+        what: baked.operator.describe(),
+    };
+    bake.operators.iter().map(one).collect()
+}
+
+fn print_operators(operators: &[Operator]) {
+    operators.iter().for_each(|Operator { options, what }| say!("{:14} for --method {options}: {what}", ""));
+}
+
+fn file_bytes(path: &Path) -> Result<u64, Error> {
+    let read = |source| BakeError::File { path: path.display().to_string(), reason: format!("{source}") };
+    Ok(std::fs::metadata(path).map_err(read)?.len())
+}
+
+/// The method and options of `render` that take an operator.
+fn options_of(key: &OperatorKey) -> String {
+    match *key {
+        OperatorKey::Bounces { codec: Codec::LowRank { epsilon }, .. } => format!("tiles --epsilon {epsilon}"),
+        OperatorKey::Bounces { codec, .. } => format!("multibounce --codec {}", codec.name()),
+        OperatorKey::FormFactors { epsilon } => format!("feedback --epsilon {epsilon}"),
     }
-    let Report { file, baked, seconds, peak_memory_bytes } = &report;
-    say!("{:14} {}, {}", "file", file.display(), output::bytes(baked.bytes));
-    say!("{:14} {} of voxels of {} m, {} nodes", "patches", baked.leaves, baked.voxel_edge_m, baked.nodes);
-    if baked.rows + baked.resumed_rows > 0 {
-        say!(
-            "{:14} {} at {:.0} a second, {} from before",
-            "rows",
-            baked.rows,
-            baked.rows_per_second,
-            baked.resumed_rows
-        );
+}
+
+/// A bake that was opened.
+pub struct Opened {
+    /// The scene as the application knows it.
+    pub loaded: LoadedScene,
+    /// The bake.
+    pub bake: patchlight::Bake,
+    origin: Origin,
+    sections: Vec<Section>,
+    has_changed: bool,
+}
+
+impl Opened {
+    /// Opens and checks a bake.
+    fn new(path: &Path, progress: &Progress) -> Result<Self, Error> {
+        let BakeFile { bake, origin, sections } = progress.phase("open", |_| patchlight::Bake::open(path))?;
+        let loaded = std::str::from_utf8(&origin.application)
+            .map_err(|error| error.to_string())
+            .and_then(|text| LoadedScene::of_description(bake.scene.clone(), text))
+            .map_err(|reason| BakeError::Damaged {
+                path: path.display().to_string(),
+                part: "origin",
+                offset: sections.first().map_or(0, |section| section.offset),
+                reason,
+            })?;
+        let has_changed = has_changed(path, &loaded, &origin);
+        Ok(Self { loaded, bake, origin, sections, has_changed })
     }
-    for (name, time) in seconds {
-        say!("{:14} {time:.2} s", name);
+
+    /// Opens a bake, and says so where its scene has changed since.
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn read(path: &Path, progress: &Progress) -> Result<Self, Error> {
+        let opened = Self::new(path, progress)?;
+        if opened.has_changed {
+            progress.warn(&format!(
+                "{} has changed since it was baked into {}; the light is that of the scene as it was: bake it again",
+                opened.origin.scene,
+                path.display()
+            ));
+        }
+        Ok(opened)
     }
-    if let Some(peak) = peak_memory_bytes {
-        say!("{:14} {}", "peak memory", output::bytes(*peak));
+
+    /// A method with the operator that the bake has, where the options leave open which.
+    ///
+    /// # Errors
+    /// [`Error::NotHeld`] where the bake has none that suits.
+    pub fn method(
+        &self,
+        path: &Path,
+        method: Method,
+        asked: MethodSettings,
+        options: &OperatorSettings,
+    ) -> Result<MethodSettings, Error> {
+        let Some(key) = OperatorKey::of(&asked, &self.bake.settings) else { return Ok(asked) };
+        let held: Vec<OperatorKey> = self.bake.operators.iter().map(|baked| baked.key).collect();
+        if self.bake.mesh.patches.is_empty() || held.contains(&key) {
+            return Ok(asked);
+        }
+        let is_open = method == Method::Multibounce && options.codec.is_none() && options.epsilon.is_none();
+        let suits = |held: &&OperatorKey| match (key, **held) {
+            (OperatorKey::Bounces { codec, .. }, OperatorKey::Bounces { codec: other, .. }) => {
+                let are_tiles = matches!((codec, other), (Codec::LowRank { .. }, Codec::LowRank { .. }));
+                is_open || are_tiles && options.epsilon.is_none()
+            }
+            (OperatorKey::FormFactors { .. }, OperatorKey::FormFactors { .. }) => options.epsilon.is_none(),
+            _ => false,
+        };
+        match (held.iter().find(suits), asked) {
+            (Some(OperatorKey::Bounces { codec, .. }), _) => Ok(MethodSettings::Multibounce(*codec)),
+            (Some(OperatorKey::FormFactors { epsilon }), MethodSettings::Feedback(settings)) => {
+                Ok(MethodSettings::Feedback(FeedbackSettings { epsilon: *epsilon, ..settings }))
+            }
+            _ => {
+                let asked = options_of(&key);
+                let (name, more) = asked.split_once(' ').unwrap_or((&asked, ""));
+                Err(Error::NotHeld {
+                    path: path.to_path_buf(),
+                    held: held.iter().map(options_of).collect(),
+                    again: format!("--for {name} {more}"),
+                    asked: asked.clone(),
+                })
+            }
+        }
     }
+}
+
+/// A scene with its bake, for commands that write its light.
+pub struct Lightable {
+    /// The scene, its triangles cut as those of the bake.
+    pub loaded: LoadedScene,
+    /// Patches and receivers.
+    pub bake: Arc<patchlight::Bake>,
+}
+
+impl Lightable {
+    /// Opens a bake, or makes that of a scene.
+    ///
+    /// # Errors
+    /// What is wrong with the file; [`Error::WorldLight`]; cancellation.
+    pub fn of(
+        common: &Common,
+        scene: &str,
+        patches: &PatchOptions,
+        memory_limit: Option<u64>,
+        progress: &Progress,
+    ) -> Result<Self, Error> {
+        match Input::of(scene) {
+            Input::World => return Err(Error::WorldLight { path: scene.into() }),
+            Input::Bake => {
+                if patches.is_given() {
+                    progress.warn("options of patches are for scenes, not bakes; this run ignores them");
+                }
+                let Opened { loaded, bake, .. } = Opened::read(Path::new(scene), progress)?;
+                return Ok(Self { loaded, bake: Arc::new(bake) });
+            }
+            Input::Scene => {}
+        }
+        let mut loaded = output::import_within(scene, memory_limit, progress)?;
+        let settings = BakeSettings {
+            patches: patches.kind(loaded.scene.geometry.triangles.len()),
+            patch_count: patches.count(),
+            voxel_size: patches.voxel_size,
+            focus: patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation),
+            memory_limit,
+            seed: common.seed,
+            ..BakeSettings::default()
+        };
+        let build = || patchlight::Bake::build(&loaded.scene, &settings, progress);
+        let bake = interruptible(build).map_err(|error| Error::of_scene(error, scene))?;
+        loaded.scene = bake.scene.clone();
+        Ok(Self { loaded, bake: Arc::new(bake) })
+    }
+}
+
+/// Whether the scene of a bake, where it still lies where it lay, is another one by now. It is only read again where one of
+/// its files is younger than the bake, or gone.
+fn has_changed(bake: &Path, loaded: &LoadedScene, origin: &Origin) -> bool {
+    let written = std::fs::metadata(bake).and_then(|meta| meta.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
+    Path::new(&origin.scene).is_file()
+        && loaded.files.iter().any(|file| is_younger(file, written))
+        && load_or_build(&origin.scene).map_or(true, |now| now.content_hash != origin.scene_hash)
+}
+
+/// Whether a file was changed after a time, or is gone.
+fn is_younger(file: &Path, than: SystemTime) -> bool {
+    !std::fs::metadata(file).and_then(|meta| meta.modified()).is_ok_and(|changed| changed <= than)
 }
 
 #[derive(Serialize)]
-struct BakeInfo {
+struct Info {
     file: PathBuf,
     bytes: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    part: Option<[u32; 2]>,
     scene: String,
     scene_hash: String,
-    settings: Option<WorldSettings>,
-    patches: u32,
-    nodes: u32,
-    roots: usize,
-    area_m2: f64,
-    voxel_edge_m: Option<f32>,
-    shining_patches: Option<usize>,
-    dark_places: Option<usize>,
-    blocks: u32,
-    rows: u64,
-    entries: u64,
-    entries_a_row: f64,
-    mean_sky_factor: f64,
-    mean_lost: f64,
-    lost_blocks: Vec<String>,
+    has_changed: bool,
+    settings: BakeSettings,
+    triangles: usize,
+    patches: usize,
+    elements: usize,
+    receivers: usize,
+    interpolation_points: usize,
+    bounces: u32,
+    /// What the bake says of its own errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    energy: Option<EnergyCheck>,
+    sections: Vec<Part>,
+    operators: Vec<Operator>,
 }
 
-/// What the rows of a bake come to.
-#[derive(Default)]
-struct RowSums {
-    rows: u64,
-    entries: u64,
-    sky: f64,
-    lost: f64,
-    /// Blocks that cannot be read, and why.
-    broken: Vec<String>,
+/// A section.
+#[derive(Serialize)]
+struct Part {
+    name: &'static str,
+    offset: u64,
+    bytes: u64,
 }
 
-impl RowSums {
-    fn of(file: &BakeFile) -> Self {
-        let mut sums = Self::default();
-        for block in file.head.own_blocks() {
-            match file.records(block) {
-                Ok(records) => {
-                    sums.rows += records.len() as u64;
-                    for record in &records {
-                        sums.entries += record.factors.len() as u64;
-                        sums.sky += f64::from(record.sky);
-                        sums.lost += f64::from(record.lost);
-                    }
-                }
-                Err(error) => sums.broken.push(error.to_string()),
-            }
-        }
-        sums
-    }
-}
-
-/// Says what a bake holds, and checks all of it.
-pub fn info(common: &Common, path: &str) -> Result<(), Error> {
+/// Says what a bake holds; all of it is checked.
+pub fn info(common: &Common, path: &Path) -> Result<(), Error> {
     common.native_only("info")?;
-    let file = BakeFile::open(Path::new(path))?;
-    let info = BakeInfo::of(&file)?;
-    if common.json {
-        say!("{}", output::json(&info));
-    } else {
-        info.print();
+    let Opened { bake, origin, sections, has_changed, .. } = Opened::new(path, &Progress::new(common.quiet))?;
+    let part = |section: &Section| Part { name: section.kind.name(), offset: section.offset, bytes: section.length };
+    let info = Info {
+        file: path.to_path_buf(),
+        bytes: file_bytes(path)?,
+        scene_hash: origin.scene_hash.iter().map(|byte| format!("{byte:02x}")).collect(),
+        has_changed,
+        scene: origin.scene,
+        settings: bake.settings,
+        triangles: bake.scene.geometry.triangles.len(),
+        patches: bake.mesh.patches.len(),
+        elements: bake.mesh.elements.len(),
+        receivers: bake.receivers.points.len(),
+        interpolation_points: bake.receivers.interpolation.points.len(),
+        bounces: bake.bounces,
+        energy: bake.energy,
+        sections: sections.iter().map(part).collect(),
+        operators: operators(&bake),
+    };
+    match common.json {
+        true => say!("{}", output::json(&info)),
+        false => info.print(),
     }
-    match info.lost_blocks.len() {
-        0 => Ok(()),
-        lost => Err(Error::LostBlocks { path: info.file, lost, blocks: info.blocks }),
-    }
+    Ok(())
 }
 
-impl BakeInfo {
-    fn of(file: &BakeFile) -> Result<Self, Error> {
-        let settings: Option<WorldSettings> = serde_json::from_str(&file.text).ok();
-        let extra = Extra::decode(&file.extra);
-        let sums = RowSums::of(file);
-        let rows = sums.rows.max(1) as f64;
-        let leaves = &file.nodes[..file.head.leaves as usize];
-        Ok(Self {
-            file: file.path().to_path_buf(),
-            bytes: file.bytes()?,
-            part: file.head.part.map(|p| [p.number, p.of]),
-            scene: settings.as_ref().map_or(String::new(), |s| s.scene.clone()),
-            scene_hash: file.head.scene.iter().map(|byte| format!("{byte:02x}")).collect(),
-            settings,
-            patches: file.head.leaves,
-            nodes: file.head.nodes,
-            roots: file.nodes.iter().filter(|n| n.parent == localmatrix::NO_NODE).count(),
-            area_m2: leaves.iter().map(|n| f64::from(n.area)).sum(),
-            voxel_edge_m: extra.as_ref().map(|e| e.shape.edges.x),
-            shining_patches: extra.as_ref().map(|e| e.emission.len()),
-            dark_places: extra.as_ref().map(|e| e.dark.len()),
-            blocks: file.head.own_blocks().len() as u32,
-            rows: sums.rows,
-            entries: sums.entries,
-            entries_a_row: sums.entries as f64 / rows,
-            mean_sky_factor: sums.sky / rows,
-            mean_lost: sums.lost / rows,
-            lost_blocks: sums.broken,
-        })
-    }
-
+impl Info {
     fn print(&self) {
-        let part = self.part.map_or(String::new(), |[k, n]| format!(", part {k} of {n}"));
-        say!("{:14} {}, {}{part}", "bake", self.file.display(), output::bytes(self.bytes));
-        say!("{:14} {} ({}…)", "scene", self.scene, &self.scene_hash[..16]);
-        if let Some(s) = &self.settings {
-            say!("{:14} {} rays a row, seed {}", "settings", s.rays, s.seed);
+        let changed = if self.has_changed { ", which has changed since: bake it again" } else { "" };
+        say!("{:14} {}, {}", "bake", self.file.display(), output::bytes(self.bytes));
+        say!("{:14} {} ({}…){changed}", "scene", self.scene, &self.scene_hash[..16]);
+        say!("{:14} {}", "settings", in_words(&self.settings));
+        say!("{:14} {} triangles, {} bounces", "", self.triangles, self.bounces);
+        say!("{:14} {}, {} elements", "patches", self.patches, self.elements);
+        say!("{:14} {}, {} interpolation points", "receivers", self.receivers, self.interpolation_points);
+        if let Some(energy) = &self.energy {
+            say!("{:14} {}", "errors", energy.in_words());
         }
-        if let (Some(edge), Some(shining), Some(dark)) = (self.voxel_edge_m, self.shining_patches, self.dark_places) {
-            say!("{:14} edge {edge} m, {shining} patches shine, {dark} places are dark", "voxels");
+        for Part { name, offset, bytes } in &self.sections {
+            say!("{:14} {name}: {} from byte {offset}", "section", output::bytes(*bytes));
         }
-        say!("{:14} {}, {:.0} m²", "patches", self.patches, self.area_m2);
-        say!("{:14} {} with what is merged, {} of them roots", "nodes", self.nodes, self.roots);
-        say!("{:14} {} in {} blocks, {:.1} entries each", "rows", self.rows, self.blocks, self.entries_a_row);
-        say!("{:14} {:.3} of rays on average, lost {:.5}", "sky", self.mean_sky_factor, self.mean_lost);
-        for line in &self.lost_blocks {
-            say!("{:14} {line}", "lost");
-        }
+        say!("{:14} classic, temporal, local, firstshot, path", "methods");
+        print_operators(&self.operators);
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sizes_and_parts() {
-        assert_eq!(parse_bytes("2G"), Ok(2 << 30));
-        assert_eq!(parse_bytes("1.5m"), Ok(3 << 19));
-        assert_eq!(parse_bytes("4096"), Ok(4096));
-        for wrong in ["", "G", "-1", "2T", "nan", "inf", "0", "1e99"] {
-            assert!(parse_bytes(wrong).is_err(), "{wrong}");
-        }
-        assert_eq!(parse_part("3/8"), Ok(Part { number: 3, of: 8 }));
-        for wrong in ["", "3", "0/8", "9/8", "1/0", "a/b", "-1/2", "1/2/3"] {
-            assert!(parse_part(wrong).is_err(), "{wrong}");
-        }
-        assert!(is_bake("a/city.BAKE") && !is_bake("bake") && !is_bake("city.toml"));
-    }
+/// The settings of a bake as the options have them.
+fn in_words(settings: &BakeSettings) -> String {
+    let estimator = match settings.estimator {
+        Estimator::Hemisphere { rays } => format!("{rays} rays a row"),
+        Estimator::Contour => "form factors by contours".to_owned(),
+        Estimator::Area => "form factors by areas".to_owned(),
+        Estimator::Point => "form factors by points".to_owned(),
+    };
+    let receivers = match settings.receivers {
+        ReceiverKind::Mesh => format!("receivers of {} rays on the mesh", settings.receiver_rays),
+        ReceiverKind::Pixels => format!("receivers of {} rays at the pixels", settings.receiver_rays),
+        ReceiverKind::Patches => "patches as receivers".to_owned(),
+    };
+    let patches = match settings.voxel_size {
+        Some(edge) => format!("{} patches of voxels of {edge} m", settings.patches.name()),
+        None => format!("about {} {} patches", settings.patch_count, settings.patches.name()),
+    };
+    format!("{patches}, {estimator}, {receivers}, seed {}", settings.seed)
 }

@@ -1,7 +1,6 @@
 //! `patchlight export`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use assets::export::lit::{LitBy, LitSide, lit_gltf, lit_ply};
 use assets::import::LoadedScene;
@@ -16,7 +15,7 @@ use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
 use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, lit_sides, on_lightmap};
 use patchlight::renderer::with_lights;
-use patchlight::{Bake, BakeSettings, Picture, RenderSettings, Renderer};
+use patchlight::{Bake, Picture, RenderSettings, Renderer};
 use reference::PictureFile as _;
 use reference::file::write_whole;
 use reference::picture::Precision;
@@ -25,7 +24,8 @@ use scene::sampling::hash3;
 use scene::{POINT_WALKS, Scene, Sides, SurfacePoint, is_open};
 
 use super::args::PatchOptions;
-use super::bake::parse_bytes;
+use super::args::parse_bytes;
+use super::bake::Lightable;
 
 /// Texels of a lightmap, about, where no size is asked for.
 const TEXELS: f64 = (1u32 << 20) as f64;
@@ -48,7 +48,7 @@ const TEXELS: f64 = (1u32 << 20) as f64;
         Several frames each have a folder, frame-0000 and so on."
 )]
 pub struct Export {
-    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
+    /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
     /// Light at the corners of the triangles, as glTF and PLY.
     #[arg(long, group = "outputs")]
@@ -87,7 +87,7 @@ pub struct Export {
 pub fn run(common: &Common, args: &Export) -> Result<(), Error> {
     output::check_out(&common.out)?;
     let progress = Progress::new(common.quiet);
-    let mut loaded = output::import_within(&args.scene, args.memory_limit, &progress)?;
+    let Lightable { loaded, bake } = Lightable::of(common, &args.scene, &args.patches, args.memory_limit, &progress)?;
     let out = output::folder_or(&common.out, &format!("{}-export", loaded.name));
     output::make_folder(&out)?;
     let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
@@ -95,20 +95,9 @@ pub fn run(common: &Common, args: &Export) -> Result<(), Error> {
         progress.note(&note);
     }
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
-    let settings = BakeSettings {
-        patches: args.patches.kind(loaded.scene.geometry.triangles.len()),
-        patch_count: args.patches.count(),
-        voxel_size: args.patches.voxel_size,
-        memory_limit: args.memory_limit,
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
-    let bake = interruptible(|| Bake::build(&loaded.scene, &settings, &progress)).map_err(of_scene)?;
-    // Its triangles are cut where something stands on them.
-    loaded.scene = bake.scene.clone();
     // No picture is made: the least there is.
     let frame = RenderSettings { size: (1, 1), sub_frames: 1, eye: loaded.view.eye, ..RenderSettings::default() };
-    let mut renderer = interruptible(|| Renderer::new(Arc::new(bake), executor, &frame, &progress))?;
+    let mut renderer = interruptible(|| Renderer::new(bake, executor, &frame, &progress))?;
     let places =
         interruptible(|| Places::of(args, &loaded.scene, renderer.bake(), common.seed, &progress)).map_err(of_scene)?;
     let movement = Movement::new(&loaded, (args.animate.unwrap_or(Animate::Path), None), args.frames, &progress);

@@ -3,7 +3,6 @@
 use std::convert::Infallible;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::sync::Arc;
 
 use clap::Args;
 use embedded_graphics::mono_font::MonoTextStyle;
@@ -19,7 +18,7 @@ use experiments::report::significant;
 use experiments::say;
 use glam::{Vec2, Vec3};
 use patchlight::outputs::{CalculationPlane, LightPart, PlaneKind, PlaneLight, illuminance, on_view};
-use patchlight::{Bake, BakeSettings, Picture, RenderSettings, Renderer};
+use patchlight::{Picture, RenderSettings, Renderer};
 use reference::PictureFile as _;
 use reference::picture::Precision;
 use runtime::executor::{DeviceChoice, open};
@@ -27,7 +26,8 @@ use scene::kernel::shade::decode_srgb;
 use serde::Serialize;
 
 use super::args::PatchOptions;
-use super::bake::parse_bytes;
+use super::args::parse_bytes;
+use super::bake::Lightable;
 
 /// Width of the legend, its bar, and the height of a letter, pixels.
 const LEGEND: u32 = 96;
@@ -51,7 +51,7 @@ const COVERED: f32 = 0.99;
     summary.json            mean, least and greatest illuminance of each plane, and uniformity (least over mean)\n\n\
     Irradiance is converted by 179 lm/W. Heights are along y, which points upwards.")]
 pub struct Illuminance {
-    /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
+    /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
     /// A horizontal plane at this height, m: illuminance from above. May be given several times.
     #[arg(long, value_name = "METRES", value_parser = parse_height)]
@@ -100,7 +100,7 @@ struct PlaneReport {
 pub fn run(common: &Common, args: &Illuminance) -> Result<(), Error> {
     output::check_out(&common.out)?;
     let progress = Progress::new(common.quiet);
-    let loaded = output::import_within(&args.scene, args.memory_limit, &progress)?;
+    let Lightable { loaded, bake } = Lightable::of(common, &args.scene, &args.patches, args.memory_limit, &progress)?;
     let out = output::folder_or(&common.out, &format!("{}-illuminance", loaded.name));
     output::make_folder(&out)?;
     let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
@@ -108,17 +108,8 @@ pub fn run(common: &Common, args: &Illuminance) -> Result<(), Error> {
         progress.note(&note);
     }
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
-    let settings = BakeSettings {
-        patches: args.patches.kind(loaded.scene.geometry.triangles.len()),
-        patch_count: args.patches.count(),
-        voxel_size: args.patches.voxel_size,
-        memory_limit: args.memory_limit,
-        seed: common.seed,
-        ..BakeSettings::default()
-    };
-    let bake = interruptible(|| Bake::build(&loaded.scene, &settings, &progress)).map_err(of_scene)?;
     let frame = RenderSettings { size: (1, 1), sub_frames: 1, eye: loaded.view.eye, ..RenderSettings::default() };
-    let mut renderer = interruptible(|| Renderer::new(Arc::new(bake), executor, &frame, &progress))?;
+    let mut renderer = interruptible(|| Renderer::new(bake, executor, &frame, &progress))?;
     let camera = loaded.view.camera(args.size.0, args.size.1);
     renderer.update_light(&loaded.scene.lighting, &camera)?;
 

@@ -12,13 +12,14 @@ mod illuminance;
 mod info;
 mod render;
 mod streamed;
+mod world;
 mod write_scene;
 
 use std::process::ExitCode;
 
 use clap::ArgMatches;
 
-use args::{Cli, Command, Run, warn_of_idle};
+use args::{Cli, Command, Input, warn_of_idle, warn_of_idle_in_info};
 use experiments::progress::Progress;
 use experiments::tell;
 use experiments::{Error, bench};
@@ -60,23 +61,34 @@ fn dispatch(cli: Cli, matches: &ArgMatches) -> Result<(), Error> {
         .map_err(|e| Error::Threads { threads, reason: e.to_string() })?;
     match cli.command {
         None => demo::run(&cli.common, cli.fast),
-        Some(Command::Bake(args)) => bake::run(&cli.common, &args),
-        Some(Command::Merge(args)) => bake::run_merge(&cli.common, &args),
-        Some(Command::Info { scene, .. }) if bake::is_bake(&scene) => bake::info(&cli.common, &scene),
+        Some(Command::Bake(args)) => bake::run(&cli.common, &args, matches.subcommand_matches("bake")),
+        Some(Command::World(args)) => world::run(&cli.common, &args),
+        Some(Command::Merge(args)) => world::run_merge(&cli.common, &args),
         Some(Command::Render(args)) => {
-            let run = Run { args: &args, is_bake: bake::is_bake(&args.scene) };
+            let input = Input::of(&args.scene);
             if let Some(matches) = matches.subcommand_matches("render") {
-                warn_of_idle(matches, run, &Progress::new(cli.common.quiet));
+                warn_of_idle(matches, &args, input, &Progress::new(cli.common.quiet));
             }
-            match run.is_bake {
-                true => streamed::run(&cli.common, &args),
-                false => render::run(&cli.common, &args),
+            match input {
+                Input::World => streamed::run(&cli.common, &args),
+                Input::Scene => render::run(&cli.common, &args),
+                Input::Bake => render::run_bake(&cli.common, &args),
             }
         }
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
         Some(Command::Bench(args)) => bench::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),
-        Some(Command::Info { scene, patches, operator }) => info::run(&cli.common, &scene, &patches, &operator),
+        Some(Command::Info { scene, patches, operator }) => {
+            let input = Input::of(&scene);
+            if let Some(matches) = matches.subcommand_matches("info") {
+                warn_of_idle_in_info(matches, input, &Progress::new(cli.common.quiet));
+            }
+            match input {
+                Input::World => world::info(&cli.common, &scene),
+                Input::Bake => bake::info(&cli.common, scene.as_ref()),
+                Input::Scene => info::run(&cli.common, &scene, &patches, &operator),
+            }
+        }
         Some(Command::Export(args)) => export::run(&cli.common, &args),
         Some(Command::Illuminance(args)) => illuminance::run(&cli.common, &args),
         Some(Command::Scene { name }) => write_scene::run(&cli.common, &name),

@@ -9,7 +9,8 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, PictureFile as _, ReferenceData, stops_to_scale};
 
-use super::args::{Bounces, DirectLight, FormFactors, Method, ReceiverPlaces, Render};
+use super::args::{Bounces, DirectLight, Method, Render};
+use super::bake::Opened;
 use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::Common;
@@ -24,14 +25,13 @@ use experiments::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
 use experiments::worst_blocks::worst_blocks;
 use patchlight::debug::DebugPicture;
 use patchlight::memory::{check_free, peak_memory_bytes};
+use patchlight::method::FirstShotSettings;
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
-use patchlight::method::{FeedbackSettings, FirstShotSettings};
-use patchlight::operator::{Build, Codec, Decode, decoder_name};
+use patchlight::operator::{Build, Codec, Decode, OperatorKey, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{
-    Bake, BakeSettings, Estimator, FrameResult, MethodSettings, Pictures, PixelLight, ReceiverKind, ReceiverUpdate,
-    RenderSettings, Renderer,
+    Bake, BakeSettings, FrameResult, MethodSettings, Pictures, PixelLight, ReceiverUpdate, RenderSettings, Renderer,
 };
 use runtime::executor::{DeviceChoice, Executor, open};
 use runtime::recipe::multibounce::Decoder;
@@ -45,27 +45,76 @@ const PIXEL_BYTES: f64 = 100.0;
 /// Shadow rays of a frame of which the user is told: those of minutes.
 const MANY_RAYS: f64 = 1e9;
 /// Phases before the first frame that the summary tells.
-const BAKE_PHASES: [&str; 10] =
-    ["import", "sample", "form_factors", "receivers", "energy", "operator", "compress", "tables", "maps", "photons"];
+const BAKE_PHASES: [&str; 11] = [
+    "open",
+    "import",
+    "sample",
+    "form_factors",
+    "receivers",
+    "energy",
+    "operator",
+    "compress",
+    "tables",
+    "maps",
+    "photons",
+];
 
+/// `render` of a scene.
 pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
+    let progress = begin(common, args)?;
+    let loaded = output::import_within(&args.scene, args.operators.memory_limit, &progress)?;
+    let seed = common.seed;
+    let method = method_settings(args, loaded.exposure_stops, seed);
+    render(common, args, &Subject { loaded, bake: None, method, seed }, &progress)
+}
+
+/// `render` of a bake.
+pub fn run_bake(common: &Common, args: &Render) -> Result<(), Error> {
+    let progress = begin(common, args)?;
+    let path = Path::new(&args.scene);
+    let opened = Opened::read(path, &progress)?;
+    let seed = if args.method == Method::Path { common.seed } else { opened.bake.settings.seed };
+    let asked = method_settings(args, opened.loaded.exposure_stops, seed);
+    let method = opened.method(path, args.method, asked, &args.operators)?;
+    let Opened { loaded, bake, .. } = opened;
+    render(common, args, &Subject { loaded, bake: Some(Arc::new(bake)), method, seed }, &progress)
+}
+
+/// What can be refused before anything is read.
+fn begin(common: &Common, args: &Render) -> Result<Progress, Error> {
     if args.method == Method::Path {
         common.native_only("render --method path")?;
     }
     output::check_out(&common.out)?;
-    let progress = Progress::new(common.quiet);
-    let loaded = output::import_within(&args.scene, args.memory_limit, &progress)?;
+    Ok(Progress::new(common.quiet))
+}
+
+/// What is rendered, and how.
+struct Subject {
+    loaded: LoadedScene,
+    /// The bake, where there is one already.
+    bake: Option<Arc<Bake>>,
+    method: MethodSettings,
+    /// Of all random numbers.
+    seed: u32,
+}
+
+fn render(common: &Common, args: &Render, subject: &Subject, progress: &Progress) -> Result<(), Error> {
+    let loaded = &subject.loaded;
     let data = args.reference.as_deref().map(ReferenceData::load).transpose()?;
     let size = args.size.or(data.as_ref().map(|d| (d.full.width, d.full.height))).unwrap_or((960, 540));
     let pixels = f64::from(size.0) * f64::from(size.1);
     let picture = format!("a picture of {} x {} pixels", size.0, size.1);
-    check_free(picture, PIXEL_BYTES * pixels, args.memory_limit, "choose a smaller size")?;
+    check_free(picture, PIXEL_BYTES * pixels, args.operators.memory_limit, "choose a smaller size")?;
     if args.frames > 1 && data.is_some() {
         progress.warn("the reference is for lights at rest; no errors are computed for moving ones");
     }
     let data = data.filter(|_| args.frames == 1);
-    let codec = args.codec.filter(|_| args.method == Method::Multibounce);
-    let codec = codec.map(|codec| codec.codec(args.epsilon).name());
+    let is_named = args.operators.codec.is_some() || subject.bake.is_some();
+    let codec = match subject.method {
+        MethodSettings::Multibounce(codec) if is_named && args.method == Method::Multibounce => Some(codec.name()),
+        _ => None,
+    };
     let name: Vec<&str> = [loaded.name.as_str(), args.method.name()].into_iter().chain(codec).collect();
     let out = output::folder_or(&common.out, &name.join("-"));
     output::make_folder(&out)?;
@@ -75,10 +124,10 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
         method: args.method.name().into(),
         codec: codec.map(str::to_owned),
         frames: args.frames,
-        seed: common.seed,
+        seed: subject.seed,
         ..Summary::default()
     };
-    let job = Job { common, args, loaded: &loaded, size, out: &out, data: data.as_ref(), progress: &progress };
+    let job = Job { common, args, subject, loaded, size, out: &out, data: data.as_ref(), progress };
     let done = match args.method {
         Method::Path => job.path_frames(&mut summary)?,
         _ => job.radiosity_frames(&mut summary)?,
@@ -100,6 +149,7 @@ pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
 struct Job<'a> {
     common: &'a Common,
     args: &'a Render,
+    subject: &'a Subject,
     loaded: &'a LoadedScene,
     /// Of pictures, pixels.
     size: (u32, u32),
@@ -119,13 +169,13 @@ struct Rendered {
 
 impl Job<'_> {
     fn path_frames(&self, summary: &mut Summary) -> Result<Rendered, Error> {
-        let Self { common, args, loaded, out, progress, .. } = *self;
+        let Self { args, loaded, out, progress, .. } = *self;
         summary.device = format!("CPU, {} threads", rayon::current_num_threads());
-        let bounces = match args.bounces {
+        let bounces = match args.bake.bounces {
             Bounces::All => u32::MAX,
             Bounces::Count(k) => k,
         };
-        let settings = PathSettings { seed: common.seed, bounces, ..PathSettings::default() };
+        let settings = PathSettings { seed: self.subject.seed, bounces, ..PathSettings::default() };
         let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
         let mut scene = loaded.scene.clone();
         let movement = self.movement();
@@ -165,14 +215,7 @@ impl Job<'_> {
         decode.check(executor.device())?;
         let settings = self.render_settings(decode);
         self.warn_of_many_lights(settings.sub_frames);
-        let bake_settings = self.bake_settings();
-        let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
-        if args.patches.voxel_size.is_none() {
-            let check = settings.method.check_memory(bake_settings.patch_count, bake_settings.bounces, &settings.build);
-            check.map_err(of_scene)?;
-        }
-        let bake = interruptible(|| Bake::build(&loaded.scene, &bake_settings, progress)).map_err(of_scene)?;
-        let bake = Arc::new(bake);
+        let bake = self.bake(&settings)?;
         let exact = match args.errors {
             true => {
                 let settings = RenderSettings { method: MethodSettings::Classic, ..settings.clone() };
@@ -200,12 +243,37 @@ impl Job<'_> {
         Ok(Rendered { pictures, points })
     }
 
+    /// The bake that there is, or a new one.
+    fn bake(&self, settings: &RenderSettings) -> Result<Arc<Bake>, Error> {
+        let Self { args, subject, loaded, progress, .. } = *self;
+        let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
+        let check =
+            |patches, bounces| settings.method.check_memory(patches, bounces, &settings.build).map_err(of_scene);
+        if let Some(bake) = &subject.bake {
+            // Operators are there.
+            if OperatorKey::of(&settings.method, &bake.settings).is_none() {
+                check(bake.mesh.patches.len(), bake.settings.bounces)?;
+            }
+            return Ok(Arc::clone(bake));
+        }
+        let own = &loaded.animation;
+        let animation = args.path.map_or_else(|| own.clone(), |path| path.animation(loaded));
+        let baked = args.bake.settings(loaded, &animation, args.operators.memory_limit, subject.seed);
+        if args.bake.patches.voxel_size.is_none() {
+            check(baked.patch_count, baked.bounces)?;
+        }
+        Ok(Arc::new(interruptible(|| Bake::build(&loaded.scene, &baked, progress)).map_err(of_scene)?))
+    }
+
     /// Light of each is traced from all samples of patches and from all pixels.
     fn warn_of_many_lights(&self, sub_frames: u32) {
         let lights = self.loaded.scene.lighting.lights.len();
         let (width, height) = self.size;
         let pixels = f64::from(width) * f64::from(height) * f64::from(sub_frames);
-        let samples = self.args.patches.count() as f64 * f64::from(BakeSettings::default().samples);
+        let samples = match &self.subject.bake {
+            Some(bake) => bake.mesh.points.len() as f64,
+            None => self.args.bake.patches.count() as f64 * f64::from(BakeSettings::default().samples),
+        };
         let rays = lights as f64 * (pixels + samples);
         if rays > MANY_RAYS {
             self.progress.warn(&format!(
@@ -227,44 +295,9 @@ impl Job<'_> {
 
     /// What decodes texture blocks, where there are any.
     fn decode(&self) -> Decode {
-        let args = self.args;
-        let has_blocks = args.codec.is_some_and(|codec| matches!(codec.codec(args.epsilon), Codec::Blocks(_)));
-        match has_blocks && args.method == Method::Multibounce {
-            true => args.decode.decode(),
-            false => Decode::Auto,
-        }
-    }
-
-    fn bake_settings(&self) -> BakeSettings {
-        let args = self.args;
-        let own = &self.loaded.animation;
-        let animation = args.path.map_or_else(|| own.clone(), |path| path.animation(self.loaded));
-        BakeSettings {
-            patches: args.patches.kind(self.loaded.scene.geometry.triangles.len()),
-            patch_count: args.patches.count(),
-            focus: args.patches.focus.unwrap_or_default().focus(self.loaded, &animation),
-            voxel_size: args.patches.voxel_size,
-            estimator: match args.form_factors {
-                FormFactors::Hemisphere => Estimator::Hemisphere { rays: args.rays },
-                FormFactors::Contour => Estimator::Contour,
-                FormFactors::Area => Estimator::Area,
-                FormFactors::Point => Estimator::Point,
-            },
-            bounces: match args.bounces {
-                Bounces::All => None,
-                Bounces::Count(k) => Some(k),
-            },
-            receivers: match args.receivers {
-                ReceiverPlaces::Mesh => ReceiverKind::Mesh,
-                ReceiverPlaces::Pixels => ReceiverKind::Pixels,
-                ReceiverPlaces::Patches => ReceiverKind::Patches,
-            },
-            receiver_edge: args.receiver_edge,
-            most_receivers: args.most_receivers.map(|most| most as usize),
-            receiver_rays: args.receiver_rays,
-            memory_limit: args.memory_limit,
-            seed: self.common.seed,
-            ..BakeSettings::default()
+        match self.subject.method {
+            MethodSettings::Multibounce(Codec::Blocks(_)) => self.args.decode.decode(),
+            _ => Decode::Auto,
         }
     }
 
@@ -277,9 +310,13 @@ impl Job<'_> {
             false => ReceiverUpdate::All,
         };
         RenderSettings {
-            method: self.method(),
+            method: self.subject.method,
             decode,
-            build: Build { on: args.build_on.place(), memory_limit: args.memory_limit, folder: self.out.to_path_buf() },
+            build: Build {
+                on: args.build_on.place(),
+                memory_limit: args.operators.memory_limit,
+                folder: self.out.to_path_buf(),
+            },
             eye: self.loaded.view.eye,
             size: self.size,
             sub_frames,
@@ -288,25 +325,6 @@ impl Job<'_> {
                 DirectLight::Smooth => PixelLight::Smooth,
                 DirectLight::Sampled => PixelLight::Sampled,
             },
-        }
-    }
-
-    fn method(&self) -> MethodSettings {
-        let args = self.args;
-        match args.method {
-            Method::Multibounce => MethodSettings::Multibounce(args.codec.unwrap_or_default().codec(args.epsilon)),
-            Method::Tiles => MethodSettings::Multibounce(Codec::LowRank { epsilon: args.epsilon }),
-            Method::Feedback => MethodSettings::Feedback(FeedbackSettings {
-                epsilon: args.epsilon,
-                products: args.products,
-                accelerated: !args.plain,
-            }),
-            Method::Temporal => MethodSettings::Temporal(args.temporal.settings(self.common.seed)),
-            Method::Local => MethodSettings::Local(args.local.options(self.loaded.exposure_stops)),
-            Method::Firstshot => {
-                MethodSettings::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
-            }
-            Method::Classic | Method::Path => MethodSettings::Classic,
         }
     }
 
@@ -411,6 +429,21 @@ impl Job<'_> {
             output::write_debug(&self.out.join("debug"), &[worst])?;
         }
         compare_with(data, &done.pictures, done.points.as_deref(), stops, self.out, summary)
+    }
+}
+
+/// The method that the options ask for, for pictures that are exposed so.
+fn method_settings(args: &Render, exposure_stops: f32, seed: u32) -> MethodSettings {
+    match args.method {
+        Method::Multibounce => MethodSettings::Multibounce(args.operators.storage()),
+        Method::Tiles => MethodSettings::Multibounce(args.operators.tiles()),
+        Method::Feedback => MethodSettings::Feedback(args.operators.feedback(args.products, !args.plain)),
+        Method::Temporal => MethodSettings::Temporal(args.temporal.settings(seed)),
+        Method::Local => MethodSettings::Local(args.local.options(exposure_stops)),
+        Method::Firstshot => {
+            MethodSettings::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
+        }
+        Method::Classic | Method::Path => MethodSettings::Classic,
     }
 }
 

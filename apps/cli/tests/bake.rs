@@ -1,297 +1,242 @@
-//! Bakes as a user meets them: the same bytes for any threads, parts and interruptions; what is wrong is named; pictures.
+//! Bakes of scenes as a user meets them: the same pictures as without, the same bytes whatever interrupts them, and errors that
+//! say what is wrong.
 
 mod program;
 
 use std::fs;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use program::{command, fails, run, succeeds, text};
 
-const SMALL: [&str; 5] = ["--patch-count", "300", "--rays", "64", "--quiet"];
+const BAKED: [&str; 6] = ["--patch-count", "100", "--rays", "64", "--receiver-rays", "64"];
+const SHOWN: [&str; 7] = ["--size", "32x24", "--spp", "2", "--device", "cpu", "--quiet"];
 
-fn bake(scene: &str, path: &Path, more: &[&str]) {
-    let path = path.to_string_lossy();
-    let arguments: Vec<&str> =
-        ["bake", scene, "-o", &path].into_iter().chain(SMALL).chain(more.iter().copied()).collect();
-    succeeds(&arguments);
+fn bake(scene: &str, path: &str, more: &[&str]) {
+    succeeds(&[&["bake", scene, "-o", path, "--quiet"], &BAKED[..], more].concat());
 }
 
-fn bake_part(path: &Path) {
-    bake("cornell", path, &["--part", "1/1"]);
-}
-
-#[test]
-fn threads_parts_and_interruptions_change_no_byte() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let name = |file: &str| at(file).to_string_lossy().into_owned();
-    bake("cornell", &at("one.bake"), &["--threads", "1"]);
-    bake("cornell", &at("two.bake"), &["--threads", "3"]);
-    let expected = fs::read(at("one.bake")).unwrap();
-    assert!(fs::read(at("two.bake")).unwrap() == expected);
-    bake("cornell", &at("seed.bake"), &["--seed", "1"]);
-    assert!(fs::read(at("seed.bake")).unwrap() != expected);
-
-    for k in 1..=3 {
-        bake("cornell", &at(&format!("part-{k}.bake")), &["--part", &format!("{k}/3")]);
-    }
-    let lost = fails(1, &["merge", &name("part-1.bake"), &name("part-3.bake"), "-o", &name("merged.bake")]);
-    assert!(lost.contains("of 3 parts these are missing: 2") && lost.contains("--part K/3"), "{lost}");
-    succeeds(&["merge", &name("part-3.bake"), &name("part-1.bake"), &name("part-2.bake"), "-o", &name("merged.bake")]);
-    assert!(fs::read(at("merged.bake")).unwrap() == expected);
-    bake("office", &at("other.bake"), &["--part", "2/3"]);
-    let other = fails(1, &["merge", &name("part-1.bake"), &name("other.bake"), "-o", &name("merged.bake")]);
-    assert!(other.contains("other.bake is of another scene"), "{other}");
-
-    // Killed as soon as there are rows, again and again until it gets through.
-    let beginning = at("killed.bake.beginning");
-    let long = name("killed.bake");
-    let arguments = ["bake", "cornell", "-o", &long, "--patch-count", "300", "--rays", "65536"];
-    let mut kills = 0;
-    while kills < 3 && !at("killed.bake").exists() {
-        let before = fs::metadata(&beginning).map_or(0, |m| m.len());
-        let mut child = command(&arguments).spawn().unwrap();
-        let start = Instant::now();
-        while start.elapsed() < Duration::from_secs(100) && child.try_wait().unwrap().is_none() {
-            if fs::metadata(&beginning).is_ok_and(|m| m.len() > before) {
-                child.kill().unwrap();
-                kills += 1;
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        child.wait().unwrap();
-    }
-    succeeds(&arguments);
-    let whole = name("whole.bake");
-    succeeds(&["bake", "cornell", "-o", &whole, "--patch-count", "300", "--rays", "65536"]);
-    assert!(kills > 0 && fs::read(&long).unwrap() == fs::read(&whole).unwrap());
-    assert!(!beginning.exists());
-}
-
-/// Kills that a bake must bear; more with the variable `KILLS`.
-fn kill_count() -> u64 {
-    std::env::var("KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(8)
+/// The bytes of the picture, and the summary.
+fn render(arguments: &[&str], out: &Path) -> (Vec<u8>, serde_json::Value) {
+    let shared = ["--json", "--out", out.to_str().unwrap()];
+    let summary = succeeds(&[&["render"], arguments, &SHOWN, &shared].concat());
+    (fs::read(out.join("full.exr")).unwrap(), serde_json::from_str(&summary).unwrap())
 }
 
 #[test]
-fn a_bake_that_is_killed_at_random_moments_comes_to_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let (whole, killed) = (folder.path().join("whole.bake"), folder.path().join("killed.bake"));
-    let arguments = |path: &Path| -> Vec<String> {
-        let own =
-            ["bake", "cornell", "-o", path.to_str().unwrap(), "--patch-count", "300", "--rays", "32768", "--quiet"];
-        own.map(str::to_owned).to_vec()
-    };
-    let command_of = |path: &Path| command(&arguments(path).iter().map(String::as_str).collect::<Vec<_>>());
-    let start = Instant::now();
-    assert!(command_of(&whole).output().unwrap().status.success());
-    let time = start.elapsed().as_micros() as u64;
-    let expected = fs::read(&whole).unwrap();
-    let (mut kills, mut finished, mut resumed) = (0, 0, 0);
-    for k in 0u64.. {
-        if kills >= kill_count() {
-            break;
-        }
-        let begun = fs::metadata(folder.path().join("killed.bake.beginning")).is_ok();
-        let mut child = command_of(&killed).spawn().unwrap();
-        // Anywhere in the time that it takes.
-        std::thread::sleep(Duration::from_micros(k.wrapping_mul(0x9e37_79b9_7f4a_7c15) % time));
-        child.kill().unwrap();
-        let is_done = child.wait().unwrap().success();
-        kills += u64::from(!is_done);
-        resumed += u64::from(begun);
-        // What is whole is right, however often it was killed before.
-        if killed.exists() {
-            assert!(fs::read(&killed).unwrap() == expected, "after {kills} kills");
-            fs::remove_file(&killed).unwrap();
-            finished += 1;
-        }
-    }
-    assert!(command_of(&killed).output().unwrap().status.success());
-    assert!(fs::read(&killed).unwrap() == expected, "after {kills} kills");
-    println!("{kills} kills, {resumed} runs went on from another, {finished} came through");
-    assert!(resumed > 0);
-}
-
-#[test]
-fn a_bake_that_is_stopped_says_where_it_goes_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.bake");
-    let own = ["bake", "cornell", "-o", path.to_str().unwrap(), "--patch-count", "4000", "--rays", "65536", "--quiet"];
-    let child = command(&own).spawn().unwrap();
-    let beginning = folder.path().join("a.bake.beginning");
-    let start = Instant::now();
-    while !beginning.exists() && start.elapsed() < Duration::from_secs(60) {
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    let told = std::process::Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
-    let output = child.wait_with_output().unwrap();
-    let message = text(&output.stderr);
-    assert!(told.success() && output.status.code() == Some(130), "{message}");
-    assert!(message.contains("a.bake.beginning keeps what is done") && beginning.exists(), "{message}");
-}
-
-#[cfg(target_os = "linux")]
-#[test]
-fn a_full_disk_is_said_and_the_old_bake_stays() {
-    let folder = tempfile::tempdir().unwrap();
-    // A small file system of its own, where the system allows to make one.
-    let script = format!(
-        "mount -t tmpfs -o size=400k none '{0}' || exit 77; \
-         '{1}' bake cornell -o '{0}/a.bake' --patch-count 300 --rays 64 --quiet || exit 78; sum=$(cksum < '{0}/a.bake'); \
-         '{1}' bake cornell -o '{0}/a.bake' --patch-count 20000 --rays 64 --quiet; code=$?; \
-         [ \"$sum\" = \"$(cksum < '{0}/a.bake')\" ] || exit 79; exit $code",
-        folder.path().display(),
-        env!("CARGO_BIN_EXE_patchlight")
-    );
-    let output = std::process::Command::new("unshare").args(["-rm", "bash", "-c", &script]).output();
-    let Ok(output) = output else {
-        println!("skipped: there is no unshare");
-        return;
-    };
-    let message = text(&output.stderr);
-    match output.status.code() {
-        Some(1) if !message.contains("a.bake") => println!("skipped: {message}"),
-        Some(77) => println!("skipped: {message}"),
-        code => {
-            assert_eq!(code, Some(1), "{message}");
-            assert!(message.contains("a.bake.beginning") && message.contains("room"), "{message}");
-        }
-    }
-}
-
-#[test]
-fn wrong_bakes_are_named_with_the_remedy() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let name = |file: &str| at(file).to_string_lossy().into_owned();
-    for (option, value) in
-        [("--part", "4/3"), ("--patch-count", "1"), ("--voxel-size", "-1"), ("--memory-limit", "lots"), ("--rays", "1")]
-    {
-        fails(2, &["bake", "cornell", option, value]);
-    }
-    fails(2, &["merge"]);
-    let tight = fails(1, &["bake", "cornell", "-o", &name("tight.bake"), "--memory-limit", "1M"]);
-    assert!(tight.contains("--memory-limit") && !at("tight.bake").exists(), "{tight}");
-    bake("cornell", &at("a.bake"), &[]);
-    let method = fails(1, &["render", &name("a.bake"), "--method", "classic"]);
-    assert!(method.contains("--method local"), "{method}");
-    let info = succeeds(&["info", &name("a.bake"), "--json"]);
-    assert!(info.contains("\"scene\": \"cornell\"") && info.contains("\"lost_blocks\": []"), "{info}");
-
-    let good = fs::read(at("a.bake")).unwrap();
-    let mut altered = good.clone();
-    // In the rows of the last block.
-    let place = altered.len() - 6 * 1024;
-    altered[place] ^= 1;
-    fs::write(at("b.bake"), altered).unwrap();
-    let output = run(&["info", &name("b.bake")]);
-    let said = text(&output.stdout);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("b.bake: block ") && said.contains("at byte"), "{said}");
-    // A short run says so, too, and no more than that.
-    let (bake, out) = (name("b.bake"), name("out"));
-    let output = run(&["render", &bake, "--method", "local", "--size", "32x24", "--slots", "2048", "--out", &out]);
-    let warnings = text(&output.stderr);
-    assert!(output.status.success(), "{warnings}");
-    assert_eq!(warnings.matches("warning: ").count(), 1, "{warnings}");
-    assert!(warnings.contains("b.bake: block ") && warnings.contains("its rows are left out"), "{warnings}");
-    // Parts that are joined must be whole.
-    bake_part(&at("part.bake"));
-    let mut part = fs::read(at("part.bake")).unwrap();
-    let place = part.len() - 200;
-    part[place] ^= 1;
-    fs::write(at("part.bake"), part).unwrap();
-    let message = fails(1, &["merge", &name("part.bake"), "-o", &name("joined.bake")]);
-    assert!(message.contains("part.bake: block ") && message.contains("bake the scene again"), "{message}");
-    assert!(!message.contains("left out"), "{message}");
-    for (bytes, word) in [(&good[..0], "it is empty"), (&good[..90], "the header"), (&good[..4000], "the world")] {
-        fs::write(at("c.bake"), bytes).unwrap();
-        for arguments in [["info", &name("c.bake"), "--json"], ["render", &name("c.bake"), "--method=local"]] {
-            let message = fails(1, &arguments);
-            assert!(message.contains(word) && message.contains("c.bake"), "{message}");
-        }
-    }
-}
-
-#[test]
-fn a_bake_is_flown_through_with_blocks_missing_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let name = |file: &str| at(file).to_string_lossy().into_owned();
-    bake("cornell", &at("a.bake"), &[]);
-    let fly = |file: &str, out: &str| {
-        succeeds(&[
-            "render",
-            &name(file),
-            "--method",
-            "local",
-            "--path",
-            "fly",
-            "--frames",
-            "4",
-            "--slots",
-            "128",
-            "--size",
-            "48x32",
-            "--out",
-            &name(out),
-            "--json",
-        ])
-    };
-    let summary = fly("a.bake", "out");
-    assert!(summary.contains("\"method\": \"local\"") && summary.contains("\"slots\": 128"), "{summary}");
-    let csv = fs::read_to_string(at("out/frames.csv")).unwrap();
-    assert_eq!(csv.lines().count(), 5);
-    assert!(at("out/frame-0003.png").exists());
-    // Half of its blocks are lost: coarser nodes stand in.
-    let good = fs::read(at("a.bake")).unwrap();
-    fs::write(at("cut.bake"), &good[..good.len() / 2]).unwrap();
-    fly("cut.bake", "cut");
-    assert!(at("cut/frame-0003.png").exists());
-    assert!(fs::read(at("cut/frame-0003.png")).unwrap() != fs::read(at("out/frame-0003.png")).unwrap());
-}
-
-#[test]
-fn still_light_does_not_pop_on_a_flight() {
+fn every_method_renders_the_same_bits_from_a_bake() {
     let folder = tempfile::tempdir().unwrap();
     let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
-    bake("atrium:3000", Path::new(&name("a.bake")), &[]);
-    // Greatest change of displayed values, and nodes that came.
-    let fly = |out: &str, more: &[&str]| {
-        let shared = [
-            "--animate",
-            "still",
-            "--method",
-            "local",
-            "--path",
-            "fly",
-            "--frames",
-            "24",
-            "--slots",
-            "64",
-            "--size",
-            "48x32",
-        ];
-        let (file, folder) = (name("a.bake"), name(out));
-        let own = ["render", &file, "--out", &folder];
-        succeeds(&[&own[..], more, &shared].concat());
-        let csv = fs::read_to_string(Path::new(&folder).join("frames.csv")).unwrap();
-        let head: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
-        let column = |name: &str| {
-            let at = head.iter().position(|one| *one == name).unwrap();
-            csv.lines().skip(2).map(|line| line.split(',').nth(at).unwrap().parse::<f64>().unwrap()).collect::<Vec<_>>()
-        };
-        let greatest = |name: &str| column(name).into_iter().fold(0.0, f64::max);
-        (greatest("change_255"), column("entered").iter().sum::<f64>(), greatest("later") + greatest("behind_255"))
+    let (file, dense) = (name("a.bake"), name("dense.bake"));
+    bake("cornell", &file, &["--for", "tiles,feedback", "--epsilon", "0.05", "--seed", "3"]);
+    bake("cornell", &dense, &["--for", "multibounce", "--codec", "dense", "--seed", "3"]);
+    let cases: [(&str, &[&str], &[&str]); 7] = [
+        (&file, &["--method", "classic"], &[]),
+        (&file, &["--method", "tiles"], &["--epsilon", "0.05"]),
+        (&file, &["--method", "feedback"], &["--epsilon", "0.05"]),
+        (&file, &["--method", "temporal"], &[]),
+        (&file, &["--method", "local"], &[]),
+        (&file, &["--method", "firstshot", "--error", "0.2"], &[]),
+        (&dense, &["--method", "multibounce"], &["--codec", "dense"]),
+    ];
+    for (file, method, of_scene) in cases {
+        let (from_bake, summary) = render(&[&[file], method].concat(), &folder.path().join("bake"));
+        let of_scene = [&["cornell", "--seed", "3"], method, of_scene, &BAKED].concat();
+        let (from_scene, expected) = render(&of_scene, &folder.path().join("scene"));
+        assert!(from_bake == from_scene, "{method:?}");
+        assert_eq!(summary["patches"], expected["patches"]);
+        for phase in ["sample", "form_factors", "receivers", "operator", "compress"] {
+            // The matrix round the camera is made for each camera.
+            let is_own = phase == "operator" && method.contains(&"local");
+            assert!(is_own || summary["bake"].get(phase).is_none(), "{method:?} makes {phase} again: {summary}");
+        }
+    }
+    // A method's picture is its own, and another seed's another.
+    let (classic, _) = render(&[&file, "--method", "classic"], &folder.path().join("bake"));
+    let (temporal, _) = render(&[&file, "--method", "temporal"], &folder.path().join("bake"));
+    let of_scene = [&["cornell", "--seed", "4", "--method", "temporal"], &BAKED[..]].concat();
+    let (other, _) = render(&of_scene, &folder.path().join("scene"));
+    assert!(classic != temporal && other != temporal);
+}
+
+#[test]
+fn all_kinds_of_patches_and_receivers_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.bake").to_string_lossy().into_owned();
+    for (patches, receivers) in [("polygon", "mesh"), ("cluster", "pixels"), ("voxel", "mesh"), ("axis", "self")] {
+        let more = ["--patches", patches, "--receivers", receivers, "--for", "tiles,multibounce", "--codec", "bc1"];
+        bake("cornell", &file, &more);
+        for method in [&["tiles"][..], &["multibounce", "--codec", "bc1"]] {
+            let method = [&["--method"], method].concat();
+            let (from_bake, _) = render(&[&[&file[..]], &method[..]].concat(), &folder.path().join("bake"));
+            let of_scene = [&["cornell"], &method[..], &more[..4], &BAKED].concat();
+            let (from_scene, _) = render(&of_scene, &folder.path().join("scene"));
+            assert!(from_bake == from_scene, "{patches} {receivers} {method:?}");
+        }
+    }
+}
+
+#[test]
+fn threads_and_kills_change_no_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let arguments = |path: &Path, threads: &str| -> Vec<String> {
+        let own = ["bake", "cornell", "--for", "tiles,feedback", "-o", path.to_str().unwrap(), "--threads", threads];
+        own.iter().chain(&BAKED).chain(&["--quiet"]).map(|one| (*one).to_owned()).collect()
     };
-    let ((smooth, came, late), (at_once, ..)) = (fly("16", &["--fade", "16"]), fly("1", &["--fade", "1"]));
-    println!("{smooth} of 255 a frame at most, {at_once} at once; {came} nodes came");
-    assert!(came > 20.0 && smooth <= 2.0, "{smooth}, {came}");
-    assert!(at_once > 4.0, "{at_once}");
-    // At rest nothing is late, whatever the budget.
-    let (_, all, nothing) = fly("rest", &["--at-rest", "--budget", "4"]);
-    println!("{all} nodes came at rest; {late} and {nothing} late");
-    assert!(all > 20.0 && late > 1.0 && nothing == 0.0, "{all}, {late}, {nothing}");
+    let command_of =
+        |path: &Path, threads: &str| command(&arguments(path, threads).iter().map(String::as_str).collect::<Vec<_>>());
+    let start = Instant::now();
+    assert!(command_of(&at("one.bake"), "1").output().unwrap().status.success());
+    let time = start.elapsed();
+    let expected = fs::read(at("one.bake")).unwrap();
+    assert!(command_of(&at("two.bake"), "2").output().unwrap().status.success());
+    assert!(fs::read(at("two.bake")).unwrap() == expected);
+    let killed = at("killed.bake");
+    let beginning = at("killed.bake.beginning");
+    let mut resumed = 0;
+    // Each a little later than the one before, so that they go on from each other.
+    for k in 1..=6u32 {
+        resumed += u32::from(fs::metadata(&beginning).is_ok_and(|meta| meta.len() > 10_000));
+        let mut child = command_of(&killed, "2").spawn().unwrap();
+        std::thread::sleep(time * k / 7);
+        child.kill().unwrap();
+        child.wait().unwrap();
+        if killed.exists() {
+            assert!(fs::read(&killed).unwrap() == expected, "kill {k}");
+            fs::remove_file(&killed).unwrap();
+        }
+    }
+    assert!(command_of(&killed, "2").output().unwrap().status.success());
+    assert!(fs::read(&killed).unwrap() == expected);
+    assert!(resumed > 0 && !beginning.exists(), "{resumed}");
+    bake("cornell", at("seed.bake").to_str().unwrap(), &["--for", "tiles,feedback", "--seed", "1"]);
+    assert!(fs::read(at("seed.bake")).unwrap() != expected);
+}
+
+#[test]
+fn what_a_bake_does_not_hold_is_said_with_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
+    let file = name("a.bake");
+    bake("cornell", &file, &["--for", "temporal"]);
+    let message = fails(1, &["render", &file, "--method", "tiles", "--quiet"]);
+    for word in ["a.bake", "--method tiles", "nor any other", "patchlight bake SCENE --for tiles", "render the scene"] {
+        assert!(message.contains(word), "{message}");
+    }
+    bake("cornell", &file, &["--epsilon", "0.05"]);
+    for options in [&["--method", "feedback"][..], &["--method", "tiles", "--epsilon", "0.01"]] {
+        let message = fails(1, &[&["render", &file, "--quiet"], options].concat());
+        assert!(message.contains("but for --method tiles --epsilon 0.05"), "{message}");
+    }
+    // What the bake has decided is not asked for again.
+    let out = name("out");
+    let output =
+        run(&[&["render", &file, "--patch-count", "50", "--bounces", "2", "--out", &out], &SHOWN[..]].concat());
+    let message = text(&output.stderr);
+    assert!(output.status.success(), "{message}");
+    for option in ["--patch-count is for scenes, not bakes", "--bounces is for scenes, not bakes"] {
+        assert!(message.contains(option), "{message}");
+    }
+    let merged = fails(1, &["merge", &file, "-o", &name("merged.bake")]);
+    assert!(merged.contains("a.bake is the bake of a scene") && merged.contains("patchlight world"), "{merged}");
+    for wrong in [["--for", "path"], ["--for", "paint"], ["--epsilon", "2"], ["--rays", "1"], ["--part", "1/2"]] {
+        fails(2, &[&["bake", "cornell"], &wrong[..]].concat());
+    }
+    assert!(fails(1, &["bake", "cornell", "--patches", "cluster", "--voxel-size", "1", "-o", &file]).contains("voxel"));
+}
+
+#[test]
+fn damaged_cut_and_foreign_bakes_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
+    bake("cornell", &name("a.bake"), &[]);
+    let good = fs::read(name("a.bake")).unwrap();
+    let changed = |at: usize| {
+        let mut bytes = good.clone();
+        bytes[at] ^= 1;
+        bytes
+    };
+    let mut newer = good.clone();
+    newer[8] = 9;
+    let cases: [(Vec<u8>, &str); 8] = [
+        (Vec::new(), "it is empty"),
+        (b"solid of triangles".to_vec(), "patchlight bake SCENE"),
+        (good[..40].to_vec(), "the header at byte 0"),
+        (changed(20), "the header at byte 0"),
+        (changed(good.len() / 2), "its checksum is wrong"),
+        (good[..good.len() / 2].to_vec(), "no section begins there"),
+        (good[..good.len() - 1].to_vec(), "no section begins there"),
+        (newer, "version 9"),
+    ];
+    for (bytes, word) in cases {
+        fs::write(name("b.bake"), bytes).unwrap();
+        for arguments in [&["info", &name("b.bake")][..], &["render", &name("b.bake"), "--out", &name("out")]] {
+            let message = fails(1, arguments);
+            assert!(message.contains(word) && message.contains("b.bake"), "{word}: {message}");
+            assert!(message.contains("again") || message.contains("bake the scene"), "{message}");
+        }
+    }
+    assert!(fails(1, &["info", &name("none.bake")]).contains("none.bake"));
+    assert!(!Path::new(&name("out")).join("full.exr").exists());
+    // Bytes tell a bake, whatever its name.
+    fs::rename(name("a.bake"), name("a.data")).unwrap();
+    assert!(succeeds(&["info", &name("a.data")]).contains("section"));
+}
+
+#[test]
+fn a_scene_that_was_edited_since_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |file: &str| folder.path().join(file);
+    let name = |file: &str| at(file).to_string_lossy().into_owned();
+    succeeds(&["scene", "cornell", "--out", &name("")]);
+    let (scene, file, out) = (name("cornell.toml"), name("a.bake"), name("out"));
+    bake(&scene, &file, &[]);
+    let look = || {
+        let output = run(&[&["render", &file, "--out", &out], &SHOWN[..]].concat());
+        assert!(output.status.success());
+        let info: serde_json::Value = serde_json::from_str(&succeeds(&["info", &file, "--json"])).unwrap();
+        (text(&output.stderr), info["has_changed"].as_bool().unwrap(), fs::read(at("out/full.exr")).unwrap())
+    };
+    let (said, has_changed, picture) = look();
+    assert!(said.is_empty() && !has_changed, "{said}");
+    // Written again, but the same.
+    let materials = fs::read_to_string(at("cornell.mtl")).unwrap();
+    fs::write(at("cornell.mtl"), &materials).unwrap();
+    let (said, has_changed, _) = look();
+    assert!(said.is_empty() && !has_changed, "{said}");
+    fs::write(at("cornell.mtl"), materials.replacen("Kd ", "Kd 0.1", 1)).unwrap();
+    let (said, has_changed, same) = look();
+    assert!(said.contains("cornell.toml has changed since") && said.contains("bake it again"), "{said}");
+    assert!(has_changed && same == picture);
+    // A bake needs no files but its own.
+    for gone in ["cornell.toml", "cornell.mtl", "cornell.obj"] {
+        fs::remove_file(at(gone)).unwrap();
+    }
+    let (said, has_changed, same) = look();
+    assert!(said.is_empty() && !has_changed && same == picture, "{said}");
+}
+
+#[test]
+fn info_says_what_a_bake_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.bake").to_string_lossy().into_owned();
+    bake("cornell", &file, &["--for", "tiles,multibounce", "--codec", "f16", "--seed", "5"]);
+    let output = run(&["info", &file, "--patch-count", "7"]);
+    assert!(text(&output.stderr).contains("--patch-count is for scenes, not bakes"), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    for word in ["cornell", "about 100 ", "64 rays a row", "seed 5", "tiles --epsilon 0.01", "multibounce --codec f16"]
+    {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    for section in ["origin", "scene", "patches", "form factors", "receivers", "operator"] {
+        assert!(said.contains(&format!("{:14} {section}: ", "section")), "{section}: {said}");
+    }
+    let info: serde_json::Value = serde_json::from_str(&succeeds(&["info", &file, "--json"])).unwrap();
+    assert_eq!(info["scene_hash"].as_str().unwrap().len(), 64);
+    assert_eq!(info["settings"]["patch_count"], 100);
+    let sections = info["sections"].as_array().unwrap();
+    let held: u64 = sections.iter().map(|section| section["bytes"].as_u64().unwrap()).sum();
+    // Headers of the file, of its sections, and of the end.
+    assert_eq!(held + 56 + 24 * (sections.len() as u64 + 1), fs::metadata(&file).unwrap().len());
 }

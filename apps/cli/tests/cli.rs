@@ -15,10 +15,12 @@ const SMALL: [&str; 10] =
 #[test]
 fn help_and_version_succeed_and_wrong_usage_is_2() {
     let help = succeeds(&["--help"]);
-    for word in ["render", "compare", "devices", "info", "scene", "bench", "Examples", "--device", "--json"] {
+    for word in
+        ["render", "bake", "world", "compare", "devices", "info", "scene", "bench", "Examples", "--device", "--json"]
+    {
         assert!(help.contains(word), "{word}");
     }
-    for command in ["render", "compare", "info", "scene", "bench"] {
+    for command in ["render", "bake", "world", "merge", "compare", "info", "scene", "bench"] {
         assert!(succeeds(&[command, "--help"]).contains("Example"), "{command}");
     }
     assert!(succeeds(&["--version"]).contains(env!("CARGO_PKG_VERSION")));
@@ -192,6 +194,7 @@ fn an_unknown_device_is_named() {
 fn a_device_is_refused_where_only_native_code_works() {
     for arguments in [
         &["bake", "cornell"][..],
+        &["world", "cornell"],
         &["merge", "part.bake"],
         &["render", "cornell", "--method", "path"],
         &["compare", "a.exr", "b.exr"],

@@ -128,6 +128,7 @@ fn an_output_that_cannot_be_written_is_found_before_the_work() {
         &["render", "no/such/scene.toml", "--out", below][..],
         &["render", "no/such/world.bake", "--method", "local", "--out", below],
         &["bake", "no/such/scene.toml", "--out", below],
+        &["world", "no/such/scene.toml", "--out", below],
         &["merge", "no/such/part.bake", "--out", below],
         &["scene", "city:5000000", "--out", below],
         &["bench", "clean", "no/such/scene.toml", "--out", below],
@@ -152,14 +153,16 @@ fn a_bake_does_not_overwrite_what_is_no_bake() {
     let file = folder.path().join("thesis.txt");
     fs::write(&file, "ten years of work").unwrap();
     let path = file.to_str().unwrap();
-    let message = fails(1, &["bake", "cornell", "--voxel-size", "0.25", "--rays", "16", "--quiet", "--out", path]);
-    assert!(message.contains("thesis.txt") && message.contains("no bake"), "{message}");
+    for command in ["bake", "world"] {
+        let message = fails(1, &[command, "cornell", "--patch-count", "100", "--rays", "16", "--quiet", "--out", path]);
+        assert!(message.contains("thesis.txt") && message.contains("no bake"), "{message}");
+    }
     assert_eq!(fs::read(&file).unwrap(), b"ten years of work");
     // A bake is replaced by a bake.
     let bake = folder.path().join("a.bake");
-    for _ in 0..2 {
+    for command in ["world", "bake", "world"] {
         let path = bake.to_str().unwrap();
-        succeeds(&["bake", "cornell", "--voxel-size", "0.25", "--rays", "16", "--quiet", "--out", path]);
+        succeeds(&[command, "cornell", "--patch-count", "100", "--rays", "16", "--quiet", "--out", path]);
     }
 }
 
@@ -181,6 +184,7 @@ fn what_is_no_regular_file_is_refused() {
         &["render", &bake, "--method", "local", "--out", out.to_str().unwrap()],
         &["merge", &bake, "--out", folder.path().join("whole.bake").to_str().unwrap()],
         &["bake", "cornell", "--out", &bake],
+        &["world", "cornell", "--out", &bake],
     ] {
         let message = fails(1, arguments);
         assert!(message.contains("no regular file"), "{arguments:?}: {message}");

@@ -42,9 +42,41 @@ pub enum Error {
         /// What the system says.
         source: std::io::Error,
     },
-    /// A bake goes with one method.
-    #[error("{} is a bake; render it with --method local, or render its scene", path.display())]
+    /// The bake of a world goes with one method.
+    #[error("{} is the bake of a world; render it with --method local, or render its scene", path.display())]
     BakeMethod {
+        /// The bake.
+        path: PathBuf,
+    },
+    /// A bake without the operator of a method.
+    #[error(
+        "{} holds no operator for --method {asked}, {}; bake the scene again with `patchlight bake SCENE {again}`, or render the \
+         scene itself",
+        path.display(),
+        what_is_held(held)
+    )]
+    NotHeld {
+        /// The bake.
+        path: PathBuf,
+        /// The method and options that were asked for.
+        asked: String,
+        /// Those that it has operators for.
+        held: Vec<String>,
+        /// What `bake` needs to be told.
+        again: String,
+    },
+    /// The bake of a world where light is to be written.
+    #[error("{} is the bake of a world, whose light is never there as a whole; give a scene or the bake of one", path.display())]
+    WorldLight {
+        /// The bake.
+        path: PathBuf,
+    },
+    /// The bake of a scene where parts of a world are joined.
+    #[error(
+        "{} is the bake of a scene, which has no parts; give those of a world (`patchlight world SCENE --part K/N`)",
+        path.display()
+    )]
+    NoPart {
         /// The bake.
         path: PathBuf,
     },
@@ -160,6 +192,14 @@ impl Error {
     /// Names the scene that it is about.
     pub fn of_scene(error: impl Into<Self>, scene: &str) -> Self {
         Self::OfScene { scene: scene.to_owned(), source: Box::new(error.into()) }
+    }
+}
+
+/// The operators that a bake has.
+fn what_is_held(held: &[String]) -> String {
+    match held.is_empty() {
+        true => "nor any other".to_owned(),
+        false => format!("but for --method {}", held.join(", ")),
     }
 }
 

@@ -4,13 +4,15 @@
 //! repaired is repaired and stated in [`LoadedScene::warnings`]; what cannot is an [`ImportError`] that names file,
 //! place and remedy. No input panics.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use glam::Vec3;
 use scene::{Camera, Scene};
+use serde::{Deserialize, Serialize};
 
 pub mod animation;
+mod description;
 pub(crate) mod draft;
 mod error;
 mod gltf_file;
@@ -25,7 +27,7 @@ pub use error::ImportError;
 pub use pictures::is_guarded;
 
 /// Where a picture is taken from, in metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
     /// Position of the eye, m.
     pub eye: Vec3,
@@ -51,7 +53,7 @@ impl View {
 }
 
 /// Triangles that the file has and the scene does not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
     /// Without area.
     pub zero_area: usize,
@@ -85,6 +87,8 @@ pub struct LoadedScene {
     pub animation: Animation,
     /// SHA-256 over everything that decides a picture.
     pub content_hash: [u8; 32],
+    /// Files that it was read from; none for a built-in scene.
+    pub files: Vec<PathBuf>,
     /// Triangles in the file, before any was dropped.
     pub file_triangles: usize,
     /// Triangles that were dropped.
@@ -167,6 +171,7 @@ fn read_mesh(path: &Path, options: &LoadOptions) -> Result<draft::Mesh, ImportEr
     let mut mesh =
         if ending == "obj" { obj::load(path, &bytes, options)? } else { gltf_file::load(path, &bytes, options)? };
     mesh.timings.insert(0, ("read", read_seconds));
+    mesh.files.push(path.to_path_buf());
     Ok(mesh)
 }
 

@@ -319,6 +319,22 @@ fn three_channels_keep_the_error_that_was_asked_for_and_cost_less_than_three_ope
     }
 }
 
+#[test]
+fn one_thread_makes_the_tiles_that_several_make() {
+    let case = Case::new(150, 0.5);
+    let with = |threads: usize, noise: u32| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let symmetric = case.factors().symmetric().unwrap();
+            let operators = [0, 1, 2].map(|c| all_bounces(symmetric.clone(), &albedo(150, c + noise)).unwrap());
+            let channels = Channels::Three(operators.each_ref());
+            tiles_of(channels, &case.area, &case.order(), 0.01, &go).unwrap()
+        })
+    };
+    let one = with(1, 0);
+    assert!(one == with(2, 0) && one == with(3, 0));
+    assert!(one != with(1, 1), "another albedo changes nothing");
+}
+
 /// Where red and blue differ from green alike, the first chroma axis has all of it, and a rank-1 term serves both.
 #[test]
 fn differences_of_one_hue_are_stored_once() {

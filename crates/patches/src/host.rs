@@ -1,6 +1,8 @@
 //! The host side: voxels, samples and patches, on all cores, the same bytes for any number of them.
 
 mod axis;
+#[cfg(feature = "serde")]
+mod check;
 mod cluster;
 mod cut;
 mod focus;

@@ -10,13 +10,15 @@ use patches::{
 };
 use scene::sampling::hash3;
 use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
+use serde::{Deserialize, Serialize};
 use transport::{Csr, HitCounts, Observer, Phase};
 
-use crate::energy::{EnergyCheck, MeanRatio};
+use crate::energy::EnergyCheck;
 use crate::error::Error;
 use crate::form_factors::{Estimator, FormFactors};
 use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
+use crate::operator::BakedOperator;
 
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
@@ -35,7 +37,7 @@ const MOST_BOUNCES: u32 = 200;
 const FOOT_OF_PATCH: f32 = 0.5;
 
 /// Where irradiance is gathered.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ReceiverKind {
     /// At points of the surface, close where light bends; pixels are interpolated between those about.
     #[default]
@@ -47,7 +49,7 @@ pub enum ReceiverKind {
 }
 
 /// Settings of [`Bake::build`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BakeSettings {
     /// What patches are.
     pub patches: PatchKind,
@@ -127,6 +129,8 @@ pub struct Bake {
     pub bounces: u32,
     /// What it was made with.
     pub settings: BakeSettings,
+    /// Operators that methods need not make anew.
+    pub operators: Vec<BakedOperator>,
 }
 
 /// A bake that has no receivers yet.
@@ -142,10 +146,7 @@ impl Bake {
     /// # Errors
     /// Too many triangles or voxels, settings that do not suit each other, cancellation.
     pub fn build(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
-        let density = match settings.patches.has_voxels() {
-            true => Density::default(),
-            false => run_phase(observer, Phase::SAMPLE, |_| Density::new(scene, settings.focus, settings.seed))?,
-        };
+        let density = density_of(scene, settings, observer)?;
         let cut = cut_scene(scene, &density, settings)?;
         let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, observer)?;
         patches.with_receivers(settings, observer)
@@ -171,7 +172,7 @@ impl<'a> PatchBake<'a> {
     }
 
     /// [`PatchBake::build`] with a density that is known.
-    fn with_density(
+    pub(crate) fn with_density(
         scene: &'a Scene,
         density: Density,
         settings: &BakeSettings,
@@ -203,8 +204,23 @@ impl<'a> PatchBake<'a> {
             energy: None,
             bounces,
             settings: *settings,
+            operators: Vec::new(),
         };
         Ok(Self { sampler, bake })
+    }
+
+    /// A bake whose receivers are still to be placed, on the scene that it was made of.
+    ///
+    /// # Errors
+    /// Too many triangles.
+    pub(crate) fn of(bake: Bake, scene: &'a Scene) -> Result<Self, Error> {
+        let sampler = lit_sampler(scene, bake.settings.patch_count, bake.density, bake.settings.seed)?;
+        Ok(Self { sampler, bake })
+    }
+
+    /// What there is without receivers.
+    pub(crate) fn bake(&self) -> &Bake {
+        &self.bake
     }
 
     /// Whether these are the patches of such settings: they differ at most in receivers.
@@ -244,31 +260,22 @@ impl<'a> PatchBake<'a> {
         let mut bake = Bake { receivers, settings, ..bake };
         bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
         if let Some(energy) = &bake.energy {
-            observer.note(&energy_note(energy));
+            observer.note(&format!("energy: {}", energy.in_words()));
         }
         Ok(bake)
     }
 }
 
-/// A sentence on the errors of a bake.
-fn energy_note(energy: &EnergyCheck) -> String {
-    let percent = |share: f64| format!("{:+.1} %", 100.0 * share);
-    let ratio = |place: &str, ratio: Option<MeanRatio>| {
-        let said = |r: MeanRatio| {
-            format!(
-                "; indirect light{place} {} (± {:.1} %) beside rays",
-                percent(r.ratio - 1.0),
-                100.0 * r.standard_error
-            )
-        };
-        ratio.map(said).unwrap_or_default()
-    };
-    let balance = percent(energy.balance);
-    format!("energy: {balance} between patches{}{}", ratio("", energy.near), ratio(" far off", energy.far))
+/// How densely the surfaces of a scene are shared out.
+pub(crate) fn density_of(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Density, Error> {
+    match settings.patches.has_voxels() {
+        true => Ok(Density::default()),
+        false => run_phase(observer, Phase::SAMPLE, |_| Ok(Density::new(scene, settings.focus, settings.seed)?)),
+    }
 }
 
 /// The scene with triangles cut where something stands on them, as far as that matters to patches of these settings.
-fn cut_scene(scene: &Scene, density: &Density, settings: &BakeSettings) -> Result<Option<Scene>, Error> {
+pub(crate) fn cut_scene(scene: &Scene, density: &Density, settings: &BakeSettings) -> Result<Option<Scene>, Error> {
     if settings.patches.has_voxels() {
         return Ok(None);
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, unit};
 use scene::{DirectParams, Hit, NONE, SurfacePoint};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use transport::kernel::grid::interpolate_receivers;
 use transport::{LinearOperator, QUADRANTS};
 
@@ -28,21 +28,19 @@ const TOLERANCE: f32 = 1e-5;
 const SALT: u32 = 0x656e_6572;
 
 /// What is known of the errors of a bake without a reference.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EnergyCheck {
     /// (absorbed + escaped) / emitted − 1, where every patch sends 1 W/m² and light goes on until it is absorbed or escapes:
     /// `Σ A ((1 − ρ) H + B F_0) / Σ A E − 1`. Zero for form factors that are reciprocal and whose rows sum to `1 − F_0`.
     pub balance: f64,
     /// Indirect light in the focus beside rays; none in a scene without light.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub near: Option<MeanRatio>,
     /// The same where distances between patches are greater; none where there are no such places.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub far: Option<MeanRatio>,
 }
 
 /// Mean indirect irradiance at random places under the scene's own light: what receivers show over what rays find.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeanRatio {
     /// Mean of what is shown over the mean of what rays find.
     pub ratio: f64,
@@ -53,6 +51,22 @@ pub struct MeanRatio {
 }
 
 impl EnergyCheck {
+    /// A part of a sentence that says how much light is lost or made.
+    pub fn in_words(&self) -> String {
+        let percent = |share: f64| format!("{:+.1} %", 100.0 * share);
+        let ratio = |place: &str, ratio: Option<MeanRatio>| {
+            let said = |r: MeanRatio| {
+                format!(
+                    "; indirect light{place} {} (± {:.1} %) beside rays",
+                    percent(r.ratio - 1.0),
+                    100.0 * r.standard_error
+                )
+            };
+            ratio.map(said).unwrap_or_default()
+        };
+        format!("{} between patches{}{}", percent(self.balance), ratio("", self.near), ratio(" far off", self.far))
+    }
+
     /// That of a bake: the balance of its patches, and 65,536 rays from 4,096 places that are shared out as patches are. Where a
     /// ray hits, direct light is found anew, and indirect light is that of the bake's element there: what is compared is the
     /// last bounce with all that patches, elements, receivers and interpolation do to it. None without patches.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use formfactor::{AreaToArea, Contour, Hemisphere, PointToPoint, add_hit_rows, balance, form_factors, sparse_rows};
 use patches::{Columns, PatchMesh};
 use scene::Scene;
+use serde::{Deserialize, Serialize};
 use transport::{Csr, HitCounts, LinearOperator};
 
 use crate::error::Error;
@@ -14,7 +15,7 @@ use crate::observe::Report;
 const LEAST_ELEMENT_RAYS: u64 = 64;
 
 /// Estimator of the form factors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Estimator {
     /// Cosine-weighted rays.
     Hemisphere {
@@ -30,13 +31,14 @@ pub enum Estimator {
 }
 
 /// Form factors between patches, and between elements.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct FormFactors {
     /// From patch to patch: means of the elements' rows.
     pub factors: Arc<Csr>,
     /// From element to element; none where the elements are the patches.
     pub element_rows: Option<Arc<HitCounts>>,
     /// Share of each element's hemisphere that sees no geometry.
+    #[serde(with = "scene::pod::table")]
     pub sky_factor: Vec<f32>,
 }
 

@@ -1,6 +1,7 @@
 //! Diffuse global illumination by radiosity, as a library: bake a scene once, light it in every frame.
 //!
-//! [`Bake::build`] cuts a scene into patches and elements, estimates their form factors and places receivers. A
+//! [`Bake::build`] cuts a scene into patches and elements, estimates their form factors and places receivers;
+//! [`Bake::build_into`] keeps all of it in a file, which [`Bake::open`] has ready in a moment. A
 //! [`Renderer`] puts a bake on an executor: native code, a Vulkan device of its own, or one that is borrowed from an
 //! engine. [`Renderer::update_light`] finds the light of a frame, whatever lights, sky and emission have become, without
 //! waiting; [`Renderer::irradiance`] hands out the device buffers, and [`Renderer::picture`] shades a picture. An engine that
@@ -37,6 +38,7 @@ pub mod bake;
 pub mod debug;
 pub mod energy;
 pub mod error;
+pub mod file;
 pub mod form_factors;
 pub mod frame;
 pub mod memory;
@@ -53,6 +55,7 @@ pub mod world;
 pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
 pub use energy::{EnergyCheck, MeanRatio};
 pub use error::{Error, Result};
+pub use file::{BakeFile, FileSettings, Origin};
 pub use form_factors::{Estimator, FormFactors};
 pub use frame::{FrameInput, FramePlan};
 pub use method::{Method, MethodReport, MethodSettings};

@@ -194,7 +194,7 @@ impl MethodSettings {
         Ok(match *self {
             Self::Classic => Box::new(classic::Classic::new(with.bake)),
             Self::Multibounce(codec) => multibounce::prepare(codec, with, device)?,
-            Self::Feedback(settings) => feedback::prepare(&settings, with)?,
+            Self::Feedback(settings) => feedback::prepare(&settings, with, device)?,
             Self::Temporal(settings) => Box::new(temporal::TemporalMethod::new(&settings, with)?),
             Self::Local(settings) => Box::new(local::Local::new(&settings, with)?),
             Self::FirstShot(settings) => Box::new(firstshot::FirstShotMethod::new(&settings, with, device)?),

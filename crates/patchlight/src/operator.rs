@@ -1,5 +1,6 @@
 //! The light between patches as one operator: all bounces in a product, or the form factors of one bounce.
 
+mod baked;
 pub mod build;
 mod decode;
 pub mod measure;
@@ -18,18 +19,20 @@ use runtime::recipe::Tables;
 use runtime::recipe::multibounce::{
     BlockTables, Decoder, DenseTables, LowRankTables, OperatorTables, planar, planar_columns,
 };
+use serde::{Deserialize, Serialize};
 use transport::kernel::product::packed_row_words;
-use transport::{Dense, Half, LinearOperator, Observer, Phase, widen_half};
+use transport::{Dense, Half, LinearOperator, Observer, Phase, check_length, widen_half};
 
 use crate::error::Error;
 use crate::observe::{Report, run_phase};
 
+pub use baked::{BakedOperator, OperatorKey};
 pub use build::{Build, BuildOn};
 pub use decode::{Decode, decoder_name};
 pub use symmetric::{SymmetricFactors, mean_visible_points};
 
 /// How an operator is stored.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Codec {
     /// A number of single precision for each entry and channel.
     Dense,
@@ -63,7 +66,7 @@ impl Codec {
 ///
 /// The dense ones have a row `[red | green | blue | zeros]` for each patch, `columns / 3` entries of each channel, for planar
 /// RGB: so the products with one number an entry serve three channels.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum PatchOperator {
     /// Single precision.
     Dense(Arc<Dense>),
@@ -149,6 +152,32 @@ impl PatchOperator {
             Self::Blocks(matrix) => matrix.len(),
             Self::LowRank(low_rank) => low_rank.shape().0,
         }
+    }
+
+    /// Whether the tables are those of so many patches, where they come from a file.
+    ///
+    /// # Errors
+    /// The table that is not.
+    pub fn check(&self, patches: usize) -> Result<(), Error> {
+        let columns = planar_columns(patches);
+        check_length("patches of an operator", patches, self.patches())?;
+        match self {
+            Self::Dense(dense) => {
+                check_length("columns of an operator", columns, dense.columns)?;
+                check_length("entries of an operator", patches * columns, dense.values.len())?;
+            }
+            Self::Half(half) => {
+                check_length("columns of an operator", columns, half.columns)?;
+                let words = packed_row_words(columns as u32) as usize;
+                check_length("entries of an operator", patches * words, half.words.len())?;
+            }
+            Self::Blocks(matrix) => matrix.check()?,
+            Self::LowRank(tiles) => {
+                check_length("columns of an operator", patches, tiles.shape().1)?;
+                tiles.check()?;
+            }
+        }
+        Ok(())
     }
 
     /// Bytes of each part that a product reads.

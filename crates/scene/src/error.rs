@@ -50,6 +50,12 @@ pub enum Error {
         /// The triangle.
         triangle: usize,
     },
+    /// A picture from a file that is larger than pictures can be.
+    #[error("a texture has more than 32,768 texels in a row or a column, or more than 16 levels")]
+    TextureSize,
+    /// A hierarchy from a file that is none.
+    #[error("the ray hierarchy names a node or a triangle that is not there")]
+    Hierarchy,
     /// The hierarchy is deeper than the traversal stack of the kernels.
     #[error(
         "the ray hierarchy has {depth} levels, {limit} fit on the kernels' stack; merge triangles that lie on each other"

@@ -13,6 +13,8 @@ mod receivers;
 mod scene;
 mod sides;
 mod sky;
+#[cfg(feature = "serde")]
+mod stored;
 mod wide;
 
 pub(crate) use wide::WideBvh;

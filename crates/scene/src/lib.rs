@@ -35,6 +35,8 @@ extern crate std;
 pub mod error;
 pub mod kernel;
 pub mod math;
+#[cfg(feature = "serde")]
+pub mod pod;
 pub mod sampling;
 pub mod types;
 

@@ -71,6 +71,37 @@ pub enum Error {
     },
 }
 
+/// Checks a table of offsets: `rows + 1` of them, none less than the one before, the last one `entries`.
+///
+/// # Errors
+/// [`Error::Length`] or [`Error::Value`] with the first offset that is wrong.
+pub fn check_offsets(name: &'static str, rows: usize, entries: usize, offsets: &[u32]) -> Result<(), Error> {
+    check_length(name, rows + 1, offsets.len())?;
+    if let Some(index) = offsets.windows(2).position(|pair| pair[0] > pair[1]) {
+        let value = f64::from(offsets[index + 1]);
+        return Err(Error::Value { name, index: index + 1, value, rule: "no less than the one before" });
+    }
+    match offsets[rows] as usize == entries {
+        true => Ok(()),
+        false => {
+            Err(Error::Value { name, index: rows, value: f64::from(offsets[rows]), rule: "the number of entries" })
+        }
+    }
+}
+
+/// Checks a table of indices: each is below `count`, or [`scene::NONE`] where that may be.
+///
+/// # Errors
+/// [`Error::Value`] with the first that is not.
+pub fn check_indices(name: &'static str, count: usize, or_none: bool, indices: &[u32]) -> Result<(), Error> {
+    match indices.iter().position(|&k| k as usize >= count && !(or_none && k == scene::NONE)) {
+        Some(index) => {
+            Err(Error::Value { name, index, value: f64::from(indices[index]), rule: "the number of one that is there" })
+        }
+        None => Ok(()),
+    }
+}
+
 /// Checks the length of a table.
 ///
 /// # Errors

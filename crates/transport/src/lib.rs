@@ -60,7 +60,7 @@ pub mod quadrants;
 pub mod types;
 
 #[cfg(feature = "alloc")]
-pub use error::{Error, check_length, check_setting};
+pub use error::{Error, check_indices, check_length, check_offsets, check_setting};
 #[cfg(feature = "std")]
 pub use host::*;
 #[cfg(feature = "alloc")]

@@ -10,8 +10,11 @@ use crate::error::{Error, check_length};
 /// An order of n things, and its inverse. For a square matrix it is that of the rows and of the
 /// columns, so that the diagonal stays where it is.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Permutation {
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     order: Vec<u32>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     place: Vec<u32>,
 }
 

@@ -1,4 +1,4 @@
-//! Options of `render` that have nothing to do in a run: one table says which options are for which runs.
+//! Options that have nothing to do in a run of `render`, `bake` or `info`: one table each says which options are for which runs.
 
 use clap::ArgMatches;
 use clap::parser::ValueSource;
@@ -6,25 +6,17 @@ use clap::parser::ValueSource;
 use experiments::args::Patches;
 use experiments::progress::Progress;
 
-use super::{Bounces, FormFactors, Method, ReceiverPlaces, Render, Storage, Switch};
+use super::super::bake::Bake;
+use super::{Bounces, FormFactors, Input, Method, ReceiverPlaces, Render, Storage, Switch};
 
-/// A run of `render`.
-#[derive(Clone, Copy)]
-pub struct Run<'a> {
-    /// Its options.
-    pub args: &'a Render,
-    /// Whether it renders a bake of a streamed world.
-    pub is_bake: bool,
-}
-
-/// Options that are for some runs only.
-struct Rule {
+/// Options of a command that are for some runs only.
+struct Rule<T: 'static> {
     /// Their names, as the program has them.
     options: &'static [&'static str],
     /// What they are for, as the user reads it.
     whom: &'static str,
-    /// Whether a run is one of these.
-    suits: fn(Run) -> bool,
+    /// Whether a run with these options, and this input, is one of these.
+    suits: fn(&T, Input) -> bool,
 }
 
 /// A rule for one method.
@@ -33,29 +25,29 @@ macro_rules! of_method {
         Rule {
             options: &[$($option),+],
             whom: concat!("--method ", $name),
-            suits: |run| run.args.method == Method::$method,
+            suits: |args, _| args.method == Method::$method,
         }
     };
 }
 
 /// Which options are for which runs; those that are not here are for all.
-const RULES: &[Rule] = &[
+const RULES: &[Rule<Render>] = &[
     of_method!(Temporal, "temporal", ["samples", "control_variate", "rotated", "rows", "sampled"]),
     Rule {
         options: &["blend"],
         whom: "--method temporal with --control-variate off",
-        suits: |Run { args, .. }| args.method == Method::Temporal && args.temporal.control_variate == Switch::Off,
+        suits: |args, _| args.method == Method::Temporal && args.temporal.control_variate == Switch::Off,
     },
     Rule {
         options: &["refresh"],
         whom: "--method temporal with --control-variate on",
-        suits: |Run { args, .. }| args.method == Method::Temporal && args.temporal.control_variate == Switch::On,
+        suits: |args, _| args.method == Method::Temporal && args.temporal.control_variate == Switch::On,
     },
     of_method!(Local, "local", ["slots", "at_rest"]),
     Rule {
         options: &["budget", "look_ahead", "fade"],
         whom: "--method local without --at-rest",
-        suits: |Run { args, .. }| args.method == Method::Local && !args.local.at_rest,
+        suits: |args, _| args.method == Method::Local && !args.local.at_rest,
     },
     of_method!(Feedback, "feedback", ["products", "plain"]),
     of_method!(Firstshot, "firstshot", ["error", "photons"]),
@@ -63,88 +55,155 @@ const RULES: &[Rule] = &[
     Rule {
         options: &["epsilon"],
         whom: "--method tiles and feedback, and multibounce with --codec tiles",
-        suits: |Run { args, .. }| match args.method {
+        suits: |args, _| match args.method {
             Method::Tiles | Method::Feedback => true,
-            Method::Multibounce => args.codec.unwrap_or_default() == Storage::Tiles,
+            Method::Multibounce => args.operators.codec.unwrap_or_default() == Storage::Tiles,
             _ => false,
         },
     },
     Rule {
         options: &["decode"],
         whom: "--method multibounce with --codec bc1, bc3, bc6h or bc7",
-        suits: |Run { args, .. }| {
+        suits: |args, _| {
             let blocks = [Storage::Bc1, Storage::Bc3, Storage::Bc6h, Storage::Bc7];
-            args.method == Method::Multibounce && args.codec.is_some_and(|codec| blocks.contains(&codec))
+            args.method == Method::Multibounce && args.operators.codec.is_some_and(|codec| blocks.contains(&codec))
         },
     },
     Rule {
         options: &["build_on"],
-        whom: "operators of --bounces K (--method multibounce and tiles); others are built on the host",
-        suits: |Run { args, .. }| {
-            matches!(args.method, Method::Multibounce | Method::Tiles) && args.bounces != Bounces::All
+        whom: "operators of --bounces K (--method multibounce and tiles) of scenes, not bakes; others are built on the host",
+        suits: |args, input| {
+            matches!(args.method, Method::Multibounce | Method::Tiles)
+                && args.bake.bounces != Bounces::All
+                && input == Input::Scene
         },
     },
     Rule {
         options: &["bounces"],
-        whom: "methods other than firstshot and local, which take all bounces",
-        suits: |Run { args, .. }| !matches!(args.method, Method::Firstshot | Method::Local),
+        whom: "scenes, not bakes, by methods other than firstshot and local, which take all bounces; and for --method path",
+        suits: |args, input| match args.method {
+            Method::Firstshot | Method::Local => false,
+            Method::Path => true,
+            _ => input == Input::Scene,
+        },
     },
-    Rule { options: &["animate", "path"], whom: "--frames above 1", suits: |Run { args, .. }| args.frames > 1 },
+    Rule {
+        options: &["seed"],
+        whom: "scenes, not bakes, which have their own; and for --method path",
+        suits: |args, input| input == Input::Scene || args.method == Method::Path,
+    },
+    Rule { options: &["animate", "path"], whom: "--frames above 1", suits: |args, _| args.frames > 1 },
     Rule {
         options: &["resume"],
         whom: "--method path with one frame",
-        suits: |Run { args, .. }| args.method == Method::Path && args.frames == 1,
+        suits: |args, _| args.method == Method::Path && args.frames == 1,
     },
-    Rule { options: &["reference"], whom: "scenes, not bakes", suits: |run| !run.is_bake },
     Rule {
-        options: &[
-            "patches",
-            "patch_count",
-            "voxel_size",
-            "form_factors",
-            "receivers",
-            "receiver_rays",
-            "direct",
-            "errors",
-            "debug",
-        ],
+        options: &["reference"],
+        whom: "scenes and their bakes, not worlds",
+        suits: |_, input| input != Input::World,
+    },
+    Rule {
+        options: &["direct", "errors", "debug"],
+        whom: "scenes and their bakes, not worlds, by methods other than path",
+        suits: |args, input| input != Input::World && args.method != Method::Path,
+    },
+    Rule {
+        options: &["patches", "patch_count", "voxel_size", "form_factors", "receivers", "receiver_rays"],
         whom: "scenes, not bakes, by methods other than path",
-        suits: has_patches,
+        suits: makes_patches,
     },
     Rule {
         options: &["focus"],
         whom: "scenes, not bakes, by methods other than path, with --patches polygon or cluster",
-        suits: |run| has_patches(run) && !matches!(run.args.patches.patches, Some(Patches::Voxel | Patches::Axis)),
+        suits: |args, input| {
+            makes_patches(args, input) && !matches!(args.bake.patches.patches, Some(Patches::Voxel | Patches::Axis))
+        },
     },
     Rule {
         options: &["rays"],
         whom: "scenes, not bakes, by methods other than path, with --form-factors hemisphere",
-        suits: |run| has_patches(run) && run.args.form_factors == FormFactors::Hemisphere,
+        suits: |args, input| makes_patches(args, input) && args.bake.form_factors == FormFactors::Hemisphere,
     },
     Rule {
         options: &["receiver_edge", "most_receivers"],
         whom: "scenes, not bakes, by methods other than path, with --receivers mesh",
-        suits: |run| has_patches(run) && run.args.receivers == ReceiverPlaces::Mesh,
+        suits: |args, input| makes_patches(args, input) && args.bake.receivers == ReceiverPlaces::Mesh,
     },
 ];
 
 /// Whether a run makes patches.
-fn has_patches(run: Run) -> bool {
-    !run.is_bake && run.args.method != Method::Path
+fn makes_patches(args: &Render, input: Input) -> bool {
+    input == Input::Scene && args.method != Method::Path
 }
+
+/// The same for `bake`.
+const BAKE_RULES: &[Rule<Bake>] = &[
+    Rule {
+        options: &["codec"],
+        whom: "--for multibounce",
+        suits: |args, _| args.methods.contains(&Method::Multibounce),
+    },
+    Rule {
+        options: &["epsilon"],
+        whom: "--for tiles and feedback, and multibounce with --codec tiles",
+        suits: |args, _| {
+            let is_in_tiles = args.operators.codec.unwrap_or_default() == Storage::Tiles;
+            args.methods.iter().any(|method| match method {
+                Method::Tiles | Method::Feedback => true,
+                Method::Multibounce => is_in_tiles,
+                _ => false,
+            })
+        },
+    },
+    Rule {
+        options: &["focus"],
+        whom: "--patches polygon or cluster",
+        suits: |args, _| !matches!(args.bake.patches.patches, Some(Patches::Voxel | Patches::Axis)),
+    },
+    Rule {
+        options: &["rays"],
+        whom: "--form-factors hemisphere",
+        suits: |args, _| args.bake.form_factors == FormFactors::Hemisphere,
+    },
+    Rule {
+        options: &["receiver_edge", "most_receivers"],
+        whom: "--receivers mesh",
+        suits: |args, _| args.bake.receivers == ReceiverPlaces::Mesh,
+    },
+];
+
+/// The same for `info`.
+const INFO_RULES: &[Rule<()>] = &[Rule {
+    options: &["patches", "patch_count", "voxel_size", "focus", "operator", "codec", "epsilon", "decode"],
+    whom: "scenes, not bakes",
+    suits: |(), input| input == Input::Scene,
+}];
 
 /// What there is to say of the options that were given, and that the run ignores.
-fn idle_options<'a>(matches: &'a ArgMatches, run: Run<'a>) -> impl Iterator<Item = String> + 'a {
+fn idle_options<T>(rules: &[Rule<T>], matches: &ArgMatches, (args, input): (&T, Input)) -> Vec<String> {
     let given = |option: &str| matches.value_source(option) == Some(ValueSource::CommandLine);
-    let idle = RULES.iter().filter(move |rule| !(rule.suits)(run));
-    idle.flat_map(|rule| rule.options.iter().map(move |option| (rule, *option)))
-        .filter(move |(_, option)| given(option))
-        .map(|(rule, option)| format!("--{} is for {}; this run ignores it", option.replace('_', "-"), rule.whom))
+    let idle = rules.iter().filter(|rule| !(rule.suits)(args, input));
+    let options = idle.flat_map(|rule| rule.options.iter().map(|option| (rule.whom, *option)));
+    options
+        .filter(|(_, option)| given(option))
+        .map(|(whom, option)| format!("--{} is for {whom}; this run ignores it", option.replace('_', "-")))
+        .collect()
 }
 
-/// Warns of each option that was given and has nothing to do in the run.
-pub fn warn_of_idle(matches: &ArgMatches, run: Run, progress: &Progress) {
-    idle_options(matches, run).for_each(|line| progress.warn(&line));
+/// Warns of each option that was given and has nothing to do in a run of `render`.
+pub fn warn_of_idle(matches: &ArgMatches, args: &Render, input: Input, progress: &Progress) {
+    idle_options(RULES, matches, (args, input)).iter().for_each(|line| progress.warn(line));
+}
+
+/// The same for `bake`.
+pub fn warn_of_idle_in_bake(matches: &ArgMatches, args: &Bake, progress: &Progress) {
+    idle_options(BAKE_RULES, matches, (args, Input::Scene)).iter().for_each(|line| progress.warn(line));
+}
+
+/// The same for `info`.
+pub fn warn_of_idle_in_info(matches: &ArgMatches, input: Input, progress: &Progress) {
+    idle_options(INFO_RULES, matches, (&(), input)).iter().for_each(|line| progress.warn(line));
 }
 
 #[cfg(test)]
@@ -154,22 +213,78 @@ mod tests {
 
     /// The names of the options that are idle when `render cornell` is given these.
     fn idle(options: &[&str]) -> Vec<String> {
+        idle_of(Input::Scene, options)
+    }
+
+    fn idle_of(input: Input, options: &[&str]) -> Vec<String> {
         let all = ["patchlight", "render", "cornell"].iter().chain(options);
         let matches = Cli::definition().try_get_matches_from(all).unwrap();
         let cli = <Cli as clap::FromArgMatches>::from_arg_matches(&matches).unwrap();
         let Some(Command::Render(args)) = cli.command else { panic!("render") };
         let matches = matches.subcommand_matches("render").unwrap();
-        let name = |line: String| line.split_once(' ').unwrap().0.to_owned();
-        idle_options(matches, Run { args: &args, is_bake: false }).map(name).collect()
+        idle_options(RULES, matches, (&args, input)).into_iter().map(name).collect()
+    }
+
+    fn name(line: String) -> String {
+        line.split_once(' ').unwrap().0.to_owned()
+    }
+
+    fn idle_in_bake(options: &[&str]) -> Vec<String> {
+        let all = ["patchlight", "bake", "cornell"].iter().chain(options);
+        let matches = Cli::definition().try_get_matches_from(all).unwrap();
+        let cli = <Cli as clap::FromArgMatches>::from_arg_matches(&matches).unwrap();
+        let Some(Command::Bake(args)) = cli.command else { panic!("bake") };
+        let matches = matches.subcommand_matches("bake").unwrap();
+        idle_options(BAKE_RULES, matches, (&args, Input::Scene)).into_iter().map(name).collect()
     }
 
     #[test]
-    fn every_rule_names_options_of_render() {
-        let command = Cli::definition();
-        let render = command.find_subcommand("render").unwrap();
-        for option in RULES.iter().flat_map(|rule| rule.options) {
-            assert!(render.get_arguments().any(|arg| arg.get_id() == *option), "{option}");
+    fn every_rule_names_options_of_its_command() {
+        let mut command = Cli::definition();
+        command.build();
+        let check = |name: &str, option: &str| {
+            let command = command.find_subcommand(name).unwrap();
+            assert!(command.get_arguments().any(|arg| arg.get_id() == option), "{name} {option}");
+        };
+        RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("render", option));
+        BAKE_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("bake", option));
+        INFO_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("info", option));
+    }
+
+    #[test]
+    fn what_a_bake_has_decided_is_named() {
+        let decided: [&[&str]; 12] = [
+            &["--patch-count", "50"],
+            &["--patches", "axis"],
+            &["--voxel-size", "0.5"],
+            &["--form-factors", "area"],
+            &["--rays", "64"],
+            &["--receivers", "pixels"],
+            &["--receiver-edge", "0.1"],
+            &["--most-receivers", "50"],
+            &["--receiver-rays", "64"],
+            &["--bounces", "3"],
+            &["--build-on", "host"],
+            &["--seed", "3"],
+        ];
+        for options in decided {
+            let found = idle_of(Input::Bake, &[&["--method", "tiles"], options].concat());
+            assert_eq!(found, [options[0]], "{options:?}");
         }
+        let free = ["--method", "tiles", "--epsilon", "0.1", "--errors", "--debug", "--reference", "x"];
+        assert!(idle_of(Input::Bake, &free).is_empty());
+        assert!(idle_of(Input::Bake, &["--method", "path", "--bounces", "3", "--seed", "3"]).is_empty());
+        assert_eq!(idle_of(Input::World, &["--method", "local", "--errors", "--seed", "3"]).len(), 2);
+    }
+
+    #[test]
+    fn options_of_operators_that_are_not_baked_are_named() {
+        assert_eq!(idle_in_bake(&["--codec", "bc1"]), ["--codec"]);
+        assert_eq!(idle_in_bake(&["--for", "temporal", "--epsilon", "0.1"]), ["--epsilon"]);
+        assert_eq!(idle_in_bake(&["--receivers", "pixels", "--receiver-edge", "1"]), ["--receiver-edge"]);
+        let apply =
+            ["--for", "multibounce,feedback", "--codec", "dense", "--epsilon", "0.1", "--rays", "64", "--seed", "3"];
+        assert!(idle_in_bake(&apply).is_empty());
     }
 
     #[test]

@@ -2,11 +2,12 @@
 
 use glam::Vec3;
 use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light};
+use serde::{Deserialize, Serialize};
 
 use super::{LoadedScene, View};
 
 /// What a track moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Target {
     /// Position (or corner) of a light, m.
     LightPosition(usize),
@@ -21,7 +22,7 @@ pub enum Target {
 }
 
 /// A value at a time.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Keyframe {
     /// Time, s.
     pub time: f32,
@@ -30,7 +31,7 @@ pub struct Keyframe {
 }
 
 /// Keyframes of one value, in the order of time; linear between them, constant before the first and after the last.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Track {
     /// What moves.
     pub target: Target,

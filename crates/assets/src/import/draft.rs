@@ -1,5 +1,6 @@
 //! A scene between reading and building: what every file format and every built-in scene fills in.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -117,6 +118,8 @@ pub struct Mesh {
     pub view: Option<View>,
     /// What was repaired.
     pub warnings: Vec<String>,
+    /// Files that it was read from, but for pictures.
+    pub files: Vec<PathBuf>,
     /// Texels, when they were packed while the mesh was read.
     pub packed: Option<Packed>,
     /// Seconds of each phase.
@@ -145,6 +148,8 @@ pub struct Setting {
     pub animation: Animation,
     /// Light a mesh that has no light at all with a sun and a sky.
     pub default_light: bool,
+    /// Files that it was read from.
+    pub files: Vec<PathBuf>,
 }
 
 impl Setting {
@@ -161,6 +166,7 @@ impl Setting {
             sky_map: Vec::new(),
             animation: Animation::default(),
             default_light: false,
+            files: Vec::new(),
         }
     }
 }
@@ -198,6 +204,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     mesh.triangles = Vec::new();
     timings.push(("clean", seconds(start)));
 
+    let files = files_of(&mesh, &setting);
     let start = Instant::now();
     for material in &mut mesh.materials {
         material.repair(&mut warnings);
@@ -261,10 +268,25 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         warnings,
         animation,
         content_hash,
+        files,
         file_triangles,
         dropped,
         timings,
     })
+}
+
+/// All files of a scene, each once.
+fn files_of(mesh: &Mesh, setting: &Setting) -> Vec<PathBuf> {
+    let pictures = mesh.materials.iter().flat_map(|m| {
+        let mask = m.mask.as_ref().map(|(source, _)| source);
+        [m.albedo_picture.as_ref(), m.radiance_picture.as_ref(), mask].into_iter().flatten()
+    });
+    let pictures = pictures.filter_map(|source| match source {
+        Source::File(path) => Some(path),
+        _ => None,
+    });
+    let all: BTreeSet<&PathBuf> = setting.files.iter().chain(&mesh.files).chain(pictures).collect();
+    all.into_iter().cloned().collect()
 }
 
 fn build_material(m: &MaterialDraft, slots: &super::pictures::Slots) -> Material {

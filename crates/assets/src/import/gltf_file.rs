@@ -3,7 +3,7 @@
 //! Intensities are taken as they stand: one unit of the file is one W (sr⁻¹, m⁻²); emission is radiance.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use base64::Engine;
@@ -38,8 +38,18 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
     let mut gltf = guard(|| Gltf::from_slice(bytes).map_err(|e| e.to_string()))
         .map_err(|reason| file.error("the whole file", format!("{reason} (truncated, or not glTF 2.0)")))?;
     file.buffers = read_buffers(&file, &mut gltf)?;
-    guard(|| Ok(collect(&file, &gltf.document, options)))
-        .unwrap_or_else(|reason| Err(file.error("the whole file", format!("is not valid: {reason}"))))
+    let mut mesh = guard(|| Ok(collect(&file, &gltf.document, options)))
+        .unwrap_or_else(|reason| Err(file.error("the whole file", format!("is not valid: {reason}"))))?;
+    mesh.files.extend(gltf.buffers().filter_map(|buffer| match buffer.source() {
+        gltf::buffer::Source::Uri(uri) => file_of(path, uri),
+        gltf::buffer::Source::Bin => None,
+    }));
+    Ok(mesh)
+}
+
+/// The file that a URI names, unless it is the data itself.
+fn file_of(path: &Path, uri: &str) -> Option<PathBuf> {
+    (!uri.starts_with("data:")).then(|| beside(path, &percent_decode(uri)))
 }
 
 fn read_buffers(file: &File, gltf: &mut Gltf) -> Result<Vec<Arc<Vec<u8>>>, ImportError> {

@@ -52,17 +52,17 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
     check_count(path, checked.triangles, options)?;
     let mut warnings = Vec::new();
     let mut materials: Vec<MaterialDraft> = Vec::new();
+    let mut files = Vec::new();
     for library in &checked.libraries {
         let whole = super::scene_file::beside(path, library);
         // One name with spaces, or several names.
         if whole.exists() || !library.contains(char::is_whitespace) {
-            mtl::load(&whole, &mut materials, &mut warnings);
+            files.push(whole);
         } else {
-            for name in library.split_whitespace() {
-                mtl::load(&super::scene_file::beside(path, name), &mut materials, &mut warnings);
-            }
+            files.extend(library.split_whitespace().map(|name| super::scene_file::beside(path, name)));
         }
     }
+    files.iter().for_each(|file| mtl::load(file, &mut materials, &mut warnings));
     // The last of several materials of one name counts.
     let by_name: BTreeMap<String, usize> = materials.iter().enumerate().map(|(k, m)| (m.name.clone(), k)).collect();
     for name in checked.used_materials.iter().filter(|name| !by_name.contains_key(*name)) {
@@ -109,7 +109,7 @@ pub fn load(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Mesh, Im
         materials.push(grey);
     }
     let timings = vec![("check", check_seconds), ("parse and textures", seconds(start))];
-    Ok(Mesh { triangles, objects, materials, warnings, packed: Some(packed), timings, ..Mesh::default() })
+    Ok(Mesh { triangles, objects, materials, warnings, files, packed: Some(packed), timings, ..Mesh::default() })
 }
 
 /// Triangles of all models, names of their objects, and whether any is without material (it gets the index `none`).

@@ -126,6 +126,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
 
     let name = path.file_stem().map_or_else(|| String::from("scene"), |s| s.to_string_lossy().into_owned());
     let mut setting = Setting::new(path, &name);
+    setting.files.push(path.to_path_buf());
     if let Some(scale) = &table.metres_per_unit {
         setting.metres_per_unit = *scale.as_ref();
         if !(scale.as_ref().is_finite() && *scale.as_ref() > 0.0) {
@@ -273,7 +274,8 @@ fn read_sky(
     if let Some(map) = &table.map {
         let path = beside(text.path, map);
         let (texels, width, height) = super::pictures::read_sky(&path, options.texel_budget, warnings)
-            .map_err(|reason| ImportError::SkyMap { path, reason })?;
+            .map_err(|reason| ImportError::SkyMap { path: path.clone(), reason })?;
+        setting.files.push(path);
         setting.sky.map_width = width;
         setting.sky.map_height = height;
         setting.sky_map = texels;

@@ -21,6 +21,7 @@ use crate::types::BlockParams;
 
 /// Texture format of the blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum BlockCodec {
     /// Half a byte an entry: four colours on a line.
     Bc1,
@@ -44,6 +45,7 @@ impl BlockCodec {
 
 /// How entries are bent before they are quantised, so that small ones keep more of their precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Companding {
     /// Not at all.
     None,
@@ -75,6 +77,7 @@ impl Companding {
 
 /// How a matrix is brought into blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BlockSettings {
     /// Texture format.
     pub codec: BlockCodec,
@@ -123,6 +126,7 @@ impl BlockBytes {
 
 /// What was lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BlockReport {
     /// `‖m' − m‖ / ‖m‖`, Frobenius.
     pub frobenius: f64,
@@ -145,12 +149,16 @@ pub struct BlockReport {
 /// are exact but for the rounding to halves. The scales of the rows give each row, in each channel, the sum that it had:
 /// constant light is kept exactly, and `‖diag(ρ) m‖∞`, which bounds the spectral radius, does not grow.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BlockMatrix {
     settings: BlockSettings,
     permutation: Permutation,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     words: Vec<u32>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     scales: Vec<Vec4>,
     outliers: Outliers,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     row_scales: Vec<Vec4>,
     report: BlockReport,
 }
@@ -164,6 +172,28 @@ impl BlockMatrix {
     /// True without rows.
     pub fn is_empty(&self) -> bool {
         self.permutation.is_empty()
+    }
+
+    /// Whether the tables belong together, so that no product reads beyond them.
+    ///
+    /// # Errors
+    /// [`transport::Error::Length`], [`transport::Error::Value`], naming the table and the entry.
+    pub fn check(&self) -> Result<(), Error> {
+        let n = self.len();
+        let is_sound = Permutation::new(self.permutation.order().to_vec())? == self.permutation;
+        let tile = self.settings.tile;
+        let is_tile = tile.is_power_of_two() && (BLOCK as usize..1 << 16).contains(&tile);
+        transport::check_setting("permutation", n as f64, "the inverse of its inverse", is_sound)?;
+        transport::check_setting("edge of a tile", tile as f64, "a power of two of at least a block", is_tile)?;
+        let blocks = self.block_count().pow(2);
+        check_length("words", blocks * self.settings.codec.block_words(), self.words.len())?;
+        check_length("scales", n.div_ceil(tile).pow(2), self.scales.len())?;
+        check_length("row_scales", n, self.row_scales.len())?;
+        let Outliers { start, entries } = &self.outliers;
+        transport::check_offsets("outliers", n, entries.len(), start)?;
+        let columns: Vec<u32> = entries.iter().map(|entry| entry.x & 0xffff).collect();
+        transport::check_indices("outliers", n, false, &columns)?;
+        Ok(())
     }
 
     /// How the matrix was brought into blocks.

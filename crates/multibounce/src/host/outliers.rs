@@ -113,10 +113,13 @@ pub(super) fn find_extremes(n: usize, rows: &MatrixRows, share: f64) -> Result<E
 
 /// The side table: rows in compressed sparse form, an entry a column and three halves.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Outliers {
     /// `start[rows + 1]`: row i has the entries `start[i]..start[i + 1]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub start: Vec<u32>,
     /// `[column | red << 16, green | blue << 16]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub entries: Vec<UVec2>,
 }
 

@@ -101,44 +101,61 @@ pub enum Channels<'a> {
 /// The vectors of the columns make sums ([`crate::multiply_vt_all`]), by which those of the rows are
 /// multiplied ([`crate::multiply_u_all`]).
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LowRank {
     /// Column at each permuted index.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub order: Vec<u32>,
     /// Permuted index of each row.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub permuted_index: Vec<u32>,
     /// `√a` of each row, m.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub row_sqrt_area: Vec<f32>,
     /// Runs of the rows' block b: `run_start[b]..run_start[b + 1]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub run_start: Vec<u32>,
     /// Packed groups of run k, which have equal channels and bits: `groups[runs[k]..runs[k + 1]]`, at most [`RUN_GROUPS`].
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub runs: Vec<u32>,
     /// The rows' vectors in packed groups, block by block, those with equal channels and bits
     /// together; zeros fill up the last of them. Vector index `4 k + m` is vector m of group k.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub groups: Vec<PackedGroup>,
     /// Elements of the rows' vectors, in `u32x16`s of [`LANES`] words.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub words: Vec<u32>,
     /// What the columns have of their own, or `None` where they are the rows.
     pub columns: Option<ColumnVectors>,
     /// Red and blue of the first chroma axis, then of the second,
     /// [`crate::kernel::tiles::chroma_weights`].
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::value"))]
     pub chroma_axes: Vec4,
     /// What the sum of each vector of the columns is multiplied by.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub scale: Vec<f32>,
     /// Index of the paired singular vector of each of the rows' vectors, which its sum multiplies;
     /// [`NO_VECTOR`] where there is none.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub paired: Vec<u32>,
     /// Dense sub-blocks of each [`LANES`] rows: `sub_block_start[k]..sub_block_start[k + 1]`,
     /// `[blocks · PARTS + 1]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub sub_block_start: Vec<u32>,
     /// Dense sub-blocks; those of symmetric operators in both of their rows.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub sub_blocks: Vec<SubBlock>,
     /// Their elements of 8 bits, [`SUB_BLOCK_WORDS`] each.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub sub_block_words: Vec<u32>,
     /// Entries of the sparse residual of each permuted row, `[blocks · TILE + 1]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub row_start: Vec<u32>,
     /// The column's permuted index in the lower 16 bits, value in the upper.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub entries: Vec<u32>,
     /// Quantisation step of the values of each permuted row.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub steps: Vec<f32>,
     /// What was lost.
     pub report: TileReport,
@@ -146,19 +163,25 @@ pub struct LowRank {
 
 /// The columns of an operator that are not its rows.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ColumnVectors {
     /// `√a` of each column, m.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub sqrt_area: Vec<f32>,
     /// First packed group of each run, and the end of the last.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub runs: Vec<u32>,
     /// The columns' vectors, as [`LowRank::groups`].
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub groups: Vec<PackedGroup>,
     /// Their elements, in `u32x16`s of [`LANES`] words.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub words: Vec<u32>,
 }
 
 /// How an operator was stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TileReport {
     /// Relative Frobenius error of each channel.
     pub error: [f64; 3],

@@ -35,8 +35,24 @@ const MOST_HALVINGS: u32 = 48;
 /// Changes random numbers.
 const WALK_SALT: u32 = 0x666f_6375;
 
+/// Vectors as three numbers.
+#[cfg(feature = "serde")]
+mod as_array {
+    use glam::Vec3;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(v: &Vec3, serializer: S) -> Result<S::Ok, S::Error> {
+        v.to_array().serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec3, D::Error> {
+        <[f32; 3]>::deserialize(deserializer).map(Vec3::from)
+    }
+}
+
 /// Where people look.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Focus {
     /// Where light stays longest: enclosed space, into which and in which most of the light goes that surfaces there send. The
     /// same density everywhere unless that would take more than half of what is shared out to far ground.
@@ -45,8 +61,10 @@ pub enum Focus {
     /// In a box; see [`Focus::seen_from`] for that of eyes.
     Box {
         /// Least coordinates, m.
+        #[cfg_attr(feature = "serde", serde(with = "as_array"))]
         low: Vec3,
         /// Greatest coordinates, m.
+        #[cfg_attr(feature = "serde", serde(with = "as_array"))]
         high: Vec3,
     },
 }
@@ -82,8 +100,11 @@ impl Focus {
 /// patch then sends about the same share of its light into the box. Level l, where `s` is about `4⁻ˡ`, has edges of 2ˡ. The last
 /// level is that at which all surface together gets a 64th of what is shared out: far ground has patches, but few.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Density {
+    #[cfg_attr(feature = "serde", serde(with = "as_array"))]
     low: Vec3,
+    #[cfg_attr(feature = "serde", serde(with = "as_array"))]
     high: Vec3,
     /// Two lesser extents of the box, the least first, m.
     extents: (f32, f32),

@@ -29,15 +29,20 @@ const MOST_WITHIN: f32 = 32.0;
 
 /// Points at which irradiance is wanted: the vertices of a grid on each triangle, those that lie together merged.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct InterpolationMesh {
     /// Per triangle of the scene, where the cells of its sides stand in `cells`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub grids: Vec<TriangleGrid>,
     /// The cells, and where their vertices stand in `vertices`, [`NONE`] for a cell without; see
     /// [`interpolate_receivers`].
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub cells: Vec<ReceiverCell>,
     /// Per vertex of a cell, its receiver.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub vertices: Vec<u32>,
     /// The receivers, a little inside of a triangle, with the normal of its side; `patch` is their own number.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub points: Vec<SurfacePoint>,
 }
 

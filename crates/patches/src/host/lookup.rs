@@ -34,14 +34,19 @@ impl Default for LookupSettings {
 
 /// What [`lookup`] reads: the patches of each voxel, and for each empty voxel the nearest one that has patches.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lookup {
     /// Grid and settings.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::value"))]
     pub params: LookupParams,
     /// One word a voxel: the place of its patches, or [`EMPTY_CELL`] with the place of the nearest ones.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub cells: Vec<u32>,
     /// First entry of each voxel with patches, and the end.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub offsets: Vec<u32>,
     /// Patches, voxel by voxel.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub entries: Vec<LookupPatch>,
     /// Length of the table of values: one a patch, and with dark patches a last one that is 0.
     pub values: usize,

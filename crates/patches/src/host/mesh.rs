@@ -23,6 +23,7 @@ pub const MOST_PATCHES: usize = 65_535;
 
 /// What patches are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PatchKind {
     /// Triangles cut into similar parts.
     Polygon,
@@ -76,22 +77,31 @@ pub struct MeshSettings {
 /// The surface of a scene as patches, each cut into elements over which light is gathered more
 /// finely than patches send it (Cohen, Greenberg et al. 1986).
 #[derive(Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PatchMesh {
     /// Centroid, area and normal of each patch.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub patches: Vec<Patch>,
     /// Mean albedo of each patch.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub albedo: Vec<Vec4>,
     /// Patch i owns the elements `patch_elements[i]..patch_elements[i + 1]`; `[patches + 1]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub patch_elements: Vec<u32>,
     /// The elements; those of polygon patches are the patches.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub elements: Vec<Patch>,
     /// Mean albedo of each element.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub element_albedo: Vec<Vec4>,
     /// Sample points, element by element; their weights are shares of the element.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub points: Vec<SurfacePoint>,
     /// Albedo at each sample point.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub point_albedo: Vec<Vec4>,
     /// Element e owns `points[offsets[e]..offsets[e + 1]]`; `[elements + 1]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub offsets: Vec<u32>,
     /// Samples that the points are taken from: each is one point or more.
     pub samples: usize,
@@ -100,9 +110,11 @@ pub struct PatchMesh {
     /// Values between patches; only patches of voxels have it.
     pub lookup: Option<Arc<Lookup>>,
     /// Per triangle, the numbers of its cells.
-    grids: Vec<TriangleGrid>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
+    pub(super) grids: Vec<TriangleGrid>,
     /// Element of each cell; empty when cells are elements.
-    cells: Vec<u32>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
+    pub(super) cells: Vec<u32>,
 }
 
 /// What the columns of an operator stand for.

@@ -65,8 +65,10 @@ pub type AddRows<'a> = dyn Fn(&mut HitCounts, &mut HitCounts, &[SurfacePoint]) -
 
 /// Receivers and the interpolation points between them. Cheap to clone.
 #[derive(Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MeshReceivers {
     /// Where irradiance is gathered.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub points: Arc<Vec<SurfacePoint>>,
     /// Their rows over the elements, one for each quadrant of a receiver's hemisphere.
     pub rows: Arc<HitCounts>,

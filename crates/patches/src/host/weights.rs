@@ -33,11 +33,16 @@ pub struct Weight {
 /// their rotated irradiance ([`crate::kernel::weights::weighted_row`]). Weights are rounded to steps of 1/128 so that their sum
 /// is that of the row, to half a step; light that is the same everywhere stays so.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PackedWeights {
     block_rows: u32,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     row_start: Vec<u32>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     list_start: Vec<u32>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     lists: Vec<u32>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     entries: Vec<u32>,
 }
 
@@ -75,6 +80,37 @@ impl PackedWeights {
         let word = |pair: &[u16]| u32::from(pair[0]) | u32::from(pair.get(1).copied().unwrap_or(0)) << 16;
         packed.entries = units.par_chunks(2).map(word).collect();
         Ok(packed)
+    }
+
+    /// Checks tables that come from a file: so many rows over so many receivers.
+    ///
+    /// # Errors
+    /// [`Error::Shared`] naming the first table that does not fit.
+    #[cfg(feature = "serde")]
+    pub(super) fn check(&self, rows: usize, receivers: usize) -> Result<(), Error> {
+        let rule = "1, 2, 4, 8 or 16";
+        let blocks = f64::from(self.block_rows);
+        transport::check_setting("rows of a block", blocks, rule, matches!(self.block_rows, 1 | 2 | 4 | 8 | 16))?;
+        let first: Vec<u32> = self.row_start.iter().map(|&start| first_of(start)).collect();
+        let units = first.last().map_or(0, |&end| end as usize);
+        transport::check_offsets("row_start", rows, units, &first)?;
+        check_length("entries", units.div_ceil(2), self.entries.len())?;
+        check_length("list_start", rows.div_ceil(self.block_rows as usize), self.list_start.len())?;
+        let mut lists = self.list_start.clone();
+        lists.push(self.lists.len() as u32);
+        transport::check_offsets("list_start", self.list_start.len(), self.lists.len(), &lists)?;
+        transport::check_indices("lists", receivers, false, &self.lists)?;
+        for (k, pair) in self.row_start.windows(2).enumerate() {
+            let block = k / self.block_rows as usize;
+            let (start, end) = (first_of(pair[0]), first_of(pair[1]));
+            let tail = 2 * (pair[0] & ((1 << ROTATED_BITS) - 1));
+            transport::check_setting("rotated", f64::from(tail), "within its row", tail <= end - start)?;
+            let rotated = end - tail;
+            let named = (start..rotated).chain((rotated..end).step_by(2));
+            let listed: Vec<u32> = named.map(|unit| listed(half_word(&self.entries, unit))).collect();
+            transport::check_indices("entries", (lists[block + 1] - lists[block]) as usize, false, &listed)?;
+        }
+        Ok(())
     }
 
     /// Number of rows.

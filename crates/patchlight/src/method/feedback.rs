@@ -8,12 +8,11 @@ use runtime::recipe::rgb_bytes;
 use transport::{LinearOperator as _, Phase};
 
 use super::classic::Classic;
-use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
-use crate::bake::ReceiverKind;
+use super::{Method, MethodReport, MethodSettings, Preparation, bytes, passes_so_far};
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES, zeros};
+use crate::frame::{FrameInput, FramePlan, zeros};
 use crate::observe::run_phase;
-use crate::operator::{PatchOperator, accelerations, build};
+use crate::operator::{OperatorKey, PatchOperator, accelerations};
 
 /// How light goes on from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,14 +53,17 @@ struct Passes {
 ///
 /// # Errors
 /// Form factors that cannot be compressed, cancellation.
-pub fn prepare(settings: &FeedbackSettings, with: &Preparation) -> Result<Box<dyn Method>, Error> {
+pub fn prepare(
+    settings: &FeedbackSettings,
+    with: &Preparation,
+    device: &mut (dyn Executor + 'static),
+) -> Result<Box<dyn Method>, Error> {
     let bake = with.bake;
-    let last = if bake.settings.receivers == ReceiverKind::Patches { 0 } else { LAST_BOUNCES };
-    let is_needed = bake.settings.bounces.is_none_or(|bounces| bounces > last) && !bake.mesh.patches.is_empty();
-    if !is_needed {
+    let key = OperatorKey::of(&MethodSettings::Feedback(*settings), &bake.settings);
+    let Some(key) = key.filter(|_| !bake.mesh.patches.is_empty()) else {
         return Ok(Box::new(Classic::new(bake)));
-    }
-    let operator = build::form_factor_operator(settings.epsilon, with)?;
+    };
+    let operator = key.find_or_build(with, device)?;
     let [plain, fast] = run_phase(with.observer, Phase::FEEDBACK, |_| accelerations(&bake.mesh.albedo, &operator))?;
     with.observer.note(&format!(
         "of a change of light a bounce leaves {:.1} % to come, accelerated {:.1} %",

@@ -5,11 +5,10 @@ use runtime::recipe::multibounce::Decoder;
 use transport::LinearOperator as _;
 
 use super::classic::Classic;
-use super::{Method, MethodReport, Preparation, bytes};
-use crate::bake::ReceiverKind;
+use super::{Method, MethodReport, MethodSettings, Preparation, bytes};
 use crate::error::Error;
-use crate::frame::{FramePlan, LAST_BOUNCES};
-use crate::operator::{Codec, PatchOperator, build};
+use crate::frame::FramePlan;
+use crate::operator::{Codec, OperatorKey, PatchOperator};
 
 /// All bounces in one product.
 pub struct Multibounce {
@@ -26,14 +25,11 @@ pub fn prepare(
     with: &Preparation,
     device: &mut (dyn Executor + 'static),
 ) -> Result<Box<dyn Method>, Error> {
-    let settings = &with.bake.settings;
-    let last = if settings.receivers == ReceiverKind::Patches { 0 } else { LAST_BOUNCES };
-    let is_needed = settings.bounces.is_none_or(|bounces| bounces > last) && !with.bake.mesh.patches.is_empty();
-    if !is_needed {
+    let key = OperatorKey::of(&MethodSettings::Multibounce(codec), &with.bake.settings);
+    let Some(key) = key.filter(|_| !with.bake.mesh.patches.is_empty()) else {
         return Ok(Box::new(Classic::new(with.bake)));
-    }
-    let bounces = settings.bounces.map(|bounces| bounces - last);
-    let operator = build::all_bounces_operator(codec, bounces, with, device)?;
+    };
+    let operator = key.find_or_build(with, device)?;
     let decoder = operator.decoder(with.decode, device.device())?;
     Ok(Box::new(Multibounce { operator, decoder }))
 }

@@ -19,27 +19,36 @@ use crate::types::*;
 /// that use it.
 ///
 /// Tables of one value a triangle are in the order of the hierarchy's leaves.
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "super::stored::Tables"))]
 pub struct Geometry {
     /// Triangles in leaf order, `[n]`.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub triangles: Vec<Triangle>,
     /// Texture coordinates, `[n]`.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub uvs: Vec<TriangleUv>,
     /// Materials as they were imported; [`Scene::materials`](crate::Scene::materials) has the
     /// emission of the lighting.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub materials: Arc<[Material]>,
     /// Pictures.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub textures: Vec<Texture>,
     /// Texels of all pictures, two words each.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub texels: Vec<u32>,
     /// Binary hierarchy of the kernels, root first.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub nodes: Vec<BvhNode>,
     /// Least and greatest coordinates, m.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub bounds: (Vec3, Vec3),
     /// Distance by which rays start above a surface, m: 2·10⁻⁵ of the bounds' diagonal, or what
     /// [`SceneParts::ray_offset`] says. A few triangles far off do not count: the diagonal is at most
     /// four times that of the box of the triangles' middles without the outermost 2.5 % at either end
     /// of each axis. Never below 2⁻¹⁸ of the greatest coordinate, of which single precision keeps 2⁻²⁴.
     pub ray_offset: f32,
+    #[cfg_attr(feature = "serde", serde(skip))]
     wide: WideBvh,
 }
 
@@ -70,27 +79,36 @@ impl Geometry {
     /// [`Error::HierarchyDepth`] where too many triangles lie on each other.
     pub(super) fn build(mut parts: SceneParts) -> Result<Self, Error> {
         let (nodes, order) = hierarchy::build(&parts.triangles);
-        let depth = hierarchy::depth(&nodes);
-        let too_deep = Error::HierarchyDepth { depth, limit: STACK_SIZE };
-        if depth > STACK_SIZE {
-            return Err(too_deep);
-        }
         // Each table goes as soon as its sorted copy is there.
         let triangles: Vec<Triangle> = order.iter().map(|&k| parts.triangles[k as usize]).collect();
         parts.triangles = Vec::new();
         let uvs = order.iter().map(|&k| parts.uvs[k as usize]).collect();
         parts.uvs = Vec::new();
         drop(order);
-        let masked = |t: &Triangle| parts.materials[t.material as usize].mask_texture != NONE;
+        Self::of_leaves(SceneParts { triangles, uvs, ..parts }, nodes)
+    }
+
+    /// Geometry of parts in the order of a hierarchy's leaves.
+    ///
+    /// # Errors
+    /// [`Error::HierarchyDepth`].
+    pub(super) fn of_leaves(parts: SceneParts, nodes: Vec<BvhNode>) -> Result<Self, Error> {
+        let SceneParts { triangles, uvs, materials, textures, texels, .. } = parts;
+        let depth = hierarchy::depth(&nodes);
+        let too_deep = Error::HierarchyDepth { depth, limit: STACK_SIZE };
+        if depth > STACK_SIZE {
+            return Err(too_deep);
+        }
+        let masked = |t: &Triangle| materials[t.material as usize].mask_texture != NONE;
         let wide = WideBvh::new(&nodes, &triangles, masked).ok_or(too_deep)?;
         let (low, high) = bounds(&triangles);
         let ray_offset = parts.ray_offset.unwrap_or_else(|| ray_offset(&triangles, low, high));
         Ok(Self {
             triangles,
             uvs,
-            materials: parts.materials.into(),
-            textures: parts.textures,
-            texels: parts.texels,
+            materials: materials.into(),
+            textures,
+            texels,
             nodes,
             bounds: (low, high),
             ray_offset,

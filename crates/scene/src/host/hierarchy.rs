@@ -46,6 +46,26 @@ pub(super) fn build(triangles: &[Triangle]) -> (Vec<BvhNode>, Vec<u32>) {
     (nodes, binary.primitive_indices)
 }
 
+/// Whether nodes from elsewhere are a hierarchy over so many triangles: a tree whose leaves name what is there.
+#[cfg(feature = "serde")]
+pub(super) fn is_sound(nodes: &[BvhNode], triangles: usize) -> bool {
+    let mut stack = std::vec![0u32];
+    // In a tree no node is met twice.
+    for _ in 0..nodes.len() {
+        let Some(node) = stack.pop().map(|k| nodes.get(k as usize)) else { return true };
+        let Some(node) = node else { return false };
+        match node.prim_count {
+            0 => stack.extend([node.first_index, node.first_index.wrapping_add(1)]),
+            count => {
+                if node.first_index as usize + count as usize > triangles {
+                    return false;
+                }
+            }
+        }
+    }
+    stack.is_empty() && !nodes.is_empty()
+}
+
 /// Levels of the hierarchy.
 pub(super) fn depth(nodes: &[BvhNode]) -> usize {
     let mut stack = std::vec![(0u32, 1usize)];

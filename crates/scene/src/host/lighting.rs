@@ -14,15 +14,20 @@ use crate::types::{Emitter, Light, Material, NONE, Sky};
 
 /// What shines, which may change in every frame.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lighting {
     /// Lights that are not geometry.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub lights: Vec<Light>,
     /// The sky.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::value"))]
     pub sky: Sky,
     /// Its map, `map_width · map_height` texels.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub sky_map: Arc<[Vec4]>,
     /// Emitted radiance of each material, W/m²/sr, instead of [`Material::radiance`] (a radiance
     /// texture still multiplies it); empty for what the materials say.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub emission: Vec<Vec3>,
 }
 

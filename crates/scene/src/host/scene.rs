@@ -210,7 +210,7 @@ impl Visibility for Scene {
     }
 }
 
-fn check(parts: &SceneParts) -> Result<(), Error> {
+pub(super) fn check(parts: &SceneParts) -> Result<(), Error> {
     let count = parts.triangles.len();
     if count == 0 {
         return Err(Error::NoTriangles);

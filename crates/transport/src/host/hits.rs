@@ -6,7 +6,7 @@ use glam::{UVec2, Vec4};
 use rayon::prelude::*;
 
 use super::storage::Csr;
-use crate::error::{Error, check_length};
+use crate::error::{Error, check_length, check_offsets};
 use crate::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, QUAD_COLUMNS, WORD_COUNTS};
 use crate::operator::LinearOperator;
 
@@ -25,11 +25,16 @@ const TASK_ROWS: usize = 128;
 /// scale of the row. About 2.4 bytes an entry that is not zero: columns are 16-bit numbers (so at most 65,536), in quads of
 /// four with like counts, and a quad has one byte. The product adds up exitance and multiplies once a quad.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct HitCounts {
     columns: usize,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     row_start: Vec<u32>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     quads: Vec<UVec2>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     counts: Vec<u8>,
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     scales: Vec<f32>,
 }
 
@@ -72,6 +77,23 @@ impl HitCounts {
         }
         self.scales.extend(scales);
         Ok(())
+    }
+
+    /// Checks the tables, where they come from a file.
+    ///
+    /// # Errors
+    /// [`Error::Length`] or [`Error::Value`] naming the first entry that is wrong.
+    pub fn check(&self) -> Result<(), Error> {
+        check_offsets("row_start", self.scales.len(), self.quads.len(), &self.row_start)?;
+        check_length("counts", self.quads.len(), self.counts.len())?;
+        let columns = |quad: &UVec2| [quad.x & 0xffff, quad.x >> 16, quad.y & 0xffff, quad.y >> 16];
+        match self.quads.iter().position(|quad| columns(quad).iter().any(|&c| c as usize >= self.columns)) {
+            Some(index) => {
+                let value = columns(&self.quads[index]).into_iter().max().map_or(0.0, f64::from);
+                Err(Error::Value { name: "quads", index, value, rule: "below the number of columns" })
+            }
+            None => Ok(()),
+        }
     }
 
     /// Row i owns the quads `row_start[i]..row_start[i + 1]`; `[rows + 1]`.

@@ -10,6 +10,11 @@ const CAPACITY: usize = MOST_CORNERS + 2;
 
 /// A flat convex polygon. The corners run counter-clockwise as seen from the front, the side that sends and receives.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(into = "stored::Corners", try_from = "stored::Corners")
+)]
 pub struct Polygon {
     corners: [DVec3; CAPACITY],
     count: usize,
@@ -21,6 +26,35 @@ pub struct Polygon {
     pub centroid: DVec3,
     /// Greatest distance of a corner from the centre, m.
     pub radius: f64,
+}
+
+#[cfg(feature = "serde")]
+mod stored {
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// A polygon in a file: its corners alone, m; all else follows from them.
+    #[derive(serde::Serialize, serde::Deserialize)]
+    pub(super) struct Corners(#[serde(with = "scene::pod::table")] Vec<DVec3>);
+
+    impl From<Polygon> for Corners {
+        fn from(polygon: Polygon) -> Self {
+            Self(polygon.corners().to_vec())
+        }
+    }
+
+    impl TryFrom<Corners> for Polygon {
+        type Error = Error;
+
+        fn try_from(Corners(given): Corners) -> Result<Self, Error> {
+            let mut corners = [DVec3::ZERO; CAPACITY];
+            let wrong = Error::PolygonCorners { found: given.len(), most: CAPACITY };
+            corners.get_mut(..given.len()).ok_or(wrong)?.copy_from_slice(&given);
+            Self::measure(corners, given.len())
+                .ok_or(Error::PolygonShape { corner: 0, reason: "belongs to an outline without area" })
+        }
+    }
 }
 
 impl Polygon {

@@ -5,44 +5,52 @@ use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 use std::vec::Vec;
 
-use crate::error::{Error, check_length};
+use crate::error::{Error, check_length, check_offsets};
 use crate::kernel::product::packed_row_words;
 
 /// A dense matrix, row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Dense {
     /// Rows, one a receiver.
     pub rows: usize,
     /// Columns, one a patch that sends.
     pub columns: usize,
     /// `[rows · columns]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub values: Vec<f32>,
 }
 
 /// A dense matrix of half-precision numbers, two a word as the GPU takes them: the lower half is the even column; rows of
 /// odd length end with an unused upper half of 0.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Half {
     /// Rows, one a receiver.
     pub rows: usize,
     /// Columns, one a patch that sends.
     pub columns: usize,
     /// `[rows · columns.div_ceil(2)]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub words: Vec<u32>,
 }
 
 /// Compressed sparse rows.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Csr {
     /// Rows, one a receiver.
     pub rows: usize,
     /// Columns, one a patch that sends.
     pub columns: usize,
     /// Row i owns the entries `row_start[i]..row_start[i + 1]`; `[rows + 1]`.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub row_start: Vec<u32>,
     /// Column of each entry, ascending within a row.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub column_index: Vec<u32>,
     /// Value of each entry.
+    #[cfg_attr(feature = "serde", serde(with = "scene::pod::table"))]
     pub values: Vec<f32>,
 }
 
@@ -130,21 +138,8 @@ impl Csr {
     /// # Errors
     /// [`Error::Length`] or [`Error::Value`] naming the first entry that is wrong.
     pub fn check(&self) -> Result<(), Error> {
-        check_length("row_start", self.rows + 1, self.row_start.len())?;
-        for (index, pair) in self.row_start.windows(2).enumerate() {
-            if pair[0] > pair[1] {
-                let value = f64::from(pair[1]);
-                return Err(Error::Value {
-                    name: "row_start",
-                    index: index + 1,
-                    value,
-                    rule: "no less than the one before",
-                });
-            }
-        }
-        let count = self.row_start[self.rows] as usize;
-        check_length("column_index", count, self.column_index.len())?;
-        check_length("values", count, self.values.len())?;
+        check_offsets("row_start", self.rows, self.column_index.len(), &self.row_start)?;
+        check_length("values", self.column_index.len(), self.values.len())?;
         match self.column_index.iter().position(|&j| j as usize >= self.columns) {
             Some(index) => {
                 let value = f64::from(self.column_index[index]);

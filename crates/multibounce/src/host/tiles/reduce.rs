@@ -2,7 +2,10 @@
 
 use std::vec::Vec;
 
-use faer::Mat;
+use faer::diag::Diag;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
+use faer::{Col, Mat, Par};
 
 use crate::kernel::tiles::{ALL_CHANNELS, BIAS, LANES, PART_PAIRS, SHORT_BIAS, TILE};
 use crate::types::PackedGroup;
@@ -18,6 +21,9 @@ const MOST_LONG: f32 = 127.0;
 const MOST_STAGES: usize = 6;
 /// Rank-1 terms and sub-blocks up to which a tile is not tried again.
 const FEW_PARTS: usize = 8;
+
+/// Threads that decompositions count on, whatever there are: bits differ where they count on one, and else do not.
+const DECOMPOSITION_THREADS: usize = 2;
 
 /// What is taken from a tile first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -314,6 +320,20 @@ fn take_entries(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<(u8, u8, f32)>
     }
 }
 
+/// Left singular vectors of a square matrix, its singular values, and its right singular vectors.
+fn singular_vectors(matrix: &Mat<f32>) -> Option<(Mat<f32>, Col<f32>, Mat<f32>)> {
+    let n = matrix.nrows();
+    let parallel = Par::rayon(DECOMPOSITION_THREADS);
+    let (mut left, mut right) = (Mat::zeros(n, n), Mat::zeros(n, n));
+    let mut values = Diag::zeros(n);
+    let thin = ComputeSvdVectors::Thin;
+    let mut memory = MemBuffer::new(svd_scratch::<f32>(n, n, thin, thin, parallel, Default::default()));
+    let stack = MemStack::new(&mut memory);
+    let vectors = (Some(left.as_mut()), Some(right.as_mut()));
+    svd(matrix.as_ref(), values.as_mut(), vectors.0, vectors.1, parallel, stack, Default::default()).ok()?;
+    Some((left, values.column_vector().to_owned(), right))
+}
+
 /// Vectors of the rank-1 terms of a tile that take more than `least` from its weighted squared error, one a column: `u vᵀ`.
 fn terms(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(Mat<f32>, Mat<f32>)> {
     let weighted = weighted(tile, weights);
@@ -321,11 +341,10 @@ fn terms(tile: &Mat<f32>, weights: (&Weights, &Weights), least: f32) -> Option<(
     if squared_norm(&weighted) <= f64::from(least) {
         return None;
     }
-    let svd = weighted.thin_svd().ok()?;
-    let sigma = svd.S().column_vector();
+    let (left, sigma, right) = singular_vectors(&weighted)?;
     // The values descend.
     let count = (0..sigma.nrows()).take_while(|&k| sigma[k] * sigma[k] > least && sigma[k].is_finite()).count();
-    let (mut u, v) = (weights.0.back(svd.U().subcols(0, count)), weights.1.back(svd.V().subcols(0, count)));
+    let (mut u, v) = (weights.0.back(left.subcols(0, count)), weights.1.back(right.subcols(0, count)));
     for k in 0..count {
         u.col_mut(k).iter_mut().for_each(|x| *x *= sigma[k]);
     }

@@ -1,0 +1,341 @@
+//! Bakes in files: written stage by stage, gone on with after an interruption, and opened without the scene's files.
+//!
+//! # Format, version 2
+//!
+//! | part | bytes |
+//! |---|---|
+//! | header | `PLBAKE\r\n`, version, `0x01020304` in the machine's order, key (32), 4 zeros, CRC-32 of these: 56 |
+//! | section | `PART`, kind, length (8) and CRC-32 of its body, CRC-32 of these: 24; then the body |
+//! | end | a section of kind 7 without a body |
+//!
+//! Numbers of headers are little-endian, tables in bodies have the order of the machine, which the header tells. The key is the
+//! SHA-256 of all that decides the other bytes: version, the scene's hash, settings, operators. A body is a structure
+//! in the encoding of the crate `postcard`, its tables the bytes that lie in memory ([`scene::pod`]):
+//!
+//! | kind | name | what |
+//! |---|---|---|
+//! | 1 | origin | [`Origin`] and [`BakeSettings`] |
+//! | 2 | scene | geometry with its hierarchy and textures, materials, lighting |
+//! | 3 | patches | [`PatchMesh`] |
+//! | 4 | form factors | [`FormFactors`], density, how direct light is measured, bounces |
+//! | 5 | receivers | [`MeshReceivers`], and what the bake says of its errors ([`EnergyCheck`]) |
+//! | 6 | operator | a [`BakedOperator`]; one each |
+//!
+//! Version 1 are worlds, whose format is that of `localmatrix`.
+
+mod sections;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use localmatrix::BakeError;
+use patches::{Density, MeshReceivers, PatchMesh};
+use runtime::executor::Executor;
+use scene::{DirectParams, Geometry, Lighting, Material, Scene};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use transport::{LinearOperator as _, Observer, check_length};
+
+use crate::bake::{Bake, BakeSettings, PatchBake, cut_scene, density_of};
+use crate::energy::EnergyCheck;
+use crate::error::Error;
+use crate::form_factors::FormFactors;
+use crate::method::{MethodSettings, Preparation};
+use crate::operator::{BakedOperator, Build, Decode, OperatorKey};
+
+pub use localmatrix::beginning_of;
+pub use sections::{HEAD_BYTES, Kind, Section};
+
+use sections::{SectionWriter, Sections, VERSION, version};
+
+/// Where a bake came from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// The scene as the user named it.
+    pub scene: String,
+    /// SHA-256 over everything that decides a picture of it.
+    pub scene_hash: [u8; 32],
+    /// What the application keeps with it: its cameras, names, exposure.
+    #[serde(with = "scene::pod::table")]
+    pub application: Vec<u8>,
+}
+
+/// What a file is to hold.
+#[derive(Clone, Debug)]
+pub struct FileSettings {
+    /// Where the scene came from.
+    pub origin: Origin,
+    /// Settings of the bake.
+    pub bake: BakeSettings,
+    /// Methods whose operators are made and kept; methods without one need nothing of the file but the bake.
+    pub methods: Vec<MethodSettings>,
+    /// Where operators are built.
+    pub build: Build,
+}
+
+impl FileSettings {
+    /// Settings of the bake without what changes no byte.
+    fn kept(&self) -> BakeSettings {
+        BakeSettings { memory_limit: None, ..self.bake }
+    }
+
+    /// What decides the bytes, but for the words of the user.
+    fn key(&self, operators: &[OperatorKey]) -> [u8; 32] {
+        let text = serde_json::to_string(&(self.kept(), operators)).unwrap_or_default();
+        let mut sum = Sha256::new();
+        sum.update(VERSION.to_le_bytes());
+        sum.update(self.origin.scene_hash);
+        sum.update(text);
+        sum.finalize().into()
+    }
+}
+
+/// What a file says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Head {
+    origin: Origin,
+    settings: BakeSettings,
+}
+
+/// A scene with the materials that it had.
+#[derive(Serialize, Deserialize)]
+struct StoredScene {
+    geometry: Arc<Geometry>,
+    #[serde(with = "scene::pod::table")]
+    materials: Arc<[Material]>,
+    lighting: Lighting,
+}
+
+impl From<&Scene> for StoredScene {
+    fn from(scene: &Scene) -> Self {
+        Self {
+            geometry: Arc::clone(&scene.geometry),
+            materials: Arc::clone(&scene.materials),
+            lighting: scene.lighting.clone(),
+        }
+    }
+}
+
+impl StoredScene {
+    fn open(self) -> Result<Scene, Error> {
+        let own = &self.geometry.materials;
+        check_length("materials", own.len(), self.materials.len())?;
+        let textures = |m: &Material| [m.albedo_texture, m.radiance_texture, m.mask_texture];
+        if let Some(index) = (0..own.len()).find(|&k| textures(&own[k]) != textures(&self.materials[k])) {
+            let rule = "one of the geometry, but for its emission";
+            return Err(transport::Error::Value { name: "materials", index, value: index as f64, rule }.into());
+        }
+        let mut scene = Scene::under(self.geometry, self.lighting)?;
+        scene.materials = self.materials;
+        Ok(scene)
+    }
+}
+
+/// Form factors with what follows from them.
+#[derive(Serialize, Deserialize)]
+struct StoredFactors {
+    form_factors: FormFactors,
+    density: Density,
+    #[serde(with = "scene::pod::value")]
+    direct: DirectParams,
+    bounces: u32,
+}
+
+/// Receivers with the errors that the bake found when it had them.
+#[derive(Serialize, Deserialize)]
+struct StoredReceivers {
+    receivers: MeshReceivers,
+    energy: Option<EnergyCheck>,
+}
+
+/// A bake that was opened.
+pub struct BakeFile {
+    /// The bake, with the operators that the file has.
+    pub bake: Bake,
+    /// Where it came from.
+    pub origin: Origin,
+    /// Its sections, in order.
+    pub sections: Vec<Section>,
+}
+
+/// What a bake is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BakeKind {
+    /// A scene: [`Bake::open`].
+    Scene,
+    /// A world that is streamed: [`crate::world`].
+    World,
+}
+
+/// What a file is the bake of, by its first [`HEAD_BYTES`]; none for another kind of file.
+pub fn kind_of(head: &[u8]) -> Option<BakeKind> {
+    match version(head)? {
+        0 | 1 => Some(BakeKind::World),
+        _ => Some(BakeKind::Scene),
+    }
+}
+
+impl Bake {
+    /// Bakes a scene into a file, and gives the bake; goes on where an interrupted run of the same ended. The bytes are the same
+    /// for any number of threads and interruptions. `device` may build operators.
+    ///
+    /// # Errors
+    /// As [`Bake::build`]; what the file says. What was made until then stays in `PATH.beginning` for the next run.
+    pub fn build_into(
+        path: &Path,
+        scene: &Scene,
+        settings: &FileSettings,
+        device: &mut (dyn Executor + 'static),
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
+        let operators = operators(settings);
+        let mut writer = SectionWriter::begin(path, settings.key(&operators))?;
+        let head = || Ok::<_, Error>(Head { origin: settings.origin.clone(), settings: settings.kept() });
+        writer.section(Kind::Origin, head)?;
+        let density = density_of(scene, &settings.bake, observer)?;
+        let cut = cut_scene(scene, &density, &settings.bake)?;
+        let scene = cut.as_ref().unwrap_or(scene);
+        if writer.take::<StoredScene>(Kind::Scene)?.is_none() {
+            writer.put(Kind::Scene, &StoredScene::from(scene))?;
+        }
+        let patches = write_patches(&mut writer, scene, density, &settings.bake, observer)?;
+        let mut bake = match writer.take(Kind::Receivers)? {
+            Some(StoredReceivers { receivers, energy }) => Bake { receivers, energy, ..patches.bake().clone() },
+            None => {
+                let bake = patches.with_receivers(&settings.bake, observer)?;
+                let (receivers, energy) = (bake.receivers.clone(), bake.energy);
+                writer.put(Kind::Receivers, &StoredReceivers { receivers, energy })?;
+                bake
+            }
+        };
+        let shared = Arc::new(bake.clone());
+        for key in operators.into_iter().filter(|_| !bake.mesh.patches.is_empty()) {
+            let made = || {
+                let eye = glam::Vec3::ZERO;
+                let with = Preparation { bake: &shared, decode: Decode::Auto, build: &settings.build, eye, observer };
+                Ok::<_, Error>(BakedOperator { key, operator: key.find_or_build(&with, device)? })
+            };
+            bake.operators.push(writer.section(Kind::Operator, made)?);
+        }
+        writer.finish()?;
+        Ok(bake)
+    }
+
+    /// Opens a bake of a scene; every section is checked.
+    ///
+    /// # Errors
+    /// Another kind of file, another version, a section that was altered or cut; tables that do not fit together.
+    pub fn open(path: &Path) -> Result<BakeFile, Error> {
+        let sections = Sections::open(path)?;
+        let damaged = |error: Error| {
+            let reason = error.to_string();
+            Error::from(BakeError::Damaged { path: path.display().to_string(), part: "the tables", offset: 0, reason })
+        };
+        let head: Head = sections.read(sections.of(Kind::Origin)?)?;
+        let places = [Kind::Scene, Kind::Patches, Kind::FormFactors, Kind::Receivers].map(|kind| sections.of(kind));
+        let [scene, mesh, factors, receivers] = places;
+        let (scene, mesh, factors, receivers) = (scene?, mesh?, factors?, receivers?);
+        let ((scene, operators), (mesh, (factors, receivers))) = rayon::join(
+            || {
+                let scene = sections.read::<StoredScene>(scene).map_err(Error::from);
+                let scene = scene.and_then(|stored| stored.open().map_err(damaged));
+                let operators = sections.all.iter().filter(|section| section.kind == Kind::Operator);
+                (scene, operators.map(|&section| sections.read(section)).collect::<Result<Vec<_>, _>>())
+            },
+            || {
+                let mesh = sections.read::<PatchMesh>(mesh);
+                (mesh, rayon::join(|| sections.read::<StoredFactors>(factors), || sections.read(receivers)))
+            },
+        );
+        let StoredFactors { form_factors, density, direct, bounces } = factors?;
+        let StoredReceivers { receivers, energy } = receivers?;
+        let bake = Bake {
+            scene: scene?,
+            mesh: Arc::new(mesh?),
+            form_factors,
+            receivers,
+            density,
+            energy,
+            direct,
+            bounces,
+            settings: head.settings,
+            operators: operators?,
+        };
+        check(&bake).map_err(damaged)?;
+        Ok(BakeFile { bake, origin: head.origin, sections: sections.all })
+    }
+}
+
+/// The operators that the methods of a file need, each once.
+fn operators(settings: &FileSettings) -> Vec<OperatorKey> {
+    let mut all = Vec::new();
+    for key in settings.methods.iter().filter_map(|method| OperatorKey::of(method, &settings.bake)) {
+        if !all.contains(&key) {
+            all.push(key);
+        }
+    }
+    all
+}
+
+/// Patches and form factors: those that the file has, or new ones into it.
+fn write_patches<'a>(
+    writer: &mut SectionWriter,
+    scene: &'a Scene,
+    density: Density,
+    settings: &BakeSettings,
+    observer: &dyn Observer,
+) -> Result<PatchBake<'a>, Error> {
+    let mesh = writer.take::<PatchMesh>(Kind::Patches)?;
+    let factors = writer.take::<StoredFactors>(Kind::FormFactors)?;
+    let has_mesh = mesh.is_some();
+    if let (Some(mesh), Some(StoredFactors { form_factors, density, direct, bounces })) = (mesh, factors) {
+        let bake = Bake {
+            scene: scene.clone(),
+            mesh: Arc::new(mesh),
+            form_factors,
+            receivers: MeshReceivers::none(scene)?,
+            density,
+            energy: None,
+            direct,
+            bounces,
+            settings: *settings,
+            operators: Vec::new(),
+        };
+        return PatchBake::of(bake, scene);
+    }
+    let patches = PatchBake::with_density(scene, density, settings, observer)?;
+    let bake = patches.bake();
+    if !has_mesh {
+        writer.put(Kind::Patches, &*bake.mesh)?;
+    }
+    let factors = StoredFactors {
+        form_factors: bake.form_factors.clone(),
+        density: bake.density,
+        direct: bake.direct,
+        bounces: bake.bounces,
+    };
+    writer.put(Kind::FormFactors, &factors)?;
+    Ok(patches)
+}
+
+/// Whether the tables of a bake fit together, so that no frame reads beside them.
+fn check(bake: &Bake) -> Result<(), Error> {
+    let Bake { scene, mesh, form_factors, receivers, operators, .. } = bake;
+    mesh.check(scene.geometry.triangles.len())?;
+    let (patches, elements) = (mesh.patches.len(), mesh.elements.len());
+    form_factors.factors.check()?;
+    check_length("form factors", patches, form_factors.factors.rows)?;
+    check_length("columns of form factors", patches, form_factors.factors.columns)?;
+    if let Some(rows) = &form_factors.element_rows {
+        rows.check()?;
+        check_length("rows of elements", elements, rows.rows())?;
+        check_length("columns of elements", elements, rows.columns())?;
+    }
+    check_length("sky factors", elements, form_factors.sky_factor.len())?;
+    check_length("samples", mesh.points.len(), bake.direct.count as usize)?;
+    receivers.check(scene.geometry.triangles.len(), elements)?;
+    for operator in operators {
+        operator.operator.check(patches)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,71 @@
+//! Operators by what they are of: those that methods ask for, and that bakes keep.
+
+use runtime::executor::Executor;
+use serde::{Deserialize, Serialize};
+
+use super::build::{all_bounces_operator, form_factor_operator};
+use super::{Codec, PatchOperator};
+use crate::bake::{BakeSettings, ReceiverKind};
+use crate::error::Error;
+use crate::frame::LAST_BOUNCES;
+use crate::method::{MethodSettings, Preparation};
+
+/// What an operator is of, and how it is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum OperatorKey {
+    /// So many bounces, or all.
+    Bounces {
+        /// How it is stored.
+        codec: Codec,
+        /// Bounces between patches; `None` for all.
+        bounces: Option<u32>,
+    },
+    /// One bounce: the form factors, in low rank.
+    FormFactors {
+        /// Relative Frobenius error.
+        epsilon: f64,
+    },
+}
+
+/// An operator that a bake keeps.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BakedOperator {
+    /// What it is of.
+    pub key: OperatorKey,
+    /// The operator.
+    pub operator: PatchOperator,
+}
+
+impl OperatorKey {
+    /// The operator that a method asks for under these settings; none where the method has none, or where there are so few
+    /// bounces that patches need none.
+    pub fn of(method: &MethodSettings, settings: &BakeSettings) -> Option<Self> {
+        let last = if settings.receivers == ReceiverKind::Patches { 0 } else { LAST_BOUNCES };
+        let is_needed = settings.bounces.is_none_or(|bounces| bounces > last);
+        match *method {
+            MethodSettings::Multibounce(codec) if is_needed => {
+                Some(Self::Bounces { codec, bounces: settings.bounces.map(|bounces| bounces - last) })
+            }
+            MethodSettings::Feedback(feedback) if is_needed => Some(Self::FormFactors { epsilon: feedback.epsilon }),
+            _ => None,
+        }
+    }
+
+    /// The operator that the bake has, else a new one; `device` may build it.
+    ///
+    /// # Errors
+    /// An operator that does not fit into memory, cancellation.
+    pub fn find_or_build(
+        self,
+        with: &Preparation,
+        device: &mut (dyn Executor + 'static),
+    ) -> Result<PatchOperator, Error> {
+        if let Some(baked) = with.bake.operators.iter().find(|baked| baked.key == self) {
+            return Ok(baked.operator.clone());
+        }
+        match self {
+            Self::Bounces { codec, bounces } => all_bounces_operator(codec, bounces, with, device),
+            Self::FormFactors { epsilon } => form_factor_operator(epsilon, with),
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Bakes in files: the same light as without, the same bytes whatever interrupts them, and errors that say what is wrong.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::Vec3;
+use patchlight::file::beginning_of;
+use patchlight::method::TemporalSettings;
+use patchlight::operator::{Build, Codec};
+use patchlight::{
+    Bake, BakeSettings, Error, FileSettings, MethodSettings, Observer, Origin, Phase, RenderSettings, Renderer, Silent,
+};
+use runtime::cpu::Cpu;
+use transport::Proceed;
+
+const TILES: MethodSettings = MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.02 });
+const DENSE: MethodSettings = MethodSettings::Multibounce(Codec::Dense);
+
+fn temporal() -> MethodSettings {
+    MethodSettings::Temporal(TemporalSettings::default())
+}
+
+fn settings(seed: u32) -> FileSettings {
+    let bake = BakeSettings { patch_count: 150, receiver_density: 0.1, receiver_rays: 64, seed, ..<_>::default() };
+    let origin = Origin { scene: "cornell".to_owned(), scene_hash: [7; 32], application: b"{}".to_vec() };
+    FileSettings { origin, bake, methods: vec![TILES, DENSE, temporal()], build: Build::default() }
+}
+
+fn bake_into(path: &Path, settings: &FileSettings, observer: &dyn Observer) -> Result<Bake, Error> {
+    let loaded = assets::load_or_build("cornell").unwrap();
+    Bake::build_into(path, &loaded.scene, settings, &mut Cpu::new(), observer)
+}
+
+/// Indirect irradiance at the interpolation points.
+fn light(bake: &Arc<Bake>, method: MethodSettings, observer: &dyn Observer) -> Vec<Vec3> {
+    let loaded = assets::load_or_build("cornell").unwrap();
+    let render = RenderSettings { size: (32, 24), sub_frames: 1, method, ..RenderSettings::default() };
+    let mut renderer = Renderer::new(Arc::clone(bake), Box::new(Cpu::new()), &render, observer).unwrap();
+    renderer.update_light(&loaded.scene.lighting, &loaded.view.camera(32, 24)).unwrap();
+    renderer.surface_irradiance().unwrap()
+}
+
+/// Stops at the first step of a phase.
+struct StopIn(Phase);
+
+impl Observer for StopIn {
+    fn progress(&self, phase: Phase, _: u64, _: u64) -> Proceed {
+        if phase == self.0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
+/// Fails where any operator is made.
+struct NoOperator;
+
+impl Observer for NoOperator {
+    fn progress(&self, phase: Phase, _: u64, _: u64) -> Proceed {
+        assert!(![Phase::OPERATOR, Phase::COMPRESS].contains(&phase), "an operator that the file has is made again");
+        ControlFlow::Continue(())
+    }
+}
+
+#[test]
+fn a_bake_from_a_file_gives_the_same_light() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cornell.bake");
+    let settings = settings(1);
+    bake_into(&path, &settings, &Silent).unwrap();
+    assert!(!beginning_of(&path).exists());
+    let file = Bake::open(&path).unwrap();
+    assert_eq!((&file.origin, file.bake.settings), (&settings.origin, settings.bake));
+    let scene = assets::load_or_build("cornell").unwrap().scene;
+    let built = Arc::new(Bake::build(&scene, &settings.bake, &Silent).unwrap());
+    let opened = Arc::new(file.bake);
+    for method in [TILES, DENSE, temporal(), MethodSettings::Classic] {
+        assert!(light(&opened, method, &NoOperator) == light(&built, method, &Silent), "{method:?}");
+    }
+    let other = FileSettings { bake: BakeSettings { seed: 2, ..settings.bake }, ..settings };
+    let other = Arc::new(bake_into(&folder.path().join("other.bake"), &other, &Silent).unwrap());
+    assert!(light(&other, TILES, &Silent) != light(&built, TILES, &Silent));
+}
+
+#[test]
+fn interruptions_change_no_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = folder.path().join("whole.bake");
+    bake_into(&whole, &settings(1), &Silent).unwrap();
+    let whole = std::fs::read(whole).unwrap();
+    let path = folder.path().join("cornell.bake");
+    for phase in [Phase::FORM_FACTORS, Phase::RECEIVERS, Phase::COMPRESS] {
+        let stopped = bake_into(&path, &settings(1), &StopIn(phase)).err().unwrap();
+        assert!(stopped.is_cancelled(), "{phase}: {stopped}");
+        assert!(!path.exists() && beginning_of(&path).exists());
+    }
+    // As a process that is killed leaves it: somewhere in a section.
+    let begun = std::fs::read(beginning_of(&path)).unwrap();
+    for share in [0.0, 0.001, 0.3, 0.6, 0.99] {
+        std::fs::write(beginning_of(&path), &begun[..(share * begun.len() as f64) as usize]).unwrap();
+        bake_into(&path, &settings(1), &Silent).unwrap();
+        assert!(std::fs::read(&path).unwrap() == whole, "cut at {share}");
+    }
+}
+
+#[test]
+fn what_is_no_whole_bake_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cornell.bake");
+    bake_into(&path, &settings(1), &Silent).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let refused = |bytes: &[u8]| {
+        let path = folder.path().join("damaged.bake");
+        std::fs::write(&path, bytes).unwrap();
+        Bake::open(&path).err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    for at in (0..bytes.len()).step_by(bytes.len() / 50) {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 0x10;
+        let text = refused(&damaged);
+        assert!(text.contains("damaged.bake"), "byte {at}: {text}");
+    }
+    for share in [0.0, 0.1, 0.5, 0.999] {
+        let text = refused(&bytes[..(share * bytes.len() as f64) as usize]);
+        assert!(text.contains("damaged.bake"), "cut at {share}: {text}");
+    }
+    assert!(refused(b"solid triangles").contains("is no bake"));
+    assert_eq!(refused(&bytes), "");
+}
+
+#[test]
+fn other_files_are_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notes.txt");
+    std::fs::write(&path, "mine").unwrap();
+    assert!(bake_into(&path, &settings(1), &Silent).is_err());
+    assert_eq!(std::fs::read(&path).unwrap(), b"mine");
+    // The beginning of another bake stays, too.
+    let path = folder.path().join("cornell.bake");
+    assert!(bake_into(&path, &settings(1), &StopIn(Phase::RECEIVERS)).is_err());
+    let begun = std::fs::read(beginning_of(&path)).unwrap();
+    let text = bake_into(&path, &settings(2), &Silent).err().unwrap().to_string();
+    assert!(text.contains("cornell.bake.beginning") && text.contains("other settings"), "{text}");
+    assert_eq!(std::fs::read(beginning_of(&path)).unwrap(), begun);
+}
