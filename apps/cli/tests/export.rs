@@ -101,3 +101,22 @@ fn what_cannot_apply_is_refused_and_frames_have_folders() {
     let of = |frame: &str| fs::read(out.join(frame).join("cornell-vertices.bin")).unwrap();
     assert!(of("frame-0000") != of("frame-0001"), "the light does not move");
 }
+
+#[test]
+fn a_bake_gives_the_files_that_its_scene_gives() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    succeeds(&["bake", "cornell", "--patch-count", "60", "--for", "classic", "--quiet", "--out", &path("c.bake")]);
+    let export = |of: &str, more: &[&str], out: &str| {
+        let all = ["export", of, "--lightmap", "--vertices", "--texel", "0.2", "--quiet", "--out", out];
+        succeeds(&[&all, more].concat());
+    };
+    export("cornell", &["--patch-count", "60"], &path("scene"));
+    export(&path("c.bake"), &[], &path("bake"));
+    export("cornell", &["--patch-count", "90"], &path("other"));
+    let read = |folder: &str, name: &str| fs::read(format!("{}/{name}", path(folder))).unwrap();
+    for name in ["cornell-lightmap.exr", "cornell-vertices.bin", "cornell-vertices.ply"] {
+        assert!(read("scene", name) == read("bake", name), "{name} differs");
+        assert!(read("scene", name) != read("other", name), "{name} of other patches is the same");
+    }
+}
