@@ -194,7 +194,7 @@ fn parse_area(text: &str) -> Result<(Vec2, Vec2), String> {
 fn even_scale(lux: &[Option<f32>]) -> f32 {
     let mut all: Vec<f32> = lux.iter().flatten().copied().collect();
     all.sort_by(f32::total_cmp);
-    let top = all.get((all.len().saturating_sub(1) as f32 * COVERED) as usize).copied().unwrap_or(0.0).max(1e-3);
+    let top = all.get((all.len().saturating_sub(1) as f32 * COVERED).ceil() as usize).copied().unwrap_or(0.0).max(1e-3);
     let mut power = 1e-3;
     while 10.0 * power < top {
         power *= 10.0;

@@ -24,8 +24,9 @@ pub struct Balance {
 }
 
 const STEPS: u32 = 2000;
-/// Most that a row is scaled by.
-const MOST_SCALE: f64 = 4.0;
+/// Most that a row is scaled by: rows of few rays need thousands (the atrium with 512 rays), those that cannot be closed would
+/// need infinity.
+const MOST_SCALE: f64 = 1e4;
 const TOLERANCE: f64 = 2e-6;
 const TILE: usize = 64;
 
@@ -86,7 +87,7 @@ pub fn normalise_rows(factors: &mut Dense, sky: &[f32]) -> Result<(), Error> {
 ///    rays have a variance of `A_i S_ij`, so the weight of row i is `1 / A_i` times `samples[i]` (equal when `None`):
 ///    slivers do not ruin their neighbours, nor the reverse.
 /// 2. `S_ij ← x_i x_j S_ij`, `F_i0 ← x_i F_i0` with `x_i (Σ_j S_ij x_j + A_i F_i0) = A_i`, by damped fixed-point steps: a
-///    symmetric Sinkhorn scaling in which the sky is a column that takes whatever comes. No x is above 4: a patch that sees only
+///    symmetric Sinkhorn scaling in which the sky is a column that takes whatever comes. No x is above 10⁴: a patch that sees only
 ///    smaller ones than itself, as beneath what stands on it, cannot be closed, and stays open.
 ///
 /// Shapes: `factors[n · n]`, `sky_factor[n]`, `area[n]`.
