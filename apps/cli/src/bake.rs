@@ -8,7 +8,7 @@ use clap::{ArgMatches, Args, ValueEnum as _};
 use localmatrix::BakeError;
 use serde::Serialize;
 
-use super::args::{BakeOptions, Input, Method, OperatorSettings, PatchOptions, warn_of_idle_in_bake};
+use super::args::{BakeOptions, Input, Method, OperatorSettings, PatchOptions, parse_bytes, warn_of_idle_in_bake};
 use super::world::check_file;
 use assets::import::{LoadedScene, load_or_build};
 use experiments::Error;
@@ -21,7 +21,9 @@ use patchlight::file::{Section, beginning_of};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::FeedbackSettings;
 use patchlight::operator::{Build, Codec, OperatorKey};
-use patchlight::{BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind};
+use patchlight::{
+    BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
+};
 use runtime::executor::{DeviceChoice, open};
 
 /// Bake a scene into a file: patches, form factors, receivers, and the operators of the methods that are named. `render` then
@@ -280,52 +282,82 @@ impl Opened {
     }
 }
 
-/// A scene with its bake, for commands that write its light.
+/// What commands that write light take.
+#[derive(Args, Clone, Debug)]
+pub struct LightOptions {
+    /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
+    pub scene: String,
+    #[command(flatten)]
+    pub patches: PatchOptions,
+    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun [default: what is free].
+    #[arg(long, value_parser = parse_bytes)]
+    pub memory_limit: Option<u64>,
+}
+
+/// A scene whose light is written.
 pub struct Lightable {
     /// The scene, its triangles cut as those of the bake.
     pub loaded: LoadedScene,
-    /// Patches and receivers.
-    pub bake: Arc<patchlight::Bake>,
+    /// Its light, without pictures.
+    pub renderer: Renderer,
+    /// The folder of the results, which is there.
+    pub out: PathBuf,
 }
 
 impl Lightable {
-    /// Opens a bake, or makes that of a scene.
+    /// Opens a bake, or makes that of a scene. Results go to `--out`, or to a folder with the name of the scene and of the
+    /// command.
     ///
     /// # Errors
-    /// What is wrong with the file; [`Error::WorldLight`]; cancellation.
-    pub fn of(
-        common: &Common,
-        scene: &str,
-        patches: &PatchOptions,
-        memory_limit: Option<u64>,
-        progress: &Progress,
-    ) -> Result<Self, Error> {
-        match Input::of(scene) {
-            Input::World => return Err(Error::WorldLight { path: scene.into() }),
-            Input::Bake => {
-                if patches.is_given() {
-                    progress.warn("options of patches are for scenes, not bakes; this run ignores them");
-                }
-                let Opened { loaded, bake, .. } = Opened::read(Path::new(scene), progress)?;
-                return Ok(Self { loaded, bake: Arc::new(bake) });
-            }
-            Input::Scene => {}
+    /// What is wrong with the file or the device; [`Error::WorldLight`]; cancellation.
+    pub fn of(common: &Common, options: &LightOptions, command: &str, progress: &Progress) -> Result<Self, Error> {
+        output::check_out(&common.out)?;
+        let (loaded, bake) = baked(common, options, progress)?;
+        let out = output::folder_or(&common.out, &format!("{}-{command}", loaded.name));
+        output::make_folder(&out)?;
+        let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
+        if let Some(note) = note {
+            progress.note(&note);
         }
-        let mut loaded = output::import_within(scene, memory_limit, progress)?;
-        let settings = BakeSettings {
-            patches: patches.kind(loaded.scene.geometry.triangles.len()),
-            patch_count: patches.count(),
-            voxel_size: patches.voxel_size,
-            focus: patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation),
-            memory_limit,
-            seed: common.seed,
-            ..BakeSettings::default()
-        };
-        let build = || patchlight::Bake::build(&loaded.scene, &settings, progress);
-        let bake = interruptible(build).map_err(|error| Error::of_scene(error, scene))?;
-        loaded.scene = bake.scene.clone();
-        Ok(Self { loaded, bake: Arc::new(bake) })
+        // No picture is made: the least there is.
+        let frame = RenderSettings { size: (1, 1), sub_frames: 1, eye: loaded.view.eye, ..RenderSettings::default() };
+        let renderer = interruptible(|| Renderer::new(bake, executor, &frame, progress))?;
+        Ok(Self { loaded, renderer, out })
     }
+}
+
+/// A scene and its bake, opened or made.
+fn baked(
+    common: &Common,
+    options: &LightOptions,
+    progress: &Progress,
+) -> Result<(LoadedScene, Arc<patchlight::Bake>), Error> {
+    let LightOptions { scene, patches, memory_limit } = options;
+    match Input::of(scene) {
+        Input::World => return Err(Error::WorldLight { path: scene.into() }),
+        Input::Bake => {
+            if patches.is_given() {
+                progress.warn("options of patches are for scenes, not bakes; this run ignores them");
+            }
+            let Opened { loaded, bake, .. } = Opened::read(Path::new(scene), progress)?;
+            return Ok((loaded, Arc::new(bake)));
+        }
+        Input::Scene => {}
+    }
+    let mut loaded = output::import_within(scene, *memory_limit, progress)?;
+    let settings = BakeSettings {
+        patches: patches.kind(loaded.scene.geometry.triangles.len()),
+        patch_count: patches.count(),
+        voxel_size: patches.voxel_size,
+        focus: patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation),
+        memory_limit: *memory_limit,
+        seed: common.seed,
+        ..BakeSettings::default()
+    };
+    let build = || patchlight::Bake::build(&loaded.scene, &settings, progress);
+    let bake = interruptible(build).map_err(|error| Error::of_scene(error, scene))?;
+    loaded.scene = bake.scene.clone();
+    Ok((loaded, Arc::new(bake)))
 }
 
 /// Whether the scene of a bake, where it still lies where it lay, is another one by now. It is only read again where one of

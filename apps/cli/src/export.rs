@@ -15,17 +15,14 @@ use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
 use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, lit_sides, on_lightmap};
 use patchlight::renderer::with_lights;
-use patchlight::{Bake, Picture, RenderSettings, Renderer};
+use patchlight::{Bake, Picture, Renderer};
 use reference::PictureFile as _;
 use reference::file::write_whole;
 use reference::picture::Precision;
-use runtime::executor::{DeviceChoice, open};
 use scene::sampling::hash3;
 use scene::{POINT_WALKS, Scene, Sides, SurfacePoint, is_open};
 
-use super::args::PatchOptions;
-use super::args::parse_bytes;
-use super::bake::Lightable;
+use super::bake::{LightOptions, Lightable};
 
 /// Texels of a lightmap, about, where no size is asked for.
 const TEXELS: f64 = (1u32 << 20) as f64;
@@ -48,8 +45,8 @@ const TEXELS: f64 = (1u32 << 20) as f64;
         Several frames each have a folder, frame-0000 and so on."
 )]
 pub struct Export {
-    /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
-    pub scene: String,
+    #[command(flatten)]
+    pub light: LightOptions,
     /// Light at the corners of the triangles, as glTF and PLY.
     #[arg(long, group = "outputs")]
     pub vertices: bool,
@@ -77,27 +74,12 @@ pub struct Export {
     /// How lights move from frame to frame [default: path].
     #[arg(long, value_enum, requires = "frames")]
     pub animate: Option<Animate>,
-    #[command(flatten)]
-    pub patches: PatchOptions,
-    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun [default: what is free].
-    #[arg(long, value_parser = parse_bytes)]
-    pub memory_limit: Option<u64>,
 }
 
 pub fn run(common: &Common, args: &Export) -> Result<(), Error> {
-    output::check_out(&common.out)?;
     let progress = Progress::new(common.quiet);
-    let Lightable { loaded, bake } = Lightable::of(common, &args.scene, &args.patches, args.memory_limit, &progress)?;
-    let out = output::folder_or(&common.out, &format!("{}-export", loaded.name));
-    output::make_folder(&out)?;
-    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-    if let Some(note) = note {
-        progress.note(&note);
-    }
-    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
-    // No picture is made: the least there is.
-    let frame = RenderSettings { size: (1, 1), sub_frames: 1, eye: loaded.view.eye, ..RenderSettings::default() };
-    let mut renderer = interruptible(|| Renderer::new(bake, executor, &frame, &progress))?;
+    let Lightable { loaded, mut renderer, out } = Lightable::of(common, &args.light, "export", &progress)?;
+    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.light.scene);
     let places =
         interruptible(|| Places::of(args, &loaded.scene, renderer.bake(), common.seed, &progress)).map_err(of_scene)?;
     let movement = Movement::new(&loaded, (args.animate.unwrap_or(Animate::Path), None), args.frames, &progress);

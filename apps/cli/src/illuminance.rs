@@ -13,21 +13,18 @@ use embedded_graphics::text::{Baseline, Text};
 use experiments::Error;
 use experiments::args::{Common, parse_metres, parse_size};
 use experiments::output;
-use experiments::progress::{Progress, interruptible};
+use experiments::progress::Progress;
 use experiments::report::significant;
 use experiments::say;
 use glam::{Vec2, Vec3};
+use patchlight::Picture;
 use patchlight::outputs::{CalculationPlane, LightPart, PlaneKind, PlaneLight, illuminance, on_view};
-use patchlight::{Picture, RenderSettings, Renderer};
 use reference::PictureFile as _;
 use reference::picture::Precision;
-use runtime::executor::{DeviceChoice, open};
 use scene::kernel::shade::decode_srgb;
 use serde::Serialize;
 
-use super::args::PatchOptions;
-use super::args::parse_bytes;
-use super::bake::Lightable;
+use super::bake::{LightOptions, Lightable};
 
 /// Width of the legend, its bar, and the height of a letter, pixels.
 const LEGEND: u32 = 96;
@@ -51,8 +48,8 @@ const COVERED: f32 = 0.99;
     summary.json            mean, least and greatest illuminance of each plane, and uniformity (least over mean)\n\n\
     Irradiance is converted by 179 lm/W. Heights are along y, which points upwards.")]
 pub struct Illuminance {
-    /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
-    pub scene: String,
+    #[command(flatten)]
+    pub light: LightOptions,
     /// A horizontal plane at this height, m: illuminance from above. May be given several times.
     #[arg(long, value_name = "METRES", value_parser = parse_height)]
     pub plane: Vec<f32>,
@@ -71,11 +68,6 @@ pub struct Illuminance {
     /// Picture size.
     #[arg(long, default_value = "640x360", value_parser = parse_size)]
     pub size: (u32, u32),
-    #[command(flatten)]
-    pub patches: PatchOptions,
-    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun [default: what is free].
-    #[arg(long, value_parser = parse_bytes)]
-    pub memory_limit: Option<u64>,
 }
 
 /// What summary.json says.
@@ -98,18 +90,9 @@ struct PlaneReport {
 }
 
 pub fn run(common: &Common, args: &Illuminance) -> Result<(), Error> {
-    output::check_out(&common.out)?;
     let progress = Progress::new(common.quiet);
-    let Lightable { loaded, bake } = Lightable::of(common, &args.scene, &args.patches, args.memory_limit, &progress)?;
-    let out = output::folder_or(&common.out, &format!("{}-illuminance", loaded.name));
-    output::make_folder(&out)?;
-    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-    if let Some(note) = note {
-        progress.note(&note);
-    }
-    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
-    let frame = RenderSettings { size: (1, 1), sub_frames: 1, eye: loaded.view.eye, ..RenderSettings::default() };
-    let mut renderer = interruptible(|| Renderer::new(bake, executor, &frame, &progress))?;
+    let Lightable { loaded, mut renderer, out } = Lightable::of(common, &args.light, "illuminance", &progress)?;
+    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.light.scene);
     let camera = loaded.view.camera(args.size.0, args.size.1);
     renderer.update_light(&loaded.scene.lighting, &camera)?;
 

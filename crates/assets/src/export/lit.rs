@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{Vec2, Vec3};
 use image::{DynamicImage, ImageFormat};
 use scene::kernel::shade::encode_srgb;
-use scene::{NONE, Texture, TriangleUv};
+use scene::{NONE, Texture, TriangleUv, stops_to_scale};
 use serde_json::{Value, json};
 
 use super::{SceneFiles, byte, corners, encode, level_0, material_names, one_line, picture};
@@ -64,57 +64,95 @@ pub fn lit_gltf(
     by: LitBy,
 ) -> Result<SceneFiles, ImportError> {
     let name = one_line(name).replace(['/', '\\'], "_");
-    let exposure = scene::stops_to_scale(scene.exposure_stops);
-    let shown = |irradiance: Vec3| irradiance * (exposure / std::f32::consts::PI);
-    let mut pictures: BTreeMap<String, Vec<u8>> = BTreeMap::new();
-    let mut add_picture = |file: &str, picture: Option<DynamicImage>| -> Result<(), ImportError> {
-        let bytes = encode(picture, ImageFormat::Png, &folder.join(file))?;
-        pictures.insert(file.to_owned(), bytes);
-        Ok(())
-    };
-    let geometry = &scene.scene.geometry;
-    let mut images: Vec<String> = Vec::new();
+    let exposure = stops_to_scale(scene.exposure_stops);
+    let pictures = Pictures { folder, files: BTreeMap::new(), images: Vec::new() };
+    let mut writer =
+        Writer { scene, name, exposure, pictures, binary: Vec::new(), views: Vec::new(), accessors: Vec::new() };
     if let LitBy::Lightmap { width, texels, .. } = by {
-        let file = format!("{name}-shown.png");
-        let bytes = texels.iter().flat_map(|&e| shown(e).to_array().map(|x| byte(encode_srgb(x)))).collect();
+        let bytes = texels.iter().flat_map(|&e| writer.shown(e).to_array().map(|x| byte(encode_srgb(x)))).collect();
         let height = texels.len() as u32 / width.max(1);
-        add_picture(&file, image::RgbImage::from_raw(width, height, bytes).map(DynamicImage::ImageRgb8))?;
-        images.push(file);
+        let picture = image::RgbImage::from_raw(width, height, bytes).map(DynamicImage::ImageRgb8);
+        writer.pictures.place(format!("{}-shown.png", writer.name), picture)?;
     }
-
     // One primitive a material, in their order.
     let mut by_material: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for (k, side) in sides.iter().enumerate() {
-        by_material.entry(geometry.triangles[side.triangle as usize].material).or_default().push(k);
+        let material = scene.scene.geometry.triangles[side.triangle as usize].material;
+        by_material.entry(material).or_default().push(k);
     }
-    let (mut binary, mut views, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
     let (mut primitives, mut materials) = (Vec::new(), Vec::new());
-    let labels = material_names(scene);
-    for (&number, sides_of) in &by_material {
+    for (&material, of) in &by_material {
+        materials.push(writer.material(material, by)?);
+        let attributes = writer.attributes(material, of, sides, by);
+        primitives.push(json!({ "attributes": attributes, "material": materials.len() - 1 }));
+    }
+    Ok(writer.finish(primitives, materials, by))
+}
+
+/// Pictures of a file, each once.
+struct Pictures<'a> {
+    folder: &'a Path,
+    files: BTreeMap<String, Vec<u8>>,
+    /// Their names in the order of the file's images.
+    images: Vec<String>,
+}
+
+impl Pictures<'_> {
+    /// The number of a picture among the images; it is encoded where it is new.
+    fn place(&mut self, file: String, picture: Option<DynamicImage>) -> Result<usize, ImportError> {
+        if let Some(known) = self.images.iter().position(|image| *image == file) {
+            return Ok(known);
+        }
+        let bytes = encode(picture, ImageFormat::Png, &self.folder.join(&file))?;
+        self.files.insert(file.clone(), bytes);
+        self.images.push(file);
+        Ok(self.images.len() - 1)
+    }
+}
+
+/// A glTF file under way.
+struct Writer<'a> {
+    scene: &'a LoadedScene,
+    name: String,
+    exposure: f32,
+    pictures: Pictures<'a>,
+    binary: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Writer<'_> {
+    /// What a white surface shows.
+    fn shown(&self, irradiance: Vec3) -> Vec3 {
+        irradiance * (self.exposure / std::f32::consts::PI)
+    }
+
+    fn shines(&self, material: u32) -> bool {
+        self.scene.scene.materials[material as usize].radiance.max_element() > 0.0
+    }
+
+    /// The entry of a material, and its texture where it has one.
+    fn material(&mut self, number: u32, by: LitBy) -> Result<Value, ImportError> {
+        let scene = self.scene;
+        let geometry = &scene.scene.geometry;
         let material = &scene.scene.materials[number as usize];
-        let shines = material.radiance.max_element() > 0.0;
-        let texture =
-            geometry.textures.get(material.albedo_texture as usize).filter(|_| material.albedo_texture != NONE);
-        let (mut base, mut holes) = (json!({}), None);
-        let mut color = material.albedo;
+        let of = |index: u32| geometry.textures.get(index as usize).filter(|_| index != NONE);
+        let texture = of(material.albedo_texture);
+        let (mut base, mut cutoff, mut color) = (json!({}), None, material.albedo);
         match (by, texture) {
-            _ if shines => color = (material.radiance * exposure).min(Vec3::ONE),
+            _ if self.shines(number) => color = (material.radiance * self.exposure).min(Vec3::ONE),
             (LitBy::Corners, None) => {}
             (LitBy::Corners, Some(texture)) => {
-                let mask = geometry.textures.get(material.mask_texture as usize);
+                let mask = of(material.mask_texture);
                 let mask = mask.filter(|mask| (mask.width, mask.height) == (texture.width, texture.height));
-                let (file, picture) = match mask.filter(|_| material.mask_texture != NONE) {
-                    Some(mask) => {
-                        holes = Some(material.mask_cutoff);
-                        let file = format!("{name}-texture-{}-{}.png", material.albedo_texture, material.mask_texture);
-                        (file, picture_with_holes(texture, mask, &geometry.texels))
-                    }
-                    None => {
-                        (format!("{name}-texture-{}.png", material.albedo_texture), picture(texture, &geometry.texels))
-                    }
+                cutoff = mask.map(|_| material.mask_cutoff);
+                let holes = mask.map(|_| format!("-{}", material.mask_texture)).unwrap_or_default();
+                let file = format!("{}-texture-{}{holes}.png", self.name, material.albedo_texture);
+                let picture = match mask {
+                    Some(mask) => picture_with_holes(texture, mask, &geometry.texels),
+                    None => picture(texture, &geometry.texels),
                 };
-                add_picture(&file, picture)?;
-                base["baseColorTexture"] = json!({ "index": place_of(&mut images, file) });
+                base["baseColorTexture"] = json!({ "index": self.pictures.place(file, picture)? });
                 color = Vec3::ONE;
             }
             (LitBy::Lightmap { .. }, texture) => {
@@ -127,24 +165,31 @@ pub fn lit_gltf(
         }
         base["baseColorFactor"] = json!([color.x, color.y, color.z, 1.0]);
         let mut entry = json!({
-            "name": labels[number as usize],
+            "name": material_names(scene)[number as usize],
             "pbrMetallicRoughness": base,
             "extensions": { "KHR_materials_unlit": {} },
         });
-        if let Some(cutoff) = holes {
+        if let Some(cutoff) = cutoff {
             entry["alphaMode"] = json!("MASK");
             entry["alphaCutoff"] = json!(cutoff);
         }
-        materials.push(entry);
-        let of: Vec<&LitSide> = sides_of.iter().map(|&k| &sides[k]).collect();
-        let mut attributes = serde_json::Map::new();
-        let uvs =
-            if let LitBy::Lightmap { uvs, .. } = by { Some(sides_of.iter().map(|&k| uvs[k]).collect()) } else { None };
-        let shown = |e: Vec3| if shines { Vec3::ONE } else { shown(e) };
-        for attribute in attributes_of(scene, &of, uvs, &shown) {
+        Ok(entry)
+    }
+
+    /// Writes the corners of the sides of a material; the numbers of their accessors.
+    fn attributes(&mut self, material: u32, of: &[usize], sides: &[LitSide], by: LitBy) -> Value {
+        let shines = self.shines(material);
+        let uvs = match by {
+            LitBy::Lightmap { uvs, .. } => Some(of.iter().map(|&k| uvs[k]).collect()),
+            LitBy::Corners => None,
+        };
+        let of: Vec<&LitSide> = of.iter().map(|&k| &sides[k]).collect();
+        let shown = |e: Vec3| if shines { Vec3::ONE } else { self.shown(e) };
+        let mut numbers = serde_json::Map::new();
+        for attribute in attributes_of(self.scene, &of, uvs, &shown) {
             let count = attribute.numbers.len() / attribute.width;
             let mut accessor = json!({
-                "bufferView": views.len(), "componentType": 5126, "count": count, "type": attribute.kind,
+                "bufferView": self.views.len(), "componentType": 5126, "count": count, "type": attribute.kind,
             });
             if attribute.name == "POSITION" {
                 let rows = attribute.numbers.chunks_exact(3).map(Vec3::from_slice);
@@ -152,38 +197,44 @@ pub fn lit_gltf(
                 accessor["min"] = json!(low.to_array());
                 accessor["max"] = json!(high.to_array());
             }
-            views.push(json!({ "buffer": 0, "byteOffset": binary.len(), "byteLength": 4 * attribute.numbers.len() }));
-            binary.extend_from_slice(bytemuck::cast_slice(&attribute.numbers));
-            attributes.insert(attribute.name.into(), json!(accessors.len()));
-            accessors.push(accessor);
+            let (offset, bytes) = (self.binary.len(), 4 * attribute.numbers.len());
+            self.views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes }));
+            self.binary.extend_from_slice(bytemuck::cast_slice(&attribute.numbers));
+            numbers.insert(attribute.name.into(), json!(self.accessors.len()));
+            self.accessors.push(accessor);
         }
-        primitives.push(json!({ "attributes": attributes, "material": materials.len() - 1 }));
+        Value::Object(numbers)
     }
 
-    let mut extras = json!({ "exposure_stops": scene.exposure_stops, "shown": "E 2^stops / pi" });
-    if let LitBy::Lightmap { exr, .. } = by {
-        extras["lightmap"] = json!({ "uri": exr, "texCoord": 1, "unit": "W/m2" });
+    /// The files.
+    fn finish(self, primitives: Vec<Value>, materials: Vec<Value>, by: LitBy) -> SceneFiles {
+        let Self { scene, name, pictures, binary, views, accessors, .. } = self;
+        let Pictures { folder, files, images } = pictures;
+        let mut extras = json!({ "exposure_stops": scene.exposure_stops, "shown": "E 2^stops / pi" });
+        if let LitBy::Lightmap { exr, .. } = by {
+            extras["lightmap"] = json!({ "uri": exr, "texCoord": 1, "unit": "W/m2" });
+        }
+        let mut file = json!({
+            "asset": { "version": "2.0", "generator": "patchlight" },
+            "extensionsUsed": ["KHR_materials_unlit"],
+            "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+            "meshes": [{ "name": name, "primitives": primitives, "extras": extras }],
+            "materials": materials, "accessors": accessors, "bufferViews": views,
+            "buffers": [{ "uri": uri(&format!("{name}.bin")), "byteLength": binary.len() }],
+        });
+        if !images.is_empty() {
+            file["images"] = images.iter().map(|image| json!({ "uri": uri(image) })).collect();
+            file["textures"] = (0..images.len()).map(|k| json!({ "source": k, "sampler": 0 })).collect();
+            // A lightmap's charts end at its edges; textures go on.
+            let wrap = if matches!(by, LitBy::Lightmap { .. }) { 33071 } else { 10497 };
+            file["samplers"] = json!([{ "magFilter": 9729, "minFilter": 9729, "wrapS": wrap, "wrapT": wrap }]);
+        }
+        let path = folder.join(format!("{name}.gltf"));
+        let mut files: Vec<_> = files.into_iter().map(|(file, bytes)| (folder.join(file), bytes)).collect();
+        files.push((folder.join(format!("{name}.bin")), binary));
+        files.push((path.clone(), format!("{file:#}\n").into_bytes()));
+        SceneFiles { folder: folder.to_path_buf(), files, path }
     }
-    let mut file = json!({
-        "asset": { "version": "2.0", "generator": "patchlight" },
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
-        "meshes": [{ "name": name, "primitives": primitives, "extras": extras }],
-        "materials": materials, "accessors": accessors, "bufferViews": views,
-        "buffers": [{ "uri": uri(&format!("{name}.bin")), "byteLength": binary.len() }],
-    });
-    if !images.is_empty() {
-        file["images"] = images.iter().map(|image| json!({ "uri": uri(image) })).collect();
-        file["textures"] = (0..images.len()).map(|k| json!({ "source": k, "sampler": 0 })).collect();
-        // A lightmap's charts end at its edges; textures go on.
-        let wrap = if matches!(by, LitBy::Lightmap { .. }) { 33071 } else { 10497 };
-        file["samplers"] = json!([{ "magFilter": 9729, "minFilter": 9729, "wrapS": wrap, "wrapT": wrap }]);
-    }
-    let path = folder.join(format!("{name}.gltf"));
-    let mut files: Vec<_> = pictures.into_iter().map(|(file, bytes)| (folder.join(file), bytes)).collect();
-    files.push((folder.join(format!("{name}.bin")), binary));
-    files.push((path.clone(), format!("{file:#}\n").into_bytes()));
-    Ok(SceneFiles { folder: folder.to_path_buf(), files, path })
 }
 
 /// A texture with the alpha of another of the same size.
@@ -192,14 +243,6 @@ fn picture_with_holes(texture: &Texture, mask: &Texture, texels: &[u32]) -> Opti
     let bytes =
         pixels.flat_map(|(t, m)| [encode_srgb(t.x), encode_srgb(t.y), encode_srgb(t.z), m.w].map(byte)).collect();
     image::RgbaImage::from_raw(texture.width, texture.height, bytes).map(DynamicImage::ImageRgba8)
-}
-
-/// The place of a name in a list; it is added where it is not there.
-fn place_of(names: &mut Vec<String>, name: String) -> usize {
-    names.iter().position(|known| *known == name).unwrap_or_else(|| {
-        names.push(name);
-        names.len() - 1
-    })
 }
 
 /// A file name as a URI has it.
