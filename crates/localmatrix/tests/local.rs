@@ -188,6 +188,47 @@ fn ten_thousand_changes_on_a_random_walk_leave_the_fresh_solve() {
     assert!(line.error(&local, &table, &other) > 1e-3);
 }
 
+/// A world from a disk whose speed is anyone's guess: a row that is asked for is there only now and then.
+struct Late<'a> {
+    table: &'a mut Table,
+    seed: u32,
+    asked: usize,
+}
+
+impl World for Late<'_> {
+    fn nodes(&self) -> &[Node] {
+        self.table.nodes()
+    }
+
+    fn want(&mut self, nodes: &[u32]) {
+        self.table.want(nodes);
+    }
+
+    fn row(&mut self, node: u32) -> Result<Option<Vec<(u32, f32)>>, Error> {
+        self.asked += 1;
+        if random(self.asked, node as usize, self.seed) < 0.7 { Ok(None) } else { self.table.row(node) }
+    }
+}
+
+#[test]
+fn rows_that_come_late_and_in_any_order_settle_to_the_same_bits() {
+    let line = Line::new(256, false, colored);
+    let mut table = line.table();
+    let mut at_once = settled(&mut table, settings(64), 50.0);
+    for seed in 0..4 {
+        let mut late = Late { table: &mut table, seed, asked: 0 };
+        let mut local = Local::new(late.nodes(), settings(64)).unwrap();
+        local.settle(&mut late, view(50.0), &|_| true).unwrap();
+        assert!(local.cut() == at_once.cut() && local.matrix().state() == at_once.matrix().state(), "seed {seed}");
+    }
+    // A step that does not wait depends on what has come.
+    let mut late = Late { table: &mut table, seed: 0, asked: 0 };
+    let mut local = Local::new(late.nodes(), settings(64)).unwrap();
+    (0..40).for_each(|_| drop(local.step(&mut late, view(50.0)).unwrap()));
+    at_once.step(&mut table, view(50.0)).unwrap();
+    assert!(local.matrix().state() != at_once.matrix().state());
+}
+
 #[test]
 fn to_and_fro_changes_no_energy() {
     let line = Line::new(200, false, colored);

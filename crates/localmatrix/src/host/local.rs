@@ -468,30 +468,37 @@ impl Local {
         self.apply(world, changes)
     }
 
-    /// Steps without a budget until the nodes are those that suit the camera, and waits for rows: before the first frame. `go_on(done)`
-    /// is told how many nodes are there and says whether to go on. Returns the work.
+    /// Steps without a budget until the nodes are those that suit the camera: before the first frame. Each step waits until all
+    /// rows of its choice are there, so that the result is the same however fast they come. `go_on(done)` is told how many rows
+    /// are there and says whether to go on. Returns the work.
     ///
     /// # Errors
     /// As [`Self::apply`]; [`Error::Cancelled`].
     pub fn settle(&mut self, world: &mut dyn World, view: View, go_on: &dyn Fn(usize) -> bool) -> Result<Step, Error> {
         let (mut whole, mut rounds) = (Step::default(), 0);
         loop {
-            if !go_on(self.cut.len()) {
+            if !go_on(self.rows.len().min(self.settings.slots)) {
                 return Err(Error::Cancelled);
             }
             // In parts, so that one can see it go on.
-            let changes = self.choose_some(world, view, self.settings.slots);
-            let (is_done, is_idle) = (changes.is_empty() && changes.waiting == 0, changes.is_empty());
+            let mut changes = self.choose_some(world, view, self.settings.slots);
+            let is_losing = !changes.lost.is_empty();
+            whole.lost.append(&mut changes.lost);
+            if changes.waiting > 0 {
+                // Lost ones are left out of the next choice.
+                if !is_losing {
+                    std::thread::sleep(PAUSE);
+                }
+                continue;
+            }
+            let is_done = changes.is_empty();
             let step = self.apply(world, changes)?;
-            let (has_lost, is_waiting) = (!step.lost.is_empty(), step.waiting > 0);
+            let has_lost = !step.lost.is_empty();
             whole = step.after(whole);
             // Hysteresis has a cut stay as it is; should two alternate nevertheless, either will do.
-            rounds += usize::from(!is_waiting);
+            rounds += 1;
             if (is_done && !has_lost) || rounds > MOST_ROUNDS {
                 return Ok(whole);
-            }
-            if is_idle && !has_lost {
-                std::thread::sleep(PAUSE);
             }
         }
     }
