@@ -13,14 +13,13 @@ use experiments::say;
 use experiments::sequence::Movement;
 use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
-use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, lit_sides, on_lightmap};
+use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, is_lit, lit_sides, on_lightmap};
 use patchlight::renderer::with_lights;
 use patchlight::{Bake, Picture, Renderer};
 use reference::PictureFile as _;
 use reference::file::write_whole;
 use reference::picture::Precision;
-use scene::sampling::hash3;
-use scene::{POINT_WALKS, Scene, Sides, SurfacePoint, is_open};
+use scene::{Scene, Sides, SurfacePoint};
 
 use super::bake::{LightOptions, Lightable};
 
@@ -80,8 +79,7 @@ pub fn run(common: &Common, args: &Export) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let Lightable { loaded, mut renderer, out } = Lightable::of(common, &args.light, "export", &progress)?;
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.light.scene);
-    let places =
-        interruptible(|| Places::of(args, &loaded.scene, renderer.bake(), common.seed, &progress)).map_err(of_scene)?;
+    let places = interruptible(|| Places::of(args, renderer.bake(), &progress)).map_err(of_scene)?;
     let movement = Movement::new(&loaded, (args.animate.unwrap_or(Animate::Path), None), args.frames, &progress);
     let mut written = Vec::new();
     for number in 0..args.frames {
@@ -132,17 +130,15 @@ struct Files<'a> {
 }
 
 impl Places {
-    fn of(args: &Export, scene: &Scene, bake: &Bake, seed: u32, progress: &Progress) -> patchlight::Result<Self> {
+    fn of(args: &Export, bake: &Bake, progress: &Progress) -> patchlight::Result<Self> {
+        let scene = &bake.scene;
         let lit = lit_sides(bake);
         let numbered = (0u32..).zip(&lit);
         let sides: Vec<(u32, bool)> = numbered
             .flat_map(|(t, side)| [(t, true, side.front), (t, false, side.back)])
             .filter_map(|(t, front, is_lit)| is_lit.then_some((t, front)))
             .collect();
-        let is_lit = |point: &SurfacePoint| {
-            let [x, y, z] = point.position.to_array().map(f32::to_bits);
-            is_open(scene, point, POINT_WALKS, hash3(x, y, z) ^ seed)
-        };
+        let is_lit = |point: &SurfacePoint| is_lit(bake, point);
         let lightmap = match args.lightmap {
             false => None,
             true => {

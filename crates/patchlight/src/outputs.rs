@@ -12,9 +12,11 @@ use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::math::luminance;
-use scene::{Camera, DirectParams, Hit, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint};
+use scene::sampling::{cosine_hemisphere, hammersley, hash3};
+use scene::{Camera, DirectParams, Hit, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _};
 use transport::TriangleGrid;
 use transport::kernel::grid::{cell_count, interpolate_receivers};
+use transport::kernel::view::vertices_at;
 
 use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::Error;
@@ -27,6 +29,8 @@ pub use probes::ProbeVolume;
 const AREA_RAYS: u32 = 64;
 /// Rays to the sky.
 const SKY_RAYS: u32 = 256;
+/// Rays that tell whether light comes to a point.
+const LIT_RAYS: u32 = 8;
 /// Luminous efficacy of white light.
 const LUMENS_PER_WATT: f32 = 179.0;
 /// Corners are lit from this share of the way to the middle of their triangle.
@@ -56,6 +60,28 @@ pub fn lit_sides(bake: &Bake) -> Vec<Sides> {
         back: is_lit(grid.back, grid.divisions),
     };
     mesh.grids.iter().map(sides).collect()
+}
+
+/// Whether light comes to a point of the bake's scene: whether one of a few rays from it leaves the scene or meets a side with
+/// receivers, which stand where light comes. Inside of a solid, as where a column stands on a floor, none does. Needs
+/// receivers on the mesh.
+pub fn is_lit(bake: &Bake, point: &SurfacePoint) -> bool {
+    let mesh = &bake.receivers.interpolation;
+    let tables = bake.scene.tables();
+    let [x, y, z] = point.position.to_array().map(f32::to_bits);
+    let seed = hash3(x, y, z);
+    (0..LIT_RAYS).any(|k| {
+        let xi = hammersley(k, LIT_RAYS, (hash3(seed, 0, 1), hash3(seed, 1, 1)));
+        let direction = cosine_hemisphere(point.normal, xi);
+        let hit = bake.scene.closest(point.position + point.normal * bake.scene.geometry.ray_offset, direction);
+        if hit.is_miss() {
+            return true;
+        }
+        let front = tables.normal(hit.triangle).dot(direction) < 0.0;
+        // A surface that touches closes the side.
+        hit.t > 4.0 * bake.scene.geometry.ray_offset
+            && vertices_at(&mesh.grids, &mesh.cells, &mesh.vertices, hit, front).0.x != NONE
+    })
 }
 
 /// Irradiance at the corners of each triangle, on its front or its back, W/m²: at the corner, the end of `edge_a` and the end of
@@ -96,7 +122,7 @@ pub fn on_lightmap(renderer: &mut Renderer, lightmap: &LightmapTexels, part: Lig
         let front = tables.normal(place.triangle).dot(point.normal) > 0.0;
         interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, *place, front)
     };
-    let mut values: Vec<Vec4> = lightmap.places.iter().zip(lightmap.points()).map(at).collect();
+    let mut values: Vec<Vec4> = lightmap.places.par_iter().zip(lightmap.points()).map(at).collect();
     add_direct(renderer.scene(), lightmap.points(), part, &mut values);
     Ok(values)
 }
@@ -151,8 +177,8 @@ fn indirect(renderer: &mut Renderer) -> Result<Vec<Vec4>, Error> {
 
 /// Direct irradiance at points, with more rays than a frame can afford.
 fn direct(scene: &Scene, points: &[SurfacePoint]) -> Vec<Vec3> {
-    let params =
-        DirectParams { count: points.len() as u32, area_rays: AREA_RAYS, sky_rays: SKY_RAYS, ..direct_params(scene) };
+    let sky_rays = if scene.has_sky() { SKY_RAYS } else { 0 };
+    let params = DirectParams { count: points.len() as u32, area_rays: AREA_RAYS, sky_rays, ..direct_params(scene) };
     scene.direct_irradiance(&params, points)
 }
 

@@ -7,30 +7,24 @@ use bytemuck::Zeroable as _;
 use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
 use patchlight::outputs::{
-    CalculationPlane, LightPart, PlaneKind, ProbeVolume, at_corners, illuminance, in_volume, lit_sides, on_lightmap,
-    on_view,
+    CalculationPlane, LightPart, PlaneKind, ProbeVolume, at_corners, illuminance, in_volume, is_lit, lit_sides,
+    on_lightmap, on_view,
 };
 use patchlight::{Bake, BakeSettings, ReceiverKind, RenderSettings, Renderer, Silent};
 use runtime::cpu::Cpu;
 use scene::{
-    Camera, LIGHT_POINT, Light, Material, POINT_WALKS, ReceiverSet as _, Scene, SceneParts, SurfacePoint, Triangle,
-    TriangleUv, is_open,
+    Camera, LIGHT_POINT, Light, Material, ReceiverSet as _, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv,
 };
 
 /// The Cornell box with the light of its lamp.
-fn lit(receivers: ReceiverKind) -> (Renderer, Scene) {
+fn lit(receivers: ReceiverKind) -> (Renderer, Arc<Bake>) {
     let loaded = procedural::build("cornell").unwrap();
     let settings = BakeSettings { patch_count: 200, receivers, receiver_rays: 256, ..BakeSettings::default() };
-    let bake = Bake::build(&loaded.scene, &settings, &Silent).unwrap();
-    let scene = bake.scene.clone();
+    let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
     let frame = RenderSettings { size: (1, 1), sub_frames: 1, ..RenderSettings::default() };
-    let mut renderer = Renderer::new(Arc::new(bake), Box::new(Cpu::new()), &frame, &Silent).unwrap();
+    let mut renderer = Renderer::new(bake.clone(), Box::new(Cpu::new()), &frame, &Silent).unwrap();
     renderer.update_light(&loaded.scene.lighting, &loaded.view.camera(1, 1)).unwrap();
-    (renderer, scene)
-}
-
-fn is_lit(scene: &Scene) -> impl Fn(&SurfacePoint) -> bool + Sync + '_ {
-    |point| is_open(scene, point, POINT_WALKS, 7)
+    (renderer, bake)
 }
 
 /// Median of |a − b| over the mean of b.
@@ -43,10 +37,10 @@ fn difference(pairs: &[(Vec3, Vec3)]) -> f32 {
 
 #[test]
 fn a_lightmap_has_the_light_that_rays_from_its_texels_gather() {
-    let (mut renderer, scene) = lit(ReceiverKind::Mesh);
+    let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let sides = lit_sides(renderer.bake());
     assert!(sides.iter().any(|side| side.front || side.back));
-    let lightmap = LightmapTexels::new(&scene, &sides, 0.05, &is_lit(&scene)).unwrap();
+    let lightmap = LightmapTexels::new(&bake.scene, &sides, 0.05, &|point| is_lit(&bake, point)).unwrap();
     let values = on_lightmap(&mut renderer, &lightmap, LightPart::Indirect).unwrap();
     // Every 40th texel, by rays of its own.
     let some: Vec<usize> = (0..values.len()).step_by(40).collect();
@@ -62,7 +56,7 @@ fn a_lightmap_has_the_light_that_rays_from_its_texels_gather() {
 
 #[test]
 fn the_full_light_is_the_direct_more() {
-    let (mut renderer, scene) = lit(ReceiverKind::Mesh);
+    let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let corners = |renderer: &mut Renderer, part| at_corners(renderer, part, true).unwrap();
     let (full, indirect) = (corners(&mut renderer, LightPart::Full), corners(&mut renderer, LightPart::Indirect));
     let sides = lit_sides(renderer.bake());
@@ -75,7 +69,7 @@ fn the_full_light_is_the_direct_more() {
         }
     }
     assert!(brighter > 10, "{brighter} corners with direct light");
-    let texels = LightmapTexels::new(&scene, &sides, 0.2, &is_lit(&scene)).unwrap();
+    let texels = LightmapTexels::new(&bake.scene, &sides, 0.2, &|point| is_lit(&bake, point)).unwrap();
     let full = on_lightmap(&mut renderer, &texels, LightPart::Full).unwrap();
     let indirect = on_lightmap(&mut renderer, &texels, LightPart::Indirect).unwrap();
     let brighter = full.iter().zip(&indirect).filter(|(full, indirect)| full.x > 1.1 * indirect.x).count();
@@ -85,14 +79,14 @@ fn the_full_light_is_the_direct_more() {
 
 #[test]
 fn probes_from_files_give_the_light_of_the_volume() {
-    let (mut renderer, scene) = lit(ReceiverKind::Mesh);
+    let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let settings = VolumeSettings { size: VolumeSize::Count(27), ..VolumeSettings::default() };
-    let volume = VoxelVolume::new(&scene, &settings, &is_lit(&scene)).unwrap();
+    let volume = VoxelVolume::new(&bake.scene, &settings, &|point| is_lit(&bake, point)).unwrap();
     let values = in_volume(&mut renderer, &volume, LightPart::Indirect).unwrap();
     let probes = ProbeVolume::new(&volume, values.clone()).unwrap();
     let (description, binary) = probes.to_files().unwrap();
     let read = ProbeVolume::from_files(&description, &binary).unwrap();
-    let middle = 0.5 * (scene.geometry.bounds.0 + scene.geometry.bounds.1);
+    let middle = 0.5 * (bake.scene.geometry.bounds.0 + bake.scene.geometry.bounds.1);
     for normal in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::new(0.6, -0.8, 0.0)] {
         let expected = volume.at(&values, middle, normal).unwrap().truncate();
         assert_eq!(read.irradiance(middle, normal), expected);

@@ -1,11 +1,14 @@
 //! The lightmap: receivers at the texels of an atlas of the scene's triangles.
 
+mod charts;
+
 use std::vec::Vec;
 
-use glam::{IVec3, Vec2, Vec3, Vec4};
+use glam::{UVec2, Vec2, Vec4};
 use rayon::prelude::*;
 use scene::{GeometryTables, Hit, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 
+use self::charts::{Chart, ChartTriangle, charts};
 use crate::error::Error;
 use crate::kernel::lightmap::lightmap_lookup;
 use crate::types::LightmapParams;
@@ -18,13 +21,9 @@ pub const LIGHTMAP_LIMIT: u32 = 8192;
 const REACH: f32 = core::f32::consts::FRAC_1_SQRT_2;
 /// Receivers stay so far from the edges of their triangle, in texels, where it is wide enough.
 const INSET: f32 = 0.02;
-/// Corners nearer than this share of the scene's diagonal are one.
-const SAME_CORNER: f32 = 1e-5;
-/// Least cosine between the normals of triangles that share a chart.
-const SAME_PLANE: f32 = 1.0 - 1e-6;
 
-/// An atlas of triangle sides, one receiver a covered texel. Each side has a chart of its own, or shares it with a
-/// triangle across an edge in the same plane; charts have a border of a texel and never mix. Receivers stand at the middles
+/// An atlas of triangle sides, one receiver a covered texel. Neighbours across an edge share a chart where that bends by less
+/// than 30° and they fill the chart, or take no more texels than with one for each; charts have a border of a texel and never mix. Receivers stand at the middles
 /// of the texels, moved into the triangle where these lie outside. Texels without a receiver take that of the nearest one
 /// of their chart, so that values may be interpolated, and filtered by a texture unit, up to the edges.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,123 +150,12 @@ impl ReceiverSet for LightmapTexels {
     }
 }
 
-/// A triangle in the plane of its chart.
-struct ChartTriangle {
-    triangle: u32,
-    /// Corners, m, from the chart's least coordinates on.
-    corners: [Vec2; 3],
-}
-
-/// Triangles that share a rectangle of the atlas.
-struct Chart {
-    front: bool,
-    triangles: Vec<ChartTriangle>,
-    /// Texels with the border, as numbers that may exceed every limit.
-    size: Vec2,
-}
-
 /// Receivers of a chart.
 struct Filled {
     points: Vec<SurfacePoint>,
     places: Vec<Hit>,
     /// The receiver of each texel of the rectangle.
     texels: Vec<u32>,
-}
-
-/// The charts of all sides, in the order of their first triangles.
-fn charts(scene: &Scene, sides: &[Sides], texel: f32) -> Vec<Chart> {
-    let others = pair_up(scene, sides);
-    let mut charts = Vec::new();
-    for (triangle, &side) in sides.iter().enumerate() {
-        let other = others[triangle];
-        // A pair is made once, from its first triangle; triangles without area never.
-        if other.is_some_and(|p| p < triangle) || !has_area(scene, triangle) {
-            continue;
-        }
-        for front in [true, false] {
-            if if front { side.front } else { side.back } {
-                charts.push(chart(scene, triangle, other, front, texel));
-            }
-        }
-    }
-    charts
-}
-
-fn corners(scene: &Scene, triangle: usize) -> [Vec3; 3] {
-    let t = &scene.geometry.triangles[triangle];
-    [t.corner, t.corner + t.edge_a, t.corner + t.edge_b]
-}
-
-fn has_area(scene: &Scene, triangle: usize) -> bool {
-    let t = &scene.geometry.triangles[triangle];
-    t.edge_a.cross(t.edge_b).length() > 0.0 && scene.tables().normal(triangle as u32).is_finite()
-}
-
-/// For each triangle, the one with which it shares a chart: across its longest edge that has a neighbour in its plane.
-fn pair_up(scene: &Scene, sides: &[Sides]) -> Vec<Option<usize>> {
-    let scale = 1.0 / (SAME_CORNER * scene.diagonal().max(f32::MIN_POSITIVE));
-    let key = |p: Vec3| ((p - scene.geometry.bounds.0) * scale).round().as_ivec3();
-    let less = |a: IVec3, b: IVec3| a.to_array() < b.to_array();
-    let mut edges: Vec<([[i32; 3]; 2], usize, f32)> = Vec::new();
-    for triangle in 0..sides.len() {
-        let c = corners(scene, triangle);
-        for k in 0..3 {
-            let (p, q) = (c[k], c[(k + 1) % 3]);
-            let (a, b) = (key(p), key(q));
-            if a != b {
-                let ends = if less(a, b) { [a, b] } else { [b, a] };
-                edges.push((ends.map(|e| e.to_array()), triangle, p.distance(q)));
-            }
-        }
-    }
-    edges.par_sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.cmp(&b.1)));
-    let geometry = scene.tables();
-    let mut pairs: Vec<(f32, usize, usize)> = (edges.windows(2))
-        .filter(|w| w[0].0 == w[1].0)
-        .map(|w| (w[0].2, w[0].1, w[1].1))
-        .filter(|&(_, a, b)| {
-            sides[a] == sides[b]
-                && has_area(scene, a)
-                && has_area(scene, b)
-                && geometry.normal(a as u32).dot(geometry.normal(b as u32)) > SAME_PLANE
-        })
-        .collect();
-    pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-    let mut others = std::vec![None; sides.len()];
-    for (_, a, b) in pairs {
-        if others[a].is_none() && others[b].is_none() && a != b {
-            (others[a], others[b]) = (Some(b), Some(a));
-        }
-    }
-    others
-}
-
-fn chart(scene: &Scene, triangle: usize, other: Option<usize>, front: bool, texel: f32) -> Chart {
-    let own = corners(scene, triangle);
-    let all: Vec<(u32, [Vec3; 3])> =
-        [Some(triangle), other].into_iter().flatten().map(|t| (t as u32, corners(scene, t))).collect();
-    let normal = scene.tables().normal(triangle as u32);
-    // Along each edge of the first triangle: the rectangle with the least area.
-    let frames = (0..3).map(|k| {
-        let along = (own[(k + 1) % 3] - own[k]).normalize_or_zero();
-        let across = normal.cross(along);
-        let flat = |p: Vec3| Vec2::new((p - own[0]).dot(along), (p - own[0]).dot(across));
-        let places = all.iter().flat_map(|(_, c)| c.map(flat));
-        let (low, high) =
-            places.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high): (Vec2, Vec2), p| (low.min(p), high.max(p)));
-        (along, across, low, high - low)
-    });
-    let area = |f: &(Vec3, Vec3, Vec2, Vec2)| f.3.element_product();
-    let usable = frames.filter(|f| f.0 != Vec3::ZERO);
-    let (along, across, low, extent) =
-        usable.min_by(|a, b| area(a).total_cmp(&area(b))).unwrap_or((Vec3::X, Vec3::Y, Vec2::ZERO, Vec2::ZERO));
-    let origin = own[0] + along * low.x + across * low.y;
-    let flat = |p: Vec3| Vec2::new((p - origin).dot(along), (p - origin).dot(across));
-    Chart {
-        front,
-        triangles: all.iter().map(|&(triangle, c)| ChartTriangle { triangle, corners: c.map(flat) }).collect(),
-        size: (extent / texel).ceil() + 2.0,
-    }
 }
 
 impl Chart {
@@ -279,17 +167,12 @@ impl Chart {
         is_lit: &(impl Fn(&SurfacePoint) -> bool + Sync),
     ) -> Option<Filled> {
         let (width, height) = (self.size.x as u32, self.size.y as u32);
-        let mut texels = std::vec![NONE; (width * height) as usize];
+        let covered = self.cover(width, height, texel);
+        let mut texels = std::vec![NONE; covered.len()];
         let (mut points, mut places) = (Vec::new(), Vec::new());
-        for (k, entry) in texels.iter_mut().enumerate() {
-            let middle = Vec2::new((k as u32 % width) as f32 - 0.5, (k as u32 / width) as f32 - 0.5) * texel;
-            let nearest = (self.triangles.iter())
-                .map(|part| (nearest_place(part.corners, middle, INSET * texel), part))
-                .min_by(|a, b| a.0.distance_squared(middle).total_cmp(&b.0.distance_squared(middle)));
-            let Some((place, part)) = nearest.filter(|n| n.0.distance(middle) <= (REACH + INSET) * texel) else {
-                continue;
-            };
-            // On the triangle itself: the planes of the two may differ by a little.
+        for (entry, covered) in texels.iter_mut().zip(covered) {
+            let Some((_, place, part)) = covered else { continue };
+            // On the triangle itself: the chart is flat, and it need not be.
             let [a, b, c] = part.corners;
             let double = (b - a).perp_dot(c - a);
             let (u, v) = ((place - a).perp_dot(c - a) / double, (b - a).perp_dot(place - a) / double);
@@ -305,6 +188,29 @@ impl Chart {
         }
         dilate(&mut texels, width, height);
         (!points.is_empty()).then_some(Filled { points, places, texels })
+    }
+
+    /// For each texel that a triangle covers, the nearest place of the nearest triangle, and the square of its distance.
+    fn cover(&self, width: u32, height: u32, texel: f32) -> Vec<Option<(f32, Vec2, &ChartTriangle)>> {
+        let mut nearest = std::vec![None; (width * height) as usize];
+        for part in &self.triangles {
+            let [a, b, c] = part.corners;
+            let first = (a.min(b).min(c) / texel - REACH).floor().max(Vec2::ZERO).as_uvec2();
+            let last = (a.max(b).max(c) / texel + 1.0 + REACH).ceil().as_uvec2().min(UVec2::new(width, height) - 1);
+            for y in first.y..=last.y {
+                for x in first.x..=last.x {
+                    let middle = (Vec2::new(x as f32, y as f32) - 0.5) * texel;
+                    let place = nearest_place(part.corners, middle, INSET * texel);
+                    let distance = place.distance_squared(middle);
+                    let entry: &mut Option<(f32, Vec2, &ChartTriangle)> = &mut nearest[(x + width * y) as usize];
+                    let is_near = distance <= ((REACH + INSET) * texel).powi(2);
+                    if is_near && entry.is_none_or(|(least, ..)| distance < least) {
+                        *entry = Some((distance, place, part));
+                    }
+                }
+            }
+        }
+        nearest
     }
 }
 
