@@ -75,6 +75,31 @@ fn a_linear_field_is_reproduced_and_no_chart_shows_another() {
 }
 
 #[test]
+fn taps_stay_on_their_triangle_and_round_their_receiver() {
+    let scene = atrium().scene(1.0);
+    let texel = 0.13;
+    let map = lightmap(&scene, texel);
+    let mut around = 0;
+    for (k, (place, point)) in map.places.iter().zip(map.points()).enumerate() {
+        let taps = map.taps(&scene, k).unwrap();
+        let t = scene.geometry.triangles[place.triangle as usize];
+        let normal = t.edge_a.cross(t.edge_b);
+        for tap in taps {
+            let from = tap.position - t.corner;
+            let u = from.cross(t.edge_b).dot(normal) / normal.length_squared();
+            let v = t.edge_a.cross(from).dot(normal) / normal.length_squared();
+            assert!(u > -1e-3 && v > -1e-3 && u + v < 1.001 && tap.normal == point.normal, "{u} {v}");
+            assert!((from.dot(normal) / normal.length()).abs() < 1e-4);
+        }
+        let mean = taps.iter().map(|tap| tap.position).sum::<Vec3>() / 4.0;
+        around += usize::from(mean.distance(point.position) < 1e-4);
+        assert!(mean.distance(point.position) < texel, "receiver {k}");
+    }
+    assert!(around > map.points().len() / 3, "{around} of {}", map.points().len());
+    assert!(map.taps(&scene, map.points().len()).is_none());
+}
+
+#[test]
 fn the_two_halves_of_a_rectangle_share_a_chart() {
     let mut mesh = Mesh::default();
     mesh.quad(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 3.0);

@@ -29,6 +29,8 @@ pub use probes::ProbeVolume;
 const AREA_RAYS: u32 = 64;
 /// Rays to the sky.
 const SKY_RAYS: u32 = 256;
+/// Receivers of a lightmap whose direct light is found at once.
+const TEXEL_BLOCK: usize = 1 << 16;
 /// Rays that tell whether light comes to a point.
 const LIT_RAYS: u32 = 8;
 /// Luminous efficacy of white light.
@@ -103,7 +105,7 @@ pub fn at_corners(renderer: &mut Renderer, part: LightPart, front: bool) -> Resu
     let lit: Vec<usize> = (0..corners.len()).filter(|&triangle| is_lit(&sides[triangle])).collect();
     let points: Vec<SurfacePoint> =
         lit.iter().flat_map(|&triangle| corner_points(renderer.scene(), triangle as u32, front)).collect();
-    let direct = direct(renderer.scene(), &points);
+    let direct = direct(renderer.scene(), &points, 1);
     for (&triangle, direct) in lit.iter().zip(direct.chunks_exact(3)) {
         corners[triangle].iter_mut().zip(direct).for_each(|(sum, direct)| *sum += *direct);
     }
@@ -123,7 +125,17 @@ pub fn on_lightmap(renderer: &mut Renderer, lightmap: &LightmapTexels, part: Lig
         interpolate_receivers(&mesh.grids, &mesh.cells, &mesh.vertices, &indirect, *place, front)
     };
     let mut values: Vec<Vec4> = lightmap.places.par_iter().zip(lightmap.points()).map(at).collect();
-    add_direct(renderer.scene(), lightmap.points(), part, &mut values);
+    if part == LightPart::Full {
+        let scene = renderer.scene();
+        for (block, values) in (0..).zip(values.chunks_mut(TEXEL_BLOCK)) {
+            let receivers = block * TEXEL_BLOCK..block * TEXEL_BLOCK + values.len();
+            let taps: Vec<SurfacePoint> = receivers.filter_map(|k| lightmap.taps(scene, k)).flatten().collect();
+            let direct = direct(scene, &taps, 4);
+            values.iter_mut().zip(direct.chunks_exact(4)).for_each(|(sum, taps)| {
+                *sum += (0.25 * taps.iter().sum::<Vec3>()).extend(0.0);
+            });
+        }
+    }
     Ok(values)
 }
 
@@ -175,16 +187,17 @@ fn indirect(renderer: &mut Renderer) -> Result<Vec<Vec4>, Error> {
     Ok(renderer.surface_irradiance()?.iter().map(|h| h.extend(0.0)).collect())
 }
 
-/// Direct irradiance at points, with more rays than a frame can afford.
-fn direct(scene: &Scene, points: &[SurfacePoint]) -> Vec<Vec3> {
-    let sky_rays = if scene.has_sky() { SKY_RAYS } else { 0 };
-    let params = DirectParams { count: points.len() as u32, area_rays: AREA_RAYS, sky_rays, ..direct_params(scene) };
+/// Direct irradiance at points, with more rays than a frame can afford, `together` of which share them.
+fn direct(scene: &Scene, points: &[SurfacePoint], together: u32) -> Vec<Vec3> {
+    let sky_rays = if scene.has_sky() { SKY_RAYS / together } else { 0 };
+    let area_rays = AREA_RAYS / together;
+    let params = DirectParams { count: points.len() as u32, area_rays, sky_rays, ..direct_params(scene) };
     scene.direct_irradiance(&params, points)
 }
 
 fn add_direct(scene: &Scene, points: &[SurfacePoint], part: LightPart, values: &mut [Vec4]) {
     if part == LightPart::Full {
-        values.iter_mut().zip(direct(scene, points)).for_each(|(sum, direct)| *sum += direct.extend(0.0));
+        values.iter_mut().zip(direct(scene, points, 1)).for_each(|(sum, direct)| *sum += direct.extend(0.0));
     }
 }
 

@@ -4,7 +4,7 @@ mod charts;
 
 use std::vec::Vec;
 
-use glam::{UVec2, Vec2, Vec4};
+use glam::{UVec2, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::{GeometryTables, Hit, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 
@@ -19,6 +19,8 @@ pub const LIGHTMAP_LIMIT: u32 = 8192;
 /// A texel is covered when its middle is so near to the triangle, in texels: then every point of the triangle lies in
 /// covered texels.
 const REACH: f32 = core::f32::consts::FRAC_1_SQRT_2;
+/// How far taps are from their receiver and from the edges of its triangle, in texels.
+const TAP: f32 = 0.25;
 /// Receivers stay so far from the edges of their triangle, in texels, where it is wide enough.
 const INSET: f32 = 0.02;
 
@@ -39,6 +41,8 @@ pub struct LightmapTexels {
     /// Where each receiver stands: its triangle and the shares u, v of the triangle's edges; t is 0.
     pub places: Vec<Hit>,
     points: Vec<SurfacePoint>,
+    /// Edge of a texel, m.
+    texel: f32,
 }
 
 impl LightmapTexels {
@@ -86,6 +90,7 @@ impl LightmapTexels {
             texels: std::vec![NONE; params.width as usize * params.height as usize],
             places: Vec::new(),
             points: Vec::new(),
+            texel,
         };
         for (((chart, filled), place), size) in charts.iter().zip(filled).zip(places).zip(sizes) {
             let Some(filled) = filled else { continue };
@@ -113,6 +118,26 @@ impl LightmapTexels {
     pub fn uv(&self, triangle: u32, front: bool) -> Option<TriangleUv> {
         let place = self.sides.get(triangle as usize)?[usize::from(!front)];
         self.uvs.get(place as usize).copied()
+    }
+
+    /// Four places about a receiver, a quarter of a texel from it each way and from the edges of its triangle where that is so
+    /// wide: light that changes within a texel, as at the edge of a shadow, is better told by their mean. `None` beyond the
+    /// receivers.
+    pub fn taps(&self, scene: &Scene, receiver: usize) -> Option<[SurfacePoint; 4]> {
+        let (place, point) = (self.places.get(receiver)?, self.points.get(receiver)?);
+        let triangle = scene.geometry.triangles.get(place.triangle as usize)?;
+        let along = triangle.edge_a.normalize_or_zero();
+        let across = scene.tables().normal(place.triangle).cross(along);
+        let flat = |p: Vec3| Vec2::new(p.dot(along), p.dot(across));
+        let corners = [Vec2::ZERO, flat(triangle.edge_a), flat(triangle.edge_b)];
+        let middle = corners[1] * place.u + corners[2] * place.v;
+        Some([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
+            let tap = middle + Vec2::new(x, y) * TAP * self.texel;
+            let moved = nearest_place(corners, tap, TAP * self.texel);
+            // On needles the edges push it far away.
+            let tap = if moved.distance(middle) < self.texel { moved } else { middle };
+            SurfacePoint { position: triangle.corner + along * tap.x + across * tap.y, ..*point }
+        }))
     }
 
     /// Irradiance on a side of a triangle at the shares u, v of its edges, W/m²: [`lightmap_lookup`] there, zero without a
