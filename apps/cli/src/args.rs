@@ -404,6 +404,9 @@ pub struct Render {
     /// (classic).
     #[arg(long)]
     pub debug: bool,
+    /// Also write the frame graph in Graphviz' language: passes with their times, buffers with sizes and lifetimes, barriers.
+    #[arg(long, value_name = "FILE")]
+    pub graph: Option<PathBuf>,
     /// Continue an interrupted path-traced picture in the same folder.
     #[arg(long)]
     pub resume: bool,

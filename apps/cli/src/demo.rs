@@ -1,4 +1,4 @@
-//! The demo: the built-in Cornell box and atrium, every method against path tracing, a light that moves.
+//! The demo: the built-in Cornell box, atrium and office, every method against path tracing, lights that move.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,7 +19,7 @@ use experiments::output;
 use experiments::output::write_pictures;
 use experiments::path;
 use experiments::progress::{Progress, interruptible, is_cancelled};
-use experiments::report::{Figure, Plot, Section, Series, Table, page, significant};
+use experiments::report::{Comparison, Figure, FrameGraph, Plot, Section, Series, Table, page, significant};
 use experiments::say;
 use experiments::sequence::frame_time;
 use experiments::summary::{PassTimes, PhotonCounts, Summary};
@@ -33,6 +33,7 @@ use patchlight::operator::{Codec, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{Bake, BakeSettings, Estimator, MethodSettings, Pictures, RenderSettings, Renderer};
 use runtime::executor::{DeviceChoice, open};
+use runtime::graph::{Graph, Stage};
 
 /// How much the demo does.
 struct Effort {
@@ -45,7 +46,7 @@ struct Effort {
     rays: u32,
 }
 
-const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 4, paths: 48, patches: 4000, rays: 1024 };
+const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 2, paths: 48, patches: 2000, rays: 1024 };
 const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8, patches: 400, rays: 256 };
 
 /// Relative error of the compressed operators.
@@ -59,22 +60,46 @@ const PHOTON_ERROR: f64 = 0.05;
 struct Method {
     name: &'static str,
     title: &'static str,
+    /// When it is the one to take.
+    purpose: &'static str,
     settings: MethodSettings,
 }
 
 const METHODS: [Method; 6] = [
-    Method { name: "classic", title: "Classic radiosity", settings: MethodSettings::Classic },
+    Method {
+        name: "classic",
+        title: "Classic radiosity",
+        purpose: "the plain method, one sparse product a bounce: to measure others by, and for scenes that are seldom lit twice",
+        settings: MethodSettings::Classic,
+    },
     Method {
         name: "tiles",
         title: "Operator in tiles",
+        purpose: "all bounces in one product: scenes at rest whose lights move; the operator is baked once",
         settings: MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }),
     },
-    Method { name: "feedback", title: "Feedback", settings: MethodSettings::Feedback(FEEDBACK) },
-    Method { name: "temporal", title: "Temporal", settings: MethodSettings::Temporal(TEMPORAL) },
-    Method { name: "local", title: "Local matrix", settings: MethodSettings::Local(LOCAL) },
+    Method {
+        name: "feedback",
+        title: "Feedback",
+        purpose: "one bounce a frame: albedo may change, and there is next to nothing to bake; light settles within frames",
+        settings: MethodSettings::Feedback(FEEDBACK),
+    },
+    Method {
+        name: "temporal",
+        title: "Temporal",
+        purpose: "more patches than an operator has room for: a few samples a row and frame of what changed",
+        settings: MethodSettings::Temporal(TEMPORAL),
+    },
+    Method {
+        name: "local",
+        title: "Local matrix",
+        purpose: "worlds without end: the exact matrix of the patches round the camera, read from disk as it moves",
+        settings: MethodSettings::Local(LOCAL),
+    },
     Method {
         name: "firstshot",
         title: "First shot",
+        purpose: "no form factors between patches: photons from where light falls first, until the error that is asked for",
         settings: MethodSettings::FirstShot(FirstShotSettings { error: PHOTON_ERROR, most_photons: 1 << 24 }),
     },
 ];
@@ -106,6 +131,8 @@ struct Run {
     pictures: Option<Pictures>,
     /// Seconds before the first frame that other methods do not need.
     phases: Vec<(String, f64)>,
+    /// The stages of a frame, and which each reads from.
+    stages: Vec<Stage>,
     summary: Summary,
 }
 
@@ -122,7 +149,7 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
     output::make_folder(&out)?;
     let mut outcomes = Vec::new();
     let mut device = String::new();
-    for name in ["cornell", "atrium"] {
+    for name in ["cornell", "atrium", "office"] {
         let progress = Progress::new(common.quiet);
         progress.note(&format!("{name}:"));
         let loaded = progress.phase("import", |_| procedural::build(name))?;
@@ -153,7 +180,7 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
             .to_owned(),
     ];
     let summaries: Vec<_> = outcomes.iter().flat_map(|o| o.summaries.clone()).collect();
-    let sections: Vec<_> = outcomes.into_iter().map(|o| o.section).collect();
+    let sections: Vec<_> = std::iter::once(purposes()).chain(outcomes.into_iter().map(|o| o.section)).collect();
     let report = out.join("report.html");
     output::write_text(&report, &page("Patchlight: demo", &introduction, &sections))?;
     let text = output::json(&summaries);
@@ -164,6 +191,13 @@ pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
         say!("{} and the pictures beside it show what was rendered on {device}", report.display());
     }
     Ok(())
+}
+
+/// What each method is for.
+fn purposes() -> Section {
+    let line = |method: &Method| format!("{} (--method {}): {}.", method.title, method.name, method.purpose);
+    let text = METHODS.iter().map(line).collect();
+    Section { title: "What each method is for".into(), text, ..Section::default() }
 }
 
 fn one_scene(
@@ -183,16 +217,16 @@ fn one_scene(
         ..BakeSettings::default()
     };
     let bake = Arc::new(interruptible(|| Bake::build(&loaded.scene, &settings, progress))?);
-    let stage = Stage { common, effort, loaded, bake: &bake, out };
-    let checked = stage.trace_some(progress)?;
+    let show = Show { common, effort, loaded, bake: &bake, out };
+    let checked = show.trace_some(progress)?;
     let mut runs = Vec::new();
     for method in &METHODS {
         progress.note(&format!("{}:", method.name));
-        runs.push(stage.run(method, &checked)?);
+        runs.push(show.run(method, &checked)?);
     }
     let mut shared = progress.phases();
     shared.retain(|(name, _)| name != "path tracing");
-    let section = stage.section(&runs, &checked, &shared)?;
+    let section = show.section(&runs, &checked, &shared)?;
     let mut summaries = Vec::new();
     for run in runs {
         let bake = shared.iter().chain(&run.phases).cloned().collect();
@@ -213,7 +247,7 @@ fn frame_file(frame: u32) -> String {
 }
 
 /// A scene with its bake, on which the methods are shown.
-struct Stage<'a> {
+struct Show<'a> {
     common: &'a Common,
     effort: &'a Effort,
     loaded: &'a LoadedScene,
@@ -221,7 +255,7 @@ struct Stage<'a> {
     out: &'a Path,
 }
 
-impl Stage<'_> {
+impl Show<'_> {
     /// Lights and view of a frame.
     fn at(&self, frame: u32) -> (Vec<Light>, View) {
         let animation = Animation::or_default_path(self.loaded);
@@ -254,7 +288,7 @@ impl Stage<'_> {
             method: method.settings,
             eye: self.loaded.view.eye,
             size: self.effort.size,
-            sub_frames: 6,
+            sub_frames: 4,
             ..RenderSettings::default()
         };
         Ok(interruptible(|| Renderer::new(Arc::clone(self.bake), executor, &settings, progress))?)
@@ -300,7 +334,8 @@ impl Stage<'_> {
             add_times(&mut times, passes);
         }
         let summary = self.summary(method, &mut renderer, &times, errors.last());
-        Ok(Run { times, errors, pictures, phases, summary })
+        let stages = Graph::new(renderer.executor_mut().plan().clone()).stages();
+        Ok(Run { times, errors, pictures, phases, stages, summary })
     }
 
     fn summary(&self, method: &Method, renderer: &mut Renderer, times: &Times, last: Option<&Errors>) -> Summary {
@@ -337,7 +372,7 @@ impl Stage<'_> {
         let [classic, ..] = runs else { return Err(Error::Cancelled) };
         let mut strip = Vec::new();
         for frame in (0..effort.frames).step_by(effort.frames.div_ceil(12) as usize) {
-            strip.push(Figure::read(out, &frame_file(frame), format!("frame {frame}"))?);
+            strip.push(Figure::photograph(out, &frame_file(frame), format!("frame {frame}"))?);
         }
         let mut between_patches = Vec::new();
         for (method, run) in METHODS.iter().zip(runs) {
@@ -355,7 +390,8 @@ impl Stage<'_> {
                 effort.size.0,
                 effort.size.1
             )],
-            figures: compared_figures(out, runs, checked.last(), loaded.exposure_stops)?,
+            comparisons: comparisons(out, runs, checked.last(), loaded.exposure_stops)?,
+            figures: differences(out, runs, checked.last())?,
             strip,
             tables: vec![
                 times_table(runs, &classic.summary.device),
@@ -368,6 +404,7 @@ impl Stage<'_> {
                 over_frames("Time of each pass, classic radiosity", passes),
                 over_frames("Time of the light between patches", between_patches),
             ],
+            graphs: METHODS.iter().zip(runs).take(2).map(|(method, run)| run.graph(method)).collect(),
         })
     }
 }
@@ -392,20 +429,37 @@ fn over_frames(title: &str, series: Vec<Series>) -> Plot {
     Plot { title: title.to_owned(), unit: "ms".into(), x: "frame".into(), logarithmic: false, series }
 }
 
-fn compared_figures(out: &Path, runs: &[Run], checked: Option<&Checked>, stops: f32) -> Result<Vec<Figure>, Error> {
-    let Some(Checked { frame, traced }) = checked else { return Ok(Vec::new()) };
-    let mut figures = Vec::new();
-    let mut add = |folder: &Path, title: &str, pictures: &Pictures| -> Result<(), Error> {
-        write_pictures(folder, pictures, stops)?;
-        figures.push(Figure::read(folder, "full.png", format!("{title}, all light, frame {frame}"))?);
-        figures.push(Figure::read(folder, "indirect.png", format!("{title}, indirect light"))?);
-        Ok(())
-    };
-    add(&out.join("path"), "Path traced", traced)?;
-    for (method, run) in METHODS.iter().zip(runs) {
-        let Some(ours) = &run.pictures else { continue };
-        add(&out.join(method.name), method.title, ours)?;
+impl Run {
+    /// The frame graph with median times.
+    fn graph(&self, method: &Method) -> FrameGraph {
+        let ms = |name: &str| self.summary.passes.get(name).map(|times| times.median_ms);
+        let stages = self.stages.iter().map(|stage| (stage.name.clone(), ms(&stage.name), stage.reads.clone()));
+        FrameGraph { title: format!("Frame graph, {}", method.title.to_lowercase()), stages: stages.collect() }
     }
+}
+
+/// Pictures of all and of indirect light over those that are path traced.
+fn comparisons(out: &Path, runs: &[Run], checked: Option<&Checked>, stops: f32) -> Result<Vec<Comparison>, Error> {
+    let Some(Checked { frame, traced }) = checked else { return Ok(Vec::new()) };
+    write_pictures(&out.join("path"), traced, stops)?;
+    for (method, run) in METHODS.iter().zip(runs) {
+        if let Some(ours) = &run.pictures {
+            write_pictures(&out.join(method.name), ours, stops)?;
+        }
+    }
+    let compare = |file: &str, light: &str| -> Result<Comparison, Error> {
+        let caption = format!("path traced, {light}, frame {frame}");
+        let beneath = Figure::photograph(&out.join("path"), file, caption)?;
+        let shown = METHODS.iter().zip(runs).filter(|(_, run)| run.pictures.is_some());
+        let above = shown.map(|(method, _)| Figure::photograph(&out.join(method.name), file, method.title.to_owned()));
+        Ok(Comparison { beneath, above: above.collect::<Result<_, Error>>()? })
+    };
+    Ok(vec![compare("full.png", "all light")?, compare("indirect.png", "indirect light")?])
+}
+
+fn differences(out: &Path, runs: &[Run], checked: Option<&Checked>) -> Result<Vec<Figure>, Error> {
+    let Some(Checked { traced, .. }) = checked else { return Ok(Vec::new()) };
+    let mut figures = Vec::new();
     for (method, run) in METHODS.iter().zip(runs) {
         let Some(ours) = &run.pictures else { continue };
         let folder = out.join(method.name);

@@ -34,6 +34,7 @@ use patchlight::{
     Bake, BakeSettings, FrameResult, MethodSettings, Pictures, PixelLight, ReceiverUpdate, RenderSettings, Renderer,
 };
 use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::graph::Graph;
 use runtime::recipe::multibounce::Decoder;
 
 /// Most sub-frames with which frames update only the receivers in view.
@@ -101,6 +102,7 @@ struct Subject {
 
 fn render(common: &Common, args: &Render, subject: &Subject, progress: &Progress) -> Result<(), Error> {
     let loaded = &subject.loaded;
+    args.graph.as_deref().map(output::check_file).transpose()?;
     let data = args.reference.as_deref().map(ReferenceData::load).transpose()?;
     let size = args.size.or(data.as_ref().map(|d| (d.full.width, d.full.height))).unwrap_or((960, 540));
     let pixels = f64::from(size.0) * f64::from(size.1);
@@ -394,6 +396,11 @@ impl Job<'_> {
             progress.note(&line);
         }
         summary.passes = times.iter().filter_map(|(name, t)| Some((name.clone(), PassTimes::of(t)?))).collect();
+        if let Some(path) = &args.graph {
+            let ms = |name: &str| summary.passes.get(name).map(|times| times.median_ms);
+            let graph = Graph::new(renderer.executor_mut().plan().clone()).graphviz(ms);
+            output::write_text(path, &graph)?;
+        }
         let (visible_receivers, visible_points) = renderer.count_updated()?;
         summary.light_update = PassTimes::of(&updates).map(|PassTimes { median_ms, max_ms }| LightUpdate {
             median_ms,

@@ -433,20 +433,22 @@ fn the_demo_writes_a_report_that_needs_no_other_file() {
     let out = folder.path().to_str().unwrap();
     succeeds(&["--fast", "--quiet", "--device", "cpu", "--out", out]);
     let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
-    for word in ["cornell", "atrium", "data:image/png;base64,", "median ms", "against the path tracer", "CPU"] {
+    let words =
+        ["cornell", "atrium", "office", "data:image/jpeg;base64,", "median ms", "against the path tracer", "CPU"];
+    for word in words.into_iter().chain(["Frame graph, operator in tiles", "type=\"range\"", ">First shot</button>"]) {
         assert!(report.contains(word), "{word}");
     }
     // Six methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
     let head = "<th>classic</th><th>tiles</th><th>feedback</th><th>temporal</th><th>local</th><th>firstshot</th>";
-    assert_eq!(report.matches(head).count(), 6);
-    assert_eq!(report.matches("<td>frame 2, tiles</td>").count(), 4);
+    assert_eq!(report.matches(head).count(), 9);
+    assert_eq!(report.matches("<td>frame 2, tiles</td>").count(), 6);
     let summary: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("summary.json")).unwrap()).unwrap();
     let methods: Vec<&str> = summary.as_array().unwrap().iter().filter_map(|s| s["method"].as_str()).collect();
-    assert_eq!(methods, ["classic", "tiles", "feedback", "temporal", "local", "firstshot"].repeat(2));
+    assert_eq!(methods, ["classic", "tiles", "feedback", "temporal", "local", "firstshot"].repeat(3));
     let ssim = |k: usize| summary[k]["indirect"]["ssim"].as_f64().unwrap();
-    assert!((0..12).all(|k| (ssim(k) - ssim(k / 6 * 6)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
-    assert!(!report.contains("src=\"http") && !report.contains("<script"));
+    assert!((0..18).all(|k| (ssim(k) - ssim(k / 6 * 6)).abs() < 0.02 && ssim(k) > 0.1), "{summary}");
+    assert!(!report.contains("http") && report.len() < 5 << 20);
     for name in
         ["cornell/frame-0000.png", "atrium/classic/full.exr", "cornell/feedback/full.exr", "atrium/path/full.exr"]
     {
@@ -553,6 +555,28 @@ fn debug_pictures_show_the_bake() {
     arguments.extend(SMALL);
     succeeds(&arguments);
     assert!(!out.join("debug").exists());
+}
+
+#[test]
+fn the_frame_graph_is_written_with_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let [out, graph] = ["out", "frame.dot"].map(|name| folder.path().join(name));
+    let mut arguments = vec!["render", "cornell", "--method", "tiles", "--graph", graph.to_str().unwrap()];
+    arguments.extend(["--out", out.to_str().unwrap()]);
+    arguments.extend(SMALL);
+    succeeds(&arguments);
+    let text = std::fs::read_to_string(&graph).unwrap();
+    assert!(text.starts_with("digraph") && text.ends_with("}\n"), "{text}");
+    for pass in ["direct", "method", "gather", "shade"] {
+        let times = text.lines().filter(|line| line.contains(&format!(": {pass}, ")) && line.contains(" ms in all"));
+        assert!(times.count() > 0, "{pass} in {text}");
+    }
+    // Path tracing has no passes; a place that cannot be written to is named before anything is computed.
+    arguments[3] = "path";
+    succeeds(&arguments);
+    let file = out.join("summary.json/frame.dot");
+    (arguments[3], arguments[5]) = ("tiles", file.to_str().unwrap());
+    assert!(fails(1, &arguments).contains("summary.json/frame.dot"));
 }
 
 #[test]

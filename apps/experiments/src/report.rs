@@ -1,29 +1,62 @@
-//! The self-contained report: pictures inside, tables, small plots; no script, no other file.
+//! The self-contained report: pictures inside, tables, small plots; no other file.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use image::codecs::jpeg::JpegEncoder;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::error::Error;
+
+/// Of 100.
+const JPEG_QUALITY: u8 = 88;
 
 /// A picture of the report.
 pub struct Figure {
     /// Text under it.
     pub caption: String,
-    /// PNG bytes.
-    pub png: Vec<u8>,
+    /// The bytes of its file.
+    pub bytes: Vec<u8>,
+    /// What the file is.
+    pub media: &'static str,
 }
 
 impl Figure {
     /// A PNG file of a folder.
     pub fn read(folder: &Path, name: &str, caption: String) -> Result<Self, Error> {
         let path = folder.join(name);
-        let png = std::fs::read(&path).map_err(|source| reference::Error::Read { path, source })?;
-        Ok(Self { caption, png })
+        let bytes = std::fs::read(&path).map_err(|source| reference::Error::Read { path, source })?;
+        Ok(Self { caption, bytes, media: "image/png" })
     }
+
+    /// The same as JPEG, a tenth of the bytes: where a single pixel does not matter.
+    pub fn photograph(folder: &Path, name: &str, caption: String) -> Result<Self, Error> {
+        let png = Self::read(folder, name, caption)?;
+        let mut bytes = Vec::new();
+        let encoded = image::load_from_memory(&png.bytes).and_then(|picture| {
+            picture.to_rgb8().write_with_encoder(JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY))
+        });
+        encoded.map_err(|e| reference::Error::Decode { path: folder.join(name), reason: e.to_string() })?;
+        Ok(Self { bytes, media: "image/jpeg", ..png })
+    }
+}
+
+/// Pictures over one of the same size, of which a slider shows the left part.
+pub struct Comparison {
+    /// What lies beneath.
+    pub beneath: Figure,
+    /// What is above it, one at a time.
+    pub above: Vec<Figure>,
+}
+
+/// The stages of a frame and their times.
+pub struct FrameGraph {
+    /// Text above it.
+    pub title: String,
+    /// Name, milliseconds where they are known, and numbers of the stages that it reads from.
+    pub stages: Vec<(String, Option<f64>, Vec<usize>)>,
 }
 
 /// A table of the report: a head and rows of cells.
@@ -81,11 +114,14 @@ impl Plot {
 }
 
 /// One section of the report.
+#[derive(Default)]
 pub struct Section {
     /// Heading.
     pub title: String,
     /// Paragraphs under the heading.
     pub text: Vec<String>,
+    /// Pictures to compare by a slider.
+    pub comparisons: Vec<Comparison>,
     /// Pictures side by side.
     pub figures: Vec<Figure>,
     /// Frames of an animation as a strip.
@@ -94,6 +130,8 @@ pub struct Section {
     pub tables: Vec<Table>,
     /// Plots.
     pub plots: Vec<Plot>,
+    /// Frame graphs.
+    pub graphs: Vec<FrameGraph>,
 }
 
 const STYLE: &str = "
@@ -108,6 +146,27 @@ table { border-collapse: collapse; margin: 1rem 0; } caption { text-align: left;
 td, th { border-bottom: 1px solid #8884; padding: .2rem .8rem .2rem 0; text-align: right; font-variant-numeric: tabular-nums; }
 td:first-child, th:first-child { text-align: left; }
 svg { max-width: 100%; height: auto; }
+.tables { overflow-x: auto; }
+.comparison { margin: 1rem 0; }
+.stack { position: relative; }
+.stack .above { position: absolute; inset: 0; clip-path: inset(0 calc(100% - var(--share, 50%)) 0 0); visibility: hidden; }
+.stack .shown { visibility: visible; }
+.stack::after { content: ''; position: absolute; top: 0; bottom: 0; left: var(--share, 50%); border-left: 2px solid #fff; }
+.comparison input { width: 100%; margin: .3rem 0; } .comparison button { margin: .2rem .3rem .2rem 0; font: inherit; }
+.comparison button.shown { font-weight: 600; outline: 2px solid #48a; }
+";
+
+/// The slider and the buttons of a comparison.
+const SCRIPT: &str = "
+for (const box of document.querySelectorAll('.comparison')) {
+  const stack = box.querySelector('.stack');
+  box.querySelector('input').oninput = e => stack.style.setProperty('--share', e.target.value + '%');
+  const buttons = [...box.querySelectorAll('button')], pictures = [...box.querySelectorAll('.above')];
+  buttons.forEach((button, k) => button.onclick = () => {
+    [...buttons, ...pictures].forEach(x => x.classList.remove('shown'));
+    [button, pictures[k]].forEach(x => x.classList.add('shown'));
+  });
+}
 ";
 
 /// The whole page.
@@ -125,6 +184,7 @@ pub fn page<'a>(title: &str, introduction: &[String], sections: impl IntoIterato
                 h1 { (title) }
                 @for line in introduction { p { (line) } }
                 @for section in sections { (section_markup(section)) }
+                script { (PreEscaped(SCRIPT)) }
             }
         }
     }
@@ -135,6 +195,9 @@ fn section_markup(section: &Section) -> Markup {
     html! {
         h2 { (section.title) }
         @for line in &section.text { p { (line) } }
+        @if !section.comparisons.is_empty() {
+            div class="figures" { @for c in &section.comparisons { (comparison(c)) } }
+        }
         @if !section.figures.is_empty() {
             div class="figures" { @for f in &section.figures { (figure(f)) } }
         }
@@ -142,21 +205,100 @@ fn section_markup(section: &Section) -> Markup {
             div class="strip" { @for f in &section.strip { (figure(f)) } }
         }
         @for table in &section.tables {
-            table {
-                caption { (table.caption) }
-                thead { tr { @for cell in &table.head { th { (cell) } } } }
-                tbody { @for row in &table.rows { tr { @for cell in row { td { (cell) } } } } }
+            div class="tables" {
+                table {
+                    caption { (table.caption) }
+                    thead { tr { @for cell in &table.head { th { (cell) } } } }
+                    tbody { @for row in &table.rows { tr { @for cell in row { td { (cell) } } } } }
+                }
             }
         }
         @for p in &section.plots { div { (plot(p, None)) } }
+        @for g in &section.graphs { div { (frame_graph(g)) } }
     }
+}
+
+fn source(f: &Figure) -> String {
+    format!("data:{};base64,{}", f.media, STANDARD.encode(&f.bytes))
 }
 
 fn figure(f: &Figure) -> Markup {
     html! {
         figure {
-            img alt=(f.caption) src=(format!("data:image/png;base64,{}", STANDARD.encode(&f.png)));
+            img alt=(f.caption) src=(source(f));
             figcaption { (f.caption) }
+        }
+    }
+}
+
+fn comparison(c: &Comparison) -> Markup {
+    let shown = |k: usize| if k == 0 { "shown" } else { "" };
+    html! {
+        div class="comparison" {
+            div {
+                @for (k, f) in c.above.iter().enumerate() { button class=(shown(k)) { (f.caption) } }
+            }
+            div class="stack" {
+                img alt=(c.beneath.caption) src=(source(&c.beneath));
+                @for (k, f) in c.above.iter().enumerate() {
+                    img class=(format!("above {}", shown(k))) alt=(f.caption) src=(source(f));
+                }
+            }
+            input type="range" min="0" max="100" value="50" aria-label="how much of the picture on the left is shown";
+            figcaption { "left: the method of the button; right: " (c.beneath.caption) }
+        }
+    }
+}
+
+/// Width and height of a stage's box, and room between and above boxes.
+const BOX: (f64, f64) = (104.0, 40.0);
+const GAP: f64 = 34.0;
+const ARCS: f64 = 70.0;
+
+/// Stages from left to right, an arrow from each that one reads from.
+fn frame_graph(g: &FrameGraph) -> Markup {
+    let left = |k: usize| 4.0 + k as f64 * (BOX.0 + GAP);
+    let top = TOP + ARCS;
+    let (width, height) = (left(g.stages.len()) - GAP + 4.0, top + BOX.1 + ARCS);
+    // Those that skip a stage go round it, above forwards and below backwards.
+    let arrow = |from: usize, to: usize| {
+        if from + 1 == to {
+            let y = top + 0.5 * BOX.1;
+            return format!("M {:.0} {y:.0} H {:.0}", left(from) + BOX.0, left(to) - 7.0);
+        }
+        let (forwards, reach) = (from < to, 18.0 + 9.0 * from.abs_diff(to) as f64);
+        let y = if forwards { top } else { top + BOX.1 };
+        let bend = if forwards { y - reach } else { y + reach };
+        let end = if forwards { y - 7.0 } else { y + 7.0 };
+        let (a, b) = (left(from) + 0.7 * BOX.0, left(to) + 0.3 * BOX.0);
+        format!("M {a:.0} {y:.0} C {a:.0} {bend:.0} {b:.0} {bend:.0} {b:.0} {end:.0}")
+    };
+    html! {
+        svg viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) role="img" aria-label=(g.title)
+            font-family="sans-serif" {
+            defs {
+                marker id="tip" viewBox="0 0 8 8" refX="1" refY="4" markerWidth="7" markerHeight="7" orient="auto" {
+                    path d="M 0 0 L 8 4 L 0 8 z" fill="#888" {}
+                }
+            }
+            text x="4" y="14" font-size="13" fill="currentColor" font-weight="600" { (g.title) }
+            @for (to, (_, _, reads)) in g.stages.iter().enumerate() {
+                @for &from in reads {
+                    path d=(arrow(from, to)) fill="none" stroke="#888" stroke-width="1.5" marker-end="url(#tip)" {}
+                }
+            }
+            @for (k, (name, ms, _)) in g.stages.iter().enumerate() {
+                rect x=(left(k)) y=(top) width=(BOX.0) height=(BOX.1) rx="5" fill=(COLORS[k % COLORS.len()])
+                    fill-opacity="0.25" stroke=(COLORS[k % COLORS.len()]) {}
+                text x=(left(k) + 0.5 * BOX.0) y=(top + 17.0) font-size="13" text-anchor="middle" fill="currentColor" {
+                    (name)
+                }
+                @if let Some(ms) = ms {
+                    text x=(left(k) + 0.5 * BOX.0) y=(top + 33.0) font-size="11" text-anchor="middle" fill="currentColor" {
+                        (significant(*ms)) " ms"
+                    }
+                }
+            }
         }
     }
 }
@@ -330,18 +472,25 @@ mod tests {
 
     #[test]
     fn the_page_holds_everything_itself() {
-        let figure = Figure { caption: "a < b".into(), png: vec![1, 2, 3] };
+        let figure = |caption: &str| Figure { caption: caption.into(), bytes: vec![1, 2, 3], media: "image/png" };
         let section = Section {
             title: "One".into(),
             text: vec!["text".into()],
-            figures: vec![figure],
-            strip: vec![],
+            comparisons: vec![Comparison { beneath: figure("traced"), above: vec![figure("ours")] }],
+            figures: vec![figure("a < b")],
+            graphs: vec![FrameGraph {
+                title: "graph".into(),
+                stages: vec![("direct".into(), Some(1.5), vec![2]), ("method".into(), None, vec![0, 2])],
+            }],
             tables: vec![Table { caption: "t".into(), head: vec!["h".into()], rows: vec![vec!["cell".into()]] }],
             plots: vec![line()],
+            ..Section::default()
         };
         let page = page("Title", &[], &[section]);
         assert!(page.contains("data:image/png;base64,AQID") && page.contains("a &lt; b") && page.contains("polyline"));
-        assert!(!page.contains("http") && !page.contains("<script"));
+        assert!(page.contains("1.50 ms") && page.contains(">ours</button>"));
+        // Nothing from elsewhere.
+        assert!(!page.contains("http") && !page.contains("src=\"/"));
     }
 
     #[test]

@@ -216,10 +216,9 @@ impl Sequence {
         let section = Section {
             title: "Frames".into(),
             text: vec!["frames.csv has the numbers. Displayed values are those of a surface of albedo ½.".into()],
-            figures: Vec::new(),
-            strip: Vec::new(),
-            tables: Vec::new(),
+
             plots,
+            ..Section::default()
         };
         output::write_text(&out.join("report.html"), &page(title, &[], [&section]))
     }

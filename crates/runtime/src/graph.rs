@@ -13,6 +13,17 @@ pub struct Slot {
     pub bytes: u64,
 }
 
+/// Passes of one name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stage {
+    /// Their name.
+    pub name: String,
+    /// How many they are.
+    pub passes: usize,
+    /// Numbers of the stages whose results it reads.
+    pub reads: Vec<usize>,
+}
+
 /// A plan with what is derived from it, and what is known of its buffers' contents.
 #[derive(Debug, Default)]
 pub struct Graph {
@@ -188,9 +199,34 @@ impl Graph {
             .collect()
     }
 
-    /// The frame graph in Graphviz' language: passes as boxes in their order, buffers as ellipses with size and lifetime,
-    /// reads and writes as arrows, a dashed arrow where a pass waits at a barrier.
-    pub fn graphviz(&self) -> String {
+    /// Passes of the same name as stages, in the order of their first passes, and between which light goes on.
+    pub fn stages(&self) -> Vec<Stage> {
+        let mut stages: Vec<Stage> = Vec::new();
+        // The stage that wrote each buffer last.
+        let mut writers: Vec<Option<usize>> = vec![None; self.plan.buffers().len()];
+        for pass in self.plan.passes() {
+            let number = stages.iter().position(|stage| stage.name == pass.name).unwrap_or_else(|| {
+                stages.push(Stage { name: pass.name.clone(), passes: 0, reads: Vec::new() });
+                stages.len() - 1
+            });
+            stages[number].passes += 1;
+            for bound in pass.bound.iter().filter(|bound| bound.reads) {
+                let from = writers[bound.buffer.0].filter(|&from| from != number);
+                if let Some(from) = from.filter(|from| !stages[number].reads.contains(from)) {
+                    stages[number].reads.push(from);
+                }
+            }
+            for bound in pass.bound.iter().filter(|bound| bound.writes) {
+                writers[bound.buffer.0] = Some(number);
+            }
+        }
+        stages
+    }
+
+    /// The frame graph in Graphviz' language: passes as boxes in their order, with the milliseconds that are known of all passes
+    /// of that name together, buffers as ellipses with size and lifetime, reads and writes as arrows, a dashed arrow where a
+    /// pass waits at a barrier.
+    pub fn graphviz(&self, milliseconds: impl Fn(&str) -> Option<f64>) -> String {
         let mut text = String::from("digraph frame {\n  rankdir = LR;\n  node [fontname = \"sans-serif\"];\n");
         let lifetimes = lifetimes(&self.plan);
         let quote = |name: &str| name.replace('\\', "\\\\").replace('"', "\\\"");
@@ -212,8 +248,9 @@ impl Graph {
         for (k, pass) in self.plan.passes().iter().enumerate() {
             let _ = writeln!(
                 text,
-                "  p{k} [shape = box, label = \"{k}: {}\\n{}, {} elements\"];",
+                "  p{k} [shape = box, label = \"{k}: {}{}\\n{}, {} elements\"];",
                 quote(&pass.name),
+                milliseconds(&pass.name).map(|ms| format!(", {ms:.3} ms in all")).unwrap_or_default(),
                 pass.kernel.name,
                 pass.elements
             );

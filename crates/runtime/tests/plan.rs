@@ -201,8 +201,21 @@ fn the_graph_prints() {
     plan.pass("first \"quoted\"", &FORMFACTOR_BOUNCE, &[a, a, a, b].map(Range::from), &push, 1).expect("valid");
     let c = plan.storage("c", 16);
     plan.pass("second", &FORMFACTOR_BOUNCE, &[b.into(), a.into(), a.into(), c.into()], &push, 1).expect("valid");
-    let text = Graph::new(plan).graphviz();
-    for part in ["digraph", "first \\\"quoted\\\"", "b0 -> p0", "p0 -> b1", "b1 -> p1", "barrier", "passes 0 to 1"] {
+    let graph = Graph::new(plan);
+    let stages = graph.stages();
+    assert_eq!(stages.iter().map(|stage| stage.passes).collect::<Vec<_>>(), [1, 1]);
+    assert!(stages[0].reads.is_empty() && stages[1].reads == [0]);
+    let text = graph.graphviz(|name| (name == "second").then_some(1.25));
+    for part in [
+        "digraph",
+        "second, 1.250 ms",
+        "first \\\"quoted\\\"",
+        "b0 -> p0",
+        "p0 -> b1",
+        "b1 -> p1",
+        "barrier",
+        "passes 0 to 1",
+    ] {
         assert!(text.contains(part), "{part} in {text}");
     }
     assert_eq!(text.matches('{').count(), text.matches('}').count());

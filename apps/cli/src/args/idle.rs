@@ -104,7 +104,7 @@ const RULES: &[Rule<Render>] = &[
         suits: |_, input| input != Input::World,
     },
     Rule {
-        options: &["direct", "errors", "debug"],
+        options: &["direct", "errors", "debug", "graph"],
         whom: "scenes and their bakes, not worlds, by methods other than path",
         suits: |args, input| input != Input::World && args.method != Method::Path,
     },

@@ -234,7 +234,7 @@ impl Measuring<'_> {
         let figures = write_figures(&folder, subject, &shown)?;
         let text = vec![format!("Compared with {}{}.", truth.source, noise_text(row.reference_noise.as_ref()))];
         let title = format!("{spec}, {} patches", row.patches);
-        let section = Section { title, text, figures, strip: Vec::new(), tables: Vec::new(), plots: Vec::new() };
+        let section = Section { title, text, figures, plots: Vec::new(), ..Section::default() };
         Ok(Outcome { row, section })
     }
 
@@ -492,14 +492,7 @@ fn write_report(machine: &Machine, args: &Bench, outcomes: &[Outcome], out: &Pat
             args.frames().max(2)
         ),
     ];
-    let summary = Section {
-        title: "Faults".to_owned(),
-        text: Vec::new(),
-        figures: Vec::new(),
-        strip: Vec::new(),
-        tables: tables(outcomes),
-        plots: Vec::new(),
-    };
+    let summary = Section { title: "Faults".to_owned(), tables: tables(outcomes), ..Section::default() };
     let sections = [&summary].into_iter().chain(outcomes.iter().map(|outcome| &outcome.section));
     output::write_text(&out.join("report.html"), &page("Patchlight: clean pictures", &introduction, sections))
 }

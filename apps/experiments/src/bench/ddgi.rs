@@ -379,7 +379,7 @@ impl<'a> Measuring<'a> {
             title: self.loaded.name.clone(),
             text: vec![format!("Compared with {}{sides}.", self.truth.source)],
             figures,
-            strip: Vec::new(),
+
             tables: vec![table(rows)],
             plots: vec![Plot {
                 title: "Distance from the light at rest after the lights jump".into(),
@@ -388,6 +388,7 @@ impl<'a> Measuring<'a> {
                 logarithmic: true,
                 series: rows.iter().map(line).collect(),
             }],
+            ..Section::default()
         })
     }
 }

@@ -468,9 +468,7 @@ fn section(rows: &[Row], rates: &[Rate]) -> Section {
     };
     Section {
         title: "Photons to an error".to_owned(),
-        text: Vec::new(),
-        figures: Vec::new(),
-        strip: Vec::new(),
+
         tables: vec![table(rows), rate_table(rates)],
         plots: vec![
             plot("Error over photons", "photons", &|_, n| n),
@@ -478,6 +476,7 @@ fn section(rows: &[Row], rates: &[Rate]) -> Section {
                 row.table_s + row.trace_s * n / row.photons.max(1) as f64
             }),
         ],
+        ..Section::default()
     }
 }
 

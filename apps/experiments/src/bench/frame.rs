@@ -366,11 +366,10 @@ fn memory_table(machine: &Machine, rows: &[Row]) -> Table {
 fn write_report(machine: &Machine, operations_g: f64, rows: &[Row], out: &Path) -> Result<(), Error> {
     let section = Section {
         title: "Light updates".to_owned(),
-        text: Vec::new(),
-        figures: Vec::new(),
-        strip: Vec::new(),
+
         tables: tables(machine, operations_g, rows),
         plots: curves::plots(rows),
+        ..Section::default()
     };
     output::write_text(&out.join("report.html"), &page("Patchlight: light updates", &[], [&section]))
 }

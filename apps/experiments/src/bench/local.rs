@@ -129,10 +129,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
                  the cube of its patches.",
                 machine.cpu, machine.threads
             )],
-            figures: Vec::new(),
-            strip: Vec::new(),
+
             tables: tables(&rows, &views),
-            plots: Vec::new(),
+            ..Section::default()
         };
         output::write_text(&out.join("report.html"), &page("Patchlight: local matrix", &[], [&section]))?;
     }

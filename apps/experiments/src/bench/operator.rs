@@ -208,13 +208,13 @@ fn report(machine: &Machine, builds: &[Build], rows: &[Row]) -> String {
     let section = Section {
         title: "Compressed operators".to_owned(),
         text: builds.iter().map(build_line).collect(),
-        figures: Vec::new(),
-        strip: Vec::new(),
+
         tables: std::iter::once(table(rows)).chain(blocks::table(rows)).collect(),
         plots: vec![
             curve("Bytes that a file needs, over the error", "MB a channel", &Row::channel_mb),
             curve("Time of a product of three channels, over the error", "ms", &|row| row.median_ms),
         ],
+        ..Section::default()
     };
     let introduction = [
         machine_line(machine),

@@ -568,9 +568,10 @@ impl Experiment<'_> {
             title: format!("{} ({} triangles)", self.loaded.name, self.loaded.scene.geometry.triangles.len()),
             text,
             figures,
-            strip: Vec::new(),
+
             tables,
             plots,
+            ..Section::default()
         };
         SceneResult { name: self.loaded.name.clone(), rows, section }
     }

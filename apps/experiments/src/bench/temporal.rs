@@ -354,9 +354,7 @@ fn report(machine: &Machine, rows: &[Row]) -> String {
             };
             Section {
                 title: format!("{}, {} patches, {} receivers", name.0, name.1, own[0].receivers),
-                text: Vec::new(),
-                figures: Vec::new(),
-                strip: Vec::new(),
+
                 tables: tables(&own).to_vec(),
                 plots: vec![Plot {
                     title: "Distance from the light at rest after the lights jump".into(),
@@ -365,6 +363,7 @@ fn report(machine: &Machine, rows: &[Row]) -> String {
                     logarithmic: true,
                     series: own.iter().skip(1).map(line).collect(),
                 }],
+                ..Section::default()
             }
         })
         .collect();
