@@ -164,10 +164,12 @@ fn a_damaged_bake_says_so() {
         let loaded = procedural::build(name).unwrap();
         let sound = bake(&loaded, Focus::Auto);
         let check = sound.energy.unwrap();
-        let near = check.near.unwrap();
+        let (near, unseen) = (check.near.unwrap(), check.unseen.unwrap());
         println!("{name}: {check:?}");
         assert!(check.balance.abs() < 0.02, "{name}: {check:?}");
-        assert!((near.ratio - 1.0).abs() < 0.03 + 3.0 * near.standard_error, "{name}: {check:?}");
+        for part in [near, unseen] {
+            assert!((part.ratio - 1.0).abs() < 0.03 + 3.0 * part.standard_error, "{name}: {check:?}");
+        }
 
         let mut bright = sound.clone();
         let factors = Arc::make_mut(&mut bright.form_factors.factors);
@@ -180,8 +182,10 @@ fn a_damaged_bake_says_so() {
         let dimmed = |weight: Weight| Weight { weight: 0.9 * weight.weight, ..weight };
         let dimmed = PackedWeights::new(whole.rows(), |k| whole.row(k).into_iter().map(dimmed).collect());
         dim.receivers.weights = Arc::new(dimmed.unwrap());
-        let found = EnergyCheck::of(&dim).unwrap().unwrap().near.unwrap();
+        let found = EnergyCheck::of(&dim).unwrap().unwrap();
         // Weights are rounded to steps of 1/128.
-        assert!((found.ratio / near.ratio - 0.9).abs() < 5e-3, "{name}: {found:?}");
+        for (found, sound) in [(found.near, near), (found.unseen, unseen)] {
+            assert!((found.unwrap().ratio / sound.ratio - 0.9).abs() < 5e-3, "{name}: {found:?}");
+        }
     }
 }
