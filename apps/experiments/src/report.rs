@@ -253,7 +253,7 @@ fn comparison(c: &Comparison) -> Markup {
 /// Width and height of a stage's box, and room between and above boxes.
 const BOX: (f64, f64) = (104.0, 40.0);
 const GAP: f64 = 34.0;
-const ARCS: f64 = 70.0;
+const ARCS: f64 = 52.0;
 
 /// Stages from left to right, an arrow from each that one reads from.
 fn frame_graph(g: &FrameGraph) -> Markup {
