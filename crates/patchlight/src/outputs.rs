@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::math::luminance;
-use scene::{Camera, DirectParams, Hit, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint};
+use scene::{Camera, DirectParams, Hit, LUMENS_PER_WATT, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint};
 use transport::TriangleGrid;
 use transport::kernel::grid::{cell_count, interpolate_receivers};
 
@@ -27,8 +27,6 @@ pub use probes::ProbeVolume;
 const AREA_RAYS: u32 = 64;
 /// Rays to the sky.
 const SKY_RAYS: u32 = 256;
-/// Luminous efficacy of white light.
-const LUMENS_PER_WATT: f32 = 179.0;
 /// Corners are lit from this share of the way to the middle of their triangle.
 const INWARDS: f32 = 0.05;
 
@@ -136,7 +134,7 @@ pub fn on_view(renderer: &mut Renderer, camera: &Camera, part: LightPart) -> Res
     Ok(values.iter().map(|e| e.truncate()).collect())
 }
 
-/// Illuminance of an irradiance, lx: 179 lm/W, the luminous efficacy of equal-energy white, times its luminance (Ward 1994).
+/// Illuminance of an irradiance, lx: [`LUMENS_PER_WATT`] times its luminance.
 pub fn illuminance(irradiance: Vec3) -> f32 {
     LUMENS_PER_WATT * luminance(irradiance)
 }
