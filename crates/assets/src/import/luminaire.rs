@@ -47,6 +47,12 @@ impl Photometry {
 /// [`ImportError::Luminaire`] with the line; what [`ImportError`] says of files that cannot be read.
 pub fn read(path: &Path, lamp_set: usize) -> Result<Photometry, ImportError> {
     let whole = |reason: String| ImportError::Luminaire { path: path.to_path_buf(), line: 1, reason };
+    let ending = super::ending(path);
+    match ending.as_str() {
+        "ies" if lamp_set != 1 => return Err(whole(format!("has one set of lamps, lamp_set {lamp_set} is not there"))),
+        "ies" | "ldt" => {}
+        _ => return Err(whole(String::from("is no photometry by its ending; give an .ies or .ldt file"))),
+    }
     if std::fs::metadata(path).is_ok_and(|file| file.len() > MOST_BYTES) {
         return Err(whole(format!("is larger than {} MB; give a file of a single luminaire", MOST_BYTES >> 20)));
     }
@@ -54,12 +60,7 @@ pub fn read(path: &Path, lamp_set: usize) -> Result<Photometry, ImportError> {
     // Names and remarks are in any encoding; numbers are ASCII.
     let text = String::from_utf8_lossy(&bytes).replace("\r\n", "\n").replace('\r', "\n");
     let mut text = Text { path, lines: text.split('\n').collect(), warnings: Vec::new() };
-    let sheet = match super::ending(path).as_str() {
-        "ies" if lamp_set == 1 => ies::parse(&mut text)?,
-        "ies" => return Err(whole(format!("has one set of lamps, lamp_set {lamp_set} is not there"))),
-        "ldt" => eulumdat::parse(&mut text, lamp_set)?,
-        _ => return Err(whole(String::from("is no photometry by its ending; give an .ies or .ldt file"))),
-    };
+    let sheet = if ending == "ies" { ies::parse(&mut text)? } else { eulumdat::parse(&mut text, lamp_set)? };
     sheet.finish(text)
 }
 
