@@ -113,7 +113,7 @@ fn scene_files_are_refused_with_line_and_key() {
     refused(
         "s.toml",
         &with("\"directional\"", "\"laser\""),
-        &["light 1, type", "laser", "directional, point, spot or rect"],
+        &["light 1, type", "laser", "directional, point, spot, rect or luminaire"],
     );
     refused("s.toml", &with("irradiance = [1.0, 1.0, 1.0]", ""), &["irradiance", "is missing"]);
     refused(
@@ -132,6 +132,36 @@ fn a_sky_that_is_no_picture_is_refused() {
         let folder = folder(&[("a.obj", OBJ.as_bytes()), ("a.mtl", MTL.as_bytes()), ("s.toml", toml.as_bytes())]);
         assert_says(&refusal(&folder.path().join("s.toml")), &[map, "cannot be used as a sky", "equirectangular"]);
     }
+}
+
+#[test]
+fn a_luminaire_that_is_no_photometry_is_refused() {
+    let endless =
+        [b"IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0 1 1 0\n0 90 0 1 1 ", &[b'9'; 17 << 20][..]].concat();
+    let files: [(&str, &[u8]); 5] = [
+        ("a.obj", OBJ.as_bytes()),
+        ("a.mtl", MTL.as_bytes()),
+        ("empty.ies", b""),
+        ("endless.ies", &endless),
+        ("latin.ldt", b"M\xfcller\n1\n"),
+    ];
+    for (file, parts) in [
+        ("a.obj", &["a.obj, line 1", "give an .ies or .ldt file"][..]),
+        ("none.ies", &["none.ies", "cannot be read"]),
+        ("empty.ies", &["empty.ies", "is empty"]),
+        ("endless.ies", &["endless.ies", "larger than 16 MB"]),
+        ("latin.ldt", &["latin.ldt, line 3", "Isym", "number"]),
+        ("", &["line 1", "photometry"]),
+    ] {
+        let toml = format!("{TOML}\n[[light]]\ntype = \"luminaire\"\nfile = \"{file}\"\nposition = [0, 1, 0]\n");
+        let folder = folder(&[&files[..], &[("s.toml", toml.as_bytes())]].concat());
+        assert_says(&refusal(&folder.path().join("s.toml")), parts);
+    }
+    // What comes after the numbers does not matter.
+    let lamp = endless[..endless.len() - (17 << 20)].to_vec();
+    let toml = format!("{TOML}\n[[light]]\ntype = \"luminaire\"\nfile = \"l.ies\"\nposition = [0, 1, 0]\n");
+    let lamp = [&lamp[..], b"\nmore \xff\n"].concat();
+    accepted(&[files[0], files[1], ("l.ies", &lamp), ("s.toml", toml.as_bytes())], "s.toml");
 }
 
 #[test]

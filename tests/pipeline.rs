@@ -140,6 +140,7 @@ fn with_triangles(scene: &Scene, keep: impl Fn(u32) -> bool) -> Scene {
         lights: scene.lighting.lights.clone(),
         sky: scene.lighting.sky,
         sky_map: scene.lighting.sky_map.to_vec(),
+        distributions: scene.lighting.distributions.to_vec(),
         ray_offset: None,
     })
     .unwrap()

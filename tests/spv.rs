@@ -129,14 +129,18 @@ fn bindings_are_those_of_the_table() {
         assert!(found.iter().all(|r| (r.binding as usize) < kernel.bindings.len()), "{name}: a binding without a row");
     }
     // Light at pixels takes the scene as a whole, but shading casts no ray and samples no emitter, sharp lights are no
-    // emitters, light with nothing in the way casts no ray, and large lights do not look at the sky's map.
+    // emitters, light with nothing in the way casts no ray, and large lights do not look at the sky's map. Shading
+    // and large lights need no luminaires.
     let expected = [
         ("scene_shade", "nodes"),
         ("scene_shade", "emitters"),
+        ("scene_shade", "distributions"),
         ("scene_sharp_light", "emitters"),
         ("scene_open_light", "nodes"),
         ("scene_open_light", "sky_map"),
+        ("scene_open_light", "distributions"),
         ("scene_seen_light", "sky_map"),
+        ("scene_seen_light", "distributions"),
     ];
     assert_eq!(unused, expected);
 }

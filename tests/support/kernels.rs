@@ -27,8 +27,9 @@ use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, V
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
-    Camera, DirectParams, EmitterGroup, Hit, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LargeParams,
-    Light, Material, NONE, Ray, Scene, SceneParts, ShareParams, Sky, SurfacePoint, Texture, Triangle, TriangleUv,
+    Camera, DirectParams, Distribution, EmitterGroup, Hit, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT,
+    LIGHT_SPOT, LargeParams, Light, Material, NONE, Ray, Scene, SceneParts, ShareParams, Sky, SurfacePoint, Texture,
+    Triangle, TriangleUv,
 };
 use transport::HitCounts;
 
@@ -246,11 +247,14 @@ pub fn small_scene() -> Scene {
     let base = Light { position: Vec3::new(0.4, 1.6, 0.3), color: Vec3::new(1.0, 2.0, 3.0), ..Light::default() };
     let down = Vec3::new(0.3, -0.9, 0.1).normalize();
     let edges = (Vec3::X * 0.5, Vec3::Z * 0.4);
+    let mut distributions = vec![7.0; 3];
+    let distribution = lopsided().append_to(&mut distributions).expect("a few words");
     let lights = vec![
         Light { kind: LIGHT_DIRECTIONAL, direction: down, ..base },
         Light { kind: LIGHT_POINT, ..base },
         Light { kind: LIGHT_SPOT, direction: down, cos_inner: 0.9, cos_outer: 0.6, ..base },
         Light { kind: LIGHT_RECT, edge_a: edges.0, edge_b: edges.1, area: edges.0.cross(edges.1).length(), ..base },
+        Light { kind: LIGHT_LUMINAIRE, direction: down, edge_a: down.any_orthonormal_vector(), distribution, ..base },
     ];
     Scene::new(SceneParts {
         triangles,
@@ -261,9 +265,18 @@ pub fn small_scene() -> Scene {
         lights,
         sky: Sky { radiance: Vec3::new(0.5, 0.7, 0.9), map_width: 8, map_height: 4, ..Sky::default() },
         sky_map: r.colors(32),
+        distributions,
         ray_offset: None,
     })
     .expect("the scene of the tests is sound")
+}
+
+/// Intensities that differ in all quarters of the sphere.
+fn lopsided() -> Distribution {
+    let gammas: Vec<f64> = (0..=9).map(|k| 15.0 * f64::from(k)).collect();
+    let planes: Vec<f64> = (0..6).map(|k| 60.0 * f64::from(k)).collect();
+    let intensities = (0..60).map(|k| f64::from(1 + 7 * k % 11)).collect();
+    Distribution::new(gammas, planes, intensities).expect("angles that rise")
 }
 
 /// Grids over the triangles of a scene, `count(divisions)` entries a side, some sides without; and how many entries.
@@ -391,6 +404,7 @@ fn scene_tables(scene: &Scene) -> Tables {
         buffer("emitters", &scene.emitters),
         buffer("sky", &[scene.lighting.sky]),
         buffer("sky_map", &scene.lighting.sky_map),
+        buffer("distributions", &scene.lighting.distributions),
     ]
 }
 

@@ -51,6 +51,11 @@ const TOML: &str = "version = 1\nmesh = \"a.obj\"\nmetres_per_unit = 0.5\nexposu
                     [[animation]]\ntarget = \"light\"\nindex = 1\nproperty = \"position\"\n\
                     keyframes = [{ time = 0, value = [0, 2, 0] }, { time = 1.5, value = [1, 2, 0] }]\n";
 
+const IES: &[u8] = include_bytes!("../../examples/luminaires/downlight.ies");
+const LDT: &[u8] = include_bytes!("../../examples/luminaires/batwing.ldt");
+const LAMP: &str = "version = 1\nmesh = \"a.obj\"\n\n[[light]]\ntype = \"luminaire\"\nfile = \"lamp.ies\"\nposition = [0, 2, 0]\n\
+                    direction = [0, -1, 0.5]\nc0 = [1, 0, 0]\ntemperature = 3000\nflux = 800\nlamp_set = 1\n";
+
 /// Bytes that mean something in texts.
 const SIGNS: &[u8] = b"0-9/ \n.e\"[]{}n\xff\0,:\r\\";
 
@@ -196,6 +201,9 @@ impl Corpus {
             file("t.tga", "tga.obj", picture(ImageFormat::Tga)),
             file("t.tiff", "tiff.obj", picture(ImageFormat::Tiff)),
             file("t.webp", "webp.obj", picture(ImageFormat::WebP)),
+            file("lamp.toml", "lamp.toml", text(LAMP)),
+            file("lamp.ies", "lamp.toml", IES.to_vec()),
+            file("lamp.ldt", "ldt.toml", LDT.to_vec()),
             file("whole.bake", "whole.bake", whole),
             file("part.bake", "part.bake", part),
             file("scene.bake", "scene.bake", scene),
@@ -208,6 +216,7 @@ impl Corpus {
             corpus.write(&format!("{ending}.mtl"), mtl.as_bytes());
             corpus.write(&format!("{ending}.obj"), OBJ.replace("a.mtl", &format!("{ending}.mtl")).as_bytes());
         }
+        corpus.write("ldt.toml", LAMP.replace("lamp.ies", "lamp.ldt").as_bytes());
         corpus.write("exr.toml", TOML.replace("sky.hdr", "sky.exr").as_bytes());
         corpus
     }

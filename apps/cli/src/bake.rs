@@ -48,6 +48,14 @@ pub struct Bake {
     pub bake: BakeOptions,
     #[command(flatten)]
     pub operators: OperatorSettings,
+    /// Says that only worlds are baked in parts.
+    #[arg(long, hide = true, value_parser = refuse_plan)]
+    pub plan: Option<u32>,
+}
+
+fn refuse_plan(_: &str) -> Result<u32, String> {
+    let why = "the bake of a scene is made whole: each round of its receivers follows from the one before";
+    Err(format!("{why}; bakes of worlds have parts: `patchlight world SCENE --plan N`"))
 }
 
 fn parse_purpose(text: &str) -> Result<Method, String> {

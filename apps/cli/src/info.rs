@@ -4,7 +4,8 @@ mod operator;
 
 use std::time::Instant;
 
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, NONE};
+use scene::math::luminance;
+use scene::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LUMENS_PER_WATT, NONE};
 use serde::Serialize;
 
 use super::args::{OperatorOptions, PatchOptions};
@@ -117,6 +118,11 @@ impl Info {
             LIGHT_POINT => format!("point at {} m, intensity {} W/sr", l.position, l.color),
             LIGHT_SPOT => format!("spot at {} m, intensity {} W/sr", l.position, l.color),
             LIGHT_RECT => format!("rectangle of {:.3} m², radiance {} W/m²/sr", l.area, l.color),
+            LIGHT_LUMINAIRE => {
+                let power = 4.0 * std::f32::consts::PI * l.color;
+                let flux = LUMENS_PER_WATT * luminance(power);
+                format!("luminaire at {} m, power {power} W, flux {flux:.0} lm", l.position)
+            }
             other => format!("unknown kind {other}"),
         });
         let size = |bytes: usize| bytes as u64;
@@ -149,6 +155,7 @@ impl Info {
                 ("hierarchy", size(size_of_val(&s.geometry.nodes[..]))),
                 ("texels", size(size_of_val(&s.geometry.texels[..]))),
                 ("sky map", size(size_of_val(&s.lighting.sky_map[..]))),
+                ("distributions", size(size_of_val(&s.lighting.distributions[..]))),
             ],
             seconds: loaded.timings.clone(),
             patches: None,

@@ -10,6 +10,7 @@ mod devices;
 mod export;
 mod illuminance;
 mod info;
+mod plan;
 mod render;
 mod streamed;
 mod world;

@@ -7,6 +7,8 @@ use localmatrix::{BakeFile, Part, beginning_of, is_begun_as_bake};
 use serde::Serialize;
 
 use super::args::{kind, parse_bytes};
+use super::plan::{Format, Plan};
+use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::{Common, parse_metres};
 use experiments::output;
@@ -14,7 +16,7 @@ use experiments::progress::{Progress, continue_in, interruptible};
 use experiments::say;
 use patchlight::file::BakeKind;
 use patchlight::memory::peak_memory_bytes;
-use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake, merge};
+use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake, job_bytes, merge};
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;
@@ -27,7 +29,8 @@ const MOST_BY_DEFAULT: usize = 250_000;
 #[command(after_help = "Examples:\n  \
     patchlight world city:5000000 -o city.bake\n  \
     patchlight world sponza.toml --patch-count 50000 --rays 1024 --memory-limit 4G -o sponza.bake\n  \
-    patchlight world city --part 3/8 -o part-3.bake     one job of an array; see examples/slurm/world.sbatch\n\n\
+    patchlight world city --part 3/8 -o part-3.bake     one part\n  \
+    patchlight world city:5000000 --plan 8 --format slurm -o city.bake     the jobs of a farm: sbatch city.sbatch\n\n\
     --out names the file [default: SCENE.bake].")]
 pub struct World {
     /// A scene file (.toml, .obj, .gltf, .glb) or a built-in scene.
@@ -48,6 +51,13 @@ pub struct World {
     /// Bake only part K of N; join them with `patchlight merge`.
     #[arg(long, value_name = "K/N", value_parser = parse_part)]
     pub part: Option<Part>,
+    /// Bake nothing, but write the jobs of a farm that bakes N parts and joins them, beside the file that --out names; it and
+    /// the scene must be where all workers see them.
+    #[arg(long, value_name = "N", conflicts_with = "part", requires = "format", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub plan: Option<u32>,
+    /// Who runs the jobs.
+    #[arg(long, value_enum, requires = "plan")]
+    pub format: Option<Format>,
 }
 
 /// Join the parts of a world into one file: the same bytes as those of one that was baked whole.
@@ -109,6 +119,9 @@ pub fn run(common: &Common, args: &World) -> Result<(), Error> {
         rays: args.rays,
         seed: common.seed,
     };
+    if let (Some(parts), Some(format)) = (args.plan, args.format) {
+        return plan(common, args, &loaded, &settings, (parts, format));
+    }
     let part = args.part.map_or(String::new(), |p| format!("-{}-of-{}", p.number, p.of));
     let path =
         common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
@@ -119,6 +132,51 @@ pub fn run(common: &Common, args: &World) -> Result<(), Error> {
     })?;
     tell(common, path, baked, &progress);
     Ok(())
+}
+
+/// What a plan says of itself.
+#[derive(Serialize)]
+struct PlanReport {
+    file: PathBuf,
+    parts: u32,
+    memory_bytes: u64,
+}
+
+/// Writes the jobs of a farm.
+fn plan(
+    common: &Common,
+    args: &World,
+    loaded: &LoadedScene,
+    settings: &WorldSettings,
+    (parts, format): (u32, Format),
+) -> Result<(), Error> {
+    let bake = common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.bake", loaded.name.replace(':', "-"))));
+    // This process has loaded the scene, as each job will. A bake stops by itself at the limit.
+    let needed = peak_memory_bytes().map(|loaded| loaded + job_bytes(settings));
+    let memory_bytes = needed.filter(|_| args.voxel_size.is_none()).unwrap_or(u64::MAX).min(args.memory_limit);
+    let scene = Path::new(&args.scene);
+    let scene = if scene.exists() { absolute(scene)?.to_string_lossy().into_owned() } else { args.scene.clone() };
+    let size = match args.voxel_size {
+        Some(edge) => ["--voxel-size".to_owned(), edge.to_string()],
+        None => ["--patch-count".to_owned(), settings.patch_count.to_string()],
+    };
+    let numbers =
+        [("--rays", u64::from(args.rays)), ("--seed", u64::from(common.seed)), ("--memory-limit", args.memory_limit)];
+    let numbers = numbers.iter().flat_map(|(name, value)| [(*name).to_owned(), value.to_string()]);
+    let arguments = [scene].into_iter().chain(size).chain(numbers).chain(["--quiet".to_owned()]).collect();
+    let file = Plan { parts, bake: absolute(&bake)?, arguments, memory: memory_bytes }.write(format)?;
+    let report = PlanReport { file, parts, memory_bytes };
+    if common.json {
+        say!("{}", output::json(&report));
+        return Ok(());
+    }
+    say!("{:14} {}, {parts} parts and one job that joins them", "jobs", report.file.display());
+    say!("{:14} {} each", "memory", output::bytes(memory_bytes));
+    Ok(())
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, Error> {
+    std::path::absolute(path).map_err(|source| Error::NoPath { path: path.to_path_buf(), source })
 }
 
 pub fn run_merge(common: &Common, args: &Merge) -> Result<(), Error> {

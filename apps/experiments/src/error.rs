@@ -80,6 +80,20 @@ pub enum Error {
         /// The bake.
         path: PathBuf,
     },
+    /// A path whose folder cannot be told.
+    #[error("{}: where it is cannot be told: {source}; give an absolute path", path.display())]
+    NoPath {
+        /// The path.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A word that a job template would take for an expression.
+    #[error("`{word}` holds two opening brackets, which a job template takes for an expression; rename it")]
+    Unplannable {
+        /// The path or name.
+        word: String,
+    },
     /// A file that is no bake where a bake is to be written.
     #[error("{} is there and is no bake; remove it, or choose another name with --out", path.display())]
     Overwrites {

@@ -132,6 +132,7 @@ fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
         lights,
         sky: scene.lighting.sky,
         sky_map: scene.lighting.sky_map.to_vec(),
+        distributions: scene.lighting.distributions.to_vec(),
         ray_offset: None,
     };
     for Light { position, color, edge_a, edge_b, .. } in panels {

@@ -1,6 +1,7 @@
-//! A scene back into files: scene .toml, OBJ, MTL, PNG textures, EXR sky; with its light ([`lit`]) as glTF and PLY.
+//! A scene back into files: scene .toml, OBJ, MTL, PNG textures, EXR sky, IES luminaires; with its light ([`lit`]) as glTF and PLY.
 
 pub mod lit;
+mod luminaire;
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
@@ -11,7 +12,10 @@ use glam::{Vec2, Vec3};
 use image::{DynamicImage, ImageFormat};
 use scene::kernel::shade::encode_srgb;
 use scene::kernel::texture::texel;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, NONE, Texture, Triangle};
+use scene::math::luminance;
+use scene::{
+    LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_SPOT, LUMENS_PER_WATT, Light, NONE, Texture, Triangle,
+};
 
 use crate::import::{Animation, ImportError, LoadedScene, Target};
 
@@ -28,8 +32,8 @@ pub fn write_scene(scene: &LoadedScene, folder: &Path) -> Result<PathBuf, Import
     Ok(files.path)
 }
 
-/// A scene as the files `NAME.toml`, `NAME.obj`, `NAME.mtl`, the textures `NAME-K.png` and masks `NAME-K-mask.png`, and
-/// `NAME-sky.exr`. Lengths are in metres.
+/// A scene as the files `NAME.toml`, `NAME.obj`, `NAME.mtl`, the textures `NAME-K.png` and masks `NAME-K-mask.png`,
+/// `NAME-sky.exr`, and `NAME-luminaire-K.ies`. Lengths are in metres.
 pub struct SceneFiles {
     folder: PathBuf,
     /// Their paths and bytes, the scene file last.
@@ -55,6 +59,7 @@ impl SceneFiles {
             let file = format!("{name}-sky.exr");
             pictures.insert(file.clone(), encode(map, ImageFormat::OpenExr, &folder.join(file))?);
         }
+        pictures.extend(luminaire::files(&s.lighting, &name));
         let path = folder.join(format!("{name}.toml"));
         let mut files: Vec<(PathBuf, Vec<u8>)> =
             pictures.into_iter().map(|(file, bytes)| (folder.join(file), bytes)).collect();
@@ -249,7 +254,7 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
         view.vertical_fov_degrees
     );
     for light in &scene.scene.lighting.lights {
-        text.push_str(&light_table(light, v));
+        text.push_str(&light_table(light, name, v));
     }
     let sky = &scene.scene.lighting.sky;
     if sky.radiance.max_element() > 0.0 {
@@ -262,7 +267,7 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
     text
 }
 
-fn light_table(light: &Light, v: impl Fn(Vec3) -> String) -> String {
+fn light_table(light: &Light, name: &str, v: impl Fn(Vec3) -> String) -> String {
     let (kind, keys) = match light.kind {
         LIGHT_DIRECTIONAL => {
             ("directional", format!("direction = {}\nirradiance = {}\n", v(light.direction), v(light.color)))
@@ -279,6 +284,20 @@ fn light_table(light: &Light, v: impl Fn(Vec3) -> String) -> String {
                 degrees(light.cos_outer)
             );
             ("spot", keys)
+        }
+        LIGHT_LUMINAIRE => {
+            let bright = luminance(light.color);
+            let color = if bright > 0.0 { light.color / bright } else { Vec3::ONE };
+            let keys = format!(
+                "file = {:?}\nposition = {}\ndirection = {}\nc0 = {}\ncolor = {}\nflux = {:?}\n",
+                luminaire::file_name(name, light.distribution),
+                v(light.position),
+                v(light.direction),
+                v(light.edge_a),
+                v(color),
+                4.0 * std::f32::consts::PI * LUMENS_PER_WATT * bright
+            );
+            ("luminaire", keys)
         }
         _ => {
             let keys = format!(

@@ -1,4 +1,5 @@
-//! Scene files in: scene .toml version 1, OBJ with MTL, glTF and GLB, their textures, lights and cameras.
+//! Scene files in: scene .toml version 1, OBJ with MTL, glTF and GLB, their textures, lights and cameras, luminaires of IES and
+//! EULUMDAT files.
 //!
 //! Everything inside a [`scene::Scene`] is in metres: lengths of files are multiplied by `metres_per_unit`. What can be
 //! repaired is repaired and stated in [`LoadedScene::warnings`]; what cannot is an [`ImportError`] that names file,
@@ -17,6 +18,7 @@ pub(crate) mod draft;
 mod error;
 mod gltf_file;
 pub(crate) mod lights;
+pub mod luminaire;
 mod mtl;
 mod obj;
 pub(crate) mod pictures;
@@ -24,6 +26,7 @@ mod scene_file;
 
 pub use animation::{Animation, Keyframe, Target, Track};
 pub use error::ImportError;
+pub use luminaire::Photometry;
 pub use pictures::is_guarded;
 
 /// Where a picture is taken from, in metres.

@@ -200,10 +200,11 @@ macro_rules! kernel {
                 emitters: read [::scene::Emitter],
                 sky: read [::scene::Sky; 1],
                 sky_map: read [::scene::Rgb],
+                distributions: read [f32],
                 $($rest)*
             ] $params $rows $names $reads $writes $arguments [
                 $($made)*
-                let $lights = ::scene::Lights { lights, emitters, sky: sky[0], sky_map };
+                let $lights = ::scene::Lights { lights, emitters, sky: sky[0], sky_map, distributions };
             ]
         }
     };

@@ -16,9 +16,10 @@ kernels! {
         lights: read [Light],
         sky: read [Sky; 1],
         sky_map: read [Rgb],
+        distributions: read [f32],
         photons: write [Photon],
     } each {
-        let sources = start::Sources { lights, sky: sky[0], sky_map };
+        let sources = start::Sources { lights, sky: sky[0], sky_map, distributions };
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };

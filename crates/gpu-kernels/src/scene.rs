@@ -50,6 +50,7 @@ kernels! {
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: read [Light],
+        distributions: read [f32],
         changed: read [u32; p.light_count as usize],
         shares: update [f32],
         occluders: update [u32],
@@ -67,7 +68,8 @@ kernels! {
                 }
                 triangle != NONE
             };
-            shares[place] = light::irradiance_share(p, at, slot, &light, points[k as usize], stopped);
+            let point = points[k as usize];
+            shares[place] = light::irradiance_share(p, at, slot, &light, distributions, point, stopped);
             occluders[place] = last.wrapping_add(1);
         }
     } host crate::host::scene::direct_shares;
@@ -121,7 +123,7 @@ kernels! {
         )
     }
 
-    /// Irradiance of every point from the sky and from parallel, point and spot lights, W/m²:
+    /// Irradiance of every point from the sky, from parallel, point and spot lights and from luminaires, W/m²:
     /// [`large::sharp_irradiance`]. One invocation per point.
     SCENE_SHARP_LIGHT = "scene_sharp_light"(p: DirectParams) for k in 0..count {
         points: read [SurfacePoint; count],

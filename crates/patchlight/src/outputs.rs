@@ -13,7 +13,9 @@ use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
-use scene::{Camera, DirectParams, Hit, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _};
+use scene::{
+    Camera, DirectParams, Hit, LUMENS_PER_WATT, NONE, ReceiverSet as _, Scene, Sides, SurfacePoint, Visibility as _,
+};
 use transport::TriangleGrid;
 use transport::kernel::grid::{cell_count, interpolate_receivers};
 use transport::kernel::view::vertices_at;
@@ -33,8 +35,6 @@ const SKY_RAYS: u32 = 256;
 const TEXEL_BLOCK: usize = 1 << 16;
 /// Rays that tell whether light comes to a point.
 const LIT_RAYS: u32 = 8;
-/// Luminous efficacy of white light.
-const LUMENS_PER_WATT: f32 = 179.0;
 /// Corners are lit from this share of the way to the middle of their triangle.
 const INWARDS: f32 = 0.05;
 
@@ -174,7 +174,7 @@ pub fn on_view(renderer: &mut Renderer, camera: &Camera, part: LightPart) -> Res
     Ok(values.iter().map(|e| e.truncate()).collect())
 }
 
-/// Illuminance of an irradiance, lx: 179 lm/W, the luminous efficacy of equal-energy white, times its luminance (Ward 1994).
+/// Illuminance of an irradiance, lx: [`LUMENS_PER_WATT`] times its luminance.
 pub fn illuminance(irradiance: Vec3) -> f32 {
     LUMENS_PER_WATT * luminance(irradiance)
 }

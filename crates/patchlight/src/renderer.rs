@@ -596,12 +596,17 @@ impl Renderer {
         let sky_changes = self.scene.lighting.sky != lighting.sky
             || self.scene.lighting.sky_map != lighting.sky_map
             || self.scene.lighting.emission != lighting.emission;
+        let has_new_distributions = self.scene.lighting.distributions != lighting.distributions;
         self.scene.set_lighting(lighting.clone())?;
         if !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
             self.load()?;
         } else if sky_changes {
             self.frame.upload_sky(&self.bake, &self.scene, self.executor.as_mut())?;
             self.frame.direct.forget_surroundings();
+        }
+        if has_new_distributions {
+            self.frame.tables.set_distributions(self.executor.as_mut(), &self.scene.lighting.distributions)?;
+            self.frame.direct.forget();
         }
         self.frame.tables.set_lights(self.executor.as_mut(), &self.scene.lighting.lights)?;
         let mut passes = match &self.sample_light {
@@ -730,6 +735,7 @@ impl Frame {
             sky,
             has_sky_light: false,
         };
+        loaded.tables.set_distributions(executor, &scene.lighting.distributions)?;
         loaded.upload_sky(bake, scene, executor)?;
         method.start(executor)?;
         // What a caller writes on the device from now on stays.

@@ -276,7 +276,9 @@ pub fn fingerprint(scene: &Scene, camera: &Camera) -> [u8; 32] {
         bytemuck::bytes_of(camera),
         bytemuck::bytes_of(&scene.geometry.ray_offset),
     ];
-    for table in tables {
+    // Scenes without luminaires keep the fingerprint that they had before there were any.
+    let distributions = Some(bytemuck::cast_slice(&scene.lighting.distributions)).filter(|table| !table.is_empty());
+    for table in tables.into_iter().chain(distributions) {
         hash.update((table.len() as u64).to_le_bytes());
         hash.update(table);
     }

@@ -13,11 +13,12 @@ use glam::Vec3;
 use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
-use scene::kernel::light::{meet_rect, pick_emitter, sky_radiance, spot_falloff};
+use scene::kernel::light::{luminaire_share, meet_rect, pick_emitter, sky_radiance, spot_falloff};
 use scene::math::clamp;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle};
 use scene::{
-    Camera, GeometryTables, Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Lights, Scene, SurfacePoint,
+    Camera, GeometryTables, Hit, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, Lights, Scene,
+    SurfacePoint,
 };
 
 use crate::accumulation::Accumulation;
@@ -439,9 +440,12 @@ impl<'a> PathTracer<'a> {
         } else {
             to = light.position - origin;
             let inverse = 1.0 / to.length();
-            let spot =
-                if light.kind == LIGHT_SPOT { spot_falloff(light, -to.dot(light.direction) * inverse) } else { 1.0 };
-            share = to.dot(normal).max(0.0) * inverse * inverse * inverse * spot;
+            let of_direction = match light.kind {
+                LIGHT_SPOT => spot_falloff(light, -to.dot(light.direction) * inverse),
+                LIGHT_LUMINAIRE => luminaire_share(light, self.lights.distributions, -to),
+                _ => 1.0,
+            };
+            share = to.dot(normal).max(0.0) * inverse * inverse * inverse * of_direction;
         }
         if share > 0.0 && share.is_finite() && !self.scene.occluded(origin, to, 1.0) {
             light.color * share

@@ -113,7 +113,7 @@ mod tests {
     fn samples_have_their_density_and_it_integrates_to_one() {
         let map = map();
         let sky = Sky { radiance: Vec3::ONE, map_width: 16, map_height: 8, ..Sky::default() };
-        let lights = Lights { lights: &[], emitters: &[], sky, sky_map: &map };
+        let lights = Lights { lights: &[], emitters: &[], sky, sky_map: &map, distributions: &[] };
         let distribution = SkyDistribution::new(&lights).expect("the map is not black");
         let count = 1 << 16;
         let (mut sphere, mut differing) = (0.0f64, 0u32);
@@ -134,6 +134,9 @@ mod tests {
     fn a_black_map_has_no_distribution() {
         let sky = Sky { radiance: Vec3::ONE, map_width: 2, map_height: 2, ..Sky::default() };
         let map = [Vec4::ZERO; 4];
-        assert!(SkyDistribution::new(&Lights { lights: &[], emitters: &[], sky, sky_map: &map }).is_none());
+        assert!(
+            SkyDistribution::new(&Lights { lights: &[], emitters: &[], sky, sky_map: &map, distributions: &[] })
+                .is_none()
+        );
     }
 }

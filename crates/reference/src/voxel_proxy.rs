@@ -299,6 +299,7 @@ impl VoxelProxy {
             lights: original.lighting.lights.clone(),
             sky: original.lighting.sky,
             sky_map: original.lighting.sky_map.to_vec(),
+            distributions: original.lighting.distributions.to_vec(),
             ..SceneParts::default()
         };
         for (face, number) in self.faces.iter().zip(0..) {

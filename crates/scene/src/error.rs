@@ -24,6 +24,38 @@ pub enum Error {
         /// Values.
         found: usize,
     },
+    /// A part of a luminaire's distribution makes no sense.
+    #[error("a light's distribution: {name} {index} is {value}, which must be {rule}")]
+    Distribution {
+        /// What of it.
+        name: &'static str,
+        /// Which, from 0.
+        index: usize,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// A luminaire's distribution is not in the lighting's table.
+    #[error("light {light} has its distribution at {begin}, where the lighting's table of {words} words holds none")]
+    LightDistribution {
+        /// The light.
+        light: usize,
+        /// Where it looks for it.
+        begin: u32,
+        /// Length of the table.
+        words: usize,
+    },
+    /// Distributions take more room than a device can bind.
+    #[error(
+        "the distributions of the luminaires take {words} words, {limit} fit; use fewer, or give them fewer angles"
+    )]
+    Distributions {
+        /// Words needed.
+        words: usize,
+        /// Words that fit.
+        limit: usize,
+    },
     /// A triangle names a material that does not exist.
     #[error("triangle {triangle} names material {material} of {count}")]
     MaterialIndex {

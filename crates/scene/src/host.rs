@@ -2,6 +2,7 @@
 
 mod camera;
 pub mod clip;
+mod distribution;
 mod file;
 mod geometry;
 mod groups;
@@ -19,6 +20,7 @@ mod wide;
 
 pub(crate) use wide::WideBvh;
 
+pub use distribution::{Distribution, MOST_DISTRIBUTION_WORDS};
 pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use groups::MOST_EMITTER_GROUPS;

@@ -3,7 +3,7 @@
 //! The types are `#[repr(C)]` and `Pod`: the same bytes lie in host memory and in storage buffers. The bodies in
 //! [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with alpha masks
 //! ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot, rectangle and mesh
-//! lights and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone mapping
+//! lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone mapping
 //! ([`kernel::shade`]). With the feature `std`, [`Geometry`] owns the tables that never change, builds the
 //! hierarchy with obvhs and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every frame.
 //!
@@ -50,8 +50,9 @@ pub use types::*;
 
 #[cfg(feature = "std")]
 pub use host::{
-    Geometry, Lighting, MOST_EMITTER_GROUPS, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneParts,
-    SidePolicy, Sides, find_lit_sides, find_sides, is_open, scale_to_stops, sky_bin, sky_exitance, stops_to_scale,
+    Distribution, Geometry, Lighting, MOST_EMITTER_GROUPS, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS,
+    Scene, SceneParts, SidePolicy, Sides, find_lit_sides, find_sides, is_open, scale_to_stops, sky_bin, sky_exitance,
+    stops_to_scale,
 };
 
 use glam::Vec3;

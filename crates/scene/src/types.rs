@@ -106,6 +106,10 @@ pub struct Texture {
 }
 const _: () = assert!(size_of::<Texture>() == 16);
 
+/// Lumens of a watt of equal-energy white: the luminous efficacy by which radiometric and photometric quantities are converted,
+/// `Φ_v = 179 lm/W · luminance(Φ_e)` (Ward 1994).
+pub const LUMENS_PER_WATT: f32 = 179.0;
+
 /// [`Light::kind`]: parallel light; `direction` is that of travel, `color` the irradiance on a surface that faces it, W/m².
 pub const LIGHT_DIRECTIONAL: u32 = 0;
 /// [`Light::kind`]: `color` is the intensity, W/sr.
@@ -115,6 +119,11 @@ pub const LIGHT_SPOT: u32 = 2;
 /// [`Light::kind`]: a parallelogram from `position` along `edge_a` and `edge_b`; `color` is the radiance, W/m²/sr, sent to
 /// the side of `edge_a × edge_b`. It hides nothing and reflects nothing.
 pub const LIGHT_RECT: u32 = 3;
+/// [`Light::kind`]: a point whose intensity depends on the direction, as measured of a luminaire: `color` is the mean intensity
+/// over all directions, W/sr, that is its power over 4π; the entry of [`crate::Lighting::distributions`] from `distribution` on
+/// multiplies it. `direction` is that of γ = 0 (downwards of a lamp on a ceiling), `edge_a` the unit vector across it along which
+/// the half-plane C = 0 lies; that of C = 90° lies along `edge_a × direction` (CIE 121, IES LM-63 type C).
+pub const LIGHT_LUMINAIRE: u32 = 4;
 
 /// A light that is not part of the geometry, so that it can move in every frame.
 #[repr(C)]
@@ -124,7 +133,7 @@ pub struct Light {
     pub position: Vec3,
     /// One of the `LIGHT_` constants.
     pub kind: u32,
-    /// Unit vector of travel (directional, spot).
+    /// Unit vector of travel (directional, spot), or that of γ = 0 (luminaire).
     pub direction: Vec3,
     /// Cosine of the spot's inner half-angle.
     pub cos_inner: f32,
@@ -132,14 +141,14 @@ pub struct Light {
     pub color: Vec3,
     /// Cosine of the spot's outer half-angle.
     pub cos_outer: f32,
-    /// First side of the rectangle, m.
+    /// First side of the rectangle, m; unit vector of C = 0 of a luminaire.
     pub edge_a: Vec3,
     /// Area of the rectangle, m².
     pub area: f32,
     /// Second side of the rectangle, m.
     pub edge_b: Vec3,
-    /// Keeps the size a multiple of 16.
-    pub reserved: u32,
+    /// Where the distribution of a luminaire begins in [`crate::Lighting::distributions`].
+    pub distribution: u32,
 }
 const _: () = assert!(size_of::<Light>() == 80);
 

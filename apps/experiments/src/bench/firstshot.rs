@@ -432,7 +432,7 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
 /// The rays of all segments, photon by photon.
 fn photon_rays(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Vec<(Vec3, Vec3)> {
     let geometry = scene.tables();
-    let sources = Sources { lights: &scene.lighting.lights, sky: scene.lighting.sky, sky_map: &scene.lighting.sky_map };
+    let sources = Sources::of(&scene.all_lights());
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let path = |k: u32| {
         let mut rays = Vec::new();

@@ -144,6 +144,8 @@ pub struct Setting {
     pub sky: Sky,
     /// Its map.
     pub sky_map: Vec<Vec4>,
+    /// Distributions of luminaires.
+    pub distributions: Vec<f32>,
     /// Tracks only; lights and view are filled in.
     pub animation: Animation,
     /// Light a mesh that has no light at all with a sun and a sky.
@@ -164,6 +166,7 @@ impl Setting {
             lights: Vec::new(),
             sky: Sky::default(),
             sky_map: Vec::new(),
+            distributions: Vec::new(),
             animation: Animation::default(),
             default_light: false,
             files: Vec::new(),
@@ -243,6 +246,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         lights,
         sky,
         sky_map: setting.sky_map,
+        distributions: setting.distributions,
         ray_offset: None,
     };
     let start = Instant::now();
@@ -465,6 +469,7 @@ fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.lights));
     digest.update(bytemuck::bytes_of(&parts.sky));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.sky_map));
+    digest.update(bytemuck::cast_slice::<_, u8>(&parts.distributions));
     digest.finalize().into()
 }
 

@@ -140,6 +140,16 @@ pub enum ImportError {
         /// Bytes that may be used.
         allowed: u64,
     },
+    /// The photometry of a luminaire cannot be used.
+    #[error("{}, line {line}: {reason}", path.display())]
+    Luminaire {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong and what to do.
+        reason: String,
+    },
     /// The picture of the sky cannot be used.
     #[error("{}: cannot be used as a sky: {reason}; give an equirectangular .hdr or .exr picture", path.display())]
     SkyMap {

@@ -1,7 +1,8 @@
 //! Lights from numbers of a file, checked.
 
 use glam::Vec3;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light};
+use scene::math::luminance;
+use scene::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LUMENS_PER_WATT, Light};
 
 /// Sky of a mesh that has no light of its own, W/m²/sr.
 pub const DEFAULT_SKY: Vec3 = Vec3::new(0.6, 0.8, 1.2);
@@ -100,6 +101,73 @@ pub fn rect(corner: Vec3, edge_a: Vec3, edge_b: Vec3, radiance: Vec3) -> Result<
     Ok(Light { kind: LIGHT_RECT, position, edge_a, edge_b, area, color, ..Light::default() })
 }
 
+/// Where a luminaire is and how it is turned: its position in metres, the direction of γ = 0, and one near that of C = 0.
+#[derive(Clone, Copy, Debug)]
+pub struct Mounting {
+    pub position: Vec3,
+    pub direction: Vec3,
+    /// Any direction that is not along the other: the part of it across that counts.
+    pub c0: Vec3,
+}
+
+/// A luminaire of `flux` lm, as white as `white`, with the distribution that begins at `distribution` in the scene's table.
+pub fn luminaire(mounting: Mounting, flux: f64, white: Vec3, distribution: u32) -> Result<Light, Fault> {
+    let position = check_position("position", mounting.position)?;
+    let direction = check_direction("direction", mounting.direction)?;
+    let c0 = check_direction("c0", mounting.c0)?;
+    let across = c0 - direction * c0.dot(direction);
+    if across.length() < 1e-3 {
+        return Err(("c0", format!("{c0} lies along the direction {direction}; give one across it")));
+    }
+    let mean = flux / (4.0 * std::f64::consts::PI * f64::from(LUMENS_PER_WATT));
+    let color = check_color("flux", white * mean as f32)?;
+    Ok(Light {
+        kind: LIGHT_LUMINAIRE,
+        position,
+        direction,
+        edge_a: across.normalize(),
+        color,
+        distribution,
+        ..Light::default()
+    })
+}
+
+/// A colour with the luminance 1.
+pub fn white(key: &'static str, color: Vec3) -> Result<Vec3, Fault> {
+    let color = check_color(key, color)?;
+    let bright = luminance(color);
+    if bright > 1e-6 {
+        return Ok(color / bright);
+    }
+    Err((key, format!("{color} is black; give three numbers, one above 0")))
+}
+
+/// Colour of a black body of a temperature in kelvin, with the luminance 1: chromaticities by Kim et al. 2002, which hold from
+/// 1,667 to 25,000 K, linear Rec.709; what that cannot show is cut off.
+pub fn black_body(kelvin: f32) -> Result<Vec3, Fault> {
+    if !(1667.0..=25_000.0).contains(&kelvin) {
+        return Err(("temperature", format!("{kelvin} K is no colour of a lamp; give 1667 to 25000, or a color")));
+    }
+    let t = 1e3 / f64::from(kelvin);
+    let cubic = |c: [f64; 4], x: f64| ((c[0] * x + c[1]) * x + c[2]) * x + c[3];
+    let x = match kelvin <= 4000.0 {
+        true => cubic([-0.266_123_9, -0.234_358_9, 0.877_695_6, 0.179_910], t),
+        false => cubic([-3.025_846_9, 2.107_037_9, 0.222_634_7, 0.240_390], t),
+    };
+    let y = match kelvin {
+        k if k <= 2222.0 => cubic([-1.106_381_4, -1.348_110_20, 2.185_558_32, -0.202_196_83], x),
+        k if k <= 4000.0 => cubic([-0.954_947_6, -1.374_185_93, 2.091_370_15, -0.167_488_67], x),
+        _ => cubic([3.081_758_0, -5.873_386_70, 3.751_129_97, -0.370_014_83], x),
+    };
+    // XYZ of luminance 1, then Rec.709 primaries (IEC 61966-2-1).
+    let (big_x, big_z) = (x / y, (1.0 - x - y) / y);
+    let row = |a: f64, b: f64, c: f64| (a * big_x + b + c * big_z).max(0.0) as f32;
+    let red = row(3.240_454_2, -1.537_138_5, -0.498_531_4);
+    let green = row(-0.969_266_0, 1.876_010_8, 0.041_556_0);
+    let blue = row(0.055_643_4, -0.204_025_9, 1.057_225_2);
+    white("temperature", Vec3::new(red, green, blue))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,5 +185,22 @@ mod tests {
         assert_eq!(rect(x, x, 2.0 * x, one).map_err(|e| e.0), Err("edge_b"));
         let light = rect(x, 2.0 * x, 3.0 * Vec3::Z, one).expect("a proper rectangle");
         assert_eq!(light.area, 6.0);
+        let hung = |c0: Vec3| luminaire(Mounting { position: x, direction: -Vec3::Y, c0 }, 1e3, one, 0);
+        assert_eq!(hung(Vec3::Y).map_err(|e| e.0), Err("c0"));
+        assert_eq!(hung(Vec3::new(2.0, -1.0, 0.0)).map(|light| light.edge_a), Ok(x));
+    }
+
+    #[test]
+    fn black_bodies_go_from_red_over_white_to_blue() {
+        let d65 = black_body(6504.0).expect("daylight");
+        // Daylight lies a little beside the black bodies.
+        assert!((d65 - 1.0).abs().max_element() < 0.06, "{d65}");
+        let a = black_body(2856.0).expect("an incandescent lamp");
+        // Illuminant A, x = 0.44757, y = 0.40745, in Rec.709 over its luminance.
+        assert!((a - Vec3::new(1.8235, 0.8521, 0.2401)).abs().max_element() < 0.02, "{a}");
+        let cold = black_body(20_000.0).expect("a clear sky");
+        assert!(cold.z > 1.5 && cold.x < 0.8, "{cold}");
+        assert_eq!(black_body(1000.0).map_err(|e| e.0), Err("temperature"));
+        assert_eq!(white("color", Vec3::ZERO).map_err(|e| e.0), Err("color"));
     }
 }

@@ -9,7 +9,8 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::draft::{Setting, finish};
-use super::lights::{self, Fault};
+use super::lights::{self, Fault, Mounting};
+use super::luminaire::Luminaires;
 use super::{ImportError, Keyframe, LoadOptions, LoadedScene, Target, Track, View};
 
 #[derive(Deserialize)]
@@ -64,6 +65,13 @@ struct LightTable {
     edge_a: Option<[f32; 3]>,
     edge_b: Option<[f32; 3]>,
     radiance: Option<[f32; 3]>,
+    file: Option<String>,
+    c0: Option<[f32; 3]>,
+    color: Option<[f32; 3]>,
+    temperature: Option<f32>,
+    flux: Option<f32>,
+    dimming: Option<f32>,
+    lamp_set: Option<usize>,
 }
 
 #[derive(Deserialize)]
@@ -146,11 +154,24 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
     if let Some(camera) = &table.camera {
         setting.view = Some(view(&text, camera, setting.metres_per_unit)?);
     }
+    let mut warnings = Vec::new();
+    let mut luminaires = Luminaires::default();
     for (k, light) in table.light.iter().enumerate() {
         let light_fault = |(key, reason): Fault| text.value(light.span(), &format!("light {}, {key}", k + 1), reason);
-        setting.lights.push(build_light(light.as_ref(), setting.metres_per_unit).map_err(light_fault)?);
+        let t = light.as_ref();
+        check_keys(t).map_err(light_fault)?;
+        let built = match (t.kind.as_str(), &t.file) {
+            (LUMINAIRE, Some(file)) => {
+                let path = beside(text.path, file);
+                let lamp_set = t.lamp_set.unwrap_or(1);
+                let found = luminaires.add(&path, lamp_set, &mut setting.distributions, &mut warnings)?;
+                setting.files.push(path);
+                build_luminaire(t, setting.metres_per_unit, found)
+            }
+            _ => build_light(t, setting.metres_per_unit),
+        };
+        setting.lights.push(built.map_err(light_fault)?);
     }
-    let mut warnings = Vec::new();
     if let Some(sky) = &table.sky {
         read_sky(&text, sky, &mut setting, options, &mut warnings)?;
     }
@@ -210,8 +231,12 @@ fn view(text: &Text, camera: &Spanned<CameraTable>, scale: f32) -> Result<View, 
     Ok(view)
 }
 
-fn build_light(t: &LightTable, scale: f32) -> Result<Light, Fault> {
-    let keys: [(&'static str, bool); 10] = [
+/// [`LightTable::kind`] of what an IES or EULUMDAT file describes.
+const LUMINAIRE: &str = "luminaire";
+
+/// Whether a light has the keys of its type and no others.
+fn check_keys(t: &LightTable) -> Result<(), Fault> {
+    let keys: [(&'static str, bool); 17] = [
         ("direction", t.direction.is_some()),
         ("irradiance", t.irradiance.is_some()),
         ("position", t.position.is_some()),
@@ -222,24 +247,69 @@ fn build_light(t: &LightTable, scale: f32) -> Result<Light, Fault> {
         ("edge_a", t.edge_a.is_some()),
         ("edge_b", t.edge_b.is_some()),
         ("radiance", t.radiance.is_some()),
+        ("file", t.file.is_some()),
+        ("c0", t.c0.is_some()),
+        ("color", t.color.is_some()),
+        ("temperature", t.temperature.is_some()),
+        ("flux", t.flux.is_some()),
+        ("dimming", t.dimming.is_some()),
+        ("lamp_set", t.lamp_set.is_some()),
     ];
-    let wanted: &[&str] = match t.kind.as_str() {
-        "directional" => &["direction", "irradiance"],
-        "point" => &["position", "intensity"],
-        "spot" => &["position", "direction", "intensity", "inner_degrees", "outer_degrees"],
-        "rect" => &["corner", "edge_a", "edge_b", "radiance"],
+    let (wanted, optional): (&[&str], &[&str]) = match t.kind.as_str() {
+        "directional" => (&["direction", "irradiance"], &[]),
+        "point" => (&["position", "intensity"], &[]),
+        "spot" => (&["position", "direction", "intensity", "inner_degrees", "outer_degrees"], &[]),
+        "rect" => (&["corner", "edge_a", "edge_b", "radiance"], &[]),
+        LUMINAIRE => {
+            (&["file", "position"], &["direction", "c0", "color", "temperature", "flux", "dimming", "lamp_set"])
+        }
         other => {
-            return Err(("type", format!("\"{other}\" is not known; give directional, point, spot or rect")));
+            let reason = format!("\"{other}\" is not known; give directional, point, spot, rect or luminaire");
+            return Err(("type", reason));
         }
     };
     for (key, given) in keys {
-        if given && !wanted.contains(&key) {
-            return Err((key, format!("does not belong to a {} light; it has {}", t.kind, wanted.join(", "))));
+        if given && !wanted.contains(&key) && !optional.contains(&key) {
+            let all = [wanted, optional].concat().join(", ");
+            return Err((key, format!("does not belong to a {} light; it has {all}", t.kind)));
         }
         if !given && wanted.contains(&key) {
             return Err((key, format!("is missing; a {} light has {}", t.kind, wanted.join(", "))));
         }
     }
+    for (a, b) in [("color", "temperature"), ("flux", "dimming")] {
+        if keys.iter().filter(|(key, given)| *given && (*key == a || *key == b)).count() == 2 {
+            return Err((b, format!("says what {a} says, too; give one of them")));
+        }
+    }
+    Ok(())
+}
+
+/// A luminaire whose distribution begins at a place of the scene's table, with the flux of its file, lm.
+fn build_luminaire(t: &LightTable, scale: f32, (distribution, flux): (u32, f64)) -> Result<Light, Fault> {
+    let v = |x: Option<[f32; 3]>, without: Vec3| x.map_or(without, Vec3::from);
+    let direction = v(t.direction, Vec3::NEG_Y);
+    // Along x, but where the luminaire shines along x: then along z.
+    let is_along_x = direction.cross(Vec3::X).length() < 1e-3 * direction.length();
+    let c0 = v(t.c0, if is_along_x { Vec3::Z } else { Vec3::X });
+    let position = v(t.position, Vec3::ZERO) * scale;
+    let within = |key: &'static str, value: f32| match value >= 0.0 && value <= lights::QUANTITY_LIMIT {
+        true => Ok(f64::from(value)),
+        false => Err((key, format!("{value} is no quantity of light; give a number that is not negative"))),
+    };
+    let flux = match (t.flux, t.dimming) {
+        (Some(flux), _) => within("flux", flux)?,
+        (_, dimming) => within("dimming", dimming.unwrap_or(1.0))? * flux,
+    };
+    let white = match (t.color, t.temperature) {
+        (Some(color), _) => lights::white("color", Vec3::from(color))?,
+        (_, Some(kelvin)) => lights::black_body(kelvin)?,
+        _ => Vec3::ONE,
+    };
+    lights::luminaire(Mounting { position, direction, c0 }, flux, white, distribution)
+}
+
+fn build_light(t: &LightTable, scale: f32) -> Result<Light, Fault> {
     let v = |x: Option<[f32; 3]>| x.map_or(Vec3::ZERO, Vec3::from);
     match t.kind.as_str() {
         "directional" => lights::directional(v(t.direction), v(t.irradiance)),

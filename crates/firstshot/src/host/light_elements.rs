@@ -125,7 +125,7 @@ impl<'a> Side<'a> {
         let lamp = &scene.lighting.lights[light as usize];
         // Parallel light has no position: an offset of nothing stands for it.
         let centre = scene.tables().position(triangle, 1.0 / 3.0, 1.0 / 3.0);
-        let towards = unoccluded(lamp, centre, front).to_light.dot(front);
+        let towards = unoccluded(lamp, &scene.lighting.distributions, centre, front).to_light.dot(front);
         (towards != 0.0 && towards.is_finite()).then(|| {
             let normal = if towards > 0.0 { front } else { -front };
             Self { scene, triangle, light, normal, edges: (t.edge_a, t.edge_b), area, last: Cell::default() }
@@ -146,7 +146,9 @@ impl<'a> Side<'a> {
     fn arrival(&self, at: Vec2) -> (Vec3, Arrival) {
         let origin =
             self.scene.tables().position(self.triangle, at.x, at.y) + self.normal * self.scene.geometry.ray_offset;
-        (origin, unoccluded(&self.scene.lighting.lights[self.light as usize], origin, self.normal))
+        let lighting = &self.scene.lighting;
+        let light = &lighting.lights[self.light as usize];
+        (origin, unoccluded(light, &lighting.distributions, origin, self.normal))
     }
 
     /// Irradiance over the light's colour at shares (u, v).

@@ -24,7 +24,7 @@ pub fn trace_photons(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Ve
         return Vec::new();
     }
     let geometry = scene.tables();
-    let sources = Sources { lights: &scene.lighting.lights, sky: scene.lighting.sky, sky_map: &scene.lighting.sky_map };
+    let sources = Sources::of(&scene.all_lights());
     // Photons of one element one after the other: what they read first is near, and the hierarchy about it.
     let element = |k: u32| pick(&emission.alias, p.element_count, Sequence::of(p, k).element());
     let mut order: Vec<(u32, u32)> = (0..p.count).into_par_iter().map(|k| (element(k), k)).collect();

@@ -3,10 +3,10 @@
 use core::f32::consts::TAU;
 
 use glam::{Vec3, Vec4};
-use scene::kernel::light::{sky_radiance, spot_falloff, unoccluded};
+use scene::kernel::light::{luminaire_share, sky_radiance, spot_falloff, unoccluded};
 use scene::math::{abs, luminance, sin_cos_2pi, sqrt};
 use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit, wide_product};
-use scene::{GeometryTables, LIGHT_SPOT, Light, Sky};
+use scene::{GeometryTables, LIGHT_LUMINAIRE, LIGHT_SPOT, Light, Sky};
 
 use super::linear::{interpolate, linear_point};
 use super::sequence::{Sequence, StartWords};
@@ -21,6 +21,16 @@ pub struct Sources<'a> {
     pub sky: Sky,
     /// Its map.
     pub sky_map: &'a [Vec4],
+    /// Distributions of luminaires.
+    pub distributions: &'a [f32],
+}
+
+impl<'a> Sources<'a> {
+    /// Those of everything that shines.
+    pub fn of(lights: &scene::Lights<'a>) -> Self {
+        let scene::Lights { lights, sky, sky_map, distributions, .. } = *lights;
+        Self { lights, sky, sky_map, distributions }
+    }
 }
 
 /// The entry that a random word picks from an alias table of `count` entries: its slot is the high word of
@@ -101,7 +111,7 @@ fn start_on_light_element(
         }
     }
     if p.flags & FLAG_EXACT != 0 {
-        let arrival = unoccluded(&light, origin, normal);
+        let arrival = unoccluded(&light, sources.distributions, origin, normal);
         let density = interpolate(e.values, at);
         let lit = arrival.share > 0.0 && density > 0.0 && flux != Vec3::ZERO;
         if lit && !occluded(origin, arrival.to_light, arrival.t_max) {
@@ -134,15 +144,19 @@ fn start_on_emitter(g: &GeometryTables, sources: &Sources, p: &PhotonParams, e: 
     Photon { origin, reflections: 0, direction, segments: 0, flux: radiance * e.scale, reserved: 0 }
 }
 
-/// Direction of travel and flux of a photon of a point or spot light.
+/// Direction of travel and flux of a photon of a point or spot light or a luminaire.
 #[inline]
-fn leave_bulb(light: &Light, e: &Element, w: &StartWords) -> (Vec3, Vec3) {
+fn leave_bulb(light: &Light, distributions: &[f32], e: &Element, w: &StartWords) -> (Vec3, Vec3) {
     let is_spot = light.kind == LIGHT_SPOT;
     let axis = if is_spot { light.direction } else { Vec3::Y };
     let least = if is_spot { light.cos_outer } else { -1.0 };
     let z = 1.0 - (1.0 - least) * unit(w.way.0);
-    let falloff = if is_spot { spot_falloff(light, z) } else { 1.0 };
-    (on_sphere(axis, z, unit(w.way.1)), light.color * (falloff * (1.0 - least) * TAU * e.scale))
+    let direction = on_sphere(axis, z, unit(w.way.1));
+    let mut falloff = if is_spot { spot_falloff(light, z) } else { 1.0 };
+    if light.kind == LIGHT_LUMINAIRE {
+        falloff = luminaire_share(light, distributions, direction);
+    }
+    (direction, light.color * (falloff * (1.0 - least) * TAU * e.scale))
 }
 
 /// Photon `k` of a dispatch as it leaves its element. Its flux is zero where no light leaves there.
@@ -180,7 +194,7 @@ pub fn start_from(
     let (origin, direction, flux);
     if e.kind == ELEMENT_BULB {
         let light = sources.lights[e.light as usize];
-        (direction, flux) = leave_bulb(&light, &e, &w);
+        (direction, flux) = leave_bulb(&light, sources.distributions, &e, &w);
         origin = light.position;
     } else {
         let light;

@@ -13,14 +13,16 @@ const TOGETHER: usize = 256;
 
 /// Light by light, so that rays which follow each other go the same way.
 pub(crate) fn direct_shares(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
-    let (p, [points, nodes, triangles, uvs, materials, textures, texels, lights, changed, shares, occluders]) =
-        call.parts::<DirectParams, 11>(kernel)?;
+    let (p, parts) = call.parts::<DirectParams, 12>(kernel)?;
+    let [points, nodes, triangles, uvs, materials, textures, texels, lights, distributions, changed, shares, occluders] =
+        parts;
     let n = p.count as usize;
     let geometry = geometry([nodes, triangles, uvs, materials, textures, texels])?;
     let points = &points.read::<SurfacePoint>(n)?[..n];
     let changed = &changed.read::<u32>(p.light_count as usize)?[..p.light_count as usize];
     let slots = named(changed);
     let lights = lights.read::<Light>(slots)?;
+    let distributions = distributions.read::<f32>(0)?;
     let shares = shares.write::<f32>(slots * n)?;
     let occluders = occluders.write::<u32>(slots * n)?;
     for &slot in changed {
@@ -39,7 +41,8 @@ pub(crate) fn direct_shares(kernel: &Kernel, call: &mut HostCall) -> Result<(), 
                     }
                     occluder != NONE
                 };
-                *share = light::irradiance_share(&p, at, slot, &lights[slot as usize], point, stopped);
+                let lamp = &lights[slot as usize];
+                *share = light::irradiance_share(&p, at, slot, lamp, distributions, point, stopped);
                 *own = last.wrapping_add(1);
             }
         });

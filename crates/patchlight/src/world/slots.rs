@@ -245,6 +245,7 @@ impl SlotFrame {
             executor.clear(buffer)?;
         }
         scene_tables.set_sky_and_emission(executor, scene)?;
+        scene_tables.set_distributions(executor, &scene.lighting.distributions)?;
         scene_tables.set_lights(executor, &scene.lighting.lights)?;
         pixels.shade.clear(executor)?;
         let nodes = vec![NO_NODE; slots];

@@ -279,6 +279,7 @@ impl Streamed {
         if self.scene.lighting.lights == lights {
             return Ok(false);
         }
+        self.scene.lighting.check_lights(lights)?;
         self.scene.lighting.lights = lights.to_vec();
         if !self.frame.set_lights(self.executor.as_mut(), &self.scene)? {
             let settings = self.settings.slots();

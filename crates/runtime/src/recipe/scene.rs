@@ -19,11 +19,12 @@ pub struct SceneTables {
     groups: BufferId,
     sky: BufferId,
     sky_map: BufferId,
+    distributions: BufferId,
 }
 
 impl SceneTables {
-    /// Puts the geometry on the device, with a capacity of `light_capacity` lights; [`Self::set_lights`] and
-    /// [`Self::set_sky_and_emission`] fill the rest.
+    /// Puts the geometry on the device, with a capacity of `light_capacity` lights; [`Self::set_lights`],
+    /// [`Self::set_distributions`] and [`Self::set_sky_and_emission`] fill the rest.
     pub fn new(plan: &mut Plan, tables: &mut Tables, scene: &Scene, light_capacity: usize) -> Self {
         let geometry = &scene.geometry;
         let mut named = vec![
@@ -38,6 +39,7 @@ impl SceneTables {
         let groups = plan.storage("groups", (MOST_EMITTER_GROUPS * size_of::<EmitterGroup>()) as u64);
         let sky = plan.storage_for("sky", &[scene.lighting.sky]);
         let sky_map = plan.storage_for("sky_map", &scene.lighting.sky_map);
+        let distributions = plan.storage_for("distributions", &scene.lighting.distributions);
         let lights = plan.storage("lights", (light_capacity * size_of::<Light>()) as u64);
         let changing = [
             ("materials", materials),
@@ -45,10 +47,11 @@ impl SceneTables {
             ("groups", groups),
             ("sky", sky),
             ("sky_map", sky_map),
+            ("distributions", distributions),
             ("lights", lights),
         ];
         named.extend(changing.map(|(name, buffer)| (name, Range::from(buffer))));
-        Self { named, lights, light_capacity, materials, emitters, groups, sky, sky_map }
+        Self { named, lights, light_capacity, materials, emitters, groups, sky, sky_map, distributions }
     }
 
     /// The buffers by the names of the kernels' bindings.
@@ -70,6 +73,7 @@ impl SceneTables {
             (self.materials, size_of_val(&scene.materials[..])),
             (self.emitters, size_of_val(&scene.emitters[..])),
             (self.sky_map, size_of_val(&scene.lighting.sky_map[..])),
+            (self.distributions, size_of_val(&scene.lighting.distributions[..])),
         ];
         for (buffer, bytes) in sizes {
             if executor.plan().buffer(buffer)?.bytes != bytes as u64 {
@@ -87,6 +91,14 @@ impl SceneTables {
         let mut table = lights.to_vec();
         table.resize(self.light_capacity, Light::default());
         executor.upload(self.lights, &table)
+    }
+
+    /// Puts the distributions of luminaires on the device.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_distributions(&self, executor: &mut dyn Executor, table: &[f32]) -> Result<(), ExecutorError> {
+        executor.upload(self.distributions, table)
     }
 
     /// Puts the sky, its map, and the emission of materials on the device.

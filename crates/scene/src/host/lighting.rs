@@ -5,6 +5,7 @@ use std::vec::Vec;
 
 use glam::{Vec3, Vec4};
 
+use super::distribution::{check_lights, check_table};
 use super::geometry::Geometry;
 use crate::error::Error;
 use crate::kernel::GeometryTables;
@@ -29,6 +30,9 @@ pub struct Lighting {
     /// texture still multiplies it); empty for what the materials say.
     #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
     pub emission: Vec<Vec3>,
+    /// Distributions of luminaires ([`crate::Distribution::append_to`]), one after the other.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::table"))]
+    pub distributions: Arc<[f32]>,
 }
 
 impl Lighting {
@@ -37,10 +41,18 @@ impl Lighting {
         luminance(self.sky.radiance) > 0.0
     }
 
-    /// Whether the tables fit the geometry's materials and the sky's size.
+    /// Whether luminaires among these lights have distributions here.
     ///
     /// # Errors
-    /// [`Error::EmissionLength`], or [`Error::TableLength`] for the sky's map.
+    /// [`Error::LightDistribution`] names the light.
+    pub fn check_lights(&self, lights: &[Light]) -> Result<(), Error> {
+        check_lights(lights, &self.distributions)
+    }
+
+    /// Whether the tables fit the geometry's materials and the sky's size, and the lights their distributions.
+    ///
+    /// # Errors
+    /// [`Error::EmissionLength`], [`Error::TableLength`] for the sky's map, or those of [`crate::Distribution`].
     pub(super) fn check(&self, geometry: &Geometry) -> Result<(), Error> {
         check_sky_map(&self.sky, self.sky_map.len())?;
         let expected = geometry.materials.len();
@@ -48,7 +60,15 @@ impl Lighting {
         if found != 0 && found != expected {
             return Err(Error::EmissionLength { expected, found });
         }
-        Ok(())
+        self.check_lights(&self.lights)
+    }
+
+    /// Whether the distributions are numbers.
+    ///
+    /// # Errors
+    /// [`Error::Distribution`].
+    pub(super) fn check_distributions(&self) -> Result<(), Error> {
+        check_table(&self.distributions)
     }
 
     /// Emitted radiance of each material, `[materials]`, W/m²/sr.

@@ -36,6 +36,8 @@ pub struct SceneParts {
     pub sky: Sky,
     /// Its map, `map_width · map_height` texels.
     pub sky_map: Vec<Vec4>,
+    /// Distributions of luminaires, one after the other.
+    pub distributions: Vec<f32>,
     /// Distance by which rays start above a surface, m; `None` for [`Geometry::ray_offset`]'s rule.
     pub ray_offset: Option<f32>,
 }
@@ -86,6 +88,7 @@ impl Scene {
             sky: parts.sky,
             sky_map: mem::take(&mut parts.sky_map).into(),
             emission: Vec::new(),
+            distributions: mem::take(&mut parts.distributions).into(),
         };
         let geometry = Geometry::build(parts)?;
         Self::under(Arc::new(geometry), lighting)
@@ -95,9 +98,11 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::EmissionLength`] where the emission is not of one value a material,
-    /// [`Error::TableLength`] where the sky's map is not of the size that the sky says.
+    /// [`Error::TableLength`] where the sky's map is not of the size that the sky says,
+    /// [`Error::LightDistribution`] and [`Error::Distribution`] where those of luminaires are not there or no numbers.
     pub fn under(geometry: Arc<Geometry>, lighting: Lighting) -> Result<Self, Error> {
         lighting.check(&geometry)?;
+        lighting.check_distributions()?;
         let mut materials = geometry.materials.clone();
         set_emission(&mut materials, &lighting, &geometry);
         let tables = geometry.tables_with(&materials);
@@ -112,6 +117,9 @@ impl Scene {
     /// As [`Scene::under`]; the scene is then left as it was.
     pub fn set_lighting(&mut self, lighting: Lighting) -> Result<(), Error> {
         lighting.check(&self.geometry)?;
+        if !Arc::ptr_eq(&lighting.distributions, &self.lighting.distributions) {
+            lighting.check_distributions()?;
+        }
         if set_emission(&mut self.materials, &lighting, &self.geometry) {
             self.emitters = find_emitters(&self.tables()).into();
             self.emitter_groups = group_emitters(&self.tables(), &self.emitters).into();
@@ -120,7 +128,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Replaces the lights that are not geometry.
+    /// Replaces the lights that are not geometry. Luminaires among them must pass [`Lighting::check_lights`].
     pub fn set_lights(&mut self, lights: &[Light]) {
         self.lighting.lights.clear();
         self.lighting.lights.extend_from_slice(lights);
@@ -138,6 +146,7 @@ impl Scene {
             emitters: &self.emitters,
             sky: self.lighting.sky,
             sky_map: &self.lighting.sky_map,
+            distributions: &self.lighting.distributions,
         }
     }
 

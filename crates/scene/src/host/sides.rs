@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::kernel::light::pick_emitter;
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
-use crate::{Hit, LIGHT_DIRECTIONAL, Scene, SurfacePoint, Visibility};
+use crate::{Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, Scene, SurfacePoint, Visibility};
 
 /// The sides of a triangle that have patches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -141,7 +141,10 @@ fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> b
                 }
                 continue;
             }
-            let to_light = light.position + light.edge_a * random(0) + light.edge_b * random(1) - point;
+            let mut to_light = light.position - point;
+            if light.kind == LIGHT_RECT {
+                to_light += light.edge_a * random(0) + light.edge_b * random(1);
+            }
             let distance = to_light.length();
             if to_light.dot(normal) > 0.0
                 && !scene.occluded(point, to_light / distance, distance - scene.geometry.ray_offset)

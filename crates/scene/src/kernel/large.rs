@@ -441,7 +441,7 @@ pub fn add_seen_light(
     (sums.0 + (factor * seen).extend(0.0), sums.1 + (factor * all).extend(0.0))
 }
 
-/// Irradiance at point `index`, W/m²: from parallel, point and spot lights by a shadow ray each, and what the sky sends. Where no
+/// Irradiance at point `index`, W/m²: from parallel, point and spot lights and luminaires by a shadow ray each, and what the sky sends. Where no
 /// receiver tells the latter (`sky.w` is 0: there is hardly anything but sky to be seen), `sky_rays` rays do.
 #[inline]
 pub fn sharp_irradiance(
@@ -464,7 +464,7 @@ pub fn sharp_irradiance(
     for slot in 0..p.light_count {
         let light = lights.lights[slot as usize];
         if light.kind != LIGHT_RECT {
-            let arrival = unoccluded(&light, origin, normal);
+            let arrival = unoccluded(&light, lights.distributions, origin, normal);
             if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) {
                 sum += light.color * arrival.share;
             }

@@ -5,9 +5,17 @@ use core::f32::consts::PI;
 use glam::{Vec2, Vec3, Vec4};
 
 use super::bvh::{FAR, GeometryTables};
-use crate::math::{acos, atan2, clamp, floor};
+use crate::math::{acos, atan2, clamp, floor, sqrt};
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
-use crate::types::{DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint};
+use crate::types::{
+    DirectParams, Emitter, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_RECT, LIGHT_SPOT, Light, Sky, SurfacePoint,
+};
+
+/// Words before the values of a distribution: its first γ in radians, its steps of γ per radian, its number of steps of γ, and
+/// its number of half-planes, 0 where it is the same in all.
+pub const DISTRIBUTION_HEADER: u32 = 4;
+/// Steps of γ by which a direction may lie outside of a distribution by rounding.
+const OUTSIDE: f32 = 1e-3;
 
 /// Everything that shines.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +28,8 @@ pub struct Lights<'a> {
     pub sky: Sky,
     /// Its map, row by row from the top, `map_width · map_height` texels.
     pub sky_map: &'a [Vec4],
+    /// Distributions of luminaires.
+    pub distributions: &'a [f32],
 }
 
 /// Share of a spot's intensity at a cosine from its axis: smoothstep between the outer and the inner cone.
@@ -27,6 +37,53 @@ pub struct Lights<'a> {
 pub fn spot_falloff(light: &Light, cosine: f32) -> f32 {
     let x = clamp((cosine - light.cos_outer) / (light.cos_inner - light.cos_outer + 1e-6), 0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
+}
+
+/// Intensity of a luminaire along `away`, of any length, over its mean: bilinear in γ and C, as LM-63 and CIE 121 have it; 0 beyond
+/// the angles that were measured. Shape of a distribution: [`DISTRIBUTION_HEADER`] words, then `steps + 1` values of each
+/// half-plane, which lie at equal angles from C = 0 on.
+#[inline]
+pub fn luminaire_share(light: &Light, distributions: &[f32], away: Vec3) -> f32 {
+    let first = light.distribution;
+    let gamma_first = distributions[first as usize];
+    let per_radian = distributions[first as usize + 1];
+    let steps = distributions[first as usize + 2];
+    let planes = distributions[first as usize + 3] as u32;
+    let x = away.dot(light.edge_a);
+    let y = away.dot(light.edge_a.cross(light.direction));
+    let gamma = atan2(sqrt(x * x + y * y), away.dot(light.direction));
+    let row = (gamma - gamma_first) * per_radian;
+    if row < -OUTSIDE || row > steps + OUTSIDE {
+        return 0.0;
+    }
+    let row = clamp(row, 0.0, steps);
+    let low = floor(row);
+    let fraction = row - low;
+    let last = steps as u32;
+    let low = low as u32;
+    let high = if low < last { low + 1 } else { last };
+    let values = first + DISTRIBUTION_HEADER;
+    if planes == 0 {
+        return mix(distributions, values + low, values + high, fraction);
+    }
+    let turn = atan2(y, x) * (0.5 / PI);
+    let column = (if turn < 0.0 { turn + 1.0 } else { turn }) * planes as f32;
+    let left = floor(column);
+    let beside = column - left;
+    let left = if left < planes as f32 { left as u32 } else { 0 };
+    let right = if left + 1 < planes { left + 1 } else { 0 };
+    let a = values + left * (last + 1);
+    let b = values + right * (last + 1);
+    let at_left = mix(distributions, a + low, a + high, fraction);
+    let at_right = mix(distributions, b + low, b + high, fraction);
+    at_left + (at_right - at_left) * beside
+}
+
+/// Between two values of a table.
+#[inline]
+fn mix(table: &[f32], a: u32, b: u32, fraction: f32) -> f32 {
+    let at_a = table[a as usize];
+    at_a + (table[b as usize] - at_a) * fraction
 }
 
 /// Radiance of the sky in a unit direction, W/m²/sr: bilinear in the equirectangular map (columns wrap, rows end).
@@ -73,10 +130,11 @@ fn coupling(to: Vec3, normal: Vec3, target_normal: Vec3) -> f32 {
     if here > 0.0 && there > 0.0 { here * there / (squared * squared) } else { 0.0 }
 }
 
-/// Light of a parallel, point or spot light at a point, were nothing in the way: the irradiance is `color · share`.
+/// Light of a parallel, point or spot light or a luminaire at a point, were nothing in the way: the irradiance is `color · share`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrival {
-    /// Irradiance over the light's `color`: cosθ, cosθ/r² or that times the spot's falloff; 0 behind the surface.
+    /// Irradiance over the light's `color`: cosθ, cosθ/r² or that times the spot's falloff or the luminaire's share; 0 behind the
+    /// surface.
     pub share: f32,
     /// Way to the light, and how far along it something would be in the way.
     pub to_light: Vec3,
@@ -86,7 +144,7 @@ pub struct Arrival {
 
 /// What a light that is not an area sends to a point with this unit normal, without shadows.
 #[inline]
-pub fn unoccluded(light: &Light, origin: Vec3, normal: Vec3) -> Arrival {
+pub fn unoccluded(light: &Light, distributions: &[f32], origin: Vec3, normal: Vec3) -> Arrival {
     if light.kind == LIGHT_DIRECTIONAL {
         return Arrival { share: -normal.dot(light.direction), to_light: -light.direction, t_max: FAR };
     }
@@ -101,6 +159,9 @@ pub fn unoccluded(light: &Light, origin: Vec3, normal: Vec3) -> Arrival {
     if light.kind == LIGHT_SPOT {
         share *= spot_falloff(light, -to.dot(light.direction) * inverse);
     }
+    if light.kind == LIGHT_LUMINAIRE {
+        share *= luminaire_share(light, distributions, -to);
+    }
     Arrival { share, to_light: to, t_max: 1.0 }
 }
 
@@ -112,6 +173,7 @@ fn light_share(
     index: u32,
     slot: u32,
     light: &Light,
+    distributions: &[f32],
     (origin, normal): (Vec3, Vec3),
     mut occluded: impl FnMut(Vec3, Vec3, f32) -> bool,
 ) -> f32 {
@@ -129,7 +191,7 @@ fn light_share(
         }
         return sum * light.area / p.area_rays as f32;
     }
-    let arrival = unoccluded(light, origin, normal);
+    let arrival = unoccluded(light, distributions, origin, normal);
     if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) { arrival.share } else { 0.0 }
 }
 
@@ -141,6 +203,7 @@ pub fn irradiance_share(
     index: u32,
     slot: u32,
     light: &Light,
+    distributions: &[f32],
     point: SurfacePoint,
     occluded: impl FnMut(Vec3, Vec3, f32) -> bool,
 ) -> f32 {
@@ -148,7 +211,7 @@ pub fn irradiance_share(
     if normal.dot(normal) < 0.5 {
         return 0.0;
     }
-    light_share(p, index, slot, light, (point.position + normal * p.ray_offset, normal), occluded)
+    light_share(p, index, slot, light, distributions, (point.position + normal * p.ray_offset, normal), occluded)
 }
 
 /// H_d of point `k`, W/m²: the light of emitters and sky there, and of each light its colour times the point's share of it.
@@ -182,7 +245,8 @@ pub fn direct_irradiance(
     let mut sum = Vec3::ZERO;
     for slot in 0..p.light_count {
         let light = &lights.lights[slot as usize];
-        sum += light.color * light_share(p, index, slot, light, (origin, normal), occluded);
+        let share = light_share(p, index, slot, light, lights.distributions, (origin, normal), occluded);
+        sum += light.color * share;
     }
     if p.emitter_count > 0 && p.area_rays > 0 {
         let shift = (hash3(index, 0x656d_6974, p.seed), hash3(index, 0x656d_6975, p.seed));

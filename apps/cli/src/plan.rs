@@ -1,0 +1,153 @@
+//! `patchlight world --plan`: the jobs of a farm that bakes a world in parts and joins them.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use experiments::Error;
+use experiments::output;
+use serde_json::{Value, json};
+
+/// Bytes of a mebibyte, in which both formats count memory.
+const MEBIBYTE: u64 = 1 << 20;
+
+/// Who runs the jobs.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// A batch script of Slurm: `sbatch FILE`.
+    Slurm,
+    /// A job template of Open Job Description, 2023-09: `openjd run FILE`, AWS Deadline Cloud.
+    Openjd,
+}
+
+/// Jobs that bake a world in parts and join them.
+pub struct Plan {
+    /// Number of parts.
+    pub parts: u32,
+    /// The whole bake, an absolute path.
+    pub bake: PathBuf,
+    /// Arguments of `patchlight world` that all parts share, from the scene on.
+    pub arguments: Vec<String>,
+    /// Memory of a job, bytes.
+    pub memory: u64,
+}
+
+impl Plan {
+    /// Writes the jobs beside the bake; where.
+    ///
+    /// # Errors
+    /// A file that cannot be written; paths that the format cannot express.
+    pub fn write(&self, format: Format) -> Result<PathBuf, Error> {
+        let (ending, text) = match format {
+            Format::Slurm => ("sbatch", self.slurm()),
+            Format::Openjd => ("openjd.json", self.openjd()?),
+        };
+        let path = self.bake.with_extension(ending);
+        output::write_text(&path, &text)?;
+        Ok(path)
+    }
+
+    fn name(&self) -> String {
+        self.bake.file_stem().map_or_else(|| String::from("world"), |stem| stem.to_string_lossy().into_owned())
+    }
+
+    /// The file of a part, whose number may be one that the farm fills in.
+    fn part(&self, number: &str) -> String {
+        let file = format!("{}-{number}-of-{}.part.bake", self.name(), self.parts);
+        self.bake.with_file_name(file).to_string_lossy().into_owned()
+    }
+
+    fn megabytes(&self) -> u64 {
+        self.memory.div_ceil(MEBIBYTE)
+    }
+
+    /// The arguments that join the parts.
+    fn merge(&self) -> Vec<String> {
+        let parts = (1..=self.parts).map(|number| self.part(&number.to_string()));
+        let bake = self.bake.to_string_lossy().into_owned();
+        ["merge".to_owned()].into_iter().chain(parts).chain(["-o".to_owned(), bake]).collect()
+    }
+
+    fn slurm(&self) -> String {
+        let name = self.name();
+        let job: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+        let (parts, memory) = (self.parts, self.megabytes());
+        let words = |words: &[String]| words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
+        let (bake, merge) = (words(&self.arguments), words(&self.merge()));
+        // The shell puts the number between two quoted halves.
+        let file = quoted(&self.part("\u{1}")).replacen('\u{1}', "'\"$part\"'", 1);
+        let mut text = String::new();
+        let _ = write!(
+            text,
+            r#"#!/bin/bash
+# Bakes a world in {parts} jobs, and joins their parts in one that waits for them. PATCHLIGHT names the program. A job that was
+# killed goes on where it ended when it is submitted again; a part that is there is not baked again.
+#SBATCH --job-name=patchlight-{job}
+#SBATCH --array=1-{parts}
+#SBATCH --mem={memory}M
+#SBATCH --output=%x-%A-%a.log
+set -euo pipefail
+program=${{PATCHLIGHT:-patchlight}}
+part=${{SLURM_ARRAY_TASK_ID:?submit it with sbatch}}
+if [ "$part" = 1 ] && [ "${{SLURM_RESTART_COUNT:-0}}" = 0 ]; then
+    merge=({merge})
+    sbatch --job-name=patchlight-{job}-merge --output=%x-%j.log --mem={memory}M \
+        --dependency="afterok:$SLURM_ARRAY_JOB_ID" --wrap="$(printf '%q ' "$program" "${{merge[@]}}")"
+fi
+file={file}
+if [ ! -e "$file" ]; then
+    "$program" world {bake} --part "$part/{parts}" -o "$file" --threads "${{SLURM_CPUS_PER_TASK:-1}}"
+fi
+"#
+        );
+        text
+    }
+
+    fn openjd(&self) -> Result<String, Error> {
+        let words = self.arguments.iter().chain([self.part("")].iter()).cloned().collect::<Vec<_>>();
+        // An expression begins with two brackets, and there is no way to write them otherwise.
+        if let Some(word) = words.iter().find(|word| word.contains("{{")) {
+            return Err(Error::Unplannable { word: word.clone() });
+        }
+        let number = "{{Task.Param.Part}}";
+        let options = ["--part".to_owned(), format!("{number}/{}", self.parts), "-o".to_owned(), self.part(number)];
+        let bake: Vec<String> =
+            ["world".to_owned()].into_iter().chain(self.arguments.iter().cloned()).chain(options).collect();
+        let requirements = json!({ "amounts": [{ "name": "amount.worker.memory", "min": self.megabytes() }] });
+        let script = |arguments: Vec<String>| -> Value {
+            json!({ "actions": { "onRun": { "command": "{{Param.Program}}", "args": arguments } } })
+        };
+        let template = json!({
+            "specificationVersion": "jobtemplate-2023-09",
+            "name": format!("patchlight world {}", self.name()),
+            "parameterDefinitions": [{
+                "name": "Program",
+                "type": "STRING",
+                "default": "patchlight",
+                "description": "The program on the workers.",
+            }],
+            "steps": [
+                {
+                    "name": "Bake",
+                    "parameterSpace": {
+                        "taskParameterDefinitions": [{ "name": "Part", "type": "INT", "range": format!("1-{}", self.parts) }],
+                    },
+                    "hostRequirements": requirements,
+                    "script": script(bake),
+                },
+                {
+                    "name": "Merge",
+                    "dependencies": [{ "dependsOn": "Bake" }],
+                    "hostRequirements": requirements,
+                    "script": script(self.merge()),
+                },
+            ],
+        });
+        Ok(output::json(&template) + "\n")
+    }
+}
+
+/// A word as a shell takes it, whatever is in it.
+fn quoted(word: &str) -> String {
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
