@@ -79,7 +79,7 @@ pub fn run(common: &Common, args: &Export) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let Lightable { loaded, mut renderer, out } = Lightable::of(common, &args.light, "export", &progress)?;
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.light.scene);
-    let places = interruptible(|| Places::of(args, renderer.bake(), &progress)).map_err(of_scene)?;
+    let places = interruptible(|| Places::of(args, &loaded, renderer.bake(), &progress)).map_err(of_scene)?;
     let movement = Movement::new(&loaded, (args.animate.unwrap_or(Animate::Path), None), args.frames, &progress);
     let mut written = Vec::new();
     for number in 0..args.frames {
@@ -130,7 +130,7 @@ struct Files<'a> {
 }
 
 impl Places {
-    fn of(args: &Export, bake: &Bake, progress: &Progress) -> patchlight::Result<Self> {
+    fn of(args: &Export, loaded: &LoadedScene, bake: &Bake, progress: &Progress) -> patchlight::Result<Self> {
         let scene = &bake.scene;
         let lit = lit_sides(bake);
         let numbered = (0u32..).zip(&lit);
@@ -143,7 +143,7 @@ impl Places {
             false => None,
             true => {
                 let texel = args.texel.unwrap_or_else(|| even_texel(scene, &lit));
-                let made = progress.phase("lightmap", |_| LightmapTexels::new(scene, &lit, texel, &is_lit));
+                let made = progress.phase("lightmap", |_| lightmap(loaded, &lit, texel, &is_lit, progress));
                 Some(made.map_err(patchlight::Error::from)?)
             }
         };
@@ -218,6 +218,27 @@ impl Places {
         }
         Ok(written)
     }
+}
+
+/// The lightmap of the atlas that the scene's file brings, or of our own.
+fn lightmap(
+    loaded: &LoadedScene,
+    lit: &[Sides],
+    texel: f32,
+    is_lit: &(impl Fn(&SurfacePoint) -> bool + Sync),
+    progress: &Progress,
+) -> Result<LightmapTexels, patches::Error> {
+    let scene = &loaded.scene;
+    if !loaded.lightmap_uvs.is_empty() {
+        let uvs: Vec<_> = scene.geometry.triangles.iter().map(|t| loaded.lightmap_uvs.of(t)).collect();
+        match LightmapTexels::with_uvs(scene, lit, &uvs, texel, is_lit) {
+            Err(error @ patches::Error::AtlasOverlap { .. }) => {
+                progress.warn(&format!("TEXCOORD_1 is not taken for the lightmap: {error}"));
+            }
+            made => return made,
+        }
+    }
+    LightmapTexels::new(scene, lit, texel, is_lit)
 }
 
 /// Edge of texels of which about [`TEXELS`] cover the lit sides, m.

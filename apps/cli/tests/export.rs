@@ -4,8 +4,9 @@ mod program;
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::Path;
 
-use program::{fails, succeeds};
+use program::{fails, run, succeeds, text};
 use reference::PictureFile as _;
 use scene::Picture;
 
@@ -119,4 +120,65 @@ fn a_bake_gives_the_files_that_its_scene_gives() {
         assert!(read("scene", name) == read("bake", name), "{name} differs");
         assert!(read("scene", name) != read("other", name), "{name} of other patches is the same");
     }
+}
+
+/// Positions and lightmap coordinates of all corners of a glTF file, and its lightmap.
+fn atlas(folder: &Path, name: &str) -> (Vec<[f32; 5]>, Picture) {
+    let (gltf, buffers, _) = gltf::import(folder.join(format!("{name}-lightmap.gltf"))).unwrap();
+    let mut corners = Vec::new();
+    for primitive in gltf.meshes().flat_map(|mesh| mesh.primitives()) {
+        let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| &data.0[..]));
+        let uvs = reader.read_tex_coords(1).unwrap().into_f32();
+        corners.extend(reader.read_positions().unwrap().zip(uvs).map(|([x, y, z], [u, v])| [x, y, z, u, v]));
+    }
+    (corners, Picture::read(&folder.join(format!("{name}-lightmap.exr"))).unwrap())
+}
+
+#[test]
+fn an_atlas_of_the_file_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let export = |of: &Path, out: &str| {
+        let out = path(out);
+        let arguments = ["--lightmap", "--texel", "0.2", "--patch-count", "60", "--quiet", "--out"];
+        succeeds(&[&["export", of.to_str().unwrap()][..], &arguments, &[out.to_str().unwrap()]].concat())
+    };
+    export(Path::new("cornell"), "first");
+    // A scene with that atlas, whose materials do not use it.
+    let file = path("first/cornell-lightmap.gltf");
+    let mut json: serde_json::Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    for material in json["materials"].as_array_mut().unwrap() {
+        material["pbrMetallicRoughness"].as_object_mut().unwrap().remove("baseColorTexture");
+    }
+    let scene = path("first/room.gltf");
+    fs::write(&scene, json.to_string()).unwrap();
+    export(&scene, "second");
+    let (first, second) = (atlas(&path("first"), "cornell").0, atlas(&path("second"), "room"));
+    assert!(second.0.len() > 60);
+    let is_in = |corner: &[f32; 5], shift: f32| {
+        let near = |other: &[f32; 5]| corner.iter().zip(other).all(|(a, b)| (a + shift - b).abs() < 1e-4);
+        first.iter().any(near)
+    };
+    assert!(second.0.iter().all(|corner| is_in(corner, 0.0)) && !second.0.iter().all(|corner| is_in(corner, 0.01)));
+    assert_eq!(second.1.width, second.1.height);
+    // From a bake it is the same; an atlas in which triangles lie on each other is not taken, with a warning.
+    let bake = path("room.bake");
+    let (of, to) = (scene.to_str().unwrap(), bake.to_str().unwrap());
+    succeeds(&["bake", of, "--patch-count", "60", "--for", "classic", "--quiet", "--out", to]);
+    export(&bake, "third");
+    let third = atlas(&path("third"), "room");
+    assert!(third.0 == second.0 && third.1 == second.1);
+    let uv = json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"].as_u64().unwrap() as usize;
+    let view = &json["bufferViews"][json["accessors"][uv]["bufferView"].as_u64().unwrap() as usize];
+    let (first, length) =
+        (view["byteOffset"].as_u64().unwrap() as usize, view["byteLength"].as_u64().unwrap() as usize);
+    let binary = path("first/cornell-lightmap.bin");
+    let mut bytes = fs::read(&binary).unwrap();
+    bytes.copy_within(first..first + length / 2, first + length / 2);
+    fs::write(&binary, bytes).unwrap();
+    let arguments = ["--lightmap", "--texel", "0.2", "--patch-count", "60", "--out"];
+    let output = run(&[&["export", of][..], &arguments, &[path("fourth").to_str().unwrap()]].concat());
+    let warned = text(&output.stderr);
+    assert!(output.status.success(), "{warned}");
+    assert!(warned.contains("TEXCOORD_1") && warned.contains("same place in the atlas"), "{warned}");
 }

@@ -17,6 +17,7 @@ mod description;
 pub(crate) mod draft;
 mod error;
 mod gltf_file;
+mod lightmap_uvs;
 pub(crate) mod lights;
 pub mod luminaire;
 mod mtl;
@@ -26,6 +27,7 @@ mod scene_file;
 
 pub use animation::{Animation, Keyframe, Target, Track};
 pub use error::ImportError;
+pub use lightmap_uvs::{AtlasTriangle, LightmapUvs};
 pub use luminaire::Photometry;
 pub use pictures::is_guarded;
 
@@ -96,6 +98,8 @@ pub struct LoadedScene {
     pub file_triangles: usize,
     /// Triangles that were dropped.
     pub dropped: Dropped,
+    /// Coordinates that the file brings for a lightmap; none where it brings none that suit.
+    pub lightmap_uvs: LightmapUvs,
     /// Seconds of each phase of the import.
     pub timings: Vec<(&'static str, f64)>,
 }

@@ -5,6 +5,12 @@ use std::boxed::Box;
 /// Why virtual patches could not be made or used.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
+    /// Triangles of an atlas lie on each other.
+    #[error("triangles {} and {} have the same place in the atlas: their light cannot be told apart; give each a place of its own", triangles[0], triangles[1])]
+    AtlasOverlap {
+        /// Their numbers.
+        triangles: [u32; 2],
+    },
     /// A table, a setting or a number that cannot be.
     #[error(transparent)]
     Shared(#[from] transport::Error),

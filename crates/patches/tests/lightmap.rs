@@ -5,7 +5,7 @@ mod support;
 use glam::{Vec2, Vec3, Vec4};
 use patches::{Error, LIGHTMAP_LIMIT, LightmapTexels};
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{ReceiverSet, Scene, Sides, SurfacePoint};
+use scene::{ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 use support::{Mesh, atrium};
 
 const BOTH: Sides = Sides { front: true, back: true };
@@ -162,6 +162,48 @@ fn even_meshes_take_few_charts_and_folds_take_their_own() {
         floor.iter().all(|a| floor.iter().all(|b| near(a, b)))
     };
     assert!(is_even(0.1) && !is_even(0.11));
+}
+
+#[test]
+fn an_atlas_that_is_there_is_taken_as_it_is() {
+    let mut mesh = Mesh::default();
+    mesh.quad(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 3.0);
+    mesh.quad(Vec3::Y, Vec3::Z * 2.0, Vec3::X * 3.0);
+    let scene = mesh.scene(1.0);
+    let sides = vec![Sides { front: true, back: false }; 4];
+    // The lower rectangle on the left of the texture, the upper one on its right, both turned and mirrored.
+    let place = |p: Vec3| Vec2::new(0.05 + 0.2 * p.z + 0.5 * p.y, 0.95 - 0.3 * p.x);
+    let uvs: Vec<Option<TriangleUv>> = (scene.geometry.triangles.iter())
+        .map(|t| {
+            let [corner, corner_a, corner_b] = [t.corner, t.corner + t.edge_a, t.corner + t.edge_b].map(place);
+            Some(TriangleUv { corner, corner_a, corner_b })
+        })
+        .collect();
+    let map = LightmapTexels::with_uvs(&scene, &sides, &uvs, 0.05, &|_| true).unwrap();
+    // 12 m² take 0.72 of the texture: a texel is 0.05 m on the mean.
+    assert_eq!((map.params.width, map.params.height), (82, 82));
+    for t in 0..4 {
+        let (given, found) = (uvs[t as usize].unwrap(), map.uv(t, true).unwrap());
+        for (a, b) in [(given.corner, found.corner), (given.corner_a, found.corner_a), (given.corner_b, found.corner_b)]
+        {
+            assert!(a.distance(b) < 1e-5, "{a} {b}");
+        }
+        assert!(map.uv(t, false).is_none());
+    }
+    let values: Vec<Vec4> = map.points().iter().map(|p| p.position.extend(0.0)).collect();
+    let geometry = scene.tables();
+    for k in 0..2000 {
+        let (triangle, _, u, v) = random(&scene, k);
+        let (u, v) = (0.1 + 0.7 * u, 0.1 + 0.7 * v);
+        let error = map.at(&values, triangle, true, u, v).unwrap().truncate() - geometry.position(triangle, u, v);
+        assert!(error.length() < 1e-4, "{error} at {triangle}");
+    }
+    // What lies on each other is refused, by name.
+    let doubled = vec![uvs[0]; 4];
+    let refused = LightmapTexels::with_uvs(&scene, &sides, &doubled, 0.05, &|_| true);
+    assert!(matches!(refused, Err(Error::AtlasOverlap { triangles: [0, 1] })), "{refused:?}");
+    let none = LightmapTexels::with_uvs(&scene, &sides, &[None; 4], 0.05, &|_| true).unwrap();
+    assert!(none.points().is_empty() && none.uv(0, true).is_none());
 }
 
 #[test]

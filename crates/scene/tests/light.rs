@@ -190,7 +190,7 @@ fn lamp_room(lighting: &Lighting, radiance: Vec3) -> Scene {
         lights: lighting.lights.clone(),
         sky: lighting.sky,
         sky_map: lighting.sky_map.to_vec(),
-        ray_offset: None,
+        ..SceneParts::default()
     })
     .unwrap()
 }
@@ -204,7 +204,7 @@ fn lamp_and_sky() -> Lighting {
         lights: vec![lamp],
         sky: Sky { radiance: Vec3::ONE, map_width: 2, map_height: 2, ..Sky::default() },
         sky_map: map.into(),
-        emission: Vec::new(),
+        ..Lighting::default()
     }
 }
 

@@ -6,7 +6,7 @@ use scene::Scene;
 use serde::{Deserialize, Serialize};
 
 use super::animation::{Animation, Track};
-use super::{Dropped, LoadedScene, View};
+use super::{Dropped, LightmapUvs, LoadedScene, View};
 
 /// The parts of a [`LoadedScene`] that are not its scene.
 #[derive(Serialize, Deserialize)]
@@ -23,6 +23,7 @@ struct Description {
     files: Vec<PathBuf>,
     file_triangles: usize,
     dropped: Dropped,
+    lightmap_uvs: String,
 }
 
 impl LoadedScene {
@@ -41,6 +42,7 @@ impl LoadedScene {
             files: self.files.clone(),
             file_triangles: self.file_triangles,
             dropped: self.dropped,
+            lightmap_uvs: self.lightmap_uvs.to_text(),
         };
         // Plain data: nothing of it cannot be written.
         serde_json::to_string(&description).unwrap_or_default()
@@ -68,6 +70,7 @@ impl LoadedScene {
             files: d.files,
             file_triangles: d.file_triangles,
             dropped: d.dropped,
+            lightmap_uvs: LightmapUvs::of_text(&d.lightmap_uvs)?,
             timings: Vec::new(),
         })
     }

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::lights::QUANTITY_LIMIT;
 use super::pictures::{ALBEDO_LIMIT, MaskChannel, Packed, Source, pack};
-use super::{Animation, Dropped, ImportError, LoadOptions, LoadedScene, View};
+use super::{Animation, AtlasTriangle, Dropped, ImportError, LightmapUvs, LoadOptions, LoadedScene, View};
 
 /// Most triangles of a scene: 2²⁸.
 const TRIANGLE_LIMIT: usize = 1 << 28;
@@ -108,6 +108,8 @@ pub struct FileTriangle {
 pub struct Mesh {
     /// Triangles in the order of the file.
     pub triangles: Vec<FileTriangle>,
+    /// Coordinates for a lightmap, one entry a triangle, or none.
+    pub lightmap_uvs: Vec<[Vec2; 3]>,
     /// Objects' names.
     pub objects: Vec<String>,
     /// Materials.
@@ -203,6 +205,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     let start = Instant::now();
     let file_triangles = mesh.triangles.len();
     let (triangles, uvs, dropped) = clean(&mesh, &setting, &mut warnings)?;
+    let lightmap_uvs = lightmap_uvs(&mesh, &setting, &mut warnings);
     // The greatest table of the file; nothing asks for it any more.
     mesh.triangles = Vec::new();
     timings.push(("clean", seconds(start)));
@@ -275,8 +278,26 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         files,
         file_triangles,
         dropped,
+        lightmap_uvs,
         timings,
     })
+}
+
+/// The atlas that a file brings, if it has places for all triangles.
+fn lightmap_uvs(mesh: &Mesh, setting: &Setting, warnings: &mut Vec<String>) -> LightmapUvs {
+    if mesh.lightmap_uvs.len() != mesh.triangles.len() {
+        return LightmapUvs::default();
+    }
+    let place = |(t, &uvs): (&FileTriangle, &[Vec2; 3])| AtlasTriangle {
+        corners: t.corners.map(|p| p * setting.metres_per_unit),
+        uvs,
+    };
+    let atlas = LightmapUvs(mesh.triangles.iter().zip(&mesh.lightmap_uvs).map(place).collect());
+    if let Some(fault) = atlas.fault() {
+        warnings.push(format!("{}: TEXCOORD_1 is not taken for a lightmap: {fault}", setting.path.display()));
+        return LightmapUvs::default();
+    }
+    atlas
 }
 
 /// All files of a scene, each once.

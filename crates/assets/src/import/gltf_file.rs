@@ -230,6 +230,9 @@ fn build_light(light: &gltf::khr_lights_punctual::Light, to_world: Mat4) -> Resu
     }
 }
 
+/// The set of texture coordinates that lightmaps have by custom.
+const LIGHTMAP_SET: u32 = 1;
+
 fn add_primitive(
     file: &File,
     primitive: &Primitive,
@@ -250,7 +253,9 @@ fn add_primitive(
         return Ok(());
     };
     let uvs = primitive.get(&gltf::Semantic::TexCoords(rule.set));
-    for accessor in [Some(&positions), uvs.as_ref(), primitive.indices().as_ref()].into_iter().flatten() {
+    let atlas = primitive.get(&gltf::Semantic::TexCoords(LIGHTMAP_SET));
+    let indices = primitive.indices();
+    for accessor in [Some(&positions), uvs.as_ref(), atlas.as_ref(), indices.as_ref()].into_iter().flatten() {
         check_accessor(file, accessor, &place)?;
     }
     let count = primitive.indices().map_or(positions.count(), |i| i.count());
@@ -258,7 +263,8 @@ fn add_primitive(
         return Ok(());
     }
     let is = |a: &Accessor, d: Dimensions| a.dimensions() == d;
-    if !is(&positions, Dimensions::Vec3) || uvs.as_ref().is_some_and(|a| !is(a, Dimensions::Vec2)) {
+    let is_pairs = |a: &Option<Accessor>| a.as_ref().is_none_or(|a| is(a, Dimensions::Vec2));
+    if !is(&positions, Dimensions::Vec3) || !is_pairs(&uvs) || !is_pairs(&atlas) {
         return Err(file.error(&place, "POSITION must have three, TEXCOORD two numbers"));
     }
     let reader = primitive.reader(|buffer| file.buffers.get(buffer.index()).map(|bytes| bytes.as_slice()));
@@ -270,6 +276,11 @@ fn add_primitive(
         reader.read_tex_coords(rule.set).map(|t| t.into_f32().map(|uv| rule.apply(uv)).collect()).unwrap_or_default()
     } else {
         Vec::new()
+    };
+    let has_atlas = rule.set != LIGHTMAP_SET && atlas.is_some_and(|a| a.count() > 0);
+    let lightmap: Vec<Vec2> = match reader.read_tex_coords(LIGHTMAP_SET).filter(|_| has_atlas) {
+        Some(uvs) => uvs.into_f32().map(Vec2::from).collect(),
+        None => Vec::new(),
     };
     let indices: Vec<u32> = match reader.read_indices() {
         Some(indices) => indices.into_u32().collect(),
@@ -297,6 +308,10 @@ fn add_primitive(
         let corners = at.map(|k| positions[k as usize]);
         if corners.iter().any(|c| !c.is_finite()) {
             return Err(file.error(&place, format!("face {}: has a coordinate that is not finite", face + 1)));
+        }
+        // As long as all triangles so far have some.
+        if !lightmap.is_empty() && mesh.lightmap_uvs.len() == mesh.triangles.len() {
+            mesh.lightmap_uvs.push(at.map(|k| lightmap.get(k as usize).copied().unwrap_or(Vec2::NAN)));
         }
         let uvs = at.map(|k| uvs.get(k as usize).copied().unwrap_or_default());
         mesh.triangles.push(FileTriangle { corners, uvs, material: material as u32, object });

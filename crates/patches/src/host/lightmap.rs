@@ -8,7 +8,7 @@ use glam::{UVec2, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::{GeometryTables, Hit, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 
-use self::charts::{Chart, ChartTriangle, charts};
+use self::charts::{Chart, ChartTriangle, charts, given_chart, overlapping};
 use crate::error::Error;
 use crate::kernel::lightmap::lightmap_lookup;
 use crate::types::LightmapParams;
@@ -83,7 +83,58 @@ impl LightmapTexels {
             .map(|(chart, filled)| if filled.is_some() { [chart.size.x as u32, chart.size.y as u32] } else { [0; 2] })
             .collect();
         let (params, places) = pack(&sizes)?;
-        let mut set = Self {
+        let mut set = Self::empty(scene, params, texel);
+        for (((chart, filled), place), size) in charts.iter().zip(filled).zip(places).zip(sizes) {
+            if let Some(filled) = filled {
+                set.add(chart, filled, place, size);
+            }
+        }
+        Ok(set)
+    }
+
+    /// Of an atlas that is there: `uvs` has the place of each triangle in [0, 1]² from the upper left, as glTF's `TEXCOORD_1`, and
+    /// none for those without. Square, of so many texels that one has `texel` m on the mean. A triangle whose two sides are lit
+    /// takes part with its front. Otherwise as [`Self::new`].
+    ///
+    /// # Errors
+    /// As [`Self::new`]; [`Error::AtlasOverlap`] where two triangles lie on each other.
+    pub fn with_uvs(
+        scene: &Scene,
+        sides: &[Sides],
+        uvs: &[Option<TriangleUv>],
+        texel: f32,
+        is_lit: &(impl Fn(&SurfacePoint) -> bool + Sync),
+    ) -> Result<Self, Error> {
+        for (name, found) in [("sides", sides.len()), ("texture coordinates", uvs.len())] {
+            if found != scene.geometry.triangles.len() {
+                return Err(Error::Length { name, expected: scene.geometry.triangles.len(), found });
+            }
+        }
+        if !(texel.is_finite() && texel > 0.0) {
+            return Err(Error::Setting { name: "texel", value: f64::from(texel), rule: "positive and finite" });
+        }
+        let (mut surface, mut atlas) = (0.0f64, 0.0f64);
+        for (t, uv) in scene.geometry.triangles.iter().zip(uvs) {
+            let Some(uv) = uv else { continue };
+            surface += f64::from(t.edge_a.cross(t.edge_b).length());
+            atlas += f64::from((uv.corner_a - uv.corner).perp_dot(uv.corner_b - uv.corner).abs());
+        }
+        let width = if atlas > 0.0 { (surface / atlas).sqrt() / f64::from(texel) } else { 1.0 };
+        check_limit("texels of a lightmap each way", width as f32)?;
+        let width = (width.round() as u32).max(1);
+        let chart = given_chart(sides, uvs, width, texel);
+        if let Some(triangles) = overlapping(&chart, texel) {
+            return Err(Error::AtlasOverlap { triangles });
+        }
+        let mut set = Self::empty(scene, LightmapParams { width, height: width }, texel);
+        if let Some(filled) = chart.fill(&scene.tables(), texel, is_lit) {
+            set.add(&chart, filled, [0; 2], [width; 2]);
+        }
+        Ok(set)
+    }
+
+    fn empty(scene: &Scene, params: LightmapParams, texel: f32) -> Self {
+        Self {
             params,
             sides: std::vec![[NONE; 2]; scene.geometry.triangles.len()],
             uvs: Vec::new(),
@@ -91,27 +142,25 @@ impl LightmapTexels {
             places: Vec::new(),
             points: Vec::new(),
             texel,
-        };
-        for (((chart, filled), place), size) in charts.iter().zip(filled).zip(places).zip(sizes) {
-            let Some(filled) = filled else { continue };
-            let first = set.points.len() as u32;
-            for (k, receiver) in filled.texels.into_iter().enumerate() {
-                let at = place[0] + k as u32 % size[0] + params.width * (place[1] + k as u32 / size[0]);
-                set.texels[at as usize] = first + receiver;
-            }
-            set.places.extend(filled.places);
-            set.points.extend(filled.points.into_iter().zip(first..).map(|(p, patch)| SurfacePoint { patch, ..p }));
-            for part in &chart.triangles {
-                let corner = |c: Vec2| {
-                    let at = Vec2::new(place[0] as f32, place[1] as f32) + 1.0 + c / texel;
-                    at / Vec2::new(params.width as f32, params.height as f32)
-                };
-                let [a, b, c] = part.corners.map(corner);
-                set.sides[part.triangle as usize][usize::from(!chart.front)] = set.uvs.len() as u32;
-                set.uvs.push(TriangleUv { corner: a, corner_a: b, corner_b: c });
-            }
         }
-        Ok(set)
+    }
+
+    /// Puts a chart where its least corner has this place in the atlas.
+    fn add(&mut self, chart: &Chart, filled: Filled, place: [u32; 2], size: [u32; 2]) {
+        let first = self.points.len() as u32;
+        for (k, receiver) in filled.texels.into_iter().enumerate() {
+            let at = place[0] + k as u32 % size[0] + self.params.width * (place[1] + k as u32 / size[0]);
+            self.texels[at as usize] = first + receiver;
+        }
+        self.places.extend(filled.places);
+        self.points.extend(filled.points.into_iter().zip(first..).map(|(p, patch)| SurfacePoint { patch, ..p }));
+        let atlas = Vec2::new(self.params.width as f32, self.params.height as f32);
+        for part in &chart.triangles {
+            let corner = |c: Vec2| (Vec2::new(place[0] as f32, place[1] as f32) + 1.0 + c / self.texel) / atlas;
+            let [a, b, c] = part.corners.map(corner);
+            self.sides[part.triangle as usize][usize::from(!part.front)] = self.uvs.len() as u32;
+            self.uvs.push(TriangleUv { corner: a, corner_a: b, corner_b: c });
+        }
     }
 
     /// Texture coordinates of the corners of a triangle's front or back, if it has a chart.
@@ -203,7 +252,7 @@ impl Chart {
             let (u, v) = ((place - a).perp_dot(c - a) / double, (b - a).perp_dot(place - a) / double);
             let position = geometry.position(part.triangle, u, v);
             let normal = geometry.normal(part.triangle);
-            let normal = if self.front { normal } else { -normal };
+            let normal = if part.front { normal } else { -normal };
             let point = SurfacePoint { position, patch: NONE, normal, weight: 1.0 };
             if is_lit(&point) {
                 *entry = points.len() as u32;

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use glam::{IVec3, Vec2, Vec3};
 use rayon::prelude::*;
-use scene::{Scene, Sides};
+use scene::{Scene, Sides, TriangleUv};
 
 /// Corners nearer than this share of the scene's diagonal are one.
 const SAME_CORNER: f32 = 1e-5;
@@ -19,19 +19,23 @@ const MOST_TRIANGLES: usize = 1024;
 const FULL: f32 = 0.75;
 /// Triangles of a chart may overlap by so much, in texels: rounding.
 const OVERLAP: f32 = 0.01;
+/// The same where charts are given: whoever made them may have meant fewer texels.
+const GIVEN_OVERLAP: f32 = 0.5;
+/// Triangles of a given chart that cover less, in texels, have no place in it.
+const LEAST_AREA: f32 = 1e-4;
 /// Times that all edges are looked at: strips become blocks in later ones.
 const MOST_PASSES: u32 = 12;
 
 /// A triangle in the plane of its chart.
 pub(super) struct ChartTriangle {
     pub triangle: u32,
+    pub front: bool,
     /// Corners, m, from the chart's least coordinates on.
     pub corners: [Vec2; 3],
 }
 
 /// Triangles that share a rectangle of the atlas.
 pub(super) struct Chart {
-    pub front: bool,
     pub triangles: Vec<ChartTriangle>,
     /// Texels with the border, as numbers that may exceed every limit.
     pub size: Vec2,
@@ -243,9 +247,10 @@ impl Merging {
 
     fn chart(&self, group: &Group, front: bool) -> Chart {
         let flat = |p: Vec3| group.frame.flat(p) - group.low;
-        let triangle = |&t: &u32| ChartTriangle { triangle: t, corners: self.corners[t as usize].map(flat) };
+        let corners = |t: u32| self.corners[t as usize].map(flat);
+        let triangle = |&t: &u32| ChartTriangle { triangle: t, front, corners: corners(t) };
         let size = ((group.high - group.low) / self.texel).ceil() + 2.0;
-        Chart { front, triangles: group.triangles.iter().map(triangle).collect(), size }
+        Chart { triangles: group.triangles.iter().map(triangle).collect(), size }
     }
 }
 
@@ -266,6 +271,42 @@ fn triangles_overlap(a: &[Vec2; 3], b: &[Vec2; 3], depth: f32) -> bool {
         })
     };
     !separates(a, b) && !separates(b, a)
+}
+
+/// One chart of given places in [0, 1]², `[triangles]`, of which `width` texels of `texel` m are each way. A triangle takes part
+/// with its front, if that is lit, else with its back.
+pub(super) fn given_chart(sides: &[Sides], uvs: &[Option<TriangleUv>], width: u32, texel: f32) -> Chart {
+    let triangle = |(t, (side, uv)): (u32, (&Sides, &Option<TriangleUv>))| {
+        let uv = uv.filter(|_| side.front || side.back)?;
+        // There is no border: the middle of the first texel is half of one from the edge.
+        let place = |uv: Vec2| (uv * width as f32 - 1.0) * texel;
+        let corners = [place(uv.corner), place(uv.corner_a), place(uv.corner_b)];
+        let double = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
+        (double > LEAST_AREA * texel * texel).then_some(ChartTriangle { triangle: t, front: side.front, corners })
+    };
+    Chart {
+        triangles: (0u32..).zip(sides.iter().zip(uvs)).filter_map(triangle).collect(),
+        size: Vec2::splat(width as f32),
+    }
+}
+
+/// Two triangles that lie on each other in a chart by more than [`GIVEN_OVERLAP`] texels, if any do.
+pub(super) fn overlapping(chart: &Chart, texel: f32) -> Option<[u32; 2]> {
+    // Along x those that are open are few.
+    let first_x = |t: &ChartTriangle| t.corners.iter().fold(f32::INFINITY, |x, c| x.min(c.x));
+    let mut order: Vec<&ChartTriangle> = chart.triangles.iter().collect();
+    order.sort_by(|a, b| first_x(a).total_cmp(&first_x(b)));
+    let mut open: Vec<&ChartTriangle> = Vec::new();
+    for one in order {
+        let first = first_x(one);
+        open.retain(|other| other.corners.iter().any(|c| c.x > first));
+        let hit = open.iter().find(|other| triangles_overlap(&one.corners, &other.corners, GIVEN_OVERLAP * texel));
+        if let Some(other) = hit {
+            return Some([other.triangle, one.triangle]);
+        }
+        open.push(one);
+    }
+    None
 }
 
 #[cfg(test)]
