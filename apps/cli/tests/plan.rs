@@ -110,9 +110,8 @@ fn jobs_get_memory_that_suffices_and_no_ten_times_that() {
         let bake = folder.path().join("a.bake");
         let arguments = ["world", scene, "--patch-count", patches, "--rays", rays, "--json", "--quiet", "-o"];
         let arguments = [&arguments[..], &[bake.to_str().unwrap()]].concat();
-        let report = |more: &[&str]| -> Value {
-            serde_json::from_str(&succeeds(&[&arguments[..], more].concat())).unwrap()
-        };
+        let report =
+            |more: &[&str]| -> Value { serde_json::from_str(&succeeds(&[&arguments[..], more].concat())).unwrap() };
         let planned = report(&["--plan", "4", "--format", "openjd"])["memory_bytes"].as_u64().unwrap();
         let Some(taken) = report(&["--part", "2/4"])["peak_memory_bytes"].as_u64() else { return };
         assert!(taken <= planned && planned < 10 * taken, "{scene}: {planned} for {taken}");
@@ -120,9 +119,9 @@ fn jobs_get_memory_that_suffices_and_no_ten_times_that() {
     // Never more than the bake allows itself.
     let folder = tempfile::tempdir().unwrap();
     let bake = folder.path().join("a.bake");
-    let arguments = ["world", "office", "--memory-limit", "90M", "--plan", "2", "--format", "slurm", "--json", "--quiet", "-o"];
-    let report: Value =
-        serde_json::from_str(&succeeds(&[&arguments[..], &[bake.to_str().unwrap()]].concat())).unwrap();
+    let arguments =
+        ["world", "office", "--memory-limit", "90M", "--plan", "2", "--format", "slurm", "--json", "--quiet", "-o"];
+    let report: Value = serde_json::from_str(&succeeds(&[&arguments[..], &[bake.to_str().unwrap()]].concat())).unwrap();
     assert_eq!(report["memory_bytes"], 90 << 20);
 }
 
@@ -141,5 +140,9 @@ fn plans_that_make_no_sense_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a{{b}}.bake");
     let path = path.to_str().unwrap();
-    refused(1, &["world", "cornell", "--plan", "3", "--format", "openjd", "-o", path], &["a{{b}}", "expression", "rename"]);
+    refused(
+        1,
+        &["world", "cornell", "--plan", "3", "--format", "openjd", "-o", path],
+        &["a{{b}}", "expression", "rename"],
+    );
 }
