@@ -150,7 +150,7 @@ fn a_luminaire_that_is_no_photometry_is_refused() {
         ("none.ies", &["none.ies", "cannot be read"]),
         ("empty.ies", &["empty.ies", "is empty"]),
         ("endless.ies", &["endless.ies", "larger than 16 MB"]),
-        ("latin.ldt", &["latin.ldt, line 3", "Isym", "number"]),
+        ("latin.ldt", &["latin.ldt, line 2", "Isym", "ends"]),
         ("", &["line 1", "photometry"]),
     ] {
         let toml = format!("{TOML}\n[[light]]\ntype = \"luminaire\"\nfile = \"{file}\"\nposition = [0, 1, 0]\n");

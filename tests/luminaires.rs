@@ -9,8 +9,8 @@ use std::sync::Arc;
 use assets::export::write_scene;
 use assets::import::luminaire::read;
 use assets::import::{LoadedScene, Photometry, load};
-use firstshot::{Emission, IlluminationMaps, PhotonAccumulator, PhotonSettings, Tracer};
-use glam::Vec3;
+use firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer};
+use glam::{DVec3, Vec3};
 use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
 use reference::{PathSettings, PathTracer};
 use scene::math::luminance;
@@ -263,7 +263,7 @@ fn broken_files_are_refused_with_line_and_remedy() {
         (6, "1", &["line 6", "from 2"]),
         (24, "0", &["line 24", "conversion factor"]),
         (26, "0", &["line 26", "sets of lamps"]),
-        (26, "9", &["number", "write a number"]),
+        (26, "9", &["rising"]),
         (29, "0", &["line 29", "flux of lamp set 1"]),
         (44, "0", &["line 44", "C angle 0", "rising"]),
         (68, "zero", &["line 68", "γ angle", "\"zero\""]),
@@ -408,7 +408,7 @@ fn paths_and_photons_know_luminaires() {
         );
     }
 
-    // Photons from the lamp, and from what it falls on first: all that is on the floor, by integration.
+    // Photons from the lamp: all that is on the floor, by integration.
     let (cells, edge) = (300u32, 9.0f32);
     let step = edge / cells as f32;
     let place =
@@ -418,14 +418,23 @@ fn paths_and_photons_know_luminaires() {
         direct(scene, &places).iter().map(|e| f64::from(luminance(*e))).sum::<f64>() * f64::from(step * step);
     let maps = IlluminationMaps::new(scene, 10.0).unwrap();
     let settings = PhotonSettings { with_direct: true, error: 0.0, most_photons: 1 << 19, ..PhotonSettings::default() };
-    let landed = |emission: &Emission| -> f64 {
+    let traced = |emission: &Emission| {
         let mut tracer = Tracer::new(scene, emission, &maps, settings).unwrap();
         assert!(tracer.run(&|_| ControlFlow::Continue(())).unwrap());
-        let found = tracer.estimate();
+        tracer.estimate()
+    };
+    let landed = |emission: &Emission| -> f64 {
+        let found = traced(emission);
         found.irradiance.iter().zip(maps.areas()).map(|(h, area)| f64::from(luminance(*h) * area)).sum()
     };
     let classical = landed(&Emission::classical(scene).unwrap());
     assert!((classical / expected - 1.0).abs() < 0.01, "{classical} for {expected}");
+    // Photons from where it falls first have the share of that which the floor reflects.
+    let go_on = |_: usize, _: usize| ControlFlow::Continue(());
+    let shot = Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on).unwrap();
+    let reflected = traced(&shot).emitted.dot(DVec3::new(0.2126, 0.7152, 0.0722));
+    let albedo = f64::from(luminance(scene.materials[0].albedo));
+    assert!((reflected / (albedo * expected) - 1.0).abs() < 0.01, "{reflected} for {albedo} of {expected}");
     // Were it a bulb of that power, a third of that would come down.
     let mut bulb = scene.clone();
     bulb.lighting.lights[0].kind = scene::LIGHT_POINT;
@@ -435,8 +444,8 @@ fn paths_and_photons_know_luminaires() {
 
 #[test]
 fn a_renderer_follows_luminaires_that_change() {
-    let loaded =
-        lit(&[BATWING, "[[light]]\ntype = \"luminaire\"\nfile = \"downlight.ies\"\nposition = [0, 3, 0]\n"].concat());
+    // Two of each kind, in a closed room.
+    let loaded = load(&shared("room.toml")).unwrap_or_else(|error| panic!("{error}"));
     let bake = Arc::new(
         Bake::build(&loaded.scene, &BakeSettings { patch_count: 60, ..BakeSettings::default() }, &Silent).unwrap(),
     );
@@ -455,7 +464,7 @@ fn a_renderer_follows_luminaires_that_change() {
     let mut other = first.clone();
     // Tables of the same length, and of another.
     other.distributions =
-        first.distributions.iter().enumerate().map(|(k, v)| if k > 600 { v * 0.5 } else { *v }).collect();
+        first.distributions.iter().enumerate().map(|(k, v)| if k > 465 { v * 0.5 } else { *v }).collect();
     let mut longer = first.clone();
     longer.distributions = first.distributions.iter().copied().chain([1.0; 7]).collect();
     let mut dark = first.clone();
@@ -469,9 +478,9 @@ fn a_renderer_follows_luminaires_that_change() {
         before = found;
     }
     let mut nowhere = first.clone();
-    nowhere.lights[1].distribution += 1;
+    nowhere.lights[2].distribution += 1;
     let message = renderer.update_light(&nowhere, &camera).map(|_| ()).unwrap_err().to_string();
-    assert!(message.contains("light 1"), "{message}");
+    assert!(message.contains("light 2"), "{message}");
 }
 
 /// Where the programs of Radiance are that come with the Python package pyradiance.

@@ -51,6 +51,9 @@ pub struct Bake {
     /// Says that only worlds are baked in parts.
     #[arg(long, hide = true, value_parser = refuse_plan)]
     pub plan: Option<u32>,
+    /// As for worlds.
+    #[arg(long, hide = true, requires = "plan")]
+    pub format: Option<String>,
 }
 
 fn refuse_plan(_: &str) -> Result<u32, String> {

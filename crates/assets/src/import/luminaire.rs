@@ -59,7 +59,7 @@ pub fn read(path: &Path, lamp_set: usize) -> Result<Photometry, ImportError> {
     let bytes = super::read(path)?;
     // Names and remarks are in any encoding; numbers are ASCII.
     let text = String::from_utf8_lossy(&bytes).replace("\r\n", "\n").replace('\r', "\n");
-    let mut text = Text { path, lines: text.split('\n').collect(), warnings: Vec::new() };
+    let mut text = Text { path, lines: text.trim_end().split('\n').collect(), warnings: Vec::new() };
     let sheet = if ending == "ies" { ies::parse(&mut text)? } else { eulumdat::parse(&mut text, lamp_set)? };
     sheet.finish(text)
 }

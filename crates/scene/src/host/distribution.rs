@@ -153,8 +153,8 @@ impl Distribution {
         self.intensities.chunks(row).all(|plane| plane == &self.intensities[..row])
     }
 
-    /// Greatest difference between [`Self::on_grid`] and this, over the greatest intensity; it is greatest where intensities are
-    /// given, for both are linear between.
+    /// Greatest difference between [`Self::on_grid`] and this at the angles that are given, over the greatest intensity: both are
+    /// linear between, and differ most there.
     pub fn grid_error(&self) -> f64 {
         let grid = self.on_grid();
         let greatest = self.greatest();

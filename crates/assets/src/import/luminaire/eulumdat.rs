@@ -89,7 +89,7 @@ pub fn parse(text: &mut Text, lamp_set: usize) -> Result<Sheet, ImportError> {
     let gamma_count = count(text, 5, "the number of intensities in a C plane", 2, MOST_ANGLES)?;
     let mut size = [0.0; 3];
     for (length, (line, name)) in size.iter_mut().zip([(15, "length"), (16, "width"), (17, "height")]) {
-        *length = within(text, line, &format!("the {name} of the luminous area"), 0.0, 1e9)? * 1e-3;
+        *length = within(text, line, &format!("the {name} of the luminous area"), 0.0, 1e9)? / 1000.0;
     }
     if size[1] == 0.0 {
         // Round: the length is the diameter.
