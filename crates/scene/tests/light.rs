@@ -190,6 +190,7 @@ fn lamp_room(lighting: &Lighting, radiance: Vec3) -> Scene {
         lights: lighting.lights.clone(),
         sky: lighting.sky,
         sky_map: lighting.sky_map.to_vec(),
+        distributions: Vec::new(),
         ray_offset: None,
     })
     .unwrap()
@@ -204,6 +205,7 @@ fn lamp_and_sky() -> Lighting {
         lights: vec![lamp],
         sky: Sky { radiance: Vec3::ONE, map_width: 2, map_height: 2, ..Sky::default() },
         sky_map: map.into(),
+        distributions: Arc::default(),
         emission: Vec::new(),
     }
 }
