@@ -293,7 +293,7 @@ fn build_luminaire(t: &LightTable, scale: f32, (distribution, flux): (u32, f64))
     let is_along_x = direction.cross(Vec3::X).length() < 1e-3 * direction.length();
     let c0 = v(t.c0, if is_along_x { Vec3::Z } else { Vec3::X });
     let position = v(t.position, Vec3::ZERO) * scale;
-    let within = |key: &'static str, value: f32| match value >= 0.0 && value <= lights::QUANTITY_LIMIT {
+    let within = |key: &'static str, value: f32| match (0.0..=lights::QUANTITY_LIMIT).contains(&value) {
         true => Ok(f64::from(value)),
         false => Err((key, format!("{value} is no quantity of light; give a number that is not negative"))),
     };
