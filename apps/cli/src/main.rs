@@ -12,6 +12,7 @@ mod illuminance;
 mod info;
 mod render;
 mod streamed;
+mod view;
 mod world;
 mod write_scene;
 
@@ -75,6 +76,7 @@ fn dispatch(cli: Cli, matches: &ArgMatches) -> Result<(), Error> {
                 Input::Bake => render::run_bake(&cli.common, &args),
             }
         }
+        Some(Command::View(args)) => view::run(&cli.common, &args, matches.subcommand_matches("view")),
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
         Some(Command::Bench(args)) => bench::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),
