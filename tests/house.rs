@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Crates of the project that each crate may depend on directly, besides those of [`BELOW_ALL`]. The picture is that of
 /// ARCHITECTURE.md.
-const ARROWS: [(&str, &[&str]); 16] = [
+const ARROWS: [(&str, &[&str]); 17] = [
     ("scene", &[]),
     ("transport", &["scene"]),
     ("formfactor", &["scene", "transport"]),
@@ -52,6 +52,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ),
     ("assets", &["scene"]),
     ("reference", &["scene"]),
+    ("viewer", &["scene", "transport", "temporal", "runtime", "patchlight", "assets", "reference"]),
     ("experiments", EVERYTHING),
     ("cli", EVERYTHING),
     ("benches", EVERYTHING),
@@ -71,6 +72,7 @@ const EVERYTHING: &[&str] = &[
     "patchlight",
     "assets",
     "reference",
+    "viewer",
     "experiments",
 ];
 

@@ -20,13 +20,14 @@ use assets::procedural;
 use super::bake::Bake;
 use super::export::Export;
 use super::illuminance::Illuminance;
+use super::view::View;
 use super::world::{Merge, World};
 use patches::PatchKind;
 use patchlight::method::temporal::{RowKind, Sampled};
 use patchlight::method::{FirstShotSettings, TemporalSettings};
 
 pub use bake::{BakeOptions, OperatorSettings};
-pub use idle::{warn_of_idle, warn_of_idle_in_bake, warn_of_idle_in_info};
+pub use idle::{warn_of_idle, warn_of_idle_in_bake, warn_of_idle_in_info, warn_of_idle_in_view};
 pub use input::{Input, kind};
 pub use local::LocalArgs;
 pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
@@ -42,6 +43,7 @@ pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
         patchlight render atrium --method classic    render a built-in scene\n  \
         patchlight render room.glb --out out/room    render your own scene\n  \
         patchlight bake room.glb -o room.bake        bake it once, for `render room.bake`\n  \
+        patchlight view room.bake                    a window on it: fly, move its lights\n  \
         patchlight export room.glb --lightmap        its light in files for an engine\n  \
         patchlight compare ours.exr reference.exr    print the differences\n  \
         patchlight bench patches                     the experiments: tables, plots, report\n  \
@@ -92,6 +94,7 @@ pub enum Command {
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
     Render(Render),
+    View(View),
     Bake(Bake),
     World(World),
     Merge(Merge),

@@ -61,7 +61,7 @@ fn refuse_plan(_: &str) -> Result<u32, String> {
     Err(format!("{why}; bakes of worlds have parts: `patchlight world SCENE --plan N`"))
 }
 
-fn parse_purpose(text: &str) -> Result<Method, String> {
+pub fn parse_purpose(text: &str) -> Result<Method, String> {
     match Method::from_str(text, true) {
         Ok(Method::Path) => Err("path tracing needs no bake".to_owned()),
         Ok(method) => Ok(method),
@@ -94,18 +94,16 @@ struct Operator {
     what: String,
 }
 
-impl Bake {
-    /// The method of an operator, or one without.
-    fn method(&self, method: Method) -> MethodSettings {
-        match method {
-            Method::Tiles => MethodSettings::Multibounce(self.operators.tiles()),
-            Method::Multibounce => MethodSettings::Multibounce(self.operators.storage()),
-            Method::Feedback => {
-                let FeedbackSettings { products, accelerated, .. } = FeedbackSettings::default();
-                MethodSettings::Feedback(self.operators.feedback(products, accelerated))
-            }
-            _ => MethodSettings::Classic,
+/// The method of an operator, or one without.
+pub fn operator_of(options: &OperatorSettings, method: Method) -> MethodSettings {
+    match method {
+        Method::Tiles => MethodSettings::Multibounce(options.tiles()),
+        Method::Multibounce => MethodSettings::Multibounce(options.storage()),
+        Method::Feedback => {
+            let FeedbackSettings { products, accelerated, .. } = FeedbackSettings::default();
+            MethodSettings::Feedback(options.feedback(products, accelerated))
         }
+        _ => MethodSettings::Classic,
     }
 }
 
@@ -132,7 +130,7 @@ pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result
             application: loaded.description().into_bytes(),
         },
         bake: args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed),
-        methods: args.methods.iter().map(|method| args.method(*method)).collect(),
+        methods: args.methods.iter().map(|method| operator_of(&args.operators, *method)).collect(),
         build: Build { memory_limit, folder: folder.to_path_buf(), ..Build::default() },
     };
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);

@@ -13,6 +13,7 @@ mod info;
 mod plan;
 mod render;
 mod streamed;
+mod view;
 mod world;
 mod write_scene;
 
@@ -76,6 +77,7 @@ fn dispatch(cli: Cli, matches: &ArgMatches) -> Result<(), Error> {
                 Input::Bake => render::run_bake(&cli.common, &args),
             }
         }
+        Some(Command::View(args)) => view::run(&cli.common, &args, matches.subcommand_matches("view")),
         Some(Command::Compare(args)) => compare::run(&cli.common, &args),
         Some(Command::Bench(args)) => bench::run(&cli.common, &args),
         Some(Command::Devices) => devices::run(&cli.common),

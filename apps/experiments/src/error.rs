@@ -179,6 +179,9 @@ pub enum Error {
         /// Why not.
         source: Box<reference::Error>,
     },
+    /// A window that cannot be shown any longer.
+    #[error(transparent)]
+    Window(Box<dyn std::error::Error + Send + Sync>),
     /// What cannot be done with a scene.
     #[error("{scene}: {source}")]
     OfScene {

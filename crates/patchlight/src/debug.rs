@@ -77,36 +77,103 @@ struct Seen {
     facing: f32,
 }
 
+/// What a [`DebugPicture`] shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DebugKind {
+    /// A colour for each patch.
+    Patches,
+    /// A colour for each element.
+    Elements,
+    /// The axis of the normal of each patch.
+    Axis,
+    /// First exitance E of the patches, as the radiance that it is seen as.
+    Source,
+    /// Irradiance H of the patches.
+    Irradiance,
+    /// How close receivers stand.
+    Refined,
+    /// A colour for each receiver, and the cells of their mesh.
+    Receivers,
+}
+
+impl DebugKind {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Patches, Self::Elements, Self::Axis, Self::Source, Self::Irradiance, Self::Refined, Self::Receivers];
+
+    /// A file name without ending.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Patches => "patches",
+            Self::Elements => "elements",
+            Self::Axis => "axis",
+            Self::Source => "source",
+            Self::Irradiance => "irradiance",
+            Self::Refined => "refined",
+            Self::Receivers => "receivers",
+        }
+    }
+
+    /// Whether there is something to show of patches and receivers.
+    pub fn suits(self, mesh: &PatchMesh, receivers: &MeshReceivers) -> bool {
+        match self {
+            Self::Elements => mesh.elements.len() > mesh.patches.len(),
+            Self::Refined | Self::Receivers => !receivers.points.is_empty(),
+            _ => true,
+        }
+    }
+}
+
 impl DebugView<'_> {
     /// The pictures that make sense for these patches and receivers.
     pub fn pictures(&self) -> Result<Vec<DebugPicture>, Error> {
         let seen = self.seen();
-        let mut pictures = Vec::new();
-        let mut add = |name, stops: Option<f32>, colour: &(dyn Fn(&Seen) -> Vec3 + Sync)| -> Result<(), Error> {
-            let colour = |seen: &Option<Seen>| seen.as_ref().map_or(Vec3::ZERO, colour);
-            let pixels = seen.par_iter().map(colour).collect();
-            let picture = Picture::from_pixels(self.camera.width, self.camera.height, pixels)?;
-            let stops = stops.unwrap_or_else(|| scale_to_stops(exposure(&picture)));
-            pictures.push(DebugPicture { name, picture, stops });
-            Ok(())
-        };
-        add("patches", Some(0.0), &|s| colour_of(s.patch) * s.facing)?;
-        if self.mesh.elements.len() > self.mesh.patches.len() {
-            add("elements", Some(0.0), &|s| colour_of(s.element) * s.facing)?;
-        }
+        let kinds = DebugKind::ALL.into_iter().filter(|kind| kind.suits(self.mesh, self.receivers));
+        kinds.map(|kind| self.picture_of(kind, &seen)).collect()
+    }
+
+    /// One of them.
+    pub fn picture(&self, kind: DebugKind) -> Result<DebugPicture, Error> {
+        self.picture_of(kind, &self.seen())
+    }
+
+    fn picture_of(&self, kind: DebugKind, seen: &[Option<Seen>]) -> Result<DebugPicture, Error> {
         let of_patch = |s: &Seen| (s.patch != NONE).then_some(s.patch as usize);
         let axis = |s: &Seen| of_patch(s).map_or(Vec3::ZERO, |patch| axis_colour(self.mesh.patches[patch].normal));
-        add("axis", Some(0.0), &|s| axis(s) * s.facing)?;
-        // Exitance as the radiance that it is seen as.
         let light = |light: &[Vec4], s: &Seen| of_patch(s).map_or(Vec3::ZERO, |patch| light[patch].truncate());
-        add("source", Some(self.stops), &|s| light(self.source, s) * std::f32::consts::FRAC_1_PI)?;
-        add("irradiance", None, &|s| light(self.irradiance, s))?;
-        if self.receivers.points.is_empty() {
-            return Ok(pictures);
+        match kind {
+            DebugKind::Patches => self.coloured(kind, seen, Some(0.0), &|s| colour_of(s.patch) * s.facing),
+            DebugKind::Elements => self.coloured(kind, seen, Some(0.0), &|s| colour_of(s.element) * s.facing),
+            DebugKind::Axis => self.coloured(kind, seen, Some(0.0), &|s| axis(s) * s.facing),
+            // Exitance as the radiance that it is seen as.
+            DebugKind::Source => {
+                let radiance = |s: &Seen| light(self.source, s) * std::f32::consts::FRAC_1_PI;
+                self.coloured(kind, seen, Some(self.stops), &radiance)
+            }
+            DebugKind::Irradiance => self.coloured(kind, seen, None, &|s| light(self.irradiance, s)),
+            DebugKind::Refined => {
+                let spacing = Spacing::new(self.receivers, self.mesh.areas().iter().sum());
+                self.coloured(kind, seen, Some(0.0), &|s| spacing.colour(&s.point))
+            }
+            DebugKind::Receivers => self.receiver_cells(seen),
         }
-        let spacing = Spacing::new(self.receivers, self.mesh.areas().iter().sum());
-        add("refined", Some(0.0), &|s| spacing.colour(&s.point))?;
+    }
 
+    /// A picture of a colour for each pixel; without stops, exposed by its brightness.
+    fn coloured(
+        &self,
+        kind: DebugKind,
+        seen: &[Option<Seen>],
+        stops: Option<f32>,
+        colour: &(dyn Fn(&Seen) -> Vec3 + Sync),
+    ) -> Result<DebugPicture, Error> {
+        let pixels = seen.par_iter().map(|seen| seen.as_ref().map_or(Vec3::ZERO, colour)).collect();
+        let picture = Picture::from_pixels(self.camera.width, self.camera.height, pixels)?;
+        let stops = stops.unwrap_or_else(|| scale_to_stops(exposure(&picture)));
+        Ok(DebugPicture { name: kind.name(), picture, stops })
+    }
+
+    fn receiver_cells(&self, seen: &[Option<Seen>]) -> Result<DebugPicture, Error> {
         let shown: Vec<Option<Shown>> =
             seen.par_iter().map(|s| s.as_ref().and_then(|s| shown(self.receivers, self.scene, s))).collect();
         let width = self.camera.width as usize;
@@ -118,8 +185,7 @@ impl DebugView<'_> {
         };
         let pixels = (0..shown.len()).into_par_iter().map(pixel).collect();
         let picture = Picture::from_pixels(self.camera.width, self.camera.height, pixels)?;
-        pictures.push(DebugPicture { name: "receivers", picture, stops: 0.0 });
-        Ok(pictures)
+        Ok(DebugPicture { name: DebugKind::Receivers.name(), picture, stops: 0.0 })
     }
 
     fn seen(&self) -> Vec<Option<Seen>> {

@@ -15,7 +15,7 @@ use scene::{Camera, DirectParams, Light, Lighting, Scene, SurfacePoint};
 use transport::{LinearOperator as _, Observer};
 
 use crate::bake::{Bake, ReceiverKind};
-use crate::debug::{DebugPicture, DebugView};
+use crate::debug::{DebugKind, DebugPicture, DebugView};
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan};
 use crate::method::{Method, MethodReport, MethodSettings, Preparation, firstshot::go_on};
@@ -23,7 +23,7 @@ use crate::operator::{Build, Decode};
 use crate::picture::{Picture, Pictures};
 use crate::pixels::PixelGather;
 use crate::stage::shade::PixelLight;
-use crate::stage::{direct, gather, shade, sky, source, view};
+use crate::stage::{direct, display, gather, shade, sky, source, view};
 
 /// Rays of a row of [`Renderer::irradiance_at`].
 const POINT_RAYS: u32 = 4096;
@@ -163,6 +163,7 @@ struct Frame {
     direct: direct::DirectLight,
     source: source::Source,
     shade: shade::Shade,
+    display: display::Display,
     buffers: ReceiverBuffers,
     /// Passes of the first exitance, those of the method, and those from its irradiance to the elements.
     source_passes: Vec<PassId>,
@@ -245,6 +246,16 @@ impl Renderer {
         &self.bake.mesh.points
     }
 
+    /// Changes the size of pictures, pixels, and their sub-frames; light starts anew.
+    ///
+    /// # Errors
+    /// A device that is too small.
+    pub fn set_picture(&mut self, size: (u32, u32), sub_frames: u32) -> Result<(), Error> {
+        self.settings.size = size;
+        self.settings.sub_frames = sub_frames;
+        self.load()
+    }
+
     /// Says where updates and pictures take the direct irradiance of the samples from, from the next one on. An engine that has
     /// it already, say by looking the samples up in its shadow maps, thus saves all shadow rays of an update.
     ///
@@ -253,8 +264,8 @@ impl Renderer {
     /// light by the lighting, and photons start at its lights.
     ///
     /// With [`SampleLight::OnDevice`] it is called for each new content of the buffer, whose writes a memory barrier has made
-    /// visible to all commands. The buffer is another one after [`Self::set_method`] and [`Self::set_receivers`], and after
-    /// an update with more lights or another size of the sky's map than any before.
+    /// visible to all commands. The buffer is another one after [`Self::set_method`], [`Self::set_receivers`] and
+    /// [`Self::set_picture`], and after an update with more lights or another size of the sky's map than any before.
     ///
     /// # Errors
     /// Another number of values than there are samples; a value that is not finite or below 0.
@@ -434,6 +445,41 @@ impl Renderer {
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })
     }
 
+    /// A light update, and a picture of it as a display shows it with an exposure of so many stops: colours in the buffer
+    /// [`Self::displayed`]. They are those of [`Self::picture`] but for rounding, where receivers are on the mesh or patches;
+    /// with receivers at pixels, which are gathered on the host, indirect light is missing. Submits the work and waits for
+    /// nothing, as [`Self::update_light`] does.
+    ///
+    /// # Errors
+    /// As [`Self::update_light`].
+    pub fn display(
+        &mut self,
+        lighting: &Lighting,
+        camera: &Camera,
+        number: u32,
+        exposure_stops: f32,
+    ) -> Result<LightUpdate, Error> {
+        let (update, _) = self.update_elements(lighting, camera)?;
+        self.set_shot(camera, number)?;
+        let executor = self.executor.as_mut();
+        self.frame.display.set(executor, exposure_stops)?;
+        let passes = [self.frame.shade.passes(), &self.frame.display.passes()].concat();
+        executor.submit_passes(&passes)?;
+        Ok(update)
+    }
+
+    /// Where [`Self::display`] leaves the picture: a word a pixel, row by row from the top, its bytes red, green, blue and 255
+    /// from the lowest. Another buffer after [`Self::set_method`], [`Self::set_receivers`], [`Self::set_picture`], and after an
+    /// update that asks for larger tables.
+    pub fn displayed(&self) -> BufferId {
+        self.frame.display.pixels
+    }
+
+    /// Size of pictures, pixels.
+    pub fn size(&self) -> (u32, u32) {
+        self.settings.size
+    }
+
     /// A light update that is waited for; milliseconds of each pass.
     ///
     /// # Errors
@@ -511,6 +557,23 @@ impl Renderer {
     /// # Errors
     /// What the device says.
     pub fn debug_pictures(&mut self, camera: &Camera, stops: f32) -> Result<Vec<DebugPicture>, Error> {
+        self.with_debug_view(camera, stops, |view| view.pictures())
+    }
+
+    /// One of them.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn debug_picture(&mut self, kind: DebugKind, camera: &Camera, stops: f32) -> Result<DebugPicture, Error> {
+        self.with_debug_view(camera, stops, |view| view.picture(kind))
+    }
+
+    fn with_debug_view<T>(
+        &mut self,
+        camera: &Camera,
+        stops: f32,
+        show: impl FnOnce(&DebugView) -> Result<T, Error>,
+    ) -> Result<T, Error> {
         let source = self.download(self.frame.buffers.source)?;
         let irradiance = match self.bake.settings.receivers {
             ReceiverKind::Patches => self.download(self.frame.buffers.patches)?,
@@ -519,7 +582,7 @@ impl Renderer {
                 self.bake.mesh.patch_means(&elements)
             }
         };
-        let view = DebugView {
+        show(&DebugView {
             scene: &self.scene,
             mesh: &self.bake.mesh,
             receivers: &self.bake.receivers,
@@ -527,8 +590,7 @@ impl Renderer {
             irradiance: &irradiance,
             camera,
             stops,
-        };
-        view.pictures()
+        })
     }
 
     fn gather(&mut self, points: &[SurfacePoint], rays: u32, seed: u32) -> Result<Vec<Vec4>, Error> {
@@ -704,6 +766,7 @@ impl Frame {
         let mut shade = shade::add(&mut frame, &tables, &indirect, settings.size, settings.sub_frames, sky.as_ref())?;
         let in_view = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView);
         let view = view::add(&mut frame, &tables, in_view.as_ref(), &indirect, &mut shade)?;
+        let display = display::add(&mut frame, &shade, settings.size)?;
         let buffers = ReceiverBuffers {
             direct: direct.irradiance,
             patches: frame.irradiance(),
@@ -725,6 +788,7 @@ impl Frame {
             direct,
             source,
             shade,
+            display,
             buffers,
             source_passes,
             method: own,

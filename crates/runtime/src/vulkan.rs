@@ -19,6 +19,7 @@ mod sets;
 mod staging;
 mod work;
 
+use std::any::Any;
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
@@ -71,6 +72,8 @@ pub struct Vulkan {
     graph: Graph,
     device: Arc<Device>,
     host_clock: bool,
+    /// What must outlive a borrowed device.
+    owner: Option<Arc<dyn Any + Send + Sync>>,
 }
 
 impl Vulkan {
@@ -104,6 +107,11 @@ impl Vulkan {
         Self::with_device(unsafe { Device::borrow(caller) }?)
     }
 
+    /// Keeps the owner of a borrowed device, which ends it when it is dropped, until the executor has ended.
+    pub fn keep_alive(&mut self, owner: Arc<dyn Any + Send + Sync>) {
+        self.owner = Some(owner);
+    }
+
     fn with_device(device: Device) -> Result<Self, Error> {
         let device = Arc::new(device);
         let vulkan = Self {
@@ -116,6 +124,7 @@ impl Vulkan {
             graph: Graph::default(),
             host_clock: !device.info.has_timestamps,
             device,
+            owner: None,
         };
         vulkan.device.check_messages()?;
         Ok(vulkan)

@@ -7,6 +7,7 @@ use experiments::args::Patches;
 use experiments::progress::Progress;
 
 use super::super::bake::Bake;
+use super::super::view::View;
 use super::{Bounces, FormFactors, Input, Method, ReceiverPlaces, Render, Storage, Switch};
 
 /// Options of a command that are for some runs only.
@@ -173,6 +174,47 @@ const BAKE_RULES: &[Rule<Bake>] = &[
     },
 ];
 
+/// The same for `view`.
+const VIEW_RULES: &[Rule<View>] = &[
+    Rule {
+        options: &[
+            "methods",
+            "epsilon",
+            "bounces",
+            "patches",
+            "patch_count",
+            "voxel_size",
+            "form_factors",
+            "receivers",
+            "receiver_rays",
+        ],
+        whom: "scenes, not bakes, which have their own",
+        suits: |_, input| input == Input::Scene,
+    },
+    Rule {
+        options: &["codec"],
+        whom: "scenes, not bakes, with --for multibounce",
+        suits: |args, input| input == Input::Scene && args.methods.contains(&Method::Multibounce),
+    },
+    Rule {
+        options: &["focus"],
+        whom: "scenes, not bakes, with --patches polygon or cluster",
+        suits: |args, input| {
+            input == Input::Scene && !matches!(args.bake.patches.patches, Some(Patches::Voxel | Patches::Axis))
+        },
+    },
+    Rule {
+        options: &["rays"],
+        whom: "scenes, not bakes, with --form-factors hemisphere",
+        suits: |args, input| input == Input::Scene && args.bake.form_factors == FormFactors::Hemisphere,
+    },
+    Rule {
+        options: &["receiver_edge", "most_receivers"],
+        whom: "scenes, not bakes, with --receivers mesh",
+        suits: |args, input| input == Input::Scene && args.bake.receivers == ReceiverPlaces::Mesh,
+    },
+];
+
 /// The same for `info`.
 const INFO_RULES: &[Rule<()>] = &[Rule {
     options: &["patches", "patch_count", "voxel_size", "focus", "operator", "codec", "epsilon", "decode"],
@@ -199,6 +241,11 @@ pub fn warn_of_idle(matches: &ArgMatches, args: &Render, input: Input, progress:
 /// The same for `bake`.
 pub fn warn_of_idle_in_bake(matches: &ArgMatches, args: &Bake, progress: &Progress) {
     idle_options(BAKE_RULES, matches, (args, Input::Scene)).iter().for_each(|line| progress.warn(line));
+}
+
+/// The same for `view`.
+pub fn warn_of_idle_in_view(matches: &ArgMatches, args: &View, input: Input, progress: &Progress) {
+    idle_options(VIEW_RULES, matches, (args, input)).iter().for_each(|line| progress.warn(line));
 }
 
 /// The same for `info`.
@@ -248,6 +295,7 @@ mod tests {
         };
         RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("render", option));
         BAKE_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("bake", option));
+        VIEW_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("view", option));
         INFO_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("info", option));
     }
 

@@ -1,0 +1,223 @@
+//! `patchlight view`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::{ArgMatches, Args};
+use serde::Serialize;
+
+use super::args::{BakeOptions, Input, LocalArgs, Method, OperatorSettings, TemporalOptions, warn_of_idle_in_view};
+use super::bake::{Opened, operator_of, parse_purpose};
+use assets::import::LoadedScene;
+use experiments::Error;
+use experiments::args::{Common, parse_error, parse_size};
+use experiments::output;
+use experiments::progress::{Progress, interruptible, is_cancelled};
+use experiments::say;
+use patchlight::method::Preparation;
+use patchlight::method::{FeedbackSettings, FirstShotSettings};
+use patchlight::operator::{BakedOperator, Build, Decode, OperatorKey};
+use patchlight::{Bake, MethodSettings};
+use runtime::executor::{DeviceChoice, open};
+use viewer::script::HELP;
+use viewer::{Display, MethodDefaults, Settings};
+
+/// Open a window on a scene or a bake: fly through it, move its lights and its sun, switch methods while it runs, compare with
+/// the path tracer or a picture. A scene is baked first. F1 in the window lists the keys.
+#[derive(Args, Clone, Debug)]
+#[command(after_help = format!(
+    "Examples:\n  \
+    patchlight view cornell\n  \
+    patchlight view sponza.toml --patch-count 2000 --size 640x360\n  \
+    patchlight view sponza.bake --method temporal\n  \
+    patchlight view office.bake --reference reference/office/full.exr\n  \
+    patchlight view cornell --script tests/view/tour.txt --out out/tour\n\n\
+    Commands of a script, one a line, # begins a comment:\n  {}\n\n\
+    The window needs some Vulkan driver; Mesa's lavapipe will do. docs/viewer.md has more.",
+    HELP.replace('\n', "\n  ")
+))]
+pub struct View {
+    /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
+    pub scene: String,
+    /// How the light is found at first [default: tiles where there is an operator for it, else classic].
+    #[arg(long, value_parser = parse_purpose)]
+    pub method: Option<Method>,
+    /// Methods whose operators are made of a scene, so that the window can switch to them: tiles, multibounce, feedback. All others
+    /// need none.
+    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose)]
+    pub methods: Vec<Method>,
+    /// Size of the window, pixels.
+    #[arg(long, value_parser = parse_size, default_value = "1280x720")]
+    pub size: (u32, u32),
+    /// Sub-frames a pixel at first: 1, 2, 4 or 16.
+    #[arg(long, default_value_t = 1, value_parser = parse_sub_frames)]
+    pub spp: u32,
+    /// A picture (EXR, HDR, PNG) to compare with, in place of path tracing: of the scene's camera and lights.
+    #[arg(long)]
+    pub reference: Option<PathBuf>,
+    /// A script of input events that drives the window.
+    #[arg(long)]
+    pub script: Option<PathBuf>,
+    #[command(flatten)]
+    pub temporal: TemporalOptions,
+    #[command(flatten)]
+    pub local: LocalArgs,
+    /// Bounces in a frame (feedback).
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub products: u32,
+    /// Bounces are not accelerated by where the light was going (feedback).
+    #[arg(long)]
+    pub plain: bool,
+    /// Relative error of the patches' irradiance at which photons are enough (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    pub error: f64,
+    /// Most photons (firstshot).
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    pub photons: u64,
+    #[command(flatten)]
+    pub bake: BakeOptions,
+    #[command(flatten)]
+    pub operators: OperatorSettings,
+}
+
+fn parse_sub_frames(text: &str) -> Result<u32, String> {
+    let known = viewer::state::SUB_FRAMES;
+    text.parse().ok().filter(|count| known.contains(count)).ok_or_else(|| format!("`{text}`: choose from {known:?}"))
+}
+
+/// What was shown, for `--json`.
+#[derive(Serialize)]
+struct Summary {
+    device: String,
+    screen: String,
+    size: (u32, u32),
+    pictures: u32,
+    pictures_a_second: f64,
+    update_ms: f64,
+    shading_ms: f64,
+    presenting_ms: f64,
+    longest_ms: f64,
+}
+
+/// Bakes or opens, and shows the window until it is closed.
+pub fn run(common: &Common, args: &View, matches: Option<&ArgMatches>) -> Result<(), Error> {
+    let progress = Progress::new(common.quiet);
+    let input = Input::of(&args.scene);
+    if input == Input::World {
+        return Err(Error::BakeMethod { path: PathBuf::from(&args.scene) });
+    }
+    if let Some(matches) = matches {
+        warn_of_idle_in_view(matches, args, input, &progress);
+    }
+    output::check_out(&common.out)?;
+    // Before minutes of baking.
+    let display = Display::open().map_err(window)?;
+    let (loaded, bake) = match input {
+        Input::Bake => {
+            let Opened { loaded, bake, .. } = Opened::read(Path::new(&args.scene), &progress)?;
+            (loaded, bake)
+        }
+        Input::Scene | Input::World => bake(common, args, &progress)?,
+    };
+    let settings = Settings {
+        device: DeviceChoice::parse(&common.device),
+        size: args.size,
+        method: args.method.map_or_else(|| best(&bake), |method| method.name().to_owned()),
+        methods: defaults(args, loaded.exposure_stops, common.seed),
+        sub_frames: args.spp,
+        reference: args.reference.clone(),
+        script: args.script.clone(),
+        out: output::folder_or(&common.out, &format!("{}-view", loaded.name)),
+        seed: common.seed,
+    };
+    let report = display.show(&loaded, Arc::new(bake), &settings, &progress, &is_cancelled).map_err(window)?;
+    if is_cancelled() {
+        return Err(Error::Cancelled);
+    }
+    print(common, &report);
+    Ok(())
+}
+
+fn window(error: viewer::Error) -> Error {
+    Error::Window(Box::new(error))
+}
+
+/// A new bake of a scene, with the operators that are asked for.
+fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScene, Bake), Error> {
+    let memory_limit = args.operators.memory_limit;
+    let loaded = output::import_within(&args.scene, memory_limit, progress)?;
+    let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
+    let settings = args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed);
+    let folder = output::folder_or(&common.out, &format!("{}-view", loaded.name));
+    let build = Build { memory_limit, folder, ..Build::default() };
+    let methods: Vec<MethodSettings> = args.methods.iter().map(|m| operator_of(&args.operators, *m)).collect();
+    if args.bake.patches.voxel_size.is_none() {
+        let check = |m: &MethodSettings| m.check_memory(settings.patch_count, settings.bounces, &build);
+        methods.iter().try_for_each(check).map_err(of_scene)?;
+    }
+    let mut bake = interruptible(|| Bake::build(&loaded.scene, &settings, progress)).map_err(of_scene)?;
+    if bake.mesh.patches.is_empty() {
+        return Ok((loaded, bake));
+    }
+    let (mut device, _) = open(&DeviceChoice::Cpu)?;
+    let shared = Arc::new(bake.clone());
+    for key in methods.iter().filter_map(|method| OperatorKey::of(method, &settings)) {
+        let eye = loaded.view.eye;
+        let with = Preparation { bake: &shared, decode: Decode::Auto, build: &build, eye, observer: progress };
+        let made = interruptible(|| key.find_or_build(&with, device.as_mut())).map_err(of_scene)?;
+        bake.operators.push(BakedOperator { key, operator: made });
+    }
+    Ok((loaded, bake))
+}
+
+/// The method that a bake has the best operator for.
+fn best(bake: &Bake) -> String {
+    let has_operator = bake.operators.iter().any(|baked| matches!(baked.key, OperatorKey::Bounces { .. }));
+    let has_tiles = bake.operators.iter().any(|baked| {
+        matches!(baked.key, OperatorKey::Bounces { codec: patchlight::operator::Codec::LowRank { .. }, .. })
+    });
+    let name = match (has_tiles, has_operator) {
+        (true, _) => Method::Tiles,
+        (false, true) => Method::Multibounce,
+        (false, false) => Method::Classic,
+    };
+    name.name().to_owned()
+}
+
+fn defaults(args: &View, exposure_stops: f32, seed: u32) -> MethodDefaults {
+    MethodDefaults {
+        feedback: FeedbackSettings {
+            epsilon: args.operators.error(),
+            products: args.products,
+            accelerated: !args.plain,
+        },
+        temporal: args.temporal.settings(seed),
+        local: args.local.options(exposure_stops),
+        first_shot: FirstShotSettings { error: args.error, most_photons: args.photons },
+    }
+}
+
+fn print(common: &Common, report: &viewer::Report) {
+    let viewer::Report { device, screen, size, rate } = report;
+    let Some(rate) = rate else { return };
+    if common.json {
+        let [update_ms, shading_ms, presenting_ms] = rate.means;
+        say!(
+            "{}",
+            output::json(&Summary {
+                device: device.clone(),
+                screen: screen.clone(),
+                size: *size,
+                pictures: rate.frames,
+                pictures_a_second: rate.per_second,
+                update_ms,
+                shading_ms,
+                presenting_ms,
+                longest_ms: rate.longest,
+            })
+        );
+        return;
+    }
+    say!("{:14} {device}; window: {screen}; last picture {} x {}", "device", size.0, size.1);
+    say!("{:14} {}", "rate", rate.in_words());
+}

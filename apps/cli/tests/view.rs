@@ -1,0 +1,347 @@
+//! `patchlight view`: scripts drive the window on a display in memory (Xvfb); what it shows is compared with pictures of the
+//! library. Skipped where Xvfb or a Vulkan driver is missing, unless `REQUIRE_VULKAN=1`.
+
+mod program;
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use glam::Vec3;
+use patchlight::operator::Codec;
+use patchlight::{Bake, MethodSettings, RenderSettings, Renderer, Silent};
+use program::{command, fails, leftovers, run, succeeds, text};
+use runtime::cpu::Cpu;
+use scene::{Lighting, stops_to_scale};
+
+/// Size of the window, pixels.
+const SIZE: (u32, u32) = (160, 120);
+/// Error of the operator: large enough that one sees by which method a picture is.
+const EPSILON: f64 = 0.4;
+/// Codes by which a channel of a shown picture may differ: the library's is the sum of its parts, which rounds.
+const TOLERANCE: u8 = 1;
+
+/// A display in memory, until it is dropped.
+struct Xvfb {
+    server: Child,
+    name: String,
+}
+
+impl Xvfb {
+    /// The display, or `None` after saying why.
+    fn start() -> Option<Self> {
+        let has_driver = runtime::vulkan::devices().is_ok_and(|devices| !devices.is_empty());
+        match Self::new() {
+            Ok(display) if has_driver => Some(display),
+            found => {
+                let reason = found.err().unwrap_or_else(|| "no Vulkan driver".to_owned());
+                let required = std::env::var("REQUIRE_VULKAN").is_ok_and(|value| value == "1");
+                assert!(!required, "REQUIRE_VULKAN is set: {reason}");
+                println!("skipped: {reason}");
+                None
+            }
+        }
+    }
+
+    fn new() -> Result<Self, String> {
+        let mut server = Command::new("Xvfb")
+            .args(["-displayfd", "1", "-screen", "0", "640x480x24", "-nolisten", "tcp"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(|error| format!("Xvfb: {error}"))?;
+        let mut number = String::new();
+        let read = server.stdout.take().map(|out| BufReader::new(out).read_line(&mut number));
+        let name = format!(":{}", number.trim());
+        let display = Self { server, name };
+        match read {
+            Some(Ok(1..)) => Ok(display),
+            _ => Err("Xvfb names no display".to_owned()),
+        }
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = command(arguments);
+        command.env("DISPLAY", &self.name).env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+        command
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().expect("the program starts")
+    }
+
+    /// Runs a command that must succeed.
+    fn succeeds(&self, arguments: &[&str]) -> String {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    /// Runs a command that must fail with exit code 1, and returns its message.
+    fn fails(&self, arguments: &[&str]) -> String {
+        let output = self.run(arguments);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert!(!message.contains("panicked"), "{message}");
+        message
+    }
+}
+
+impl Drop for Xvfb {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.server.kill();
+        let _ = self.server.wait();
+    }
+}
+
+/// A bake in a file, and the folder that it lies in.
+fn baked() -> (tempfile::TempDir, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.bake").display().to_string();
+    let epsilon = EPSILON.to_string();
+    let options =
+        ["bake", "cornell", "--patch-count", "150", "--for", "tiles", "--epsilon", &epsilon, "--out", &path, "--quiet"];
+    succeeds(&options);
+    (folder, path)
+}
+
+fn write(folder: &Path, script: &str) -> String {
+    let path = folder.join("script.txt");
+    std::fs::write(&path, script).unwrap();
+    path.display().to_string()
+}
+
+/// A picture of the library as it is displayed: bytes red, green, blue.
+fn picture(bake: &str, method: MethodSettings, size: (u32, u32), change: impl Fn(&mut Lighting)) -> Vec<u8> {
+    let opened = Bake::open(bake.as_ref()).unwrap();
+    let description = std::str::from_utf8(&opened.origin.application).unwrap().to_owned();
+    let loaded = assets::LoadedScene::of_description(opened.bake.scene.clone(), &description).unwrap();
+    let settings = RenderSettings { method, size, sub_frames: 1, ..RenderSettings::default() };
+    let mut lighting = opened.bake.scene.lighting.clone();
+    change(&mut lighting);
+    let mut renderer = Renderer::new(Arc::new(opened.bake), Box::new(Cpu::new()), &settings, &Silent).unwrap();
+    let camera = loaded.view.camera(size.0, size.1);
+    let done = renderer.picture(&lighting, &camera, 0).unwrap();
+    done.pictures.full.displayed_bytes(stops_to_scale(loaded.exposure_stops))
+}
+
+/// A screenshot: size, bytes red, green, blue.
+fn screenshot(path: &Path) -> ((u32, u32), Vec<u8>) {
+    let read = image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).to_rgb8();
+    (read.dimensions(), read.into_raw())
+}
+
+/// Greatest difference of two pictures, and how many bytes differ by more than the tolerance.
+fn difference(a: &[u8], b: &[u8]) -> (u8, usize) {
+    assert_eq!(a.len(), b.len());
+    let pairs = a.iter().zip(b).map(|(x, y)| x.abs_diff(*y));
+    (pairs.clone().max().unwrap_or(0), pairs.filter(|difference| *difference > TOLERANCE).count())
+}
+
+#[test]
+fn the_window_shows_the_pictures_of_the_library() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let script = write(
+        folder.path(),
+        "panels off
+         wait 1
+         screenshot tiles.png
+         method classic
+         screenshot classic.png
+         light 1 color 1 0.1 0.1
+         screenshot red.png
+         size 200x150
+         wait 10
+         screenshot larger.png
+         quit",
+    );
+    let tiles = MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON });
+    let classic = MethodSettings::Classic;
+    let red = |lighting: &mut Lighting| {
+        lighting.lights[0].color = Vec3::new(1.0, 0.1, 0.1) * lighting.lights[0].color.max_element();
+    };
+    let same = |_: &mut Lighting| {};
+    let expected = [
+        ("tiles.png", picture(&bake, tiles, SIZE, same)),
+        ("classic.png", picture(&bake, classic, SIZE, same)),
+        ("red.png", picture(&bake, classic, SIZE, red)),
+        ("larger.png", picture(&bake, classic, (200, 150), red)),
+    ];
+    // By the processor, whose pictures are copied into the window, and on the device of the window.
+    for device in ["cpu", "vulkan"] {
+        let out = folder.path().join(device);
+        let options = [
+            "view",
+            &bake,
+            "--size",
+            "160x120",
+            "--script",
+            &script,
+            "--device",
+            device,
+            "--out",
+            out.to_str().unwrap(),
+        ];
+        let printed = display.succeeds(&options);
+        assert!(printed.contains("a second") && printed.contains("presenting"), "what limits the rate: {printed}");
+        let shown: Vec<Vec<u8>> = expected
+            .iter()
+            .map(|(name, expected)| {
+                let ((width, height), shown) = screenshot(&out.join(name));
+                assert_eq!((width * height * 3) as usize, expected.len(), "{device} {name}: {width} x {height}");
+                assert_eq!(difference(&shown, expected).1, 0, "{device} {name}");
+                shown
+            })
+            .collect();
+        // Another method or another light is noticed.
+        for (a, b) in [(0, 1), (1, 2)] {
+            let (greatest, wrong) = difference(&shown[a], &expected[b].1);
+            assert!(greatest > 2 * TOLERANCE && wrong > 500, "{device} {a} {b}: {greatest} {wrong}");
+        }
+        assert_eq!(leftovers(&out), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn the_window_compares_with_the_path_tracer_and_with_a_file() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let out = folder.path().display().to_string();
+    let script = write(
+        folder.path(),
+        "panels off
+         split 0.5
+         samples 2
+         wait 1
+         screenshot paths.png
+         quit",
+    );
+    display.succeeds(&["view", &bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out]);
+    let classic = picture(&bake, MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }), SIZE, |_| {});
+    let (_, shown) = screenshot(&folder.path().join("paths.png"));
+    let half = |bytes: &[u8], columns: std::ops::Range<usize>| -> Vec<u8> {
+        bytes
+            .chunks_exact(3 * SIZE.0 as usize)
+            .flat_map(|row| row[3 * columns.start..3 * columns.end].to_vec())
+            .collect()
+    };
+    // The line is in the middle.
+    assert_eq!(difference(&half(&shown, 0..78), &half(&classic, 0..78)).1, 0, "the method at the left");
+    let (_, wrong) = difference(&half(&shown, 82..160), &half(&classic, 82..160));
+    assert!(wrong > 1000, "noise of the paths at the right: {wrong}");
+
+    // A file stands at the right as it is.
+    let file = folder.path().join("grey.png");
+    let grey = image::RgbImage::from_pixel(SIZE.0, SIZE.1, image::Rgb([90, 120, 150]));
+    grey.save(&file).unwrap();
+    let script = write(folder.path(), "panels off\nsplit 0.25\nwait 30\nscreenshot file.png\nquit");
+    let options = ["view", &bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out];
+    display.succeeds(&[&options[..], &["--reference", file.to_str().unwrap()]].concat());
+    let (_, shown) = screenshot(&folder.path().join("file.png"));
+    assert_eq!(difference(&half(&shown, 42..160), &half(grey.as_raw(), 42..160)).1, 0, "the file at the right");
+    assert_eq!(difference(&half(&shown, 0..38), &half(&classic, 0..38)).1, 0, "the method at the left");
+}
+
+#[test]
+fn keys_and_pointer_of_a_script_move_the_camera() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let out = folder.path().display().to_string();
+    let script = write(
+        folder.path(),
+        "panels off
+         wait 1
+         screenshot before.png
+         key W 5
+         screenshot ahead.png
+         drag 80 60 100 50
+         screenshot turned.png
+         key Home
+         wait 1
+         screenshot back.png
+         key Tab
+         wait 1
+         screenshot panels.png
+         quit",
+    );
+    display.succeeds(&["view", &bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out]);
+    let shot = |name: &str| screenshot(&folder.path().join(name)).1;
+    let (before, ahead, turned) = (shot("before.png"), shot("ahead.png"), shot("turned.png"));
+    assert!(difference(&before, &ahead).1 > 1000, "W flies");
+    assert!(difference(&ahead, &turned).1 > 1000, "a drag turns");
+    assert_eq!(difference(&before, &shot("back.png")).1, 0, "Home leads back");
+    assert!(difference(&before, &shot("panels.png")).1 > 1000, "Tab shows the panels");
+}
+
+#[test]
+fn without_a_display_or_a_driver_render_is_named() {
+    let mut command = command(&["view", "cornell"]);
+    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+    let output = command.output().unwrap();
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("patchlight render"), "{message}");
+    let Some(display) = Xvfb::start() else { return };
+    let mut command = display.command(&["view", "cornell"]);
+    command.env("VK_DRIVER_FILES", "/nowhere.json").env("VK_ICD_FILENAMES", "/nowhere.json");
+    let output = command.output().unwrap();
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("Vulkan") && message.contains("patchlight render"), "{message}");
+}
+
+#[test]
+fn mistakes_are_named() {
+    assert!(fails(2, &["view", "cornell", "--spp", "3"]).contains("[1, 2, 4, 16]"));
+    assert!(fails(2, &["view", "cornell", "--for", "path"]).contains("path tracing"));
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let script = write(folder.path(), "wait 1\nlight 9 off\nquit");
+    let options = ["view", &bake, "--size", "64x48", "--device", "cpu"];
+    let failing = |more: &[&str]| display.fails(&[&options[..], more].concat());
+    let message = failing(&["--script", &script]);
+    assert!(message.contains("script.txt, line 2: there is no light 9; there are 1"), "{message}");
+    write(folder.path(), "method feedback");
+    let message = failing(&["--script", &script]);
+    assert!(message.contains("line 1") && message.contains("--for feedback"), "{message}");
+    assert!(failing(&["--script", "no such"]).contains("no such"));
+    assert!(failing(&["--reference", "no such.exr"]).contains("no such.exr"));
+    let message = display.fails(&["view", &bake, "--device", "Voodoo"]);
+    assert!(message.contains("Voodoo") && message.contains("0: "), "{message}");
+    let ignored = display.run(&["view", &bake, "--patch-count", "9", "--device", "Voodoo"]);
+    assert!(text(&ignored.stderr).contains("--patch-count is for scenes"), "{}", text(&ignored.stderr));
+}
+
+#[test]
+fn ctrl_c_closes_the_window() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let script = write(folder.path(), "screenshot open.png\nwait 1000000");
+    let out = folder.path().display().to_string();
+    let options = ["view", &bake, "--size", "64x48", "--device", "cpu", "--script", &script, "--out", &out];
+    let mut child = display.command(&options).spawn().unwrap();
+    let begun = Instant::now();
+    while !folder.path().join("open.png").exists() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "the window opens");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let status = child.wait().unwrap();
+    assert_eq!(status.code(), Some(130));
+    let output = child.wait_with_output().unwrap();
+    assert!(!text(&output.stderr).contains("panicked"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn the_tour_is_a_script() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/view/tour.txt");
+    let script = std::fs::read_to_string(&path).unwrap();
+    viewer::script::Script::parse(&path, &script).unwrap();
+    assert!(text(&run(&["view", "--help"]).stdout).contains("sun-hour H [TO N]"));
+}

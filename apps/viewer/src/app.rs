@@ -1,0 +1,487 @@
+//! The window and its events.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use assets::LoadedScene;
+use egui::{Event, Key, Modifiers, RawInput, Rect, ViewportId, pos2};
+use patchlight::memory::resident_bytes;
+use patchlight::{Bake, Observer};
+use runtime::cpu::Cpu;
+use runtime::executor::{DeviceChoice, Executor, PassTime};
+use runtime::vulkan::Validation;
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::WindowEvent;
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
+use winit::window::{Window, WindowId};
+
+use crate::error::Error;
+use crate::fit::fit;
+use crate::live::{Live, check};
+use crate::methods::MethodDefaults;
+use crate::reference::{Comparer, Job, read};
+use crate::screen::{Gpu, Panels, Screen, Side, Source};
+use crate::script::{self, FRAME_SECONDS, Script};
+use crate::state::{Comparison, Request, Shown, State};
+use crate::times::{FrameTimes, Rate};
+use crate::{panels, pointer, screenshot};
+
+/// How often it is asked whether to stop, when nothing happens.
+const LOOK: Duration = Duration::from_millis(100);
+/// How long the window keeps a size before pictures follow it.
+const RESIZED: Duration = Duration::from_millis(200);
+
+/// A window system and a driver that can show windows.
+pub struct Display {
+    events: EventLoop<()>,
+    gpu: Arc<Gpu>,
+}
+
+/// What the window is to be.
+#[derive(Clone, Debug, Default)]
+pub struct Settings {
+    /// What runs the kernels.
+    pub device: DeviceChoice,
+    /// Size of the window, pixels.
+    pub size: (u32, u32),
+    /// Name of the method at first.
+    pub method: String,
+    /// Settings that methods have at first.
+    pub methods: MethodDefaults,
+    /// Sub-frames of a picture at first.
+    pub sub_frames: u32,
+    /// A picture to compare with, in place of the path tracer's.
+    pub reference: Option<PathBuf>,
+    /// A script that drives the window.
+    pub script: Option<PathBuf>,
+    /// Folder of screenshots.
+    pub out: PathBuf,
+    /// Of the path tracer's random numbers.
+    pub seed: u32,
+}
+
+/// What was shown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// What ran the kernels.
+    pub device: String,
+    /// What showed the window.
+    pub screen: String,
+    /// Size of the last picture, pixels.
+    pub size: (u32, u32),
+    /// How fast, and what limited it; none without a picture.
+    pub rate: Option<Rate>,
+}
+
+impl Display {
+    /// Opens the window system, and sees that a Vulkan driver can show windows: before minutes of baking.
+    ///
+    /// # Errors
+    /// [`Error::NoWindow`], [`Error::NoDevice`].
+    pub fn open() -> Result<Self, Error> {
+        let events = EventLoop::new().map_err(|error| Error::NoWindow { reason: error.to_string() })?;
+        let gpu = Gpu::new(&events.owned_display_handle(), Validation::from_environment())?;
+        Ok(Self { events, gpu })
+    }
+
+    /// Shows a bake until the window is closed, or `is_stopped` says so.
+    ///
+    /// # Errors
+    /// What the window system, Vulkan, the library, a script or a file says.
+    pub fn show(
+        self,
+        loaded: &LoadedScene,
+        bake: Arc<Bake>,
+        settings: &Settings,
+        observer: &dyn Observer,
+        is_stopped: &dyn Fn() -> bool,
+    ) -> Result<Report, Error> {
+        let Self { events, gpu } = self;
+        let app = App::new(&gpu, events.create_proxy(), loaded, bake, settings, (observer, is_stopped))?;
+        let report = run(events, app)?;
+        // What is said while devices end, too.
+        gpu.check_messages()?;
+        Ok(report)
+    }
+}
+
+fn run(events: EventLoop<()>, mut app: App) -> Result<Report, Error> {
+    events.run_app(&mut app).map_err(|error| Error::NoWindow { reason: error.to_string() })?;
+    app.outcome?;
+    let facts = app.state.facts;
+    Ok(Report { device: facts.device, screen: facts.screen, size: facts.size, rate: facts.times.rate() })
+}
+
+struct App<'a> {
+    gpu: Arc<Gpu>,
+    name: String,
+    bake: Arc<Bake>,
+    settings: &'a Settings,
+    observer: &'a dyn Observer,
+    is_stopped: &'a dyn Fn() -> bool,
+    state: State,
+    script: Option<Script>,
+    comparer: Comparer,
+    /// Whether the comparison under way is of what is shown.
+    is_compared: bool,
+    has_reference: bool,
+    /// Size that pictures keep, that of a reference.
+    fixed_size: Option<(u32, u32)>,
+    panels: egui::Context,
+    // The executor, in `live`, ends before the device of the screen.
+    open: Option<Open>,
+    frames: u32,
+    /// Of the last frame, pixels.
+    window_size: (u32, u32),
+    /// When the last picture was shown, if the last frame had one.
+    last_shown: Option<Instant>,
+    /// The size that the window has taken, and since when.
+    resized: Option<((u32, u32), Instant)>,
+    next: Option<Instant>,
+    outcome: Result<(), Error>,
+}
+
+/// What there is while the window is open.
+struct Open {
+    live: Live,
+    screen: Screen,
+    input: egui_winit::State,
+    window: Arc<Window>,
+}
+
+impl<'a> App<'a> {
+    fn new(
+        gpu: &Arc<Gpu>,
+        proxy: EventLoopProxy<()>,
+        loaded: &LoadedScene,
+        bake: Arc<Bake>,
+        settings: &'a Settings,
+        (observer, is_stopped): (&'a dyn Observer, &'a dyn Fn() -> bool),
+    ) -> Result<Self, Error> {
+        check(&bake)?;
+        let mut state = State::new(loaded, &bake, &settings.methods);
+        state.sub_frames = settings.sub_frames;
+        if let Err(why) = state.methods.choose(&settings.method) {
+            observer.warn(&format!("{why}; showing {}", state.methods.chosen().name));
+        }
+        let file = settings.reference.as_deref().map(|path| read(path, state.exposure_stops)).transpose()?;
+        let fixed_size = file.as_ref().map(|picture| (picture.width, picture.height));
+        if let Some(path) = &settings.reference {
+            state.facts.reference = Some(path.display().to_string());
+            state.split.is_on = true;
+        }
+        let script = settings.script.as_deref().map(read_script).transpose()?;
+        let tell = move || {
+            // Fails when the window is closed: then nobody waits for it.
+            let _ = proxy.send_event(());
+        };
+        Ok(Self {
+            gpu: Arc::clone(gpu),
+            name: loaded.name.clone(),
+            bake,
+            settings,
+            observer,
+            is_stopped,
+            state,
+            script,
+            comparer: Comparer::new(file, settings.seed, Box::new(tell)),
+            is_compared: false,
+            has_reference: false,
+            fixed_size,
+            panels: egui::Context::default(),
+            open: None,
+            frames: 0,
+            window_size: settings.size,
+            last_shown: None,
+            resized: None,
+            next: None,
+            outcome: Ok(()),
+        })
+    }
+
+    fn open(&mut self, events: &ActiveEventLoop) -> Result<Open, Error> {
+        let (width, height) = self.settings.size;
+        let attributes = Window::default_attributes()
+            .with_title(format!("{} - Patchlight", self.name))
+            .with_inner_size(PhysicalSize::new(width, height))
+            .with_min_inner_size(PhysicalSize::new(16, 16));
+        let window = events.create_window(attributes).map_err(|error| Error::NoWindow { reason: error.to_string() })?;
+        let window = Arc::new(window);
+        let (screen, vulkan) = Screen::new(&self.gpu, Arc::clone(&window), &self.settings.device)?;
+        let executor: Box<dyn Executor> = match vulkan {
+            Some(vulkan) => Box::new(vulkan),
+            None => Box::new(Cpu::new()),
+        };
+        self.state.facts.device = executor.device().name.clone();
+        self.state.facts.screen = screen.device_name().to_owned();
+        let size = self.fixed_size.unwrap_or(self.settings.size);
+        let live = Live::new(Arc::clone(&self.bake), executor, &self.state, size, self.observer)?;
+        let input = egui_winit::State::new(
+            self.panels.clone(),
+            ViewportId::ROOT,
+            &window,
+            Some(window.scale_factor() as f32),
+            window.theme(),
+            Some(screen.max_image_edge() as usize),
+        );
+        window.request_redraw();
+        Ok(Open { live, screen, input, window })
+    }
+
+    fn frame(&mut self, events: &ActiveEventLoop) -> Result<(), Error> {
+        let begun = Instant::now();
+        let Some(mut open) = self.open.take() else { return Ok(()) };
+        let drawn = self.frame_of(&mut open, begun, events);
+        self.open = Some(open);
+        self.frames += 1;
+        drawn
+    }
+
+    fn frame_of(&mut self, open: &mut Open, begun: Instant, events: &ActiveEventLoop) -> Result<(), Error> {
+        let window_size: (u32, u32) = open.window.inner_size().into();
+        if self.window_size != window_size {
+            self.window_size = window_size;
+            open.screen.resize();
+        }
+        let input = self.input(open, window_size)?;
+        let size = self.picture_size(open.live.size(), window_size);
+        let scale = egui_winit::pixels_per_point(&self.panels, &open.window);
+        let picture = shown_at(size, window_size, scale);
+        let state = &mut self.state;
+        state.facts.size = size;
+        let output = self.panels.run_ui(input, |ui| {
+            panels::show(ui, state);
+            pointer::show(ui, state, picture);
+        });
+        let mut drawn = Panels {
+            primitives: self.panels.tessellate(output.shapes, output.pixels_per_point),
+            textures: output.textures_delta,
+            pixels_per_point: output.pixels_per_point,
+        };
+        open.input.handle_platform_output(&open.window, output.platform_output);
+        let delay = output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |view| view.repaint_delay);
+        self.next = begun.checked_add(delay.max(Duration::from_millis(1)));
+        let done = self.show(open, size, &mut drawn, events);
+        // What could not be drawn is dropped with its frame.
+        drawn.textures.clear();
+        self.count(done?, begun, open);
+        Ok(())
+    }
+
+    /// Finds and shows the picture, and does what was asked for; times of the passes.
+    fn show(
+        &mut self,
+        open: &mut Open,
+        size: (u32, u32),
+        drawn: &mut Panels,
+        events: &ActiveEventLoop,
+    ) -> Result<Option<Vec<PassTime>>, Error> {
+        let times = open.live.frame(&mut self.state, size, &mut open.screen, self.observer)?;
+        self.compare(open, times.is_some())?;
+        let mut captures = Vec::new();
+        for request in std::mem::take(&mut self.state.requests) {
+            match request {
+                Request::Quit => events.exit(),
+                Request::Screenshot(name) => captures.push(screenshot::path(&self.settings.out, name)),
+                Request::Resize(width, height) => {
+                    // The system tells the new size.
+                    let _ = open.window.request_inner_size(PhysicalSize::new(width, height));
+                }
+            }
+        }
+        let at = self.state.split.is_on.then_some(self.state.split.at).filter(|_| self.has_reference);
+        let capture = open.screen.draw(drawn, at, !captures.is_empty())?;
+        for path in captures {
+            screenshot::write(&path, capture.as_ref())?;
+            self.state.facts.message = format!("written: {}", path.display());
+            self.observer.note(&self.state.facts.message);
+        }
+        Ok(times)
+    }
+
+    /// The events of the window and of the script.
+    fn input(&mut self, open: &mut Open, size: (u32, u32)) -> Result<RawInput, Error> {
+        let mut input = open.input.take_egui_input(&open.window);
+        if let Some(script) = &mut self.script {
+            let pixels_per_point = egui_winit::pixels_per_point(&self.panels, &open.window);
+            let window = script::Window { size, pixels_per_point };
+            input.time = Some(f64::from(self.frames) * FRAME_SECONDS);
+            input.predicted_dt = FRAME_SECONDS as f32;
+            input.focused = true;
+            // Nobody else drives the window.
+            input.events.clear();
+            script.step(&mut self.state, window, &mut input.events)?;
+        }
+        if takes_tab(&mut input) && !self.panels.egui_wants_keyboard_input() {
+            self.state.has_panels = !self.state.has_panels;
+        }
+        Ok(input)
+    }
+
+    /// The size that pictures are to have: that of the window, once it rests.
+    fn picture_size(&mut self, now: (u32, u32), window: (u32, u32)) -> (u32, u32) {
+        if let Some(fixed) = self.fixed_size {
+            return fixed;
+        }
+        let part = |edge: u32| (edge / self.state.divisor).max(1);
+        let wanted = (part(window.0), part(window.1));
+        if window.0 == 0 || window.1 == 0 || wanted == now {
+            self.resized = None;
+            return now;
+        }
+        let since = match self.resized {
+            Some((size, since)) if size == wanted => since,
+            _ => Instant::now(),
+        };
+        self.resized = Some((wanted, since));
+        if self.script.is_some() || since.elapsed() >= RESIZED {
+            self.resized = None;
+            return wanted;
+        }
+        now
+    }
+
+    /// Begins a comparison where nothing moves any more, and takes what it has found.
+    fn compare(&mut self, open: &mut Open, has_changed: bool) -> Result<(), Error> {
+        if !self.state.compares() {
+            if self.is_compared {
+                self.comparer.stop();
+                self.is_compared = false;
+            }
+            return Ok(());
+        }
+        if has_changed && self.is_compared {
+            self.comparer.stop();
+            self.is_compared = false;
+            self.state.facts.comparison = None;
+        }
+        let is_file = self.fixed_size.is_some();
+        // A file does not follow what changes.
+        self.has_reference &= is_file || self.is_compared || !has_changed;
+        if !has_changed && open.live.is_settled() && !self.is_compared {
+            let (camera, ours) = open.live.picture(&self.state)?;
+            let scene = open.live.scene().clone();
+            self.comparer.start(Job { scene, camera, ours, stops: self.state.exposure_stops });
+            self.is_compared = true;
+        }
+        let Some(found) = self.comparer.take() else { return Ok(()) };
+        let size = open.live.size();
+        open.screen.set_picture(Side::Right, size, &Source::Host(&found.shown))?;
+        self.has_reference = true;
+        if let (Shown::Error, Some(difference)) = (self.state.shown, &found.difference) {
+            open.screen.set_picture(Side::Left, size, &Source::Host(difference))?;
+        }
+        self.state.facts.comparison = Some(Comparison { samples: found.samples, errors: found.errors });
+        Ok(())
+    }
+
+    /// Takes note of the times of a frame.
+    fn count(&mut self, times: Option<Vec<PassTime>>, begun: Instant, open: &Open) {
+        let Some(passes) = times else {
+            self.last_shown = None;
+            return;
+        };
+        let now = Instant::now();
+        let total = now.duration_since(self.last_shown.unwrap_or(begun)).as_secs_f64() * 1e3;
+        self.last_shown = Some(now);
+        self.state.facts.times.add(FrameTimes::new(passes, total));
+        self.state.facts.bytes = open.live.bytes();
+        self.state.facts.resident = resident_bytes();
+    }
+
+    /// Whether the next frame is due at once.
+    fn is_busy(&self) -> bool {
+        let Some(open) = &self.open else { return false };
+        let waits_for_paths = self.is_compared && self.script.as_ref().is_some_and(Script::waits_for_samples);
+        let is_scripted = self.script.as_ref().is_some_and(|script| !script.is_done());
+        is_scripted && !waits_for_paths || !open.live.is_settled() || self.state.compares() && !self.is_compared
+    }
+}
+
+impl ApplicationHandler for App<'_> {
+    fn resumed(&mut self, events: &ActiveEventLoop) {
+        if self.open.is_some() {
+            return;
+        }
+        match self.open(events) {
+            Ok(open) => self.open = Some(open),
+            Err(error) => {
+                self.outcome = Err(error);
+                events.exit();
+            }
+        }
+    }
+
+    fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        let Some(open) = &mut self.open else { return };
+        let response = open.input.on_window_event(&open.window, &event);
+        match event {
+            WindowEvent::CloseRequested => events.exit(),
+            WindowEvent::Resized(_) => {
+                open.screen.resize();
+                open.window.request_redraw();
+            }
+            WindowEvent::RedrawRequested if !events.exiting() => {
+                if let Err(error) = self.frame(events) {
+                    self.outcome = Err(error);
+                    events.exit();
+                }
+            }
+            _ if response.repaint => open.window.request_redraw(),
+            _ => {}
+        }
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, (): ()) {
+        if let Some(open) = &self.open {
+            open.window.request_redraw();
+        }
+    }
+
+    fn about_to_wait(&mut self, events: &ActiveEventLoop) {
+        if (self.is_stopped)() {
+            events.exit();
+            return;
+        }
+        let now = Instant::now();
+        let Some(open) = &self.open else { return };
+        let is_hidden = open.window.is_minimized() == Some(true);
+        let is_due = self.next.is_some_and(|next| next <= now) || self.resized.is_some();
+        if !is_hidden && (self.is_busy() || is_due) {
+            open.window.request_redraw();
+            events.set_control_flow(ControlFlow::Poll);
+            return;
+        }
+        let look = now + LOOK;
+        events.set_control_flow(ControlFlow::WaitUntil(self.next.map_or(look, |next| next.min(look))));
+    }
+
+    fn exiting(&mut self, _: &ActiveEventLoop) {
+        self.comparer.stop();
+        self.open = None;
+    }
+}
+
+/// Where a picture is shown, points.
+fn shown_at(size: (u32, u32), window: (u32, u32), scale: f32) -> Rect {
+    let area = fit(size, window);
+    let point = |(x, y): (i32, i32)| pos2(x as f32 / scale, y as f32 / scale);
+    Rect::from_min_max(point(area.min), point(area.max))
+}
+
+/// Takes Tab out of the input, which egui would move its focus with; whether it was pressed.
+fn takes_tab(input: &mut RawInput) -> bool {
+    let is_tab = |event: &Event| matches!(event, Event::Key { key: Key::Tab, .. });
+    let is_pressed = |event: &Event| matches!(event, Event::Key { pressed: true, repeat: false, modifiers, .. } if *modifiers == Modifiers::NONE);
+    let pressed = input.events.iter().any(|event| is_tab(event) && is_pressed(event));
+    input.events.retain(|event| !is_tab(event));
+    pressed
+}
+
+fn read_script(path: &std::path::Path) -> Result<Script, Error> {
+    let failed = |source| Error::Read { path: path.to_path_buf(), source };
+    let bytes = scene::host::read_regular(path).map_err(failed)?;
+    Ok(Script::parse(path, &String::from_utf8_lossy(&bytes))?)
+}

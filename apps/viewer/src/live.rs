@@ -1,0 +1,217 @@
+//! The light and its picture, frame by frame, as the state wants them.
+
+use std::sync::Arc;
+
+use patchlight::debug::DebugKind;
+use patchlight::operator::{Build, Decode};
+use patchlight::{
+    Bake, MethodSettings, Observer, Picture, PixelLight, ReceiverKind, ReceiverUpdate, RenderSettings, Renderer,
+};
+use runtime::executor::{Executor, PassTime};
+use scene::{Camera, Scene, stops_to_scale};
+
+use crate::error::Error;
+use crate::lights::Edits;
+use crate::methods::goes_on;
+use crate::screen::{Screen, Side, Source};
+use crate::state::{Shown, State};
+
+/// Frames under lights at rest in which a method that goes on is followed.
+pub const SETTLING: u32 = 32;
+
+/// All that a picture depends on.
+#[derive(Clone, Debug, PartialEq)]
+struct Wanted {
+    edits: Edits,
+    camera: Camera,
+    exposure_stops: f32,
+    shown: Shown,
+    method: MethodSettings,
+    sub_frames: u32,
+}
+
+/// The light of a bake, and what was last shown of it.
+pub struct Live {
+    renderer: Renderer,
+    method: (String, MethodSettings),
+    sub_frames: u32,
+    last: Option<Wanted>,
+    rest: u32,
+}
+
+impl Live {
+    /// Puts a bake on an executor.
+    ///
+    /// # Errors
+    /// [`Error::PixelReceivers`]; what the library says.
+    pub fn new(
+        bake: Arc<Bake>,
+        executor: Box<dyn Executor>,
+        state: &State,
+        size: (u32, u32),
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
+        check(&bake)?;
+        let chosen = state.methods.chosen();
+        let settings = RenderSettings {
+            method: chosen.settings,
+            decode: Decode::Auto,
+            build: Build::default(),
+            eye: state.eye.position,
+            size,
+            sub_frames: state.sub_frames,
+            receivers: ReceiverUpdate::InView,
+            direct: PixelLight::Smooth,
+        };
+        let renderer = Renderer::new(bake, executor, &settings, observer)?;
+        let method = (chosen.name.clone(), chosen.settings);
+        Ok(Self { renderer, method, sub_frames: state.sub_frames, last: None, rest: 0 })
+    }
+
+    /// Size of pictures, pixels.
+    pub fn size(&self) -> (u32, u32) {
+        self.renderer.size()
+    }
+
+    /// Bytes of each part.
+    pub fn bytes(&self) -> Vec<(String, u64)> {
+        self.renderer.bytes().into_iter().collect()
+    }
+
+    /// The scene under the lights that are shown.
+    pub fn scene(&self) -> &Scene {
+        self.renderer.scene()
+    }
+
+    /// Whether the light and its picture change no more by themselves.
+    pub fn is_settled(&self) -> bool {
+        self.last.is_some() && (!goes_on(&self.method.1) || self.rest >= SETTLING)
+    }
+
+    /// Finds light and picture where they have changed, and gives them to the screen; times of the passes, none where nothing has
+    /// changed.
+    ///
+    /// # Errors
+    /// What the library says. A method that cannot be had is told in the state, and the one before stays.
+    pub fn frame(
+        &mut self,
+        state: &mut State,
+        size: (u32, u32),
+        screen: &mut Screen,
+        observer: &dyn Observer,
+    ) -> Result<Option<Vec<PassTime>>, Error> {
+        self.set_method(state, observer)?;
+        if size != self.size() || state.sub_frames != self.sub_frames {
+            self.renderer.set_picture(size, state.sub_frames)?;
+            self.sub_frames = state.sub_frames;
+            self.last = None;
+        }
+        let wanted = Wanted {
+            edits: state.lighting.edits(),
+            camera: state.eye.camera(size),
+            exposure_stops: state.exposure_stops,
+            shown: state.shown,
+            method: self.method.1,
+            sub_frames: self.sub_frames,
+        };
+        let is_new = self.last.as_ref() != Some(&wanted);
+        if !is_new && self.is_settled() {
+            return Ok(None);
+        }
+        self.rest = if is_new { 0 } else { self.rest + 1 };
+        let times = match wanted.shown {
+            Shown::Debug(kind) => self.show_debug(kind, state, &wanted, screen)?,
+            // Where the error is not known yet, light.
+            Shown::Light | Shown::Error => self.show_light(state, &wanted, screen)?,
+        };
+        self.last = Some(wanted);
+        Ok(Some(times))
+    }
+
+    /// The picture that is shown, linear; waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn picture(&mut self, state: &State) -> Result<(Camera, Picture), Error> {
+        let camera = state.eye.camera(self.size());
+        let done = self.renderer.picture(&state.lighting.lighting(), &camera, 0)?;
+        Ok((camera, done.pictures.full))
+    }
+
+    fn set_method(&mut self, state: &mut State, observer: &dyn Observer) -> Result<(), Error> {
+        let chosen = state.methods.chosen().clone();
+        if chosen.settings == self.method.1 {
+            return Ok(());
+        }
+        self.last = None;
+        match self.renderer.set_method(chosen.settings, observer) {
+            Ok(()) => self.method = (chosen.name, chosen.settings),
+            Err(error) => {
+                state.facts.message = format!("{}: {error}", chosen.name);
+                *state.methods.settings_mut() = chosen.settings;
+                if state.methods.choose(&self.method.0).is_ok() {
+                    *state.methods.settings_mut() = self.method.1;
+                }
+                self.renderer.set_method(self.method.1, observer)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn show_light(&mut self, state: &State, wanted: &Wanted, screen: &mut Screen) -> Result<Vec<PassTime>, Error> {
+        let lighting = state.lighting.lighting();
+        let update = self.renderer.display(&lighting, &wanted.camera, 0, wanted.exposure_stops)?;
+        let displayed = self.renderer.displayed();
+        let handle = self.renderer.vulkan_mut().and_then(|vulkan| vulkan.buffer(displayed));
+        let size = self.size();
+        match handle {
+            Some(handle) => screen.set_picture(Side::Left, size, &Source::Device(handle))?,
+            None => {
+                let bytes = self.renderer.executor_mut().download(displayed)?;
+                screen.set_picture(Side::Left, size, &Source::Host(&bytes))?;
+            }
+        }
+        self.times(update.times)
+    }
+
+    fn show_debug(
+        &mut self,
+        kind: DebugKind,
+        state: &State,
+        wanted: &Wanted,
+        screen: &mut Screen,
+    ) -> Result<Vec<PassTime>, Error> {
+        let update = self.renderer.update_light(&state.lighting.lighting(), &wanted.camera)?;
+        let shown = self.renderer.debug_picture(kind, &wanted.camera, wanted.exposure_stops)?;
+        let bytes = rgba(&shown.picture, shown.stops);
+        screen.set_picture(Side::Left, self.size(), &Source::Host(&bytes))?;
+        self.times(update.times)
+    }
+
+    /// The times of an update and of what has finished since, with those of photons, which the host traces.
+    fn times(&mut self, mut times: Vec<PassTime>) -> Result<Vec<PassTime>, Error> {
+        times.extend(self.renderer.executor_mut().finished_times()?);
+        let report = self.renderer.report();
+        if report.photons.is_some() {
+            times.push(PassTime { name: "method".into(), milliseconds: report.host_ms });
+        }
+        Ok(times)
+    }
+}
+
+/// Refuses a bake whose light is not on the device.
+///
+/// # Errors
+/// [`Error::PixelReceivers`].
+pub fn check(bake: &Bake) -> Result<(), Error> {
+    match bake.settings.receivers {
+        ReceiverKind::Pixels => Err(Error::PixelReceivers),
+        ReceiverKind::Mesh | ReceiverKind::Patches => Ok(()),
+    }
+}
+
+/// A picture as it is displayed, bytes red, green, blue and 255.
+pub fn rgba(picture: &Picture, stops: f32) -> Vec<u8> {
+    let bytes = picture.displayed_bytes(stops_to_scale(stops));
+    bytes.chunks_exact(3).flat_map(|rgb| [rgb[0], rgb[1], rgb[2], 255]).collect()
+}

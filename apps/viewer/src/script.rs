@@ -1,0 +1,621 @@
+//! Scripts of input events, one a line, that drive the window as a person would.
+//!
+//! Each line is a command with its words; `#` begins a comment. Commands that change a setting take no frame, those of keys and
+//! the pointer take as many as they say. [`HELP`] lists them.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, pos2, vec2};
+use glam::Vec3;
+
+use crate::lights::NewLight;
+use crate::state::{Request, SUB_FRAMES, Shown, State};
+
+/// Seconds of a frame of a script, however long it takes.
+pub const FRAME_SECONDS: f64 = 1.0 / 30.0;
+/// Frames of a drag between pressing and releasing.
+const DRAG_FRAMES: u32 = 8;
+
+/// Frames in which a window takes another size.
+const MOST_RESIZE_FRAMES: u32 = 600;
+
+/// The commands, for the help of the program.
+pub const HELP: &str = "\
+wait N                       N frames
+samples N                    until the path tracer has N paths a pixel
+key NAME [N]                 hold a key for N frames (W, A, S, D, Q, E, Tab, F1, Home, 1 to 9 …)
+shift NAME [N]               the same with Shift
+drag X0 Y0 X1 Y1             drag the pointer over the window, pixels
+wheel STEPS                  turn the wheel in the middle of the window
+method NAME                  choose a method
+view NAME                    light, patches, elements, axis, source, irradiance, refined, receivers, error
+sun-hour H [TO N]            hour of the day; on to TO in N frames
+sun-day N | latitude DEGREES
+light add point|sun|spot     a light before the camera
+light K on|off|remove        the light number K of the list, from 1
+light K position X Y Z | direction X Y Z | color R G B | power P
+emission MATERIAL R G B      emitted radiance, W/m2/sr
+exposure STOPS
+camera N                     the camera number N of the list, from 1
+eye X Y Z TX TY TZ           a place and what it looks at, m
+split off|SHARE              compare at the right of SHARE of the width
+panels on|off
+sub-frames N | size WxH
+screenshot NAME.png          the window as it is shown
+quit";
+
+/// What is wrong with a script.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}, line {line}: {reason}", path.display())]
+pub struct ScriptError {
+    /// The file.
+    pub path: PathBuf,
+    /// The line, from 1.
+    pub line: usize,
+    /// What is wrong, and what to write.
+    pub reason: String,
+}
+
+/// A change of a light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum LightChange {
+    Switch(bool),
+    Remove,
+    Position(Vec3),
+    Direction(Vec3),
+    Color(Vec3),
+    Power(f32),
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Command {
+    Wait(u32),
+    Samples(u32),
+    Key { key: Key, frames: u32, is_shift: bool },
+    Drag { from: Pos2, to: Pos2 },
+    Wheel(f32),
+    Method(String),
+    View(Shown),
+    SunHour { hour: f32, to: f32, frames: u32 },
+    SunDay(f32),
+    Latitude(f32),
+    AddLight(NewLight),
+    Light { number: usize, change: LightChange },
+    Emission { material: String, radiance: Vec3 },
+    Exposure(f32),
+    Camera(usize),
+    Eye { position: Vec3, target: Vec3 },
+    Split(Option<f32>),
+    Panels(bool),
+    SubFrames(u32),
+    Size(u32, u32),
+    Screenshot(PathBuf),
+    Quit,
+}
+
+/// A script under way.
+#[derive(Clone, Debug)]
+pub struct Script {
+    path: PathBuf,
+    commands: VecDeque<(usize, Command)>,
+    /// Frames that the first command has taken.
+    taken: u32,
+}
+
+impl Script {
+    /// Reads a script.
+    ///
+    /// # Errors
+    /// The first line that is no command, with what to write.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, ScriptError> {
+        let mut commands = VecDeque::new();
+        for (line, content) in (1..).zip(text.lines()) {
+            let content = content.split('#').next().unwrap_or_default();
+            let words: Vec<&str> = content.split_whitespace().collect();
+            if words.is_empty() {
+                continue;
+            }
+            let command =
+                Words(&words).command().map_err(|reason| ScriptError { path: path.to_path_buf(), line, reason })?;
+            commands.push_back((line, command));
+        }
+        Ok(Self { path: path.to_path_buf(), commands, taken: 0 })
+    }
+
+    /// Whether there is nothing left to do.
+    pub fn is_done(&self) -> bool {
+        self.commands.is_empty()
+    }
+
+    /// Whether it waits for the path tracer.
+    pub fn waits_for_samples(&self) -> bool {
+        self.taken > 0 && matches!(self.commands.front(), Some((_, Command::Samples(_))))
+    }
+
+    /// Goes on by one frame: changes the state, and adds the events of keys and pointer, in points of a window so large with so
+    /// many pixels a point.
+    ///
+    /// # Errors
+    /// The line that asks for what is not there.
+    pub fn step(&mut self, state: &mut State, window: Window, events: &mut Vec<Event>) -> Result<(), ScriptError> {
+        while let Some((line, command)) = self.commands.front().cloned() {
+            let is_over = self.run(&command, state, window, events).map_err(|reason| ScriptError {
+                path: self.path.clone(),
+                line,
+                reason,
+            })?;
+            let ends_frame = !is_over || matches!(command, Command::Screenshot(_) | Command::Quit);
+            if is_over {
+                self.commands.pop_front();
+                self.taken = 0;
+            } else {
+                self.taken += 1;
+            }
+            if ends_frame {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs a frame of a command; whether it is over before the frame.
+    fn run(
+        &self,
+        command: &Command,
+        state: &mut State,
+        window: Window,
+        events: &mut Vec<Event>,
+    ) -> Result<bool, String> {
+        match command {
+            Command::Wait(frames) => return Ok(self.taken >= *frames),
+            Command::Samples(samples) => {
+                if !state.compares() || state.facts.reference.is_some() {
+                    return Err("no paths are traced; write `split 0.5` before, without a reference in a file".into());
+                }
+                return Ok(state.facts.comparison.is_some_and(|found| found.samples >= *samples));
+            }
+            Command::Key { key, frames, is_shift } => {
+                let modifiers = if *is_shift { Modifiers::SHIFT } else { Modifiers::NONE };
+                let is_over = self.taken >= *frames;
+                if self.taken == 0 || is_over {
+                    let pressed = !is_over;
+                    let held = if pressed { modifiers } else { Modifiers::NONE };
+                    events.push(Event::ModifiersChanged(held));
+                    events.push(Event::Key { key: *key, physical_key: None, pressed, repeat: false, modifiers });
+                }
+                return Ok(is_over);
+            }
+            Command::Drag { from, to } => return Ok(self.drag(window.point(*from), window.point(*to), events)),
+            Command::Wheel(steps) => {
+                events.push(Event::PointerMoved(window.middle()));
+                let delta = vec2(0.0, *steps);
+                let (unit, phase, modifiers) = (MouseWheelUnit::Line, TouchPhase::Move, Modifiers::NONE);
+                events.push(Event::MouseWheel { unit, delta, phase, modifiers });
+                return Ok(self.taken > 0);
+            }
+            Command::Size(width, height) => {
+                if self.taken == 0 {
+                    state.requests.push(Request::Resize(*width, *height));
+                }
+                if self.taken > MOST_RESIZE_FRAMES {
+                    let (w, h) = window.size;
+                    return Err(format!("the window system keeps the window at {w}x{h}; choose a smaller size"));
+                }
+                return Ok(self.taken > 0 && window.size == (*width, *height));
+            }
+            Command::SunHour { hour, to, frames } => {
+                let share = if *frames == 0 { 1.0 } else { self.taken as f32 / *frames as f32 };
+                state.sun.hour = hour + (to - hour) * share;
+                place_sun(state)?;
+                return Ok(self.taken >= *frames);
+            }
+            _ => apply(command, state)?,
+        }
+        Ok(true)
+    }
+
+    fn drag(&self, from: Pos2, to: Pos2, events: &mut Vec<Event>) -> bool {
+        let button = |pos, pressed| Event::PointerButton {
+            pos,
+            button: PointerButton::Primary,
+            pressed,
+            modifiers: Modifiers::NONE,
+        };
+        match self.taken {
+            0 => events.push(Event::PointerMoved(from)),
+            1 => events.push(button(from, true)),
+            taken => {
+                let share = ((taken - 1) as f32 / DRAG_FRAMES as f32).min(1.0);
+                events.push(Event::PointerMoved(from + (to - from) * share));
+                if taken > DRAG_FRAMES {
+                    events.push(button(to, false));
+                    return self.taken > DRAG_FRAMES + 1;
+                }
+            }
+        }
+        false
+    }
+}
+
+/// The window that a script drives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Its size, pixels.
+    pub size: (u32, u32),
+    /// Pixels a point.
+    pub pixels_per_point: f32,
+}
+
+impl Window {
+    fn point(&self, pixel: Pos2) -> Pos2 {
+        pos2(pixel.x / self.pixels_per_point, pixel.y / self.pixels_per_point)
+    }
+
+    fn middle(&self) -> Pos2 {
+        self.point(pos2(0.5 * self.size.0 as f32, 0.5 * self.size.1 as f32))
+    }
+}
+
+fn place_sun(state: &mut State) -> Result<(), String> {
+    match state.place_sun() {
+        true => Ok(()),
+        false => Err("the scene has no sun; write `light add sun` before".into()),
+    }
+}
+
+/// Applies a command that takes no frame.
+fn apply(command: &Command, state: &mut State) -> Result<(), String> {
+    match command {
+        Command::Method(name) => state.methods.choose(name)?,
+        Command::View(shown) => {
+            if !state.showable.contains(shown) {
+                return Err(format!("this bake has no view `{}`", shown.name()));
+            }
+            state.shown = *shown;
+        }
+        Command::SunDay(day) => {
+            state.sun.day = *day;
+            place_sun(state)?;
+        }
+        Command::Latitude(degrees) => {
+            state.sun.latitude = *degrees;
+            place_sun(state)?;
+        }
+        Command::AddLight(new) => {
+            let (place, direction) = (state.place_ahead(), state.eye.forward());
+            state.lighting.add(*new, place, direction, 0.3 * state.distance);
+        }
+        Command::Light { number, change } => change_light(state, *number, *change)?,
+        Command::Emission { material, radiance } => {
+            let found = state.materials.iter().position(|name| name == material);
+            let index = found.ok_or_else(|| {
+                format!("there is no material `{material}`; there are: {}", state.materials.join(", "))
+            })?;
+            state.lighting.emission[index] = *radiance;
+        }
+        Command::Exposure(stops) => state.exposure_stops = *stops,
+        Command::Camera(number) => {
+            let count = state.cameras.len();
+            let camera = number.checked_sub(1).and_then(|index| state.cameras.get(index));
+            state.eye = camera.ok_or_else(|| format!("there is no camera {number}; there are {count}"))?.1;
+        }
+        Command::Eye { position, target } => {
+            let direction = (*target - *position).try_normalize();
+            state.eye.position = *position;
+            state.eye.look_along(direction.ok_or("the place and its target are one; give two places")?);
+        }
+        Command::Split(share) => {
+            state.split.is_on = share.is_some();
+            state.split.at = share.unwrap_or(state.split.at);
+        }
+        Command::Panels(is_on) => state.has_panels = *is_on,
+        Command::SubFrames(count) => state.sub_frames = *count,
+        Command::Screenshot(name) => state.requests.push(Request::Screenshot(Some(name.clone()))),
+        Command::Quit => state.requests.push(Request::Quit),
+        // What takes frames is in `Script::run`.
+        Command::Wait(_)
+        | Command::Samples(_)
+        | Command::Key { .. }
+        | Command::Drag { .. }
+        | Command::Wheel(_)
+        | Command::Size(..)
+        | Command::SunHour { .. } => {}
+    }
+    Ok(())
+}
+
+fn change_light(state: &mut State, number: usize, change: LightChange) -> Result<(), String> {
+    let count = state.lighting.lights.len();
+    let index = number.checked_sub(1).filter(|index| *index < count);
+    let index = index.ok_or_else(|| format!("there is no light {number}; there are {count}"))?;
+    let light = &mut state.lighting.lights[index];
+    match change {
+        LightChange::Switch(is_on) => light.is_on = is_on,
+        LightChange::Remove => {
+            state.lighting.lights.remove(index);
+        }
+        LightChange::Position(_) if !light.has_position() => return Err("a sun has no position".into()),
+        LightChange::Position(position) => light.light.position = position,
+        LightChange::Direction(_) if !light.has_direction() => {
+            return Err(format!("a {} has no direction", light.kind()));
+        }
+        LightChange::Direction(direction) => {
+            light.light.direction = direction.try_normalize().ok_or("three zeros are no direction")?;
+        }
+        LightChange::Color(color) => light.color = color,
+        LightChange::Power(power) => light.power = power,
+    }
+    Ok(())
+}
+
+/// The words of a line.
+struct Words<'a>(&'a [&'a str]);
+
+impl Words<'_> {
+    fn command(&self) -> Result<Command, String> {
+        let words = self.0;
+        Ok(match words[0] {
+            "wait" => Command::Wait(self.only("N")?),
+            "samples" => Command::Samples(self.only("N")?),
+            "key" | "shift" => {
+                self.count(2..=3, "NAME [N]")?;
+                let key =
+                    Key::from_name(words[1]).ok_or_else(|| format!("`{}` is no key; as in `key W 10`", words[1]))?;
+                let frames = if words.len() == 3 { self.number(2)? } else { 1 };
+                Command::Key { key, frames, is_shift: words[0] == "shift" }
+            }
+            "drag" => {
+                self.count(5..=5, "X0 Y0 X1 Y1")?;
+                Command::Drag { from: self.pixel(1)?, to: self.pixel(3)? }
+            }
+            "wheel" => Command::Wheel(self.only("STEPS")?),
+            "method" => {
+                self.count(2..=3, "NAME")?;
+                Command::Method(words[1..].join(" "))
+            }
+            "view" => {
+                self.count(2..=2, "NAME")?;
+                let found = Shown::all().find(|shown| shown.name() == words[1]);
+                let names: Vec<&str> = Shown::all().map(Shown::name).collect();
+                let unknown = || format!("there is no view `{}`; choose from {}", words[1], names.join(", "));
+                Command::View(found.ok_or_else(unknown)?)
+            }
+            "sun-hour" => {
+                let hour = self.number(1)?;
+                let (to, frames) = match words.len() {
+                    2 => (hour, 0),
+                    _ => {
+                        self.count(4..=4, "H [TO N]")?;
+                        (self.number(2)?, self.number(3)?)
+                    }
+                };
+                Command::SunHour { hour, to, frames }
+            }
+            "sun-day" => Command::SunDay(self.only("N")?),
+            "latitude" => Command::Latitude(self.only("DEGREES")?),
+            "light" => self.light()?,
+            "emission" => {
+                if words.len() < 5 {
+                    return Err(self.usage("MATERIAL R G B"));
+                }
+                let radiance = self.vector(words.len() - 3, true)?;
+                Command::Emission { material: words[1..words.len() - 3].join(" "), radiance }
+            }
+            "exposure" => Command::Exposure(self.only("STOPS")?),
+            "camera" => Command::Camera(self.only("N")?),
+            "eye" => {
+                self.count(7..=7, "X Y Z TX TY TZ")?;
+                Command::Eye { position: self.vector(1, false)?, target: self.vector(4, false)? }
+            }
+            "split" => {
+                self.count(2..=2, "off|SHARE")?;
+                let share = if words[1] == "off" { None } else { Some(self.number::<f32>(1)?.clamp(0.0, 1.0)) };
+                Command::Split(share)
+            }
+            "panels" => Command::Panels(self.switch(1)?),
+            "sub-frames" => {
+                let count = self.only("N")?;
+                if !SUB_FRAMES.contains(&count) {
+                    return Err(format!("{count} sub-frames; choose from {SUB_FRAMES:?}"));
+                }
+                Command::SubFrames(count)
+            }
+            "size" => {
+                self.count(2..=2, "WxH")?;
+                let numbers = words[1].split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+                match numbers {
+                    Some((width @ 16..=16384, height @ 16..=16384)) => Command::Size(width, height),
+                    _ => return Err(format!("`{}` is no size of 16 to 16384 pixels; as in `size 640x360`", words[1])),
+                }
+            }
+            "screenshot" => {
+                self.count(2..=2, "NAME.png")?;
+                let name = Path::new(words[1]);
+                if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
+                    return Err(format!("`{}` does not end in .png", words[1]));
+                }
+                Command::Screenshot(name.to_path_buf())
+            }
+            "quit" => Command::Quit,
+            other => {
+                let commands: Vec<&str> = HELP.lines().filter_map(|line| line.split(' ').next()).collect();
+                return Err(format!("there is no command `{other}`; choose from {}", commands.join(", ")));
+            }
+        })
+    }
+
+    fn light(&self) -> Result<Command, String> {
+        let words = self.0;
+        let usage = "add point|sun|spot, K on|off|remove, or K position|direction|color|power NUMBERS";
+        if words.len() < 3 {
+            return Err(self.usage(usage));
+        }
+        if words[1] == "add" {
+            let found = NewLight::ALL.into_iter().find(|new| new.name() == words[2]);
+            return found.map(Command::AddLight).ok_or_else(|| self.usage(usage));
+        }
+        let change = match (words[2], words.len()) {
+            ("on", 3) => LightChange::Switch(true),
+            ("off", 3) => LightChange::Switch(false),
+            ("remove", 3) => LightChange::Remove,
+            ("position", 6) => LightChange::Position(self.vector(3, false)?),
+            ("direction", 6) => LightChange::Direction(self.vector(3, false)?),
+            ("color", 6) => LightChange::Color(self.vector(3, true)?),
+            ("power", 4) => LightChange::Power(self.number::<f32>(3)?.max(0.0)),
+            _ => return Err(self.usage(usage)),
+        };
+        Ok(Command::Light { number: self.number(1)?, change })
+    }
+
+    fn usage(&self, words: &str) -> String {
+        format!("write `{} {words}`", self.0[0])
+    }
+
+    fn count(&self, allowed: std::ops::RangeInclusive<usize>, usage: &str) -> Result<(), String> {
+        if allowed.contains(&self.0.len()) { Ok(()) } else { Err(self.usage(usage)) }
+    }
+
+    /// The one number of a command.
+    fn only<T: Number>(&self, usage: &str) -> Result<T, String> {
+        self.count(2..=2, usage)?;
+        self.number(1)
+    }
+
+    fn number<T: Number>(&self, index: usize) -> Result<T, String> {
+        let word = self.0.get(index).ok_or_else(|| format!("word {} of `{}` is missing", index + 1, self.0[0]))?;
+        let number = word.parse().ok().filter(T::is_usable);
+        number.ok_or_else(|| format!("`{word}` is no {}", T::WHAT))
+    }
+
+    fn pixel(&self, index: usize) -> Result<Pos2, String> {
+        Ok(pos2(self.number(index)?, self.number(index + 1)?))
+    }
+
+    fn vector(&self, index: usize, is_light: bool) -> Result<Vec3, String> {
+        let vector = Vec3::new(self.number(index)?, self.number(index + 1)?, self.number(index + 2)?);
+        match is_light && vector.min_element() < 0.0 {
+            true => Err("light is not below 0".to_owned()),
+            false => Ok(vector),
+        }
+    }
+
+    fn switch(&self, index: usize) -> Result<bool, String> {
+        match self.0.get(index) {
+            Some(&"on") => Ok(true),
+            Some(&"off") => Ok(false),
+            _ => Err(self.usage("on|off")),
+        }
+    }
+}
+
+/// Numbers of scripts.
+trait Number: FromStr {
+    const WHAT: &'static str;
+
+    fn is_usable(&self) -> bool;
+}
+
+impl Number for f32 {
+    const WHAT: &'static str = "number";
+
+    fn is_usable(&self) -> bool {
+        self.is_finite() && self.abs() <= 1e15
+    }
+}
+
+impl Number for u32 {
+    const WHAT: &'static str = "whole number";
+
+    fn is_usable(&self) -> bool {
+        true
+    }
+}
+
+impl Number for usize {
+    const WHAT: &'static str = "whole number";
+
+    fn is_usable(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Script, ScriptError> {
+        Script::parse(Path::new("tour.txt"), text)
+    }
+
+    #[test]
+    fn each_command_of_the_help_is_read() {
+        let text = "
+            # a tour
+            wait 3
+            samples 4 # paths
+            key W 10
+            shift F1
+            drag 1 2 30.5 4
+            wheel -2
+            method temporal
+            view irradiance
+            sun-hour 8
+            sun-hour 8 17.5 60
+            sun-day 81
+            latitude -33.9
+            light add spot
+            light 2 off
+            light 1 position 1 2 3
+            light 1 color 1 0.5 0
+            light 1 power 20
+            emission big lamp 1 2 3
+            exposure -1
+            camera 2
+            eye 1 2 3 4 5 6
+            split 0.25
+            split off
+            panels off
+            sub-frames 4
+            size 320x200
+            screenshot a.png
+            quit";
+        let script = parse(text).unwrap();
+        assert_eq!(script.commands.len(), 28);
+        let radiance = Vec3::new(1.0, 2.0, 3.0);
+        let emission = Command::Emission { material: "big lamp".into(), radiance };
+        assert!(script.commands.contains(&(20, emission)), "{:?}", script.commands);
+        for name in HELP.lines().flat_map(|line| line.split('|').next()).filter_map(|line| line.split(' ').next()) {
+            assert!(text.contains(&format!("{name} ")) || name == "quit", "{name} is not tested");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_by_line_with_its_remedy() {
+        let cases = [
+            ("hover 3", "choose from wait"),
+            ("wait", "wait N"),
+            ("wait -1", "whole number"),
+            ("key Flub 3", "key W 10"),
+            ("drag 1 2 3", "X0 Y0 X1 Y1"),
+            ("view shadows", "choose from light"),
+            ("sun-hour noon", "no number"),
+            ("sun-hour 8 17", "H [TO N]"),
+            ("exposure inf", "no number"),
+            ("light 1 shine", "on|off|remove"),
+            ("light add laser", "point|sun|spot"),
+            ("light 1 color 1 -1 0", "not below 0"),
+            ("sub-frames 3", "[1, 2, 4, 16]"),
+            ("size 0x9", "size 640x360"),
+            ("screenshot a.jpg", ".png"),
+            ("panels maybe", "on|off"),
+        ];
+        for (line, remedy) in cases {
+            let error = parse(&format!("wait 1\n\n{line}\nquit")).unwrap_err();
+            assert_eq!(error.line, 3, "{line}");
+            let text = error.to_string();
+            assert!(text.starts_with("tour.txt, line 3: ") && text.contains(remedy), "{line}: {text}");
+        }
+    }
+}

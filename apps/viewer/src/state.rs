@@ -1,0 +1,237 @@
+//! What panels, keys and scripts change, and what panels show.
+
+use std::path::PathBuf;
+
+use assets::LoadedScene;
+use assets::import::Target;
+use glam::Vec3;
+use patchlight::debug::DebugKind;
+use patchlight::{Bake, MethodSettings};
+use reference::PictureErrors;
+
+use crate::eye::Eye;
+use crate::lights::EditedLighting;
+use crate::methods::{MethodDefaults, Methods};
+use crate::sun::{Compass, SunTime, direction_to_sun};
+use crate::times::Times;
+
+/// Sub-frames that can be chosen.
+pub const SUB_FRAMES: [u32; 4] = [1, 2, 4, 16];
+/// Shares of the window's pixels, as divisors, that can be chosen.
+pub const DIVISORS: [u32; 3] = [1, 2, 4];
+
+/// Most cameras of an animation in the list: with that of the scene, one a digit.
+const MOST_KEYFRAMES: usize = 8;
+
+/// What a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
+    /// Light.
+    Light,
+    /// What the bake made, or its light by patches.
+    Debug(DebugKind),
+    /// Where the light differs from the reference.
+    Error,
+}
+
+impl Shown {
+    /// Everything, whether the bake has it or not.
+    pub fn all() -> impl Iterator<Item = Self> {
+        [Self::Light].into_iter().chain(DebugKind::ALL.map(Self::Debug)).chain([Self::Error])
+    }
+
+    /// Its name in panels and scripts.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Light => "light",
+            Self::Debug(kind) => kind.name(),
+            Self::Error => "error",
+        }
+    }
+}
+
+/// A picture beside that of the method.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Split {
+    /// Whether there is one.
+    pub is_on: bool,
+    /// Share of the width that the method has.
+    pub at: f32,
+}
+
+/// What is done once, after the panels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// The window as it is shown, into a file; without one, into the next numbered file of the folder.
+    Screenshot(Option<PathBuf>),
+    /// Another size of the window, pixels.
+    Resize(u32, u32),
+    /// The end.
+    Quit,
+}
+
+/// What the reference says of the picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Comparison {
+    /// Paths a pixel so far; 0 for a file.
+    pub samples: u32,
+    /// Errors of the picture; none of one that is too small to compare.
+    pub errors: Option<PictureErrors>,
+}
+
+/// What panels show and nobody edits.
+#[derive(Clone, Debug, Default)]
+pub struct Facts {
+    /// What runs the kernels.
+    pub device: String,
+    /// What shows the window.
+    pub screen: String,
+    /// Size of pictures, pixels.
+    pub size: (u32, u32),
+    /// Bytes of each part of the light.
+    pub bytes: Vec<(String, u64)>,
+    /// Bytes of this process, where the system says.
+    pub resident: Option<u64>,
+    /// Times of the frames.
+    pub times: Times,
+    /// The comparison, where there is one of what is shown.
+    pub comparison: Option<Comparison>,
+    /// Name of the file that is the reference; paths without.
+    pub reference: Option<String>,
+    /// The last thing worth telling.
+    pub message: String,
+}
+
+/// Everything that can be changed while the window is open.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// What shines.
+    pub lighting: EditedLighting,
+    /// Who looks.
+    pub eye: Eye,
+    /// Cameras to return to, with their names.
+    pub cameras: Vec<(String, Eye)>,
+    /// Exposure of the picture, stops.
+    pub exposure_stops: f32,
+    /// The methods.
+    pub methods: Methods,
+    /// What is shown.
+    pub shown: Shown,
+    /// What this bake can show.
+    pub showable: Vec<Shown>,
+    /// The sun's time.
+    pub sun: SunTime,
+    /// Where the sun comes from.
+    pub compass: Compass,
+    /// The split screen.
+    pub split: Split,
+    /// Whether panels are there.
+    pub has_panels: bool,
+    /// Whether the help is there.
+    pub has_help: bool,
+    /// Sub-frames of a picture.
+    pub sub_frames: u32,
+    /// Pixels of the window for one of the picture, along an edge.
+    pub divisor: u32,
+    /// Names of the materials.
+    pub materials: Vec<String>,
+    /// The light whose numbers are shown.
+    pub selected: Option<usize>,
+    /// How far away things are, m.
+    pub distance: f32,
+    /// What is to be done after the panels.
+    pub requests: Vec<Request>,
+    /// What panels show.
+    pub facts: Facts,
+}
+
+impl State {
+    /// The state in which the window opens.
+    pub fn new(loaded: &LoadedScene, bake: &Bake, defaults: &MethodDefaults) -> Self {
+        let (low, high) = bake.scene.geometry.bounds;
+        let metres = (high - low).length();
+        let cameras = cameras(loaded, metres);
+        let suits = |shown: &Shown| match shown {
+            Shown::Debug(kind) => kind.suits(&bake.mesh, &bake.receivers),
+            Shown::Light | Shown::Error => true,
+        };
+        Self {
+            lighting: EditedLighting::of(bake),
+            eye: cameras[0].1,
+            cameras,
+            exposure_stops: loaded.exposure_stops,
+            methods: Methods::of(bake, defaults),
+            shown: Shown::Light,
+            showable: Shown::all().filter(suits).collect(),
+            sun: SunTime::default(),
+            compass: Compass::of_up(loaded.view.up),
+            split: Split { is_on: false, at: 0.5 },
+            has_panels: true,
+            has_help: false,
+            sub_frames: 1,
+            divisor: 1,
+            materials: material_names(loaded, bake),
+            selected: None,
+            distance: 0.25 * metres,
+            requests: Vec::new(),
+            facts: Facts::default(),
+        }
+    }
+
+    /// Puts the sun where its time says, below the horizon switched off; false where there is no sun.
+    pub fn place_sun(&mut self) -> bool {
+        let to_sun = direction_to_sun(self.sun, self.compass);
+        let up = self.compass.up;
+        let Some(sun) = self.lighting.sun() else { return false };
+        sun.light.direction = -to_sun;
+        sun.is_up = to_sun.dot(up) > 0.0;
+        true
+    }
+
+    /// A place before the eye, m.
+    pub fn place_ahead(&self) -> Vec3 {
+        self.eye.position + self.eye.forward() * (0.3 * self.distance)
+    }
+
+    /// Whether the picture is compared with a reference.
+    pub fn compares(&self) -> bool {
+        self.split.is_on || self.shown == Shown::Error
+    }
+
+    /// Why the albedo of materials cannot be changed under the chosen method.
+    pub fn why_no_albedo(&self) -> String {
+        let name = &self.methods.chosen().name;
+        match self.methods.chosen().settings {
+            MethodSettings::Multibounce(_) | MethodSettings::Local(_) => {
+                format!("all bounces of {name} are in its matrix, and the albedo with them: bake again")
+            }
+            _ => "elements keep one albedo of all materials in them, from the bake: bake again".to_owned(),
+        }
+    }
+}
+
+/// The camera of a scene, and those at the keyframes of its animation.
+fn cameras(loaded: &LoadedScene, metres: f32) -> Vec<(String, Eye)> {
+    let mut cameras = vec![("scene".to_owned(), Eye::of_view(&loaded.view, metres))];
+    let animation = &loaded.animation;
+    let is_camera = |target: &Target| matches!(target, Target::CameraEye | Target::CameraTarget);
+    let mut times: Vec<f32> = animation
+        .tracks
+        .iter()
+        .filter(|track| is_camera(&track.target))
+        .flat_map(|track| track.keyframes.iter().map(|keyframe| keyframe.time))
+        .collect();
+    times.sort_by(f32::total_cmp);
+    times.dedup();
+    cameras.extend(times.iter().take(MOST_KEYFRAMES).map(|&time| {
+        let view = animation.at(time).1;
+        (format!("{time:.1} s"), Eye::of_view(&view, metres))
+    }));
+    cameras
+}
+
+/// Names of the materials; numbers where the scene has none.
+fn material_names(loaded: &LoadedScene, bake: &Bake) -> Vec<String> {
+    let name = |k: usize| loaded.materials.get(k).filter(|name| !name.is_empty()).cloned();
+    (0..bake.scene.materials.len()).map(|k| name(k).unwrap_or_else(|| format!("material {k}"))).collect()
+}

@@ -1,0 +1,138 @@
+//! Times of frames, and what limits their rate.
+
+use std::collections::VecDeque;
+
+use runtime::executor::PassTime;
+
+/// Frames that are kept for the graph.
+const KEPT: usize = 240;
+/// Passes of the pixels; all others belong to the light update.
+const PIXEL_PASSES: [&str; 3] = ["shade", "mark", "display"];
+
+/// Times of a frame, ms.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameTimes {
+    /// Of each kind of pass.
+    pub passes: Vec<(String, f64)>,
+    /// From the frame before to this one.
+    pub total: f64,
+}
+
+impl FrameTimes {
+    /// A frame whose passes took so long.
+    pub fn new(passes: Vec<PassTime>, total: f64) -> Self {
+        Self { passes: patchlight::renderer::by_name(passes), total }
+    }
+
+    /// The light update.
+    pub fn update(&self) -> f64 {
+        self.sum(|name| !PIXEL_PASSES.contains(&name))
+    }
+
+    /// The pixels.
+    pub fn shading(&self) -> f64 {
+        self.sum(|name| PIXEL_PASSES.contains(&name))
+    }
+
+    /// Everything else: panels, transfers, the window system.
+    pub fn presenting(&self) -> f64 {
+        (self.total - self.update() - self.shading()).max(0.0)
+    }
+
+    fn sum(&self, is_meant: impl Fn(&str) -> bool) -> f64 {
+        self.passes.iter().filter(|(name, _)| is_meant(name)).map(|(_, ms)| ms).sum()
+    }
+}
+
+/// Times of the last frames with a new picture, and sums over all of them.
+#[derive(Clone, Debug, Default)]
+pub struct Times {
+    last: VecDeque<FrameTimes>,
+    frames: u32,
+    /// Update, shading, presenting, ms.
+    sums: [f64; 3],
+    longest: f64,
+}
+
+/// Over all frames with a new picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rate {
+    /// Number of pictures.
+    pub frames: u32,
+    /// Pictures a second.
+    pub per_second: f64,
+    /// Mean times of the light update, of shading and of presenting, ms.
+    pub means: [f64; 3],
+    /// Longest frame, ms.
+    pub longest: f64,
+}
+
+impl Times {
+    /// Adds a frame.
+    pub fn add(&mut self, frame: FrameTimes) {
+        for (sum, ms) in self.sums.iter_mut().zip([frame.update(), frame.shading(), frame.presenting()]) {
+            *sum += ms;
+        }
+        self.frames += 1;
+        self.longest = self.longest.max(frame.total);
+        if self.last.len() == KEPT {
+            self.last.pop_front();
+        }
+        self.last.push_back(frame);
+    }
+
+    /// The last frames, oldest first.
+    pub fn last(&self) -> &VecDeque<FrameTimes> {
+        &self.last
+    }
+
+    /// Over all frames; none before the first.
+    pub fn rate(&self) -> Option<Rate> {
+        let frames = f64::from(self.frames);
+        let total: f64 = self.sums.iter().sum();
+        (total > 0.0).then(|| Rate {
+            frames: self.frames,
+            per_second: 1e3 * frames / total,
+            means: self.sums.map(|sum| sum / frames),
+            longest: self.longest,
+        })
+    }
+}
+
+impl Rate {
+    /// What limits the rate, in a line.
+    pub fn in_words(&self) -> String {
+        let Self { frames, per_second, means, longest } = self;
+        let total: f64 = means.iter().sum();
+        let part = |name: &str, ms: f64| format!("{name} {ms:.1} ms ({:.0} %)", 100.0 * ms / total);
+        format!(
+            "{frames} pictures, {per_second:.1} a second, longest {longest:.0} ms: {}, {}, {}",
+            part("light update", means[0]),
+            part("shading", means[1]),
+            part("presenting", means[2])
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_of_a_frame_add_up_to_its_time() {
+        let pass = |name: &str, milliseconds| PassTime { name: name.into(), milliseconds };
+        let passes = vec![pass("direct", 2.0), pass("shade", 5.0), pass("method", 1.0), pass("shade", 3.0)];
+        let frame = FrameTimes::new(passes, 20.0);
+        assert_eq!((frame.update(), frame.shading(), frame.presenting()), (3.0, 8.0, 9.0));
+        let mut times = Times::default();
+        assert!(times.rate().is_none());
+        for _ in 0..KEPT + 10 {
+            times.add(frame.clone());
+        }
+        let rate = times.rate().unwrap();
+        assert_eq!((rate.frames, times.last().len()), (KEPT as u32 + 10, KEPT));
+        assert!((rate.per_second - 50.0).abs() < 1e-9);
+        let words = rate.in_words();
+        assert!(words.contains("50.0 a second") && words.contains("shading 8.0 ms (40 %)"), "{words}");
+    }
+}
