@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use assets::LoadedScene;
 use egui::{Event, Key, Modifiers, RawInput, Rect, ViewportId, pos2};
 use patchlight::memory::resident_bytes;
-use patchlight::{Bake, Observer};
+use patchlight::{Bake, Observer, Picture};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, Executor, PassTime};
 use runtime::vulkan::Validation;
@@ -19,7 +19,7 @@ use winit::window::{Window, WindowId};
 
 use crate::error::Error;
 use crate::fit::fit;
-use crate::live::{Live, check};
+use crate::live::{Live, check, rgba};
 use crate::methods::MethodDefaults;
 use crate::reference::{Comparer, Job, read};
 use crate::screen::{Gpu, Panels, Screen, Side, Source};
@@ -127,8 +127,9 @@ struct App<'a> {
     /// Whether the comparison under way is of what is shown.
     is_compared: bool,
     has_reference: bool,
-    /// Size that pictures keep, that of a reference.
-    fixed_size: Option<(u32, u32)>,
+    /// The reference of a file, whose size all pictures have, and the exposure with which it is on the screen.
+    file: Option<Arc<Picture>>,
+    file_stops: Option<f32>,
     panels: egui::Context,
     // The executor, in `live`, ends before the device of the screen.
     open: Option<Open>,
@@ -167,7 +168,7 @@ impl<'a> App<'a> {
             observer.warn(&format!("{why}; showing {}", state.methods.chosen().name));
         }
         let file = settings.reference.as_deref().map(|path| read(path, state.exposure_stops)).transpose()?;
-        let fixed_size = file.as_ref().map(|picture| (picture.width, picture.height));
+        let file = file.map(Arc::new);
         if let Some(path) = &settings.reference {
             state.facts.reference = Some(path.display().to_string());
             state.split.is_on = true;
@@ -186,10 +187,11 @@ impl<'a> App<'a> {
             is_stopped,
             state,
             script,
-            comparer: Comparer::new(file, settings.seed, Box::new(tell)),
+            comparer: Comparer::new(file.clone(), settings.seed, Box::new(tell)),
             is_compared: false,
             has_reference: false,
-            fixed_size,
+            file,
+            file_stops: None,
             panels: egui::Context::default(),
             open: None,
             frames: 0,
@@ -216,7 +218,7 @@ impl<'a> App<'a> {
         };
         self.state.facts.device = executor.device().name.clone();
         self.state.facts.screen = screen.device_name().to_owned();
-        let size = self.fixed_size.unwrap_or(self.settings.size);
+        let size = self.file.as_ref().map_or(self.settings.size, |file| (file.width, file.height));
         let live = Live::new(Arc::clone(&self.bake), executor, &self.state, size, self.observer)?;
         let input = egui_winit::State::new(
             self.panels.clone(),
@@ -322,8 +324,8 @@ impl<'a> App<'a> {
 
     /// The size that pictures are to have: that of the window, once it rests.
     fn picture_size(&mut self, now: (u32, u32), window: (u32, u32)) -> (u32, u32) {
-        if let Some(fixed) = self.fixed_size {
-            return fixed;
+        if let Some(file) = &self.file {
+            return (file.width, file.height);
         }
         let part = |edge: u32| (edge / self.state.divisor).max(1);
         let wanted = (part(window.0), part(window.1));
@@ -357,9 +359,17 @@ impl<'a> App<'a> {
             self.is_compared = false;
             self.state.facts.comparison = None;
         }
-        let is_file = self.fixed_size.is_some();
-        // A file does not follow what changes.
-        self.has_reference &= is_file || self.is_compared || !has_changed;
+        match &self.file {
+            Some(file) if self.file_stops != Some(self.state.exposure_stops) => {
+                let shown = rgba(file, self.state.exposure_stops);
+                open.screen.set_picture(Side::Right, open.live.size(), &Source::Host(&shown))?;
+                self.file_stops = Some(self.state.exposure_stops);
+                self.has_reference = true;
+            }
+            Some(_) => {}
+            // Paths follow what changes.
+            None => self.has_reference &= self.is_compared || !has_changed,
+        }
         if !has_changed && open.live.is_settled() && !self.is_compared {
             let (camera, ours) = open.live.picture(&self.state)?;
             let scene = open.live.scene().clone();
@@ -368,8 +378,10 @@ impl<'a> App<'a> {
         }
         let Some(found) = self.comparer.take() else { return Ok(()) };
         let size = open.live.size();
-        open.screen.set_picture(Side::Right, size, &Source::Host(&found.shown))?;
-        self.has_reference = true;
+        if self.file.is_none() {
+            open.screen.set_picture(Side::Right, size, &Source::Host(&found.shown))?;
+            self.has_reference = true;
+        }
         if let (Shown::Error, Some(difference)) = (self.state.shown, &found.difference) {
             open.screen.set_picture(Side::Left, size, &Source::Host(difference))?;
         }

@@ -12,7 +12,7 @@ use crate::state::{Comparison, DIVISORS, Request, SUB_FRAMES, Shown, State};
 /// Width of the panel, points.
 const WIDTH: f32 = 290.0;
 /// Height of the graph, points.
-const GRAPH_HEIGHT: f32 = 130.0;
+const GRAPH_HEIGHT: f32 = 190.0;
 
 /// What keys and pointer do, for the help.
 pub const KEYS: [(&str, &str); 13] = [
@@ -42,7 +42,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     }
     if state.has_help {
         let mut is_open = true;
-        Window::new("Help").open(&mut is_open).resizable(false).show(ui.ctx(), help);
+        Window::new("Help").default_pos([WIDTH + 30.0, 20.0]).open(&mut is_open).resizable(false).show(ui.ctx(), help);
         state.has_help = is_open;
     }
 }
@@ -313,7 +313,7 @@ fn times(ui: &mut Ui, state: &State) {
         .allow_scroll(false)
         .allow_zoom(false)
         .allow_drag(false)
-        .legend(Legend::default())
+        .legend(Legend::default().text_style(egui::TextStyle::Small).background_alpha(0.3))
         .show(ui, |plot| {
             plot.line(Line::new("frame", points(&|frame| frame.total)).color(Color32::GRAY));
             for name in names {

@@ -56,7 +56,7 @@ struct Shared {
     /// Number of the job that is wanted; work for another one ends.
     wanted: AtomicU64,
     /// The picture of a file.
-    file: Option<Picture>,
+    file: Option<Arc<Picture>>,
     seed: u32,
     /// Told of everything that is found.
     tell: Box<dyn Fn() + Send + Sync>,
@@ -87,7 +87,7 @@ impl Shared {
 
 impl Comparer {
     /// Starts the thread; `tell` is called, in it, when something is found.
-    pub fn new(file: Option<Picture>, seed: u32, tell: Box<dyn Fn() + Send + Sync>) -> Self {
+    pub fn new(file: Option<Arc<Picture>>, seed: u32, tell: Box<dyn Fn() + Send + Sync>) -> Self {
         let wanted = AtomicU64::new(0);
         let shared = Arc::new(Shared { slot: Mutex::default(), wake: Condvar::new(), wanted, file, seed, tell });
         let own = Arc::clone(&shared);

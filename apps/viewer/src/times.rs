@@ -40,7 +40,8 @@ impl FrameTimes {
     }
 
     fn sum(&self, is_meant: impl Fn(&str) -> bool) -> f64 {
-        self.passes.iter().filter(|(name, _)| is_meant(name)).map(|(_, ms)| ms).sum()
+        // An empty sum of floats is −0.
+        self.passes.iter().filter(|(name, _)| is_meant(name)).fold(0.0, |sum, (_, ms)| sum + ms)
     }
 }
 

@@ -115,12 +115,12 @@ fn lights_are_added_switched_dragged_and_removed() {
     };
     click(&mut harness, "+ point");
     assert_eq!((harness.state().lighting.lights.len(), harness.state().selected), (3, Some(2)));
-    let state = harness.state_mut();
+    let eye = harness.state().eye;
     // Beside the panel.
-    let light = state.place_ahead() + 0.2 * state.eye.camera((900, 1200)).right;
-    state.lighting.lights[2].light.position = light;
+    let camera = eye.camera((900, 1200));
+    let light = camera.eye + 0.5 * (camera.forward + 0.4 * camera.right);
+    harness.state_mut().lighting.lights[2].light.position = light;
     harness.run_steps(2);
-    let camera = harness.state().eye.camera((900, 1200));
     let shown = project(&camera, light).unwrap();
     let place = pos2(shown.x * SIZE.x, shown.y * SIZE.y);
     drag(&mut harness, place, place + vec2(60.0, -45.0));
@@ -129,7 +129,7 @@ fn lights_are_added_switched_dragged_and_removed() {
     let by = vec2((now.x - shown.x) * SIZE.x, (now.y - shown.y) * SIZE.y);
     assert!((by - vec2(60.0, -45.0)).length() < 8.0, "{by}: the first points of a drag decide that it is one");
     assert!((now.z - shown.z).abs() < 1e-3, "at the same depth");
-    assert_eq!(harness.state().eye, state_eye(), "the camera stays");
+    assert_eq!(harness.state().eye, eye, "the camera stays");
 
     harness.state_mut().lighting.lights[2].is_on = false;
     assert_eq!(harness.state().lighting.lighting().lights[2].color, Vec3::ZERO);
@@ -137,10 +137,6 @@ fn lights_are_added_switched_dragged_and_removed() {
     last.click();
     harness.run_steps(3);
     assert_eq!(harness.state().lighting.lights.len(), 2);
-}
-
-fn state_eye() -> viewer::eye::Eye {
-    state().eye
 }
 
 #[test]
