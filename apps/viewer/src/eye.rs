@@ -21,7 +21,7 @@ const CROSSING: f32 = 12.0;
 pub struct Eye {
     /// Where it is, m.
     pub position: Vec3,
-    /// Turn about up, radians, from the direction that [`Eye::level`] is at 0.
+    /// Turn about up, radians, to the right of a level direction that up alone decides.
     pub yaw: f32,
     /// Angle above level, radians.
     pub pitch: f32,
