@@ -81,7 +81,7 @@ impl Display {
     /// # Errors
     /// [`Error::NoWindow`], [`Error::NoDevice`].
     pub fn open() -> Result<Self, Error> {
-        let events = EventLoop::new().map_err(|error| Error::NoWindow { reason: error.to_string() })?;
+        let events = EventLoop::new().map_err(|error| Error::NoWindow { reason: reason(&error.to_string()) })?;
         let gpu = Gpu::new(&events.owned_display_handle(), Validation::from_environment())?;
         Ok(Self { events, gpu })
     }
@@ -105,6 +105,12 @@ impl Display {
         gpu.check_messages()?;
         Ok(report)
     }
+}
+
+/// What the window system says, without the place in the source of the crate that says it.
+fn reason(text: &str) -> String {
+    let said = text.rsplit_once(".rs:").and_then(|(_, rest)| rest.split_once(": "));
+    said.map_or(text, |(_, said)| said).trim_end_matches('.').to_owned()
 }
 
 fn run(events: EventLoop<()>, mut app: App) -> Result<Report, Error> {

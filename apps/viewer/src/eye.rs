@@ -21,7 +21,7 @@ const CROSSING: f32 = 12.0;
 pub struct Eye {
     /// Where it is, m.
     pub position: Vec3,
-    /// Turn about up, radians, from the direction that [`Eye::level`] is at 0.
+    /// Turn about up, radians, to the right of a level direction that up alone decides.
     pub yaw: f32,
     /// Angle above level, radians.
     pub pitch: f32,
@@ -65,8 +65,8 @@ impl Eye {
     /// A level direction, and the one to its right.
     fn axes(&self) -> (Vec3, Vec3) {
         let other = if self.up.dot(Vec3::Z).abs() < 0.9 { Vec3::Z } else { Vec3::Y };
-        let right = self.up.cross(other).normalize();
-        (right.cross(self.up), right)
+        let right = other.cross(self.up).normalize();
+        (self.up.cross(right), right)
     }
 
     /// The direction of yaw and pitch 0.

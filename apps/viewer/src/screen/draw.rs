@@ -75,6 +75,12 @@ pub struct Screen {
     freed: Vec<TextureId>,
 }
 
+/// The window in a buffer that the host reads.
+struct Copied {
+    buffer: HostBuffer,
+    size: (u32, u32),
+}
+
 /// A buffer whose bytes become a picture.
 #[derive(Clone, Copy)]
 struct Pending {
@@ -230,7 +236,7 @@ impl Screen {
             if captures || self.is_stale {
                 self.frame.wait()?;
             }
-            capture = copied.map(|(buffer, size)| self.read(&buffer, size));
+            capture = copied.map(|copied| self.read(&copied));
             if !self.is_stale {
                 break;
             }
@@ -254,20 +260,15 @@ impl Screen {
     }
 
     /// The bytes of a copy of the window.
-    fn read(&self, buffer: &HostBuffer, size: (u32, u32)) -> Capture {
+    fn read(&self, copied: &Copied) -> Capture {
         let is_reversed = self.format.format == vk::Format::B8G8R8A8_UNORM;
         let rgb =
             |pixel: &[u8]| if is_reversed { [pixel[2], pixel[1], pixel[0]] } else { [pixel[0], pixel[1], pixel[2]] };
-        let bytes = buffer.read().chunks_exact(PIXEL as usize).flat_map(rgb).collect();
-        Capture { size, bytes }
+        let bytes = copied.buffer.read().chunks_exact(PIXEL as usize).flat_map(rgb).collect();
+        Capture { size: copied.size, bytes }
     }
 
-    fn draw_into_window(
-        &mut self,
-        panels: &Panels,
-        at: Option<f32>,
-        captures: bool,
-    ) -> Result<Option<(HostBuffer, (u32, u32))>, Error> {
+    fn draw_into_window(&mut self, panels: &Panels, at: Option<f32>, captures: bool) -> Result<Option<Copied>, Error> {
         let Some(swapchain) = &self.swapchain else { return Ok(None) };
         let chain = swapchain.raw;
         // SAFETY: the swapchain and the semaphore are alive; nothing waits for the semaphore: the last frame is drawn.
@@ -306,7 +307,7 @@ impl Screen {
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => self.is_stale = true,
             Err(result) => return Err(Error::Call { call: "vkQueuePresentKHR", result }),
         }
-        Ok(capture.map(|buffer| (buffer, (extent.width, extent.height))))
+        Ok(capture.map(|buffer| Copied { buffer, size: (extent.width, extent.height) }))
     }
 
     /// Records the commands of a frame; the semaphore that says that the image is drawn.
