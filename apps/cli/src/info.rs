@@ -140,7 +140,8 @@ impl Info {
             emissive_materials: count(&|m| m.radiance.max_element() > 0.0),
             textures: s.geometry.textures.len(),
             area_m2: s.geometry.triangles.iter().map(area).sum(),
-            emitting_area_m2: s.emitters.iter().map(|e| f64::from(e.area)).sum(),
+            // The sum of nothing is −0.
+            emitting_area_m2: s.emitters.iter().map(|e| f64::from(e.area)).sum::<f64>().abs(),
             bounds_m: [s.geometry.bounds.0.to_array(), s.geometry.bounds.1.to_array()],
             metres_per_unit: loaded.metres_per_unit,
             lights: lights.collect(),
