@@ -31,7 +31,7 @@ use viewer::{Display, MethodDefaults, Settings};
     patchlight view sponza.toml --patch-count 2000 --size 640x360\n  \
     patchlight view sponza.bake --method temporal\n  \
     patchlight view office.bake --reference reference/office/full.exr\n  \
-    patchlight view cornell --script tests/view/tour.txt --out out/tour\n\n\
+    patchlight view atrium --script tests/view/tour.txt --out out/tour\n\n\
     Commands of a script, one a line, # begins a comment:\n  {}\n\n\
     The window needs some Vulkan driver; Mesa's lavapipe will do. docs/viewer.md has more.",
     HELP.replace('\n', "\n  ")
