@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
+use assets::import::load_or_build;
 use glam::{Vec3, Vec4};
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
 use integration_tests::vulkan;
 use multibounce::{LowRank, Proceed, TileSide, TileSource, halving_order};
+use patchlight::{Bake, BakeSettings, Estimator};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
 use runtime::plan::{BufferId, PassId, Plan};
@@ -14,7 +16,33 @@ use runtime::recipe::Tables;
 use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::sampling::{hash3, unit};
-use transport::LinearOperator;
+use transport::{LinearOperator, Silent};
+
+#[test]
+fn a_bake_on_a_device_is_that_of_the_host() {
+    let Some(mut vulkan) = vulkan() else { return };
+    // Textured triangles, elements of clusters, receivers that see the sky.
+    let loaded = load_or_build("atrium:3000").unwrap();
+    let settings = BakeSettings {
+        patch_count: 60,
+        estimator: Estimator::Hemisphere { rays: 256 },
+        receiver_rays: 64,
+        ..BakeSettings::default()
+    };
+    let rows = |bake: Bake| {
+        let elements = bake.form_factors.element_rows.unwrap();
+        assert!(elements.rows() > bake.mesh.patches.len(), "elements are finer than patches");
+        let (points, sky) = (bake.receivers.points.len(), bake.receivers.sky_rows);
+        (points, elements, bake.form_factors.sky_factor, bake.form_factors.factors, bake.receivers.rows, sky)
+    };
+    let own = rows(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
+    let build = |vulkan: &mut Vulkan, seed: u32| {
+        rows(Bake::build_on(vulkan, &loaded.scene, &BakeSettings { seed, ..settings }, &Silent).unwrap())
+    };
+    assert!(own == build(&mut vulkan, 0));
+    assert!(own != build(&mut vulkan, 1), "another seed is another bake");
+    assert!(vulkan.plan().passes().iter().any(|pass| pass.name == "rows"), "the device traced rays");
+}
 
 /// `exitance = 1 + 0.5 * 2` for `count` elements, as a plan with its output and its pass.
 fn small_plan(count: u32) -> (Plan, [BufferId; 4], PassId) {

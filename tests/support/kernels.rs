@@ -627,6 +627,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("offsets", &offsets),
                 buffer("points", &points),
                 buffer("grids", &grids),
+                buffer("cell_columns", &(0..patch_count).rev().collect::<Vec<u32>>()),
                 room::<u32>("ids", n as usize),
             ];
             call(n, p, tables)

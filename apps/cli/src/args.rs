@@ -375,8 +375,8 @@ pub struct Render {
     pub bake: BakeOptions,
     #[command(flatten)]
     pub operators: OperatorSettings,
-    /// Where the operator of --bounces K is built (multibounce, tiles): auto takes the device of --device when it is a graphics
-    /// processor.
+    /// What traces the rays of the bake, and builds the operator of --bounces K (multibounce, tiles): auto takes the device of
+    /// --device when it is a graphics processor.
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
     pub build_on: BuildPlace,
     /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).

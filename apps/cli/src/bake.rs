@@ -20,11 +20,12 @@ use patchlight::energy::EnergyCheck;
 use patchlight::file::{Section, beginning_of};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::FeedbackSettings;
-use patchlight::operator::{Build, Codec, OperatorKey};
+use patchlight::operator::{Build, BuildOn, Codec, OperatorKey};
 use patchlight::{
     BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
 };
-use runtime::executor::{DeviceChoice, open};
+use runtime::executor::{DeviceChoice, Executor, open};
+use scene::Scene;
 
 /// Bake a scene into a file: patches, form factors, receivers, and the operators of the methods that are named. `render` then
 /// begins with the first frame, by any method that needs no operator or whose operator is there. Goes on where an interrupted
@@ -108,7 +109,6 @@ pub fn operator_of(options: &OperatorSettings, method: Method) -> MethodSettings
 }
 
 pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result<(), Error> {
-    common.native_only("bake")?;
     let progress = Progress::new(common.quiet);
     if let Some(matches) = matches {
         warn_of_idle_in_bake(matches, args, &progress);
@@ -122,6 +122,8 @@ pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result
     let loaded = output::import_within(&args.scene, memory_limit, &progress)?;
     let path = common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.bake", loaded.name.replace(':', "-"))));
     check_file(&path)?;
+    // Before minutes of work.
+    let mut device = open_device(common, &progress)?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let settings = FileSettings {
         origin: Origin {
@@ -131,7 +133,7 @@ pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result
         },
         bake: args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed),
         methods: args.methods.iter().map(|method| operator_of(&args.operators, *method)).collect(),
-        build: Build { memory_limit, folder: folder.to_path_buf(), ..Build::default() },
+        build: Build { on: BuildOn::Device, memory_limit, folder: folder.to_path_buf() },
     };
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
     if args.bake.patches.voxel_size.is_none() {
@@ -139,7 +141,6 @@ pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result
         let check = |method: &MethodSettings| method.check_memory(bake.patch_count, bake.bounces, build);
         methods.iter().try_for_each(check).map_err(of_scene)?;
     }
-    let (mut device, _) = open(&DeviceChoice::Cpu)?;
     continue_in(beginning_of(&path));
     let build = || patchlight::Bake::build_into(&path, &loaded.scene, &settings, device.as_mut(), &progress);
     let bake = interruptible(build).map_err(of_scene)?;
@@ -321,13 +322,10 @@ impl Lightable {
     /// What is wrong with the file or the device; [`Error::WorldLight`]; cancellation.
     pub fn of(common: &Common, options: &LightOptions, command: &str, progress: &Progress) -> Result<Self, Error> {
         output::check_out(&common.out)?;
-        let (loaded, bake) = baked(common, options, progress)?;
+        let mut executor = open_device(common, progress)?;
+        let (loaded, bake) = baked(common, options, executor.as_mut(), progress)?;
         let out = output::folder_or(&common.out, &format!("{}-{command}", loaded.name));
         output::make_folder(&out)?;
-        let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-        if let Some(note) = note {
-            progress.note(&note);
-        }
         // No picture is made: the least there is.
         let frame = RenderSettings { size: (1, 1), sub_frames: 1, eye: loaded.view.eye, ..RenderSettings::default() };
         let renderer = interruptible(|| Renderer::new(bake, executor, &frame, progress))?;
@@ -335,10 +333,40 @@ impl Lightable {
     }
 }
 
+/// The device that is asked for; a note where it is another one than a user may expect.
+///
+/// # Errors
+/// A device that is not there, or lacks a feature.
+pub fn open_device(common: &Common, progress: &Progress) -> Result<Box<dyn Executor>, Error> {
+    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
+    if let Some(note) = note {
+        progress.note(&note);
+    }
+    Ok(executor)
+}
+
+/// Bakes a scene on the host, or on a device that is to.
+///
+/// # Errors
+/// As [`patchlight::Bake::build_on`]; cancellation.
+pub fn build(
+    device: &mut (dyn Executor + 'static),
+    on: BuildOn,
+    scene: &Scene,
+    settings: &BakeSettings,
+    progress: &Progress,
+) -> Result<patchlight::Bake, patchlight::Error> {
+    interruptible(|| match on.is_device(device.device().kind) {
+        true => patchlight::Bake::build_on(device, scene, settings, progress),
+        false => patchlight::Bake::build(scene, settings, progress),
+    })
+}
+
 /// A scene and its bake, opened or made.
 fn baked(
     common: &Common,
     options: &LightOptions,
+    device: &mut (dyn Executor + 'static),
     progress: &Progress,
 ) -> Result<(LoadedScene, Arc<patchlight::Bake>), Error> {
     let LightOptions { scene, patches, memory_limit } = options;
@@ -363,8 +391,8 @@ fn baked(
         seed: common.seed,
         ..BakeSettings::default()
     };
-    let build = || patchlight::Bake::build(&loaded.scene, &settings, progress);
-    let bake = interruptible(build).map_err(|error| Error::of_scene(error, scene))?;
+    let bake = build(device, BuildOn::Auto, &loaded.scene, &settings, progress);
+    let bake = bake.map_err(|error| Error::of_scene(error, scene))?;
     loaded.scene = bake.scene.clone();
     Ok((loaded, Arc::new(bake)))
 }

@@ -10,6 +10,7 @@ use reference::{PictureErrors, PictureFile as _};
 use scene::Light;
 use temporal::Settings;
 
+use super::bake::build;
 use assets::import::{Animation, LoadedScene, View};
 use assets::procedural;
 use experiments::Error;
@@ -29,7 +30,7 @@ use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
 use patchlight::method::temporal::{RowKind, Sampled};
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
-use patchlight::operator::{Codec, decoder_name};
+use patchlight::operator::{BuildOn, Codec, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{Bake, BakeSettings, Estimator, MethodSettings, Pictures, RenderSettings, Renderer};
 use runtime::executor::{DeviceChoice, open};
@@ -216,7 +217,9 @@ fn one_scene(
         seed: common.seed,
         ..BakeSettings::default()
     };
-    let bake = Arc::new(interruptible(|| Bake::build(&loaded.scene, &settings, progress))?);
+    let (mut device, _) = open(&DeviceChoice::parse(&common.device))?;
+    let bake = Arc::new(build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress)?);
+    drop(device);
     let show = Show { common, effort, loaded, bake: &bake, out };
     let checked = show.trace_some(progress)?;
     let mut runs = Vec::new();

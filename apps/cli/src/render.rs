@@ -10,7 +10,7 @@ use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, PictureFile as _, ReferenceData, stops_to_scale};
 
 use super::args::{Bounces, DirectLight, Method, Render};
-use super::bake::Opened;
+use super::bake::{Opened, build, open_device};
 use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::Common;
@@ -207,21 +207,18 @@ impl Job<'_> {
 
     fn radiosity_frames(&self, summary: &mut Summary) -> Result<Rendered, Error> {
         let Self { args, loaded, progress, .. } = *self;
-        let (executor, note) = self.open_device()?;
-        if let Some(note) = note {
-            progress.note(&note);
-        }
+        let mut executor = open_device(self.common, progress)?;
         summary.device = executor.device().name.clone();
         let decode = self.decode();
         // Before minutes of baking.
         decode.check(executor.device())?;
         let settings = self.render_settings(decode);
         self.warn_of_many_lights(settings.sub_frames);
-        let bake = self.bake(&settings)?;
+        let bake = self.bake(executor.as_mut(), &settings)?;
         let exact = match args.errors {
             true => {
                 let settings = RenderSettings { method: MethodSettings::Classic, ..settings.clone() };
-                let executor = self.open_device()?.0;
+                let executor = open(&DeviceChoice::parse(&self.common.device))?.0;
                 Some(interruptible(|| Renderer::new(Arc::clone(&bake), executor, &settings, progress))?)
             }
             false => None,
@@ -246,7 +243,7 @@ impl Job<'_> {
     }
 
     /// The bake that there is, or a new one.
-    fn bake(&self, settings: &RenderSettings) -> Result<Arc<Bake>, Error> {
+    fn bake(&self, device: &mut (dyn Executor + 'static), settings: &RenderSettings) -> Result<Arc<Bake>, Error> {
         let Self { args, subject, loaded, progress, .. } = *self;
         let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
         let check =
@@ -264,7 +261,8 @@ impl Job<'_> {
         if args.bake.patches.voxel_size.is_none() {
             check(baked.patch_count, baked.bounces)?;
         }
-        Ok(Arc::new(interruptible(|| Bake::build(&loaded.scene, &baked, progress)).map_err(of_scene)?))
+        let built = build(device, args.build_on.place(), &loaded.scene, &baked, progress);
+        Ok(Arc::new(built.map_err(of_scene)?))
     }
 
     /// Light of each is traced from all samples of patches and from all pixels.
@@ -284,10 +282,6 @@ impl Job<'_> {
                 rays * 1e-6
             ));
         }
-    }
-
-    fn open_device(&self) -> Result<(Box<dyn Executor>, Option<String>), Error> {
-        Ok(open(&DeviceChoice::parse(&self.common.device))?)
     }
 
     fn movement(&self) -> Movement {

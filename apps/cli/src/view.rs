@@ -7,7 +7,7 @@ use clap::{ArgMatches, Args};
 use serde::Serialize;
 
 use super::args::{BakeOptions, Input, LocalArgs, Method, OperatorSettings, TemporalOptions, warn_of_idle_in_view};
-use super::bake::{Opened, operator_of, parse_purpose};
+use super::bake::{self, Opened, open_device, operator_of, parse_purpose};
 use assets::import::LoadedScene;
 use experiments::Error;
 use experiments::args::{Common, parse_error, parse_size};
@@ -16,9 +16,9 @@ use experiments::progress::{Progress, interruptible, is_cancelled};
 use experiments::say;
 use patchlight::method::Preparation;
 use patchlight::method::{FeedbackSettings, FirstShotSettings};
-use patchlight::operator::{BakedOperator, Build, Decode, OperatorKey};
+use patchlight::operator::{BakedOperator, Build, BuildOn, Decode, OperatorKey};
 use patchlight::{Bake, MethodSettings};
-use runtime::executor::{DeviceChoice, open};
+use runtime::executor::DeviceChoice;
 use viewer::script::HELP;
 use viewer::{Display, MethodDefaults, Settings};
 
@@ -155,11 +155,12 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
         let check = |m: &MethodSettings| m.check_memory(settings.patch_count, settings.bounces, &build);
         methods.iter().try_for_each(check).map_err(of_scene)?;
     }
-    let mut bake = interruptible(|| Bake::build(&loaded.scene, &settings, progress)).map_err(of_scene)?;
+    let mut device = open_device(common, progress)?;
+    let built = bake::build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress);
+    let mut bake = built.map_err(of_scene)?;
     if bake.mesh.patches.is_empty() {
         return Ok((loaded, bake));
     }
-    let (mut device, _) = open(&DeviceChoice::Cpu)?;
     let shared = Arc::new(bake.clone());
     for key in methods.iter().filter_map(|method| OperatorKey::of(method, &settings)) {
         let eye = loaded.view.eye;

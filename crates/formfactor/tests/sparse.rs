@@ -1,6 +1,9 @@
 //! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
 
-use formfactor::{Error, add_hit_rows, add_quadrant_rows, gather_by_rays, sparse_rows};
+use formfactor::kernel::hemisphere::hemisphere_ray;
+use formfactor::{
+    Error, HemisphereParams, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows,
+};
 use glam::{Vec3, Vec4};
 use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use scene::sampling::{hash3, unit};
@@ -74,6 +77,47 @@ fn three_forms_of_the_same_rows() {
     for row in 0..counts.rows() {
         assert!(counts.row(row).iter().map(|c| c.1).sum::<u32>() < 96, "some rays leave through the lid");
     }
+}
+
+#[test]
+fn rows_traced_by_somebody_else_are_the_same() {
+    let scene = open_box();
+    let subdivision = cut(&scene);
+    let (points, offsets) = receivers(130);
+    let surfaces = subdivision.surfaces_to(&scene, &[], &points, &offsets);
+    let (rays, count) = (96, subdivision.patches.len() as u32);
+    let params = HemisphereParams { rays, seed: surfaces.seed, ray_offset: surfaces.ray_offset, ..Default::default() };
+    let column = |row: usize, k: u32| {
+        let (origin, direction) = hemisphere_ray(&params, &offsets, &points, row as u32, k);
+        let hit = surfaces.visibility.closest(origin, direction);
+        if hit.is_miss() { count } else { (surfaces.owner)(&hit, direction).min(count + 1) }
+    };
+    let trace = |rows: std::ops::Range<usize>| -> Result<Vec<u32>, Error> {
+        Ok(rows.flat_map(|row| (0..rays).map(move |k| (row, k))).map(|(row, k)| column(row, k)).collect())
+    };
+    let empty = || (HitCounts::new(count as usize).unwrap(), HitCounts::new(SKY_BINS).unwrap());
+
+    let (mut own, _) = empty();
+    let sky = add_hit_rows(&mut own, &surfaces, rays, &on).unwrap();
+    let (mut rows, _) = empty();
+    assert_eq!(add_traced_rows(&mut rows, None, &surfaces, rays, &mut { trace }, &on).unwrap(), sky);
+    assert!(rows == own);
+
+    let (mut own, mut own_sky) = empty();
+    let sky = add_quadrant_rows(&mut own, (&mut own_sky, &sky_bin), &surfaces, rays, &on).unwrap();
+    let (mut rows, mut sky_rows) = empty();
+    let bins = Some((&mut sky_rows, &sky_bin as &formfactor::SkyBin));
+    assert_eq!(add_traced_rows(&mut rows, bins, &surfaces, rays, &mut { trace }, &on).unwrap(), sky);
+    assert!(rows == own && sky_rows == own_sky);
+
+    // Rays that are all shifted by one are other rows; what the tracer says comes back.
+    let (mut rows, _) = empty();
+    let mut shifted = |rows| trace(rows).map(|columns| columns.into_iter().skip(1).chain([0]).collect());
+    add_traced_rows(&mut rows, None, &surfaces, rays, &mut shifted, &on).unwrap();
+    assert!(rows != own);
+    let mut lost = |_| Err(Error::EmptyRow { row: 7 });
+    let found = add_traced_rows(&mut rows, None, &surfaces, rays, &mut lost, &on);
+    assert_eq!(found, Err(Error::EmptyRow { row: 7 }));
 }
 
 #[test]

@@ -20,13 +20,14 @@ kernels! {
         offsets: read [u32; p.first_row as usize + row_count + 1],
         points: read [SurfacePoint],
         grids: read [TriangleGrid],
+        cell_columns: read [u32],
         geometry: GeometryTables,
         ids: write [u32],
     } each {
         let row = p.first_row + k / p.rays;
         let (origin, direction) = hemisphere::hemisphere_ray(p, offsets, points, row, k % p.rays);
         let hit = bvh::closest_hit(&geometry, origin, direction, bvh::FAR);
-        hemisphere::classify_hit(p, grids, &geometry, direction, hit)
+        hemisphere::classify_hit(p, grids, cell_columns, &geometry, direction, hit)
     }
 
     /// First exitance of every patch, W/m²: [`product::assemble_source`]. One invocation per patch.

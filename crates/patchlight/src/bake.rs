@@ -1,13 +1,15 @@
 //! What a scene is at rest, computed once: patches, elements and receivers, and the form factors between them.
 
+use std::cell::RefCell;
 use std::sync::Arc;
 
-use formfactor::{Stop, add_quadrant_rows, jacobi};
+use formfactor::{Stop, jacobi};
 use glam::Vec4;
 use patches::{
-    Columns, Density, Focus, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing,
-    ViewSettings, cut_at_feet, lit_sampler, test_lights,
+    Density, Focus, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
+    cut_at_feet, lit_sampler, test_lights,
 };
+use runtime::executor::Executor;
 use scene::sampling::hash3;
 use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
 use serde::{Deserialize, Serialize};
@@ -15,7 +17,7 @@ use transport::{Csr, HitCounts, Observer, Phase};
 
 use crate::energy::EnergyCheck;
 use crate::error::Error;
-use crate::form_factors::{Estimator, FormFactors};
+use crate::form_factors::{ElementRows, Estimator, FormFactors, RowRays};
 use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
 use crate::operator::BakedOperator;
@@ -141,15 +143,38 @@ pub struct PatchBake<'a> {
 }
 
 impl Bake {
-    /// Cuts a scene into patches, estimates their form factors, and places receivers.
+    /// Cuts a scene into patches, estimates their form factors, and places receivers, on all cores of the host.
     ///
     /// # Errors
     /// Too many triangles or voxels, settings that do not suit each other, cancellation.
     pub fn build(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
+        Self::build_by(RowRays::Host, scene, settings, observer)
+    }
+
+    /// [`Bake::build`] with a device that traces the rays of elements and receivers, most of the work: the plan that it had goes.
+    /// Native code as the device leaves them to the host. Where device and host find the same hits, the bake has the same bytes.
+    ///
+    /// # Errors
+    /// As [`Bake::build`]; what the device says.
+    pub fn build_on(
+        device: &mut (dyn Executor + 'static),
+        scene: &Scene,
+        settings: &BakeSettings,
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
+        Self::build_by(RowRays::on(device), scene, settings, observer)
+    }
+
+    fn build_by(
+        mut rays: RowRays,
+        scene: &Scene,
+        settings: &BakeSettings,
+        observer: &dyn Observer,
+    ) -> Result<Self, Error> {
         let density = density_of(scene, settings, observer)?;
         let cut = cut_scene(scene, &density, settings)?;
-        let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, observer)?;
-        patches.with_receivers(settings, observer)
+        let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, &mut rays, observer)?;
+        patches.with_receivers_by(settings, &mut rays, observer)
     }
 
     /// Values that the patches' irradiance has: those between them where pixels take it from the patches.
@@ -168,7 +193,7 @@ impl<'a> PatchBake<'a> {
     /// # Errors
     /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
     pub fn build(scene: &'a Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
-        Self::with_density(scene, Density::default(), settings, observer)
+        Self::with_density(scene, Density::default(), settings, &mut RowRays::Host, observer)
     }
 
     /// [`PatchBake::build`] with a density that is known.
@@ -176,6 +201,7 @@ impl<'a> PatchBake<'a> {
         scene: &'a Scene,
         density: Density,
         settings: &BakeSettings,
+        rays: &mut RowRays,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
         check_receivers(settings)?;
@@ -188,7 +214,7 @@ impl<'a> PatchBake<'a> {
             return Err(too_many(triangles, mesh.patches.len()));
         }
         let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
-            FormFactors::estimate(scene, &mesh, settings.estimator, settings.seed, report)
+            FormFactors::estimate_by(scene, &mesh, (settings.estimator, settings.seed), rays, report)
         })?;
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
@@ -243,11 +269,21 @@ impl<'a> PatchBake<'a> {
     /// # Errors
     /// Receivers that the patches do not suit, cancellation.
     pub fn with_receivers(self, settings: &BakeSettings, observer: &dyn Observer) -> Result<Bake, Error> {
+        self.with_receivers_by(settings, &mut RowRays::Host, observer)
+    }
+
+    /// [`PatchBake::with_receivers`], their rays traced by the host or a device.
+    pub(crate) fn with_receivers_by(
+        self,
+        settings: &BakeSettings,
+        rays: &mut RowRays,
+        observer: &dyn Observer,
+    ) -> Result<Bake, Error> {
         let Self { sampler, bake } = self;
         let settings = BakeSettings { patches: bake.settings.patches, ..*settings };
         check_receivers(&settings)?;
         let receivers = run_phase(observer, Phase::RECEIVERS, |report| match &sampler {
-            Some(sampler) if settings.receivers == ReceiverKind::Mesh => place(&bake, sampler, &settings, report),
+            Some(sampler) if settings.receivers == ReceiverKind::Mesh => place(&bake, sampler, &settings, rays, report),
             _ => Ok(MeshReceivers::none(&bake.scene)?),
         })?;
         observer.note(&format!(
@@ -319,7 +355,13 @@ fn sample_params(scene: &Scene, mesh: &PatchMesh, settings: &BakeSettings) -> Di
 }
 
 /// Places receivers on the mesh.
-fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Report) -> Result<MeshReceivers, Error> {
+fn place(
+    bake: &Bake,
+    sampler: &LitSampler,
+    settings: &BakeSettings,
+    device: &mut RowRays,
+    report: &Report,
+) -> Result<MeshReceivers, Error> {
     let scene = &bake.scene;
     let mesh = &bake.mesh;
     let seed = settings.seed ^ 0x7265_6365;
@@ -350,17 +392,23 @@ fn place(bake: &Bake, sampler: &LitSampler, settings: &BakeSettings, report: &Re
         seed,
     };
     // How many there will be is not known: the observer receives the rows of each round.
+    let device = RefCell::new(device);
     let add = |rows: &mut HitCounts, sky_rows: &mut HitCounts, points: &[SurfacePoint]| {
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
-        let surfaces = mesh.lighting(scene, Columns::Elements, points, &offsets, seed);
-        let rays = settings.receiver_rays;
+        let own = ElementRows { scene, mesh, points, offsets: &offsets, rays: settings.receiver_rays, seed };
         let sky = (sky_rows, &sky_bin as &formfactor::SkyBin);
-        add_quadrant_rows(rows, sky, &surfaces, rays, &report)
-            .map_err(|error| patches::Error::Rows(Box::new(error)))?;
+        let added = device.borrow_mut().add(rows, Some(sky), &own, report);
+        added.map_err(|error| patches::Error::Rows(Box::new(error)))?;
         Ok(())
     };
-    Ok(MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add)?)
+    MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add).map_err(|error| match error {
+        patches::Error::Rows(own) => match own.downcast::<Error>() {
+            Ok(own) => *own,
+            Err(other) => patches::Error::Rows(other).into(),
+        },
+        other => other.into(),
+    })
 }
 
 /// Only voxels have a lookup between patches.

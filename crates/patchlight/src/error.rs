@@ -238,10 +238,6 @@ impl Error {
             Self::Local(localmatrix::Error::Cancelled) => true,
             Self::Local(localmatrix::Error::Shared(error)) => is_cancelled(error),
             Self::Patches(patches::Error::Shared(error)) => is_cancelled(error),
-            Self::Patches(patches::Error::Rows(error)) => match error.downcast_ref() {
-                Some(formfactor::Error::Shared(error)) => is_cancelled(error),
-                _ => false,
-            },
             _ => false,
         }
     }

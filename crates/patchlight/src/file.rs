@@ -39,7 +39,7 @@ use transport::{LinearOperator as _, Observer, check_length};
 use crate::bake::{Bake, BakeSettings, PatchBake, cut_scene, density_of};
 use crate::energy::EnergyCheck;
 use crate::error::Error;
-use crate::form_factors::FormFactors;
+use crate::form_factors::{FormFactors, RowRays};
 use crate::method::{MethodSettings, Preparation};
 use crate::operator::{BakedOperator, Build, Decode, OperatorKey};
 
@@ -177,7 +177,7 @@ pub fn kind_of(head: &[u8]) -> Option<BakeKind> {
 
 impl Bake {
     /// Bakes a scene into a file, and gives the bake; goes on where an interrupted run of the same ended. The bytes are the same
-    /// for any number of threads and interruptions. `device` may build operators.
+    /// for any number of threads and interruptions. `device` traces rays, as in [`Bake::build_on`], and may build operators.
     ///
     /// # Errors
     /// As [`Bake::build`]; what the file says. What was made until then stays in `PATH.beginning` for the next run.
@@ -198,11 +198,12 @@ impl Bake {
         if writer.take::<StoredScene>(Kind::Scene)?.is_none() {
             writer.put(Kind::Scene, &StoredScene::from(scene))?;
         }
-        let patches = write_patches(&mut writer, scene, density, &settings.bake, observer)?;
+        let rays = &mut RowRays::on(device);
+        let patches = write_patches(&mut writer, scene, density, &settings.bake, rays, observer)?;
         let mut bake = match writer.take(Kind::Receivers)? {
             Some(StoredReceivers { receivers, energy }) => Bake { receivers, energy, ..patches.bake().clone() },
             None => {
-                let bake = patches.with_receivers(&settings.bake, observer)?;
+                let bake = patches.with_receivers_by(&settings.bake, rays, observer)?;
                 let (receivers, energy) = (bake.receivers.clone(), bake.energy);
                 writer.put(Kind::Receivers, &StoredReceivers { receivers, energy })?;
                 bake
@@ -283,6 +284,7 @@ fn write_patches<'a>(
     scene: &'a Scene,
     density: Density,
     settings: &BakeSettings,
+    rays: &mut RowRays,
     observer: &dyn Observer,
 ) -> Result<PatchBake<'a>, Error> {
     let mesh = writer.take::<PatchMesh>(Kind::Patches)?;
@@ -303,7 +305,7 @@ fn write_patches<'a>(
         };
         return PatchBake::of(bake, scene);
     }
-    let patches = PatchBake::with_density(scene, density, settings, observer)?;
+    let patches = PatchBake::with_density(scene, density, settings, rays, observer)?;
     let bake = patches.bake();
     if !has_mesh {
         writer.put(Kind::Patches, &*bake.mesh)?;

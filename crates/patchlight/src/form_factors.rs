@@ -2,9 +2,14 @@
 
 use std::sync::Arc;
 
-use formfactor::{AreaToArea, Contour, Hemisphere, PointToPoint, add_hit_rows, balance, form_factors, sparse_rows};
+use formfactor::{
+    AreaToArea, Contour, Hemisphere, PointToPoint, SkyBin, add_hit_rows, add_quadrant_rows, add_traced_rows, balance,
+    form_factors, sparse_rows,
+};
 use patches::{Columns, PatchMesh};
-use scene::Scene;
+use runtime::executor::{DeviceKind, Executor};
+use runtime::recipe::formfactor::RowTracer;
+use scene::{Scene, SurfacePoint};
 use serde::{Deserialize, Serialize};
 use transport::{Csr, HitCounts, LinearOperator};
 
@@ -28,6 +33,65 @@ pub enum Estimator {
     Area,
     /// One point a patch.
     Point,
+}
+
+/// Who traces the rays of elements and receivers: the host's own hierarchy, or the kernels of a device.
+pub(crate) enum RowRays<'a> {
+    /// All cores of the host.
+    Host,
+    /// A device.
+    Device(&'a mut (dyn Executor + 'static)),
+}
+
+/// Rows of rays over the elements of a mesh.
+pub(crate) struct ElementRows<'a> {
+    /// The scene of the mesh.
+    pub scene: &'a Scene,
+    /// Whose elements are the columns.
+    pub mesh: &'a PatchMesh,
+    /// Row i starts from `points[offsets[i]..offsets[i + 1]]`.
+    pub points: &'a [SurfacePoint],
+    /// One more than rows.
+    pub offsets: &'a [u32],
+    /// Rays of each.
+    pub rays: u32,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+impl<'a> RowRays<'a> {
+    /// A device; the host where its own hierarchy is faster than the kernels, as native code.
+    pub(crate) fn on(executor: &'a mut (dyn Executor + 'static)) -> Self {
+        match executor.device().kind {
+            DeviceKind::Native => Self::Host,
+            _ => Self::Device(executor),
+        }
+    }
+
+    /// Adds a row of counts of hits for each of the rows; with sky rows four, as [`add_quadrant_rows`] does. Returns their sky
+    /// factors.
+    ///
+    /// # Errors
+    /// Cancellation, what the device says.
+    pub(crate) fn add(
+        &mut self,
+        counts: &mut HitCounts,
+        sky: Option<(&mut HitCounts, &SkyBin)>,
+        &ElementRows { scene, mesh, points, offsets, rays, seed }: &ElementRows,
+        report: &Report,
+    ) -> Result<Vec<f32>, Error> {
+        let surfaces = mesh.lighting(scene, Columns::Elements, points, offsets, seed);
+        Ok(match (self, sky) {
+            (Self::Host, None) => add_hit_rows(counts, &surfaces, rays, &report)?,
+            (Self::Host, Some(sky)) => add_quadrant_rows(counts, sky, &surfaces, rays, &report)?,
+            (Self::Device(executor), sky) => {
+                let cells = mesh.cell_columns(Columns::Elements);
+                let mut tracer = RowTracer::new(*executor, scene, cells, &surfaces, rays)?;
+                let mut trace = |rows| tracer.columns(rows).map_err(Error::from);
+                add_traced_rows(counts, sky, &surfaces, rays, &mut trace, &report)?
+            }
+        })
+    }
 }
 
 /// Form factors between patches, and between elements.
@@ -54,12 +118,26 @@ impl FormFactors {
         seed: u32,
         report: &Report,
     ) -> Result<Self, Error> {
+        Self::estimate_by(scene, mesh, (estimator, seed), &mut RowRays::Host, report)
+    }
+
+    /// [`FormFactors::estimate`]; rays of elements that are finer than patches are traced by the device, if there is one.
+    ///
+    /// # Errors
+    /// As [`FormFactors::estimate`]; what the device says.
+    pub(crate) fn estimate_by(
+        scene: &Scene,
+        mesh: &PatchMesh,
+        (estimator, seed): (Estimator, u32),
+        device: &mut RowRays,
+        report: &Report,
+    ) -> Result<Self, Error> {
         if !mesh.polygons.is_empty() {
             return Self::of_polygons(scene, mesh, estimator, seed, report);
         }
         let without_outlines = |estimator| Err(formfactor::Error::NoOutlines { estimator }.into());
         match estimator {
-            Estimator::Hemisphere { rays } => Self::of_samples(scene, mesh, rays, seed, report),
+            Estimator::Hemisphere { rays } => Self::of_samples(scene, mesh, (rays, seed), device, report),
             Estimator::Contour => without_outlines("Contour"),
             Estimator::Area => without_outlines("AreaToArea"),
             Estimator::Point => without_outlines("PointToPoint"),
@@ -89,7 +167,13 @@ impl FormFactors {
 
     /// Of patches made of samples. No balance: their areas are estimates by samples, and reciprocity with them would make good
     /// rows worse.
-    fn of_samples(scene: &Scene, mesh: &PatchMesh, rays: u32, seed: u32, report: &Report) -> Result<Self, Error> {
+    fn of_samples(
+        scene: &Scene,
+        mesh: &PatchMesh,
+        (rays, seed): (u32, u32),
+        device: &mut RowRays,
+        report: &Report,
+    ) -> Result<Self, Error> {
         let elements = mesh.elements.len();
         let rays = element_rays(rays, mesh);
         if elements == mesh.patches.len() {
@@ -97,9 +181,9 @@ impl FormFactors {
             let factors = Arc::new(rows.factors);
             return Ok(Self { factors, element_rows: None, sky_factor: rows.sky_factor });
         }
-        let fine = mesh.lighting(scene, Columns::Elements, &mesh.points, &mesh.offsets, seed);
+        let fine = ElementRows { scene, mesh, points: &mesh.points, offsets: &mesh.offsets, rays, seed };
         let mut rows = HitCounts::new(elements)?;
-        let sky_factor = add_hit_rows(&mut rows, &fine, rays, &report)?;
+        let sky_factor = device.add(&mut rows, None, &fine, report)?;
         let patch: Vec<u32> = (0..elements as u32).map(|element| mesh.patch_of(element)).collect();
         let factors = rows.means(&mesh.patch_elements, &mesh.element_shares(), &patch, mesh.patches.len())?;
         Ok(Self { factors: Arc::new(factors), element_rows: Some(Arc::new(rows)), sky_factor })

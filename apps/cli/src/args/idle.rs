@@ -8,7 +8,7 @@ use experiments::progress::Progress;
 
 use super::super::bake::Bake;
 use super::super::view::View;
-use super::{Bounces, FormFactors, Input, Method, ReceiverPlaces, Render, Storage, Switch};
+use super::{FormFactors, Input, Method, ReceiverPlaces, Render, Storage, Switch};
 
 /// Options of a command that are for some runs only.
 struct Rule<T: 'static> {
@@ -72,12 +72,8 @@ const RULES: &[Rule<Render>] = &[
     },
     Rule {
         options: &["build_on"],
-        whom: "operators of --bounces K (--method multibounce and tiles) of scenes, not bakes; others are built on the host",
-        suits: |args, input| {
-            matches!(args.method, Method::Multibounce | Method::Tiles)
-                && args.bake.bounces != Bounces::All
-                && input == Input::Scene
-        },
+        whom: "scenes, not bakes, and not for --method path",
+        suits: |args, input| args.method != Method::Path && input == Input::Scene,
     },
     Rule {
         options: &["bounces"],

@@ -203,17 +203,52 @@ pub(super) fn rows_hits(s: &Surfaces, rows: Range<usize>, rays: u32) -> Vec<u32>
 /// The same in [`QUADRANTS`] rows for each: the hits in each quadrant of the hemisphere, as in
 /// [`transport::rotational_gradients`]. Rays that escape have the column [`first_sky_column`] plus the bin of their direction.
 pub(super) fn quadrant_hits(s: &Surfaces, rows: Range<usize>, rays: u32, sky_bin: &SkyBin) -> Vec<u32> {
-    let each = rays as usize;
-    let mut hits = vec![NONE; QUADRANTS * rows.len() * each];
-    let frames: Vec<(Vec3, Vec3)> = rows.clone().map(|row| frame(s.row_points(row)[0].normal)).collect();
-    let sky = s.patches.len() as u32;
-    trace_rows(s, rows, rays, &mut |place, column, direction| {
-        let column = if column == sky { first_sky_column(s) + sky_bin(direction) } else { column };
-        let (row, k) = (place / each, place % each);
-        let (right, up) = frames[row];
-        hits[(QUADRANTS * row + quadrant_of(direction, right, up)) * each + k] = column;
-    });
-    hits
+    let mut quadrants = Quadrants::new(s, rows.clone(), rays, sky_bin);
+    trace_rows(s, rows, rays, &mut |place, column, direction| quadrants.put(place, column, direction));
+    quadrants.hits
+}
+
+/// [`quadrant_hits`] of rays that somebody else has traced: their columns, row by row.
+pub(super) fn in_quadrants(s: &Surfaces, rows: Range<usize>, columns: &[u32], sky_bin: &SkyBin) -> Vec<u32> {
+    let rays = (columns.len() / rows.len().max(1)) as u32;
+    let p = hemisphere_params(s, rows.start, rays);
+    let mut quadrants = Quadrants::new(s, rows.clone(), rays, sky_bin);
+    for (place, &column) in columns.iter().enumerate() {
+        let (row, k) = (rows.start + place / rays as usize, place as u32 % rays);
+        quadrants.put(place, column, hemisphere_ray(&p, s.offsets, s.points, row as u32, k).1);
+    }
+    quadrants.hits
+}
+
+/// Hits of some rows, shared out over the quadrants of each.
+struct Quadrants<'a> {
+    hits: Vec<u32>,
+    frames: Vec<(Vec3, Vec3)>,
+    rays: usize,
+    sky: u32,
+    first_bin: u32,
+    sky_bin: &'a SkyBin<'a>,
+}
+
+impl<'a> Quadrants<'a> {
+    fn new(s: &Surfaces, rows: Range<usize>, rays: u32, sky_bin: &'a SkyBin) -> Self {
+        Self {
+            hits: vec![NONE; QUADRANTS * rows.len() * rays as usize],
+            frames: rows.map(|row| frame(s.row_points(row)[0].normal)).collect(),
+            rays: rays as usize,
+            sky: s.patches.len() as u32,
+            first_bin: first_sky_column(s),
+            sky_bin,
+        }
+    }
+
+    /// The ray at a place among those of all rows.
+    fn put(&mut self, place: usize, column: u32, direction: Vec3) {
+        let column = if column == self.sky { self.first_bin + (self.sky_bin)(direction) } else { column };
+        let (row, k) = (place / self.rays, place % self.rays);
+        let (right, up) = self.frames[row];
+        self.hits[(QUADRANTS * row + quadrant_of(direction, right, up)) * self.rays + k] = column;
+    }
 }
 
 /// A ray of a row, and its place among the rays of all rows.

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use scene::NONE;
 
 use super::estimate::{
-    Estimator, Hemisphere, SkyBin, check_surfaces, first_sky_column, hemisphere_hits, like_rays, quadrant_hits,
-    rows_hits,
+    Estimator, Hemisphere, SkyBin, check_surfaces, first_sky_column, hemisphere_hits, in_quadrants, like_rays,
+    quadrant_hits, rows_hits,
 };
 use crate::error::Error;
 use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, check_length};
@@ -86,8 +86,10 @@ pub fn add_hit_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
-    let hits = |own: Range<usize>| rows_hits(surfaces, own, rays);
-    add_rows(rows, None, surfaces, (rays, 1), &hits, progress)
+    let watch = Watch::new(surfaces.rows(), progress);
+    add_rows(rows, None, surfaces, (rays, 1), &mut |own| {
+        Ok(watch.tasks(own, |own| in_groups(own, rays, &|own| rows_hits(surfaces, own, rays)))?.concat())
+    })
 }
 
 /// As [`add_hit_rows`], with [`QUADRANTS`] rows instead of one: the hits in each quadrant of the hemisphere round the
@@ -104,43 +106,76 @@ pub fn add_quadrant_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<Vec<f32>, Error> {
-    let hits = |own: Range<usize>| quadrant_hits(surfaces, own, rays, sky_bin);
-    add_rows(rows, Some(sky_rows), surfaces, (rays, QUADRANTS), &hits, progress)
+    let watch = Watch::new(surfaces.rows(), progress);
+    add_rows(rows, Some(sky_rows), surfaces, (rays, QUADRANTS), &mut |own| {
+        Ok(watch.tasks(own, |own| in_groups(own, rays, &|own| quadrant_hits(surfaces, own, rays, sky_bin)))?.concat())
+    })
+}
+
+/// [`add_hit_rows`], or with sky rows [`add_quadrant_rows`], of rays that are traced by somebody else, on a GPU perhaps:
+/// `trace` gives the column of what each ray of some rows meets, row by row: a patch, the number of patches for the sky, one
+/// more for what no patch owns. Ray k of a row is [`crate::kernel::hemisphere::hemisphere_ray`].
+///
+/// # Errors
+/// As [`add_hit_rows`], and what `trace` gives.
+pub fn add_traced_rows<E: From<Error>>(
+    rows: &mut HitCounts,
+    sky: Option<(&mut HitCounts, &SkyBin)>,
+    surfaces: &Surfaces,
+    rays: u32,
+    trace: &mut dyn FnMut(Range<usize>) -> Result<Vec<u32>, E>,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<Vec<f32>, E> {
+    let watch = Watch::new(surfaces.rows(), progress);
+    let Some((sky_rows, sky_bin)) = sky else {
+        return add_rows(rows, None, surfaces, (rays, 1), &mut |own| {
+            let columns = trace(own.clone())?;
+            watch.tasks(own, |_| ()).map_err(E::from)?;
+            Ok(columns)
+        });
+    };
+    add_rows(rows, Some(sky_rows), surfaces, (rays, QUADRANTS), &mut |own| {
+        let columns = trace(own.clone())?;
+        let of_rows = |rows: Range<usize>| {
+            let place = |row: usize| (row - own.start) * rays as usize;
+            in_quadrants(surfaces, rows.clone(), &columns[place(rows.start)..place(rows.end)], sky_bin)
+        };
+        Ok(watch.tasks(own.clone(), of_rows).map_err(E::from)?.concat())
+    })
+}
+
+/// What `work` makes of some rows, so many at a time that their rays are traced together.
+fn in_groups(rows: Range<usize>, rays: u32, work: &dyn Fn(Range<usize>) -> Vec<u32>) -> Vec<u32> {
+    let group = (GROUP_RAYS / rays as usize).max(1);
+    rows.clone().step_by(group).flat_map(|first| work(first..(first + group).min(rows.end))).collect()
 }
 
 /// Adds `parts` rows for each of the surfaces' from the columns that its rays hit, all rays for each part.
-fn add_rows(
+fn add_rows<E: From<Error>>(
     rows: &mut HitCounts,
     mut sky_rows: Option<&mut HitCounts>,
     surfaces: &Surfaces,
     (rays, parts): (u32, usize),
-    hits: &(dyn Fn(Range<usize>) -> Vec<u32> + Sync),
-    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-) -> Result<Vec<f32>, Error> {
+    hits: &mut dyn FnMut(Range<usize>) -> Result<Vec<u32>, E>,
+) -> Result<Vec<f32>, E> {
     check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
-    check_length("columns", rows.columns(), surfaces.patches.len())?;
+    check_length("columns", rows.columns(), surfaces.patches.len()).map_err(Error::from)?;
     let (total, sky) = (surfaces.rows(), surfaces.patches.len() as u32);
     let first_bin = first_sky_column(surfaces);
     let is_sky = |column: u32| column == sky || column >= first_bin && column != NONE;
     let mut sky_factor = Vec::with_capacity(parts * total);
-    let watch = Watch::new(total, progress);
     let block = (BLOCK_HITS / (parts * rays as usize)).max(1).next_multiple_of(TASK_ROWS);
-    let group = (GROUP_RAYS / rays as usize).max(1);
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
-        let task = |rows: Range<usize>| {
-            let starts = rows.clone().step_by(group);
-            starts.flat_map(|first| hits(first..(first + group).min(rows.end))).collect::<Vec<u32>>()
-        };
-        let mut hits = watch.tasks(own.clone(), task)?.concat();
+        let mut hits = hits(own.clone())?;
         let scales = std::vec![1.0 / rays as f32; parts * own.len()];
-        rows.push(&hits, &scales)?;
+        rows.push(&hits, &scales).map_err(Error::from)?;
         let escaped = |hits: &[u32]| hits.iter().filter(|&&column| is_sky(column)).count() as f32 / rays as f32;
         sky_factor.extend(hits.chunks(rays as usize).map(escaped));
         if let Some(sky_rows) = &mut sky_rows {
             hits.par_iter_mut().for_each(|column| *column = column.checked_sub(first_bin).unwrap_or(NONE));
-            sky_rows.push(&hits, &scales)?;
+            sky_rows.push(&hits, &scales).map_err(Error::from)?;
         }
     }
     Ok(sky_factor)

@@ -59,11 +59,12 @@ pub fn ray_share(p: &HemisphereParams, offsets: &[u32], points: &[SurfacePoint],
 }
 
 /// Column of what a ray met: the patch that owns the hit, `patch_count` for the sky, `patch_count + 1` for a hit that no
-/// patch owns. `grids[triangle]` numbers the patches of each triangle.
+/// patch owns. `grids[triangle]` numbers the cells of each triangle, and `cell_columns[cell]` names the patch of each.
 #[inline]
 pub fn classify_hit(
     p: &HemisphereParams,
     grids: &[TriangleGrid],
+    cell_columns: &[u32],
     geometry: &GeometryTables,
     direction: Vec3,
     hit: Hit,
@@ -72,8 +73,9 @@ pub fn classify_hit(
         return p.patch_count;
     }
     let front = geometry.normal(hit.triangle).dot(direction) < 0.0;
-    let id = owner(grids[hit.triangle as usize], hit, front);
-    if id == NONE { p.patch_count + 1 } else { id }
+    let cell = owner(grids[hit.triangle as usize], hit, front);
+    let column = if cell == NONE { NONE } else { cell_columns[cell as usize] };
+    if column < p.patch_count { column } else { p.patch_count + 1 }
 }
 
 /// Row `first_row + row_local` of F from the columns that its rays met: writes all

@@ -195,6 +195,20 @@ impl PatchMesh {
         if self.cells.is_empty() || cell == NONE { cell } else { self.cells[cell as usize] }
     }
 
+    /// Per triangle, the numbers of its cells; and the column that owns each cell, or [`NONE`]: what
+    /// a device looks hits up in.
+    pub fn cell_columns(&self, columns: Columns) -> (&[TriangleGrid], Vec<u32>) {
+        let cells = match self.cells.is_empty() {
+            true => (0..self.elements.len() as u32).collect(),
+            false => self.cells.clone(),
+        };
+        let cells = match columns {
+            Columns::Elements => cells,
+            Columns::Patches => cells.into_iter().map(|element| self.patch_of(element)).collect(),
+        };
+        (&self.grids, cells)
+    }
+
     /// Divisions of the edges of each triangle in which elements are looked up.
     pub fn divisions(&self) -> Vec<u32> {
         self.grids.iter().map(|grid| grid.divisions).collect()

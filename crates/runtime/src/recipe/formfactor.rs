@@ -7,9 +7,11 @@ use std::sync::Arc;
 use formfactor::HemisphereParams;
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
+use scene::Scene;
 use transport::kernel::hits::WORD_COUNTS;
-use transport::{Csr, HitCounts, HitsParams, LinearOperator as _, ViewParams};
+use transport::{Csr, HitCounts, HitsParams, LinearOperator as _, Surfaces as RowSurfaces, TriangleGrid, ViewParams};
 
+use super::scene::SceneTables;
 use super::{Bindings, Named, Tables, add_pass, rgb_bytes, row_blocks};
 use crate::executor::{Executor, ExecutorError};
 use crate::plan::{BufferId, PassId, Plan, Range};
@@ -168,20 +170,80 @@ pub fn interpolate(plan: &mut Plan, pass: &str, bindings: Bindings, pixels: u32)
     add_pass(plan, pass, &table::FORMFACTOR_INTERPOLATE, bindings, &[], &count, pixels)
 }
 
-/// Adds the pass of what the hemisphere rays of a block of rows meet: the column of each ray, or none. Bindings: `offsets`,
-/// `points`, `grids`, `ids`, and those of the scene ([`super::scene::SceneTables::bindings`]).
-///
-/// # Errors
-/// Buffers that are missing or too short.
-pub fn hemisphere_hits(
-    plan: &mut Plan,
-    pass: &str,
-    own: Bindings,
-    scene: Bindings,
-    params: &HemisphereParams,
-) -> Result<PassId, ExecutorError> {
-    let rays = params.row_count * params.rays;
-    add_pass(plan, pass, &table::FORMFACTOR_HEMISPHERE_HITS, own, scene, params, rays)
+/// Rays that are traced together, of as many rows as have them, or of one row.
+const RAYS_TOGETHER: u32 = 1 << 20;
+
+/// What the hemisphere rays of rows meet, found by a device: its plan holds the scene and the points of the rows.
+pub struct RowTracer<'a> {
+    executor: &'a mut (dyn Executor + 'static),
+    pass: PassId,
+    ids: BufferId,
+    params: HemisphereParams,
+    /// Rows of a dispatch.
+    rows: u32,
+}
+
+impl<'a> RowTracer<'a> {
+    /// Loads the scene and the rows of `surfaces`, each with `rays` rays. Of each triangle `grids` numbers the cells, of each
+    /// cell `cell_columns` names the column that owns it.
+    ///
+    /// # Errors
+    /// What the device says: a scene too large for it, say.
+    pub fn new(
+        executor: &'a mut (dyn Executor + 'static),
+        scene: &Scene,
+        (grids, cell_columns): (&[TriangleGrid], Vec<u32>),
+        surfaces: &RowSurfaces,
+        rays: u32,
+    ) -> Result<Self, ExecutorError> {
+        let mut plan = Plan::new();
+        let mut tables = Tables::new();
+        let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
+        let rows = (RAYS_TOGETHER / rays.max(1)).clamp(1, surfaces.rows().max(1) as u32);
+        let ids = plan.storage("ids", 4 * u64::from(rows) * u64::from(rays));
+        let own = [
+            tables.named(&mut plan, "offsets", surfaces.offsets.to_vec()),
+            tables.named(&mut plan, "points", surfaces.points.to_vec()),
+            tables.named(&mut plan, "grids", grids.to_vec()),
+            tables.named(&mut plan, "cell_columns", cell_columns),
+            ("ids", Range::from(ids)),
+        ];
+        let params = HemisphereParams {
+            first_row: 0,
+            row_count: rows,
+            rays,
+            patch_count: surfaces.patches.len() as u32,
+            seed: surfaces.seed,
+            ray_offset: surfaces.ray_offset,
+            reserved: [0; 2],
+        };
+        let (kernel, shared) = (&table::FORMFACTOR_HEMISPHERE_HITS, scene_tables.bindings());
+        let pass = add_pass(&mut plan, "rows", kernel, &own, shared, &params, rows * rays)?;
+        executor.load(plan)?;
+        tables.upload(executor)?;
+        scene_tables.set_sky_and_emission(executor, scene)?;
+        Ok(Self { executor, pass, ids, params, rows })
+    }
+
+    /// Columns of what the rays of some rows meet, row by row: a patch, the number of patches for the sky, one more for what
+    /// no patch owns. Waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn columns(&mut self, rows: ops::Range<usize>) -> Result<Vec<u32>, ExecutorError> {
+        let mut columns = Vec::with_capacity(rows.len() * self.params.rays as usize);
+        for first in rows.clone().step_by(self.rows as usize) {
+            let row_count = self.rows.min((rows.end - first) as u32);
+            let params = HemisphereParams { first_row: first as u32, row_count, ..self.params };
+            let rays = row_count * params.rays;
+            self.executor.push(self.pass, &params)?;
+            self.executor.set_elements(self.pass, rays)?;
+            self.executor.submit_passes(&[self.pass])?;
+            let found: Vec<u32> = self.executor.download_table(self.ids)?;
+            columns.extend_from_slice(&found[..rays as usize]);
+        }
+        Ok(columns)
+    }
 }
 
 /// Rows of counts of hits on the device.
