@@ -46,6 +46,7 @@ impl World {
             cache: 1 << 20,
             sub_frames: 2,
             size: SIZE,
+            is_measured: true,
         };
         let file = BakeFile::open(Path::new(&self.file)).unwrap();
         let scene = self.loaded.scene.clone();

@@ -259,6 +259,7 @@ pub fn fly_city(loaded: &LoadedScene, file: &Path) -> Vec<FramePixels> {
         cache: CITY_CACHE,
         sub_frames: SUB_FRAMES,
         size: SIZE,
+        is_measured: false,
     };
     let stops = loaded.exposure_stops;
     let scene = loaded.scene.clone();

@@ -767,7 +767,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 })
                 .collect();
             let n = 500;
-            let p = LookupParams { shape, plane_limit: 0.5, walls: 1, count: n as u32, reserved: 0 };
+            let p = LookupParams { shape, plane_limit: 0.5, walls: 1, count: n as u32, first_cell: 0 };
             let tables = vec![
                 buffer("cells", &cells),
                 buffer("offsets", &offsets),

@@ -45,10 +45,13 @@ struct Report {
     /// Frames that showed coarser nodes, as the disk was behind.
     waiting_frames: usize,
     /// Greatest change of displayed values at the same places that 99.9 % of the pixels stay below, in 255ths.
-    greatest_change: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    greatest_change: Option<f64>,
     /// What displayed values lack of light that is still to come, 99 % of the pixels less: greatest, and in half of the frames.
-    greatest_behind: f64,
-    median_behind: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    greatest_behind: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    median_behind: Option<f64>,
     /// Multiplications that changes of the matrix took.
     work: u64,
     blocks_read: u64,
@@ -135,6 +138,8 @@ fn stream_settings(args: &Render, stops: f32) -> StreamSettings {
         cache: CACHE,
         sub_frames: args.spp.unwrap_or(SUB_FRAMES),
         size: args.size.unwrap_or(SIZE),
+        // Of one frame alone nothing is told.
+        is_measured: args.frames > 1,
     }
 }
 
@@ -230,11 +235,11 @@ fn csv(lines: &[Line]) -> String {
     );
     for (k, Line { ms, frame: f, resident, beside }) in lines.iter().enumerate() {
         let residual = f.step.residual.map_or(String::new(), |r| format!("{r:.3e}"));
-        let change = f.change.map_or(String::new(), |c| format!("{c:.3}"));
+        let [change, behind] = [f.change, f.behind].map(|v| v.map_or(String::new(), |v| format!("{v:.3}")));
         // Writing into a string cannot fail.
         let _ = writeln!(
             text,
-            "{k},{ms:.2},{:.2},{:.2},{:.2},{:.2},{:.2},{},{},{},{},{},{},{residual},{},{},{resident},{beside},{change},{:.3}",
+            "{k},{ms:.2},{:.2},{:.2},{:.2},{:.2},{:.2},{},{},{},{},{},{},{residual},{},{},{resident},{beside},{change},{behind}",
             f.direct_ms,
             f.update_ms,
             f.method_ms,
@@ -248,7 +253,6 @@ fn csv(lines: &[Line]) -> String {
             f.step.work,
             f.reader.reads,
             f.reader.bytes,
-            f.behind,
         );
     }
     text
@@ -267,6 +271,7 @@ fn report(name: &str, settings: &StreamSettings, streamed: &Streamed, lines: &[L
         pass("lookup", &|f| f.lookup_ms),
         pass("shade", &|f| f.shade_ms),
     ];
+    let behind: Vec<f64> = later.iter().filter_map(|line| line.frame.behind).collect();
     let slow = frame.map_or(0, |t| later.iter().filter(|line| line.ms > 2.0 * t.median_ms).count());
     Report {
         scene: name.to_owned(),
@@ -280,9 +285,9 @@ fn report(name: &str, settings: &StreamSettings, streamed: &Streamed, lines: &[L
         entered: later.iter().map(|l| l.frame.step.entered).sum(),
         left: later.iter().map(|l| l.frame.step.left).sum(),
         waiting_frames: later.iter().filter(|l| l.frame.step.waiting > 0).count(),
-        greatest_change: lines.iter().filter_map(|l| l.frame.change).fold(0.0, f64::max),
-        greatest_behind: lines.iter().map(|l| l.frame.behind).fold(0.0, f64::max),
-        median_behind: times(&|line| line.frame.behind).map_or(0.0, |t| t.median_ms),
+        greatest_change: lines.iter().filter_map(|l| l.frame.change).reduce(f64::max),
+        greatest_behind: behind.iter().copied().reduce(f64::max),
+        median_behind: PassTimes::of(&behind).map(|t| t.median_ms),
         work: later.iter().map(|l| l.frame.step.work).sum(),
         blocks_read: lines.last().map_or(0, |l| l.frame.reader.reads),
         bytes: streamed.bytes(),
@@ -315,13 +320,13 @@ impl Report {
             self.left,
             self.waiting_frames
         );
-        say!("{:14} {:.3}/255 a frame at most, for 99.9 % of the pixels", "change", self.greatest_change);
-        say!(
-            "{:14} {:.1}/255 behind in half of the frames, {:.1} at most, for 99 % of the pixels",
-            "",
-            self.median_behind,
-            self.greatest_behind
-        );
+        if let Some(change) = self.greatest_change {
+            say!("{:14} {change:.3}/255 a frame at most, for 99.9 % of the pixels", "change");
+        }
+        if let (Some(median), Some(greatest)) = (self.median_behind, self.greatest_behind) {
+            let share = "for 99 % of the pixels";
+            say!("{:14} {median:.1}/255 behind in half of the frames, {greatest:.1} at most, {share}", "");
+        }
         for (name, bytes) in &self.bytes {
             say!("{:14} {}", format!("bytes {name}"), output::bytes(*bytes));
         }

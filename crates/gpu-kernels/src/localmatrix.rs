@@ -3,8 +3,10 @@
 
 use ::localmatrix::kernel;
 use ::localmatrix::kernel::BLOCK;
-use ::localmatrix::{FadeParams, SlotParams, UpdateParams};
-use ::scene::Rgb;
+use ::localmatrix::{FadeParams, LevelParams, SlotParams, UpdateParams};
+use ::patches::kernel::lookup::lookup;
+use ::patches::{LookupParams, LookupPatch};
+use ::scene::{Rgb, SurfacePoint};
 use glam::{UVec2, Vec4};
 
 use crate::params::CountParams;
@@ -102,6 +104,35 @@ kernels! {
         kernel::show(leaf_of[k as usize], now, offset)
     }
 
+    /// Light of each leaf of a streamed world as a camera is to see it, and what is left of its
+    /// jumps, W/m²: [`kernel::level`], [`kernel::show_leaf`]. One invocation per leaf. A level has
+    /// two lookups, of its nodes outdoors and indoors; `leaves` name theirs as their patch.
+    LOCALMATRIX_SHOW_LEAVES = "localmatrix_show_leaves"(p: LevelParams) for k in 0..count {
+        leaves: read [SurfacePoint; count],
+        light: read [Rgb; count],
+        lookups: read [LookupParams; 2 * p.levels as usize],
+        cells: read [u32],
+        offsets: read [u32],
+        entries: read [LookupPatch],
+        offset: update [Rgb] as left,
+        shown: update [Rgb] as before,
+    } each {
+        let leaf = leaves[k as usize];
+        let own = light[k as usize];
+        let (low, share) = kernel::level(p, leaf.position);
+        let mut seen = own;
+        if low > 0 {
+            let of_level = lookups[(2 * (low - 1) + leaf.patch) as usize];
+            seen = merged_light(&of_level, cells, offsets, entries, light, leaf);
+        }
+        if share > 0.0 {
+            let of_next = lookups[(2 * low + leaf.patch) as usize];
+            let next = merged_light(&of_next, cells, offsets, entries, light, leaf);
+            seen += (next - seen) * share;
+        }
+        kernel::show_leaf(left, before, seen, p)
+    }
+
     /// A plane of the matrix after patches came or went: [`kernel::update`]. One invocation per
     /// four columns of a row.
     LOCALMATRIX_UPDATE = "localmatrix_update"(p: UpdateParams) for k in 0..count {
@@ -118,4 +149,20 @@ kernels! {
         plane[at + 2] = new.z;
         plane[at + 3] = new.w;
     } host crate::host::localmatrix::update;
+}
+
+/// Light of the merged nodes about a leaf, W/m²; 0 in a lookup without nodes.
+#[inline]
+fn merged_light(
+    of_level: &LookupParams,
+    cells: &[u32],
+    offsets: &[u32],
+    entries: &[LookupPatch],
+    light: &[Vec4],
+    leaf: SurfacePoint,
+) -> Vec4 {
+    if of_level.count == 0 {
+        return Vec4::ZERO;
+    }
+    lookup(of_level, cells, offsets, entries, light, leaf.position, leaf.normal)
 }

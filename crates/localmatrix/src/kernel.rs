@@ -1,9 +1,9 @@
 //! The bodies of the kernels: one invocation each, no `std`.
 
 use glam::{Vec3, Vec4};
-use scene::math::sqrt;
+use scene::math::{luminance, sqrt};
 
-use crate::types::{FadeParams, UpdateParams};
+use crate::types::{FadeParams, LevelParams, UpdateParams};
 
 /// Slots that are counted together where lists of them are made.
 pub const BLOCK: u32 = 64;
@@ -177,6 +177,34 @@ pub fn fade(offset: Vec4, before: Vec4, now: Vec4, p: &FadeParams) -> Vec4 {
     let blue = share_left(shown.z, now.z, p);
     let most = if red > green { red } else { green };
     left * if most > blue { most } else { blue }
+}
+
+/// Light is taken from levels so much coarser than the nodes that stand there, as a factor of their edges, that none shows its
+/// edges.
+const COARSER: f32 = 1.6;
+
+/// The level that a leaf takes its light from, and the share of the next coarser one: levels double the edge of nodes, from 0 for
+/// the leaves themselves to `p.levels`, and nodes that look as large as those of the matrix are larger in the distance.
+#[inline]
+pub fn level(p: &LevelParams, centre: Vec3) -> (u32, f32) {
+    let distance = sqrt((centre - p.eye).length_squared());
+    let mut size = COARSER * p.apparent_size * (distance + 2.0 * p.edge) / p.edge;
+    let mut low = 0;
+    while size >= 2.0 && low < p.levels {
+        size *= 0.5;
+        low += 1;
+    }
+    (low, if low < p.levels && size > 1.0 { size - 1.0 } else { 0.0 })
+}
+
+/// What is left of the jumps of a leaf's light, and its light as it is shown, W/m², from what both were and the light that it is to
+/// have: [`fade`]. The fourth component of what is shown is the luminance that was shown in the frame before.
+#[inline]
+pub fn show_leaf(offset: Vec4, before: Vec4, light: Vec4, p: &LevelParams) -> (Vec4, Vec4) {
+    let was = if p.begins != 0 { luminance(before.truncate()) } else { before.w };
+    let jumps = FadeParams { count: p.count, keep: p.keep, has_jump: p.has_jump, display_white: p.display_white };
+    let left = if p.fades != 0 { fade(Vec4::ZERO, before, light, &jumps) } else { offset };
+    (left, (light + left).truncate().extend(was))
 }
 
 /// Step of the square root of a displayed value, as a share of display white, with which the value itself changes by no more than two

@@ -63,4 +63,4 @@ pub mod types;
 pub use error::Error;
 #[cfg(feature = "std")]
 pub use host::*;
-pub use types::{FadeParams, SlotParams, UpdateParams};
+pub use types::{FadeParams, LevelParams, SlotParams, UpdateParams};

@@ -1,6 +1,7 @@
 //! What the host and the kernels share.
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 
 /// How jumps of the light shrink.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -17,6 +18,34 @@ pub struct FadeParams {
 }
 
 const _: () = assert!(size_of::<FadeParams>() == 16);
+
+/// From where a camera sees the light of a streamed world, and how its jumps shrink.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct LevelParams {
+    /// Where the camera is, m.
+    pub eye: Vec3,
+    /// Leaves.
+    pub count: u32,
+    /// Edge of a node, as a share of its distance, at which the nodes of the matrix stand.
+    pub apparent_size: f32,
+    /// Edge of a leaf, m.
+    pub edge: f32,
+    /// Levels of merged nodes above the leaves.
+    pub levels: u32,
+    /// 1: what is shown so far is that of the frame before.
+    pub begins: u32,
+    /// 1: jumps since the last time fade from now on; 0: the light is there at once, and what is left of earlier jumps stays.
+    pub fades: u32,
+    /// As in [`FadeParams`].
+    pub keep: f32,
+    /// As in [`FadeParams`].
+    pub has_jump: u32,
+    /// As in [`FadeParams`].
+    pub display_white: f32,
+}
+
+const _: () = assert!(size_of::<LevelParams>() == 48);
 
 /// An update of a plane of the matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -104,8 +104,8 @@ pub struct LookupParams {
     pub walls: u32,
     /// Points of a dispatch; the body does not ask.
     pub count: u32,
-    /// Keeps the size a multiple of 16.
-    pub reserved: u32,
+    /// Where the grid's voxels begin among the cells: 0, or further on in tables that several lookups share.
+    pub first_cell: u32,
 }
 const _: () = assert!(size_of::<LookupParams>() == 64);
 

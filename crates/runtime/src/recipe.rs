@@ -6,6 +6,7 @@
 
 pub mod firstshot;
 pub mod formfactor;
+pub mod levels;
 pub mod localmatrix;
 pub mod multibounce;
 pub mod multiply;

@@ -1,11 +1,12 @@
 //! Inputs of the kernels of the matrix round a camera.
 
 use ::localmatrix::kernel::{BLOCK, KEPT, compact, count, start};
-use ::localmatrix::{FadeParams, SlotParams, UpdateParams};
+use ::localmatrix::{FadeParams, LevelParams, SlotParams, UpdateParams};
+use ::patches::{EMPTY_CELL, LookupParams, LookupPatch};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::CountParams;
 
-use super::{Data, Random, Tables, buffer, call, room};
+use super::{Data, Random, Tables, buffer, call, offsets, points_in_space, room, voxels};
 
 /// Slots of the lists: the last block is not whole.
 const SLOTS: u32 = 600;
@@ -111,6 +112,50 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                 room::<Vec4>("irradiance", LEAVES),
             ];
             call(LEAVES as u32, at_leaves, tables)
+        }
+        "localmatrix_show_leaves" => {
+            let (leaves, first, merged) = (300, 320, 40);
+            let (mut lookups, mut cells, mut places, mut entries) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+            // One level without nodes indoors.
+            for level in 0..2u32 {
+                let (shape, own, full) = voxels(r);
+                let first_cell = cells.len() as u32;
+                let (place, entry) = (places.len() as u32, entries.len() as u32);
+                cells.extend(own.iter().map(|cell| cell & EMPTY_CELL | ((cell & !EMPTY_CELL) + place)));
+                places.extend(offsets(r, full).iter().map(|offset| offset + entry));
+                for _ in entry..places[places.len() - 1] {
+                    let patch = first + level * merged + r.below(merged);
+                    let (position, direction) = (r.vector(), r.direction());
+                    entries.push(LookupPatch { position, patch, direction, reserved: 0 });
+                }
+                let outdoors = LookupParams { shape, plane_limit: 0.5, walls: 1, count: merged, first_cell };
+                lookups.extend([outdoors, if level == 0 { outdoors } else { LookupParams::default() }]);
+            }
+            let mut points = points_in_space(r, leaves as usize);
+            points.iter_mut().for_each(|point| point.patch = r.below(2));
+            let p = LevelParams {
+                eye: r.vector(),
+                count: leaves,
+                apparent_size: 0.9,
+                edge: 0.5,
+                levels: 2,
+                begins: 1,
+                fades: 1,
+                keep: 0.8,
+                has_jump: 1,
+                display_white: 2.0,
+            };
+            let tables = vec![
+                buffer("leaves", &points),
+                buffer("light", &r.colors((first + 2 * merged) as usize)),
+                buffer("lookups", &lookups),
+                buffer("cells", &cells),
+                buffer("offsets", &places),
+                buffer("entries", &entries),
+                buffer("offset", &r.colors(leaves as usize)),
+                buffer("shown", &r.colors(leaves as usize)),
+            ];
+            call(leaves, p, tables)
         }
         "localmatrix_update" => {
             // A rank of 7, three slots with new columns, in the second of three planes.

@@ -125,7 +125,7 @@ impl Lookup {
             plane_limit: limit.min(1e15),
             walls: u32::from(settings.walls),
             count: 0,
-            reserved: 0,
+            first_cell: 0,
         };
         Ok(Self { params, cells, offsets, entries, values })
     }

@@ -42,7 +42,7 @@ pub fn lookup(
     let low = Vec3::new(floor(place.x), floor(place.y), floor(place.z));
     let share = place - low;
     let counts = Vec3::new(p.shape.count_x as f32, p.shape.count_y as f32, p.shape.count_z as f32);
-    let own = cells[p.shape.voxel_at(p.shape.nearest_coordinates(x)) as usize];
+    let own = cells[(p.first_cell + p.shape.voxel_at(p.shape.nearest_coordinates(x))) as usize];
     let mut sum = Vec4::ZERO;
     let mut total = 0.0;
     for corner in 0..8u32 {
@@ -50,7 +50,8 @@ pub fn lookup(
         let c = low + step;
         let inside = c.x >= 0.0 && c.y >= 0.0 && c.z >= 0.0 && c.x < counts.x && c.y < counts.y && c.z < counts.z;
         if inside {
-            let cell = cells[p.shape.voxel_at(UVec3::new(c.x as u32, c.y as u32, c.z as u32)) as usize];
+            let cell =
+                cells[(p.first_cell + p.shape.voxel_at(UVec3::new(c.x as u32, c.y as u32, c.z as u32))) as usize];
             if cell & EMPTY_CELL == 0 {
                 let t = (Vec3::ONE - step) * (Vec3::ONE - share) + step * share;
                 let trilinear = t.x * t.y * t.z;

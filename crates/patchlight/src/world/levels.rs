@@ -1,165 +1,75 @@
 //! Light of the leaves of a world as a camera sees it: of their own nodes near by, of coarser
 //! levels further off, between two levels in between, so that no node shows its edges; its jumps
-//! fade.
+//! fade. The tables for it; [`runtime::recipe::levels`] has the passes.
 
 use std::sync::Arc;
 
-use glam::{UVec3, Vec3, Vec4};
-use localmatrix::kernel::{fade, spread as at_slot};
-use localmatrix::{FadeParams, NO_NODE, Node};
+use glam::{UVec2, UVec3, Vec3, Vec4};
+use localmatrix::{FadeParams, LevelParams, NO_NODE, Node};
 use patches::{GridShape, Lookup, LookupSettings, VirtualPatch};
-use rayon::prelude::*;
-use scene::math::{ln, luminance};
+use runtime::recipe::levels::{Leaves, Level, LevelTables};
+use scene::SurfacePoint;
 
 use super::forest::{DarkPatch, Extra};
 use crate::error::Error;
 
-/// Light is taken from levels so much coarser than the nodes that stand there, so that none shows
-/// its edges.
-const COARSER: f32 = 0.7;
-
-/// One level of merged nodes as leaves see it.
-struct Level {
-    /// Of those outdoors and of those indoors, where there are any.
-    lookups: [Option<Lookup>; 2],
-    /// First node.
-    first: u32,
-    /// Light of the nodes.
-    light: Vec<Vec4>,
-}
-
-/// Light of the leaves, and of the levels above them.
+/// The leaves and the levels above them.
 pub struct Levels {
     /// What pixels see: the leaves, and a last value for what is dark.
     pub lookup: Arc<Lookup>,
-    /// Light as the leaves are shown, W/m²; the fourth component is the luminance with which they
-    /// were in the frame before.
-    pub shown: Vec<Vec4>,
-    /// What `shown` has beyond the light that the leaves are to have: what is left of its jumps.
-    pub offset: Vec<Vec4>,
-    indoors: Vec<bool>,
-    levels: Vec<Level>,
+    /// From the slots of the matrix to the leaves.
+    pub tables: Arc<LevelTables>,
     /// Apparent size of nodes at most.
     apparent_size: f32,
     /// Edge of a leaf, m.
     edge: f32,
 }
 
-/// Light that comes to the leaves.
-#[derive(Clone, Copy)]
-pub struct LeafLight<'a> {
-    /// All nodes.
-    pub nodes: &'a [Node],
-    /// Slot of each leaf's node in the matrix.
-    pub slot_of: &'a [u32],
-    /// Irradiance of the slots, W/m².
-    pub irradiance: &'a [Vec4],
-    /// Irradiance of a hemisphere that sees nothing but a constant sky, W/m², and the share of it
-    /// that each node sees.
-    pub sky: Vec4,
-    /// The shares.
-    pub sky_factors: &'a [f32],
-}
-
-impl LeafLight<'_> {
-    fn own(&self, leaf: usize) -> Vec4 {
-        at_slot(self.slot_of[leaf], self.irradiance) + self.sky * self.sky_factors[leaf]
-    }
-}
-
 impl Levels {
-    /// Dark levels of a world whose leaves have edges of about `edge`, m.
+    /// The levels of a world whose leaves have edges of about `edge`, m; `sky` is the irradiance of
+    /// a hemisphere that sees nothing but a constant sky, W/m², of which each leaf sees a share.
     ///
     /// # Errors
     /// Voxels that are not of the grid.
-    pub fn new(nodes: &[Node], extra: Extra, edge: f32) -> Result<Self, Error> {
+    pub fn new(nodes: &[Node], extra: Extra, sky: Vec4, sky_factors: &[f32], edge: f32) -> Result<Self, Error> {
         let (lookup, levels) = lookups(nodes, &extra)?;
-        Ok(Self {
-            shown: vec![Vec4::ZERO; lookup.values],
-            offset: vec![Vec4::ZERO; lookup.values],
-            lookup: Arc::new(lookup),
-            indoors: extra.indoors,
-            levels,
-            apparent_size: 0.0,
-            edge,
-        })
+        let own = &nodes[..extra.voxels.len()];
+        let point = |(node, &is_indoors): (&Node, &bool)| SurfacePoint {
+            position: node.centre,
+            patch: u32::from(is_indoors),
+            normal: node.normal.normalize_or(Vec3::Y),
+            weight: 1.0,
+        };
+        let leaves = Leaves {
+            points: own.iter().zip(&extra.indoors).map(point).collect(),
+            area: own.iter().map(|node| node.area).collect(),
+            sky: sky_factors[..own.len()].iter().map(|&share| sky * share).collect(),
+        };
+        let tables = LevelTables::new(leaves, levels);
+        Ok(Self { lookup: Arc::new(lookup), tables: Arc::new(tables), apparent_size: 0.0, edge })
     }
 
-    /// Bytes of the lookups and of the light of the levels.
-    pub fn lookup_bytes(&self) -> usize {
-        let mut bytes = self.lookup.bytes();
-        for level in &self.levels {
-            bytes += level.lookups.iter().flatten().map(Lookup::bytes).sum::<usize>();
-            bytes += size_of_val(&level.light[..]);
+    /// Bytes of the lookups.
+    pub fn bytes(&self) -> u64 {
+        self.lookup.bytes() as u64 + self.tables.bytes()
+    }
+
+    /// How a camera sees the leaves: [`LevelParams::begins`] in a frame, with jumps that fade, or
+    /// without.
+    pub fn params(&self, eye: Vec3, begins: bool, jumps: Option<FadeParams>) -> LevelParams {
+        let FadeParams { keep, has_jump, display_white, .. } = jumps.unwrap_or_default();
+        LevelParams {
+            eye,
+            count: self.tables.leaves() as u32,
+            apparent_size: self.apparent_size,
+            edge: self.edge,
+            levels: self.tables.levels() as u32,
+            begins: u32::from(begins),
+            fades: u32::from(jumps.is_some()),
+            keep,
+            has_jump,
+            display_white,
         }
-        bytes
-    }
-
-    /// Begins a frame: what is shown becomes what the frame before has shown.
-    pub fn begin(&mut self) {
-        self.shown.par_iter_mut().for_each(|shown| shown.w = luminance(shown.truncate()));
-    }
-
-    /// Light of the leaves as a camera is to see them, from that of the matrix and the sky: its own
-    /// for what is near, further off that of merged nodes, between their places and between two
-    /// levels, so that none of them shows its edges. In `shown` then is what is shown of it: its
-    /// jumps fade; without `jumps` it is there at once, and what is left of earlier jumps stays.
-    pub fn spread(&mut self, from: &LeafLight, eye: Vec3, jumps: Option<FadeParams>) {
-        self.merge(from);
-        let mut shown = std::mem::take(&mut self.shown);
-        let mut offset = std::mem::take(&mut self.offset);
-        let leaves = shown.par_iter_mut().zip(&mut offset).take(from.slot_of.len()).enumerate();
-        leaves.for_each(|(leaf, (shown, offset))| {
-            let light = self.light(from, eye, leaf);
-            if let Some(params) = &jumps {
-                *offset = fade(Vec4::ZERO, *shown, light, params);
-            }
-            *shown = (light + *offset).truncate().extend(shown.w);
-        });
-        self.shown = shown;
-        self.offset = offset;
-    }
-
-    /// Light of merged nodes: means by area of what they are merged of.
-    fn merge(&mut self, from: &LeafLight) {
-        let nodes = from.nodes;
-        for k in 0..self.levels.len() {
-            let (below, rest) = self.levels.split_at_mut(k);
-            let Level { first, light, .. } = &mut rest[0];
-            let of = |child: u32| match below.last() {
-                None => from.own(child as usize),
-                Some(under) => under.light[(child - under.first) as usize],
-            };
-            light.par_iter_mut().enumerate().for_each(|(k, value)| {
-                let node = *first as usize + k;
-                let children = nodes[node].first_child..nodes[node].first_child + nodes[node].children;
-                *value = children.map(|c| of(c) * nodes[c as usize].area).sum::<Vec4>() / nodes[node].area;
-            });
-        }
-    }
-
-    /// Light of a leaf between the two levels that suit its distance.
-    fn light(&self, from: &LeafLight, eye: Vec3, leaf: usize) -> Vec4 {
-        let node = &from.nodes[leaf];
-        let size = self.apparent_size * (node.centre.distance(eye) + 2.0 * self.edge) / self.edge;
-        let coarse = ln(size.max(1e-6)) / std::f32::consts::LN_2 + COARSER;
-        let level = coarse.clamp(0.0, self.levels.len() as f32);
-        let low = level.floor() as usize;
-        let share = level.fract();
-        if share == 0.0 {
-            return self.at_level(from, low, leaf);
-        }
-        self.at_level(from, low, leaf).lerp(self.at_level(from, low + 1, leaf), share)
-    }
-
-    fn at_level(&self, from: &LeafLight, level: usize, leaf: usize) -> Vec4 {
-        let Some(above) = level.checked_sub(1) else { return from.own(leaf) };
-        let node = &from.nodes[leaf];
-        let Level { lookups, light, .. } = &self.levels[above];
-        let lookup = lookups[usize::from(self.indoors[leaf])].as_ref();
-        // The tables have as many values as the lookup wants: made together.
-        let normal = node.normal.normalize_or(Vec3::Y);
-        lookup.and_then(|l| l.at(light, node.centre, normal).ok()).unwrap_or(Vec4::ZERO)
     }
 
     /// Finds the apparent size of nodes, once: pixels then take their light from levels that change
@@ -233,8 +143,15 @@ fn lookups(nodes: &[Node], extra: &Extra) -> Result<(Lookup, Vec<Level>), Error>
             lookup.values = above.len();
             Ok(Some(lookup))
         };
-        let light = vec![Vec4::ZERO; above.len()];
-        levels.push(Level { lookups: [lookup(false)?, lookup(true)?], first: above.start as u32, light });
+        let children = nodes[above.clone()].iter().map(|node| {
+            let first = node.first_child - own.start as u32;
+            UVec2::new(first, first + node.children)
+        });
+        levels.push(Level {
+            lookups: [lookup(false)?, lookup(true)?],
+            children: children.collect(),
+            area: nodes[above.clone()].iter().map(|node| node.area).collect(),
+        });
         own = above;
     }
     Ok((lookup, levels))

@@ -1,16 +1,14 @@
 //! The plan of a frame of a streamed world: direct light at the points of the nodes in the matrix →
-//! their first exitance → the product → pixels. Between the product and the pixels the host spreads
-//! the light of the slots over the levels.
+//! their first exitance → the product → the leaves, over the levels → pixels.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec4;
-use localmatrix::{LitPoint, Local, LocalMatrix, NO_NODE};
-use patches::Lookup;
+use localmatrix::{LevelParams, LitPoint, Local, LocalMatrix, NO_NODE};
 use runtime::executor::{DeviceKind, Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan};
 use runtime::recipe::formfactor::{Surfaces, assemble_source};
+use runtime::recipe::levels::LeafLight;
 use runtime::recipe::localmatrix::SlotMatrix;
 use runtime::recipe::patches::LookupTables;
 use runtime::recipe::scene::SceneTables;
@@ -18,6 +16,7 @@ use runtime::recipe::{Tables, rgb_bytes};
 use scene::{Camera, DirectParams, Light, NONE, Rgb, Scene, SurfacePoint};
 
 use super::bake::POINTS;
+use super::levels::Levels;
 use crate::bake::direct_params;
 use crate::error::Error;
 use crate::stage::direct::{self, PointLight};
@@ -50,14 +49,6 @@ pub struct SlotNode<'a> {
     pub points: &'a [LitPoint],
 }
 
-/// A product.
-pub struct Product {
-    /// Irradiance of the slots that hold a node, W/m².
-    pub irradiance: Vec<Vec4>,
-    /// Milliseconds of the host, where it multiplied itself.
-    pub host_ms: f64,
-}
-
 /// Values at the visible points of the first sub-frame, with no value where nothing is seen.
 pub struct Seen {
     /// Light as it is shown, W/m²; the fourth component is the luminance of the frame before.
@@ -66,12 +57,18 @@ pub struct Seen {
     pub offset: Vec4,
 }
 
+/// Those of all pixels of the first sub-frame.
+pub type SeenPixels = Vec<Option<Seen>>;
+
 /// The loaded plan.
 pub struct SlotFrame {
     scene: SceneTables,
     samples: Samples,
     /// The matrix on a device; native code multiplies by the host's own.
     matrix: Option<SlotMatrix>,
+    /// Irradiance of the slots.
+    irradiance: BufferId,
+    leaves: LeafLight,
     has_matrix: bool,
     /// Node of each slot whose points are on the device.
     nodes: Vec<u32>,
@@ -221,7 +218,7 @@ impl SlotFrame {
     /// A device that is too small.
     pub fn load(
         scene: &Scene,
-        lookup: &Arc<Lookup>,
+        levels: &Levels,
         settings: SlotSettings,
         executor: &mut (dyn Executor + 'static),
     ) -> Result<Self, Error> {
@@ -229,19 +226,26 @@ impl SlotFrame {
         let mut tables = Tables::new();
         let capacity = scene.lighting.lights.len().next_power_of_two().max(LEAST_LIGHTS);
         let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, capacity);
+        let lookup = &levels.lookup;
         let lookup_tables = LookupTables::new(&mut plan, &mut tables, lookup);
         let bytes_of_tables = plan_bytes(&plan);
         let slots = settings.slots;
         let samples = Samples::add(&mut plan, &mut tables, &scene_tables, scene, slots)?;
         let on_device = executor.device().kind != DeviceKind::Native;
         let matrix = on_device.then(|| SlotMatrix::new(&mut plan, slots, samples.source)).transpose()?;
+        let irradiance = match &matrix {
+            Some(copy) => copy.irradiance(),
+            None => plan.storage("slot irradiance", rgb_bytes(slots)),
+        };
         let range = executor.device().max_storage_buffer_range;
         let pixels = Pixels::add(&mut plan, &scene_tables, scene, lookup_tables, lookup.values, settings, range)?;
+        let shown = [pixels.shown, pixels.offset];
+        let leaves = LeafLight::new(&mut plan, &mut tables, &levels.tables, irradiance, shown)?;
         let bytes = plan_bytes(&plan) - bytes_of_tables;
 
         executor.load(plan)?;
         tables.upload(executor)?;
-        for buffer in [samples.points, samples.albedo, samples.emission] {
+        for buffer in [samples.points, samples.albedo, samples.emission, irradiance, pixels.shown, pixels.offset] {
             executor.clear(buffer)?;
         }
         scene_tables.set_sky_and_emission(executor, scene)?;
@@ -249,7 +253,7 @@ impl SlotFrame {
         scene_tables.set_lights(executor, &scene.lighting.lights)?;
         pixels.shade.clear(executor)?;
         let nodes = vec![NO_NODE; slots];
-        Ok(Self { scene: scene_tables, samples, matrix, has_matrix: false, nodes, pixels, bytes })
+        Ok(Self { scene: scene_tables, samples, matrix, irradiance, leaves, has_matrix: false, nodes, pixels, bytes })
     }
 
     /// Bytes of the buffers of frames: points, light and pixels, and a copy of the matrix if there
@@ -326,25 +330,68 @@ impl SlotFrame {
         copy.upload_places(executor, matrix)
     }
 
-    /// Irradiance of the slots that hold a node, W/m²: the product with their first exitance, on
-    /// the device or by the host.
+    /// Finds the irradiance of the slots that hold a node: the product with their first exitance, on
+    /// the device or by the host, whose milliseconds come back. `slot_of` names the slot of each
+    /// leaf's node.
     ///
     /// # Errors
     /// What the device and the matrix say.
-    pub fn irradiance(&self, executor: &mut (dyn Executor + 'static), local: &Local) -> Result<Product, Error> {
+    pub fn multiply(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        local: &Local,
+        slot_of: &[u32],
+    ) -> Result<f64, Error> {
+        self.leaves.set_slots(executor, slot_of)?;
         if let Some(copy) = &self.matrix {
             executor.submit_passes(copy.product())?;
-            let irradiance = executor.download_table(copy.irradiance())?;
-            return Ok(Product { irradiance, host_ms: 0.0 });
+            return Ok(0.0);
         }
+        // Native code: the bytes lie in main memory.
         let source: Vec<Vec4> = executor.download_table(self.samples.source)?;
         let start = Instant::now();
         let (irradiance, _) = local.slot_product(&source, |_| true)?;
-        Ok(Product { irradiance, host_ms: start.elapsed().as_secs_f64() * 1e3 })
+        let host_ms = start.elapsed().as_secs_f64() * 1e3;
+        executor.upload(self.irradiance, &irradiance)?;
+        Ok(host_ms)
     }
 
-    /// A picture's sums over its sub-frames, W/m²/sr, and what its first sub-frame sees of the
-    /// light of the leaves.
+    /// Submits the light of the leaves as a camera sees it, from that of the slots.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn show_leaves(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        params: &LevelParams,
+    ) -> Result<(), ExecutorError> {
+        self.leaves.submit(executor, params)
+    }
+
+    /// Light of the leaves as it is shown, and what is left of its jumps, W/m²: what the next frame
+    /// goes on from. Waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn leaf_light(&self, executor: &mut (dyn Executor + 'static)) -> Result<[Vec<Vec4>; 2], ExecutorError> {
+        Ok([executor.download_table(self.pixels.shown)?, executor.download_table(self.pixels.offset)?])
+    }
+
+    /// Puts [`Self::leaf_light`] on the device.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn set_leaf_light(
+        &self,
+        executor: &mut (dyn Executor + 'static),
+        [shown, offset]: &[Vec<Vec4>; 2],
+    ) -> Result<(), ExecutorError> {
+        executor.upload(self.pixels.shown, shown)?;
+        executor.upload(self.pixels.offset, offset)
+    }
+
+    /// A picture's sums over its sub-frames, W/m²/sr; where that is measured, what its first
+    /// sub-frame sees of the light of the leaves.
     ///
     /// # Errors
     /// What the device says.
@@ -353,12 +400,10 @@ impl SlotFrame {
         executor: &mut (dyn Executor + 'static),
         scene: &Scene,
         camera: &Camera,
-        [shown, offset]: [&[Vec4]; 2],
-    ) -> Result<(Vec<Vec4>, Vec<Option<Seen>>), ExecutorError> {
+        is_measured: bool,
+    ) -> Result<(Vec<Vec4>, Option<SeenPixels>), ExecutorError> {
         let pixels = &self.pixels;
         let shade = &pixels.shade;
-        executor.upload(pixels.shown, shown)?;
-        executor.upload(pixels.offset, offset)?;
         // The same positions in every frame: what changes in pictures is light.
         let seeds: Vec<u32> = (0..shade.sub_frames()).collect();
         let shot = Shot {
@@ -370,6 +415,10 @@ impl SlotFrame {
             seeds: &seeds,
         };
         shade.set(executor, &shot)?;
+        if !is_measured {
+            executor.submit_passes(shade.passes())?;
+            return Ok((executor.download_table(shade.full)?, None));
+        }
         let first = shade.first_passes();
         executor.submit_passes(first)?;
         executor.submit_passes(&pixels.see_offset)?;
@@ -380,6 +429,6 @@ impl SlotFrame {
             |((hit, shown), offset): ((&scene::Hit, Vec4), Vec4)| (!hit.is_miss()).then_some(Seen { shown, offset });
         let seen = hits.iter().zip(shown).zip(offset).map(seen).collect();
         executor.submit_passes(&shade.passes()[first.len()..])?;
-        Ok((executor.download_table(shade.full)?, seen))
+        Ok((executor.download_table(shade.full)?, Some(seen)))
     }
 }

@@ -6,7 +6,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use localmatrix::{
     BakeFile, LitPoint, Local, LocalSettings, NO_NODE, Node, Step, Store, StoreState, View as CameraPath, World,
 };
@@ -17,7 +17,7 @@ use scene::{Camera, Light, Scene};
 
 use super::bake::WorldSettings;
 use super::forest::Extra;
-use super::levels::{LeafLight, Levels};
+use super::levels::Levels;
 use super::slots::{Seen, SlotFrame, SlotNode, SlotSettings};
 use crate::error::Error;
 use crate::method::local::SHOWN_ALBEDO;
@@ -45,6 +45,9 @@ pub struct StreamSettings {
     pub sub_frames: u32,
     /// Picture size, pixels.
     pub size: (u32, u32),
+    /// Whether [`StreamFrame::change`] and [`StreamFrame::behind`] are measured, for which a frame
+    /// waits for its first sub-frame.
+    pub is_measured: bool,
 }
 
 /// What a frame took and did.
@@ -72,7 +75,7 @@ pub struct StreamFrame {
     pub change: Option<f64>,
     /// What displayed values still lack of the light that they are to have, as jumps fade; one
     /// pixel of a hundred lacks more, in 255ths.
-    pub behind: f64,
+    pub behind: Option<f64>,
 }
 
 /// A bake as the matrix reads it; keeps the points of the nodes that it hands out.
@@ -106,9 +109,8 @@ pub struct Streamed {
     local: Local,
     levels: Levels,
     emission: HashMap<u32, Vec3>,
-    /// Slot of each leaf's node in the matrix, and the irradiance of the slots, W/m².
+    /// Slot of each leaf's node in the matrix.
     slot_of: Vec<u32>,
-    irradiance: Vec<Vec4>,
     settings: StreamSettings,
     frames: u32,
     eye: Option<Vec3>,
@@ -160,9 +162,10 @@ impl Streamed {
         let area: f64 = local.leaf_area().iter().map(|&a| f64::from(a)).sum();
         let edge = scene::math::sqrt((area / leaves as f64) as f32);
         let emission = emission_of_nodes(&file.nodes, &extra.emission);
-        let levels = Levels::new(&file.nodes, extra, edge)?;
         let store = Store::new(file, settings.cache)?;
-        let frame = SlotFrame::load(&scene, &levels.lookup, settings.slots(), executor.as_mut())?;
+        let sky = constant_sky(&scene).extend(0.0);
+        let levels = Levels::new(store.nodes(), extra, sky, store.sky(), edge)?;
+        let frame = SlotFrame::load(&scene, &levels, settings.slots(), executor.as_mut())?;
         Ok(Self {
             scene,
             executor,
@@ -172,7 +175,6 @@ impl Streamed {
             levels,
             emission,
             slot_of: vec![NO_NODE; leaves],
-            irradiance: Vec::new(),
             settings,
             frames: 0,
             eye: None,
@@ -188,11 +190,9 @@ impl Streamed {
     /// the cache at most.
     pub fn bytes(&self) -> Vec<(&'static str, u64)> {
         let mut parts = self.local.bytes().to_vec();
-        let light = [&self.irradiance, &self.levels.shown, &self.levels.offset];
-        let light: usize = light.iter().map(|values| size_of_val(&values[..])).sum();
         parts.push(("nodes", size_of_val(self.rows.nodes()) as u64));
-        parts.push(("lookup", self.levels.lookup_bytes() as u64));
-        parts.push(("light", (light + 5 * self.slot_of.len()) as u64));
+        parts.push(("lookup", self.levels.bytes()));
+        parts.push(("light", size_of_val(&self.slot_of[..]) as u64));
         parts.push(("frame", self.frame.bytes()));
         parts.push(("cache", self.settings.cache as u64));
         parts
@@ -240,12 +240,11 @@ impl Streamed {
         self.eye = Some(eye);
         let is_first = self.frames == 0;
         let is_relit = self.set_lights(lights)?;
-        self.levels.begin();
         if is_relit && !is_first {
             // Jumps are those of the matrix: what the lights do is there at once.
             self.find_source(true, false)?;
             self.product(&mut done)?;
-            self.spread(last, false, &mut done);
+            self.show_leaves(last, true, false)?;
         }
 
         let start = Instant::now();
@@ -262,7 +261,7 @@ impl Streamed {
         let start = Instant::now();
         self.levels.find_apparent_size(self.rows.nodes(), self.local.cut(), eye);
         timed(&mut done.lookup_ms, start);
-        self.spread(eye, true, &mut done);
+        self.show_leaves(eye, is_first || !is_relit, true)?;
         let picture = self.shade(camera, stops, &mut done)?;
         done.change = done.change.filter(|_| !is_first);
         done.nodes = self.local.cut().len();
@@ -283,7 +282,9 @@ impl Streamed {
         self.scene.lighting.lights = lights.to_vec();
         if !self.frame.set_lights(self.executor.as_mut(), &self.scene)? {
             let settings = self.settings.slots();
-            self.frame = SlotFrame::load(&self.scene, &self.levels.lookup, settings, self.executor.as_mut())?;
+            let light = self.frame.leaf_light(self.executor.as_mut())?;
+            self.frame = SlotFrame::load(&self.scene, &self.levels, settings, self.executor.as_mut())?;
+            self.frame.set_leaf_light(self.executor.as_mut(), &light)?;
         }
         Ok(true)
     }
@@ -293,7 +294,7 @@ impl Streamed {
     /// reflect of the lights and of the constant sky.
     fn find_source(&mut self, is_relit: bool, has_settled: bool) -> Result<(), Error> {
         let in_cut: HashSet<u32> = self.local.cut().iter().copied().collect();
-        let sky = self.constant_sky();
+        let sky = constant_sky(&self.scene);
         let Self { rows, emission, frame, local, executor, .. } = self;
         let executor = executor.as_mut();
         let describe = |node: u32| {
@@ -321,47 +322,29 @@ impl Streamed {
             let [first, end] = forest.run(node);
             forest.leaves()[first as usize..end as usize].iter().for_each(|&leaf| self.slot_of[leaf as usize] = slot);
         }
-        let irradiance = self.frame.irradiance(self.executor.as_mut(), &self.local)?;
-        self.irradiance = irradiance.irradiance;
-        done.method_ms += irradiance.host_ms;
+        done.method_ms += self.frame.multiply(self.executor.as_mut(), &self.local, &self.slot_of)?;
         Ok(())
     }
 
-    /// Irradiance of a hemisphere that sees nothing but a constant sky, W/m².
-    fn constant_sky(&self) -> Vec3 {
-        let sky = self.scene.lighting.sky;
-        if sky.map_width == 0 { sky.radiance * std::f32::consts::PI } else { Vec3::ZERO }
-    }
-
-    /// Light of the leaves as they are shown; with `fades` its jumps since the last time fade from
-    /// now on.
-    fn spread(&mut self, eye: Vec3, fades: bool, done: &mut StreamFrame) {
-        let start = Instant::now();
+    /// Light of the leaves as they are shown, for the first time in a frame where that `begins`;
+    /// with `fades` its jumps since the last time fade from now on.
+    fn show_leaves(&mut self, eye: Vec3, begins: bool, fades: bool) -> Result<(), Error> {
         let jumps = fades.then(|| self.local.fade_params(self.frames > 0));
-        let light = LeafLight {
-            nodes: self.rows.nodes(),
-            slot_of: &self.slot_of,
-            irradiance: &self.irradiance,
-            sky: self.constant_sky().extend(0.0),
-            sky_factors: self.rows.store.sky(),
-        };
-        self.levels.spread(&light, eye, jumps);
-        timed(&mut done.lookup_ms, start);
+        let params = self.levels.params(eye, begins, jumps);
+        Ok(self.frame.show_leaves(self.executor.as_mut(), &params)?)
     }
 
     fn shade(&mut self, camera: &Camera, stops: f32, done: &mut StreamFrame) -> Result<Picture, Error> {
-        let light = [&self.levels.shown[..], &self.levels.offset[..]];
-        let (sums, seen) = self.frame.shade(self.executor.as_mut(), &self.scene, camera, light)?;
-        let scale = scene::stops_to_scale(stops);
-        let mut changes = Vec::with_capacity(seen.len());
-        let mut behind = Vec::with_capacity(seen.len());
-        for pixel in &seen {
-            let moves = pixel.as_ref().map_or([0.0; 2], |seen| moves(seen, scale));
-            changes.push(moves[0]);
-            behind.push(moves[1]);
+        let is_measured = self.settings.is_measured;
+        let (sums, seen) = self.frame.shade(self.executor.as_mut(), &self.scene, camera, is_measured)?;
+        if let Some(seen) = seen {
+            let scale = scene::stops_to_scale(stops);
+            let moves = seen.iter().map(|pixel| pixel.as_ref().map_or([0.0; 2], |seen| moves(seen, scale)));
+            let (mut changes, mut behind): (Vec<f32>, Vec<f32>) =
+                moves.map(|[change, behind]| (change, behind)).unzip();
+            done.change = all_but(&mut changes, 1000);
+            done.behind = all_but(&mut behind, 100);
         }
-        done.change = all_but(&mut changes, 1000);
-        done.behind = all_but(&mut behind, 100).unwrap_or(0.0);
         let count = self.settings.sub_frames.max(1) as f32;
         let pixels = sums.iter().map(|sum| (*sum / count).truncate()).collect();
         let (width, height) = self.settings.size;
@@ -381,10 +364,17 @@ impl StreamFrame {
             "direct" => &mut self.direct_ms,
             "update" => &mut self.update_ms,
             "method" => &mut self.method_ms,
+            "lookup" => &mut self.lookup_ms,
             _ => &mut self.shade_ms,
         };
         *part += time.milliseconds;
     }
+}
+
+/// Irradiance of a hemisphere that sees nothing but a constant sky, W/m².
+fn constant_sky(scene: &Scene) -> Vec3 {
+    let sky = scene.lighting.sky;
+    if sky.map_width == 0 { sky.radiance * std::f32::consts::PI } else { Vec3::ZERO }
 }
 
 fn timed(milliseconds: &mut f64, start: Instant) {
