@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use assets::import::View;
 use assets::{LoadedScene, procedural};
 use glam::{Vec3, Vec4};
 use integration_tests::setup::Setup;
@@ -11,7 +12,7 @@ use patchlight::operator::Codec;
 use patchlight::{Bake, Error, Estimator, MethodSettings, Pictures, ReceiverUpdate, Renderer, SampleLight};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
-use scene::Lighting;
+use scene::{Camera, Lighting};
 
 const SIZE: (u32, u32) = (32, 24);
 
@@ -266,6 +267,43 @@ fn an_update_computes_less_when_only_a_part_is_in_view() {
 }
 
 /// Direct irradiance of the samples of the last update.
+#[test]
+fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
+    let loaded = procedural::build("cornell").unwrap();
+    let setup = Setup { sub_frames: 1, ..setup(MethodSettings::Classic) };
+    let bake = setup.bake(&loaded).unwrap();
+    let executors = [Some(Box::new(Cpu::new()) as Box<dyn Executor>), vulkan().map(|v| Box::new(v) as _)];
+    let own = loaded.view.camera(SIZE.0, SIZE.1);
+    let other = View { eye: loaded.view.eye + Vec3::X * 0.05, ..loaded.view.clone() }.camera(SIZE.0, SIZE.1);
+    let [dim, bright] = [0.3, 1.0].map(|share| {
+        let mut lighting = loaded.scene.lighting.clone();
+        lighting.lights[0].color *= share;
+        lighting.lights[0].position.x += 0.1 * share;
+        lighting
+    });
+    for executor in executors.into_iter().flatten() {
+        let shown = |renderer: &mut Renderer, lighting: &Lighting, camera: &Camera| -> Vec<u32> {
+            renderer.display(lighting, camera, 0, 1.0).unwrap();
+            let buffer = renderer.displayed();
+            renderer.executor_mut().download_table(buffer).unwrap()
+        };
+        let afresh = |lighting: &Lighting, camera: &Camera| {
+            shown(&mut setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap(), lighting, camera)
+        };
+        assert_ne!(afresh(&dim, &own), afresh(&bright, &own), "light that is another is seen");
+        let mut renderer = setup.load(&loaded, &bake, executor).unwrap();
+        for (lighting, camera) in [(&dim, &own), (&bright, &own), (&bright, &other), (&dim, &other), (&dim, &own)] {
+            assert_eq!(shown(&mut renderer, lighting, camera), afresh(lighting, camera));
+        }
+        // What else uses the buffers of the pixels in between.
+        renderer.update_light(&bright, &other).unwrap();
+        assert_eq!(shown(&mut renderer, &bright, &own), afresh(&bright, &own));
+        renderer.picture(&bright, &other, 3).unwrap();
+        assert_eq!(shown(&mut renderer, &dim, &own), afresh(&dim, &own));
+        assert_eq!(shown(&mut renderer, &bright, &own), afresh(&bright, &own));
+    }
+}
+
 fn sample_light(renderer: &mut Renderer) -> Vec<Vec3> {
     let direct = renderer.irradiance().direct;
     renderer.download(direct).unwrap().iter().map(|h| h.truncate()).collect()

@@ -173,6 +173,8 @@ struct Frame {
     receivers: Vec<PassId>,
     /// The same of what is in view, where that is all that an update computes.
     view: Option<view::View>,
+    /// The camera whose primary rays the buffers of the pixels have, where they keep them.
+    seen_from: Option<Camera>,
     /// Whether the light of the scene's lighting is on the device.
     is_lit: bool,
     /// Light straight from the sky at the interpolation points, where pixels show it, and whether it is there.
@@ -321,12 +323,16 @@ impl Renderer {
                 let passes = [primary, view.passes()].concat();
                 // The same places in the pixels for every camera: what is in view follows from the camera alone.
                 self.set_shot(camera, 0)?;
+                self.frame.seen_from = None;
                 passes
             }
             Changes { is_light: true, .. } => view.gathers(),
             _ => Vec::new(),
         };
         self.executor.submit_passes(&passes)?;
+        if changes.is_view {
+            self.frame.keep_hits(camera);
+        }
         Ok(update)
     }
 
@@ -430,8 +436,10 @@ impl Renderer {
         self.executor.wait()?;
         let (update, _) = self.update_elements(lighting, camera)?;
         self.set_shot(camera, number)?;
+        self.frame.seen_from = None;
         let executor = self.executor.as_mut();
         executor.submit_passes(self.frame.shade.passes())?;
+        self.frame.keep_hits(camera);
         let mut times = update.times;
         times.extend(executor.wait()?);
         let times = self.with_photons(by_name(times));
@@ -448,7 +456,8 @@ impl Renderer {
     /// A light update, and a picture of it as a display shows it with an exposure of so many stops: colours in the buffer
     /// [`Self::displayed`]. They are those of [`Self::picture`] but for rounding, where receivers are on the mesh or patches;
     /// with receivers at pixels, which are gathered on the host, indirect light is missing. Submits the work and waits for
-    /// nothing, as [`Self::update_light`] does.
+    /// nothing, as [`Self::update_light`] does. From the camera of the picture before, in one sub-frame of [`PixelLight::Smooth`],
+    /// primary rays are not traced again.
     ///
     /// # Errors
     /// As [`Self::update_light`].
@@ -459,12 +468,14 @@ impl Renderer {
         number: u32,
         exposure_stops: f32,
     ) -> Result<LightUpdate, Error> {
-        let (update, _) = self.update_elements(lighting, camera)?;
+        let (update, changes) = self.update_elements(lighting, camera)?;
         self.set_shot(camera, number)?;
         let executor = self.executor.as_mut();
         self.frame.display.set(executor, exposure_stops)?;
-        let passes = [self.frame.shade.passes(), &self.frame.display.passes()].concat();
-        executor.submit_passes(&passes)?;
+        let is_seen = self.frame.seen_from == Some(*camera) && !changes.is_view;
+        self.frame.seen_from = None;
+        executor.submit_passes(&self.frame.display_passes(is_seen))?;
+        self.frame.keep_hits(camera);
         Ok(update)
     }
 
@@ -738,6 +749,23 @@ fn submit_light(
 }
 
 impl Frame {
+    /// The passes of a picture that is shown; without the primary rays, and without finding out what is in view, where that
+    /// `is_seen` already.
+    fn display_passes(&self, is_seen: bool) -> Vec<PassId> {
+        let mut left_out: Vec<PassId> = self.shade.direct_passes().collect();
+        if is_seen {
+            left_out.extend(self.shade.first_primary());
+            left_out.extend(self.view.iter().flat_map(|view| view.marks()));
+        }
+        let shaded = self.shade.passes().iter().filter(|pass| !left_out.contains(pass)).copied();
+        shaded.chain(self.display.passes()).collect()
+    }
+
+    /// Notes that the primary rays of a camera were traced last.
+    fn keep_hits(&mut self, camera: &Camera) {
+        self.seen_from = self.shade.keeps_hits().then_some(*camera);
+    }
+
     /// Makes the plan, loads it and uploads everything that stays.
     fn load(
         bake: &Arc<Bake>,
@@ -795,6 +823,7 @@ impl Frame {
             elements,
             receivers,
             view,
+            seen_from: None,
             is_lit: false,
             sky,
             has_sky_light: false,

@@ -390,6 +390,17 @@ impl Shade {
         &self.passes
     }
 
+    /// Those of direct light by itself, which a picture that is only shown does without.
+    pub fn direct_passes(&self) -> impl Iterator<Item = PassId> {
+        self.sub_frames.iter().flat_map(|sub_frame| &sub_frame.bands).filter_map(|band| band.shade_direct)
+    }
+
+    /// Whether one picture leaves what the primary rays meet to the next from the same camera: one sub-frame, whose places in
+    /// the pixels never change.
+    pub fn keeps_hits(&self) -> bool {
+        self.sub_frames.len() == 1 && self.smooth.is_some()
+    }
+
     /// Those of its first sub-frame.
     pub fn first_passes(&self) -> &[PassId] {
         self.sub_frames.first().map_or(&[], |sub_frame| &sub_frame.passes)

@@ -128,10 +128,13 @@ pub fn add(
 impl View {
     /// The passes, in their order.
     pub fn passes(&self) -> Vec<PassId> {
-        let mut passes: Vec<PassId> = self.mark_pixels.iter().map(|mark| mark.pass).collect();
-        passes.extend(self.mark_receivers.map(|mark| mark.pass));
-        passes.extend(self.gathers());
-        passes
+        [self.marks(), self.gathers()].concat()
+    }
+
+    /// Those that find out what is in view.
+    pub fn marks(&self) -> Vec<PassId> {
+        let pixels = self.mark_pixels.iter().map(|mark| mark.pass);
+        pixels.chain(self.mark_receivers.iter().map(|mark| mark.pass)).collect()
     }
 
     /// Those that compute what is known to be in view.
