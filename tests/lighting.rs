@@ -274,7 +274,7 @@ fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
     let bake = setup.bake(&loaded).unwrap();
     let executors = [Some(Box::new(Cpu::new()) as Box<dyn Executor>), vulkan().map(|v| Box::new(v) as _)];
     let own = loaded.view.camera(SIZE.0, SIZE.1);
-    let other = View { eye: loaded.view.eye + Vec3::X * 0.05, ..loaded.view.clone() }.camera(SIZE.0, SIZE.1);
+    let other = View { eye: loaded.view.eye + Vec3::X * 0.05, ..loaded.view }.camera(SIZE.0, SIZE.1);
     let [dim, bright] = [0.3, 1.0].map(|share| {
         let mut lighting = loaded.scene.lighting.clone();
         lighting.lights[0].color *= share;

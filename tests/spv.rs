@@ -128,10 +128,11 @@ fn bindings_are_those_of_the_table() {
         }
         assert!(found.iter().all(|r| (r.binding as usize) < kernel.bindings.len()), "{name}: a binding without a row");
     }
-    // Light at pixels takes the scene as a whole, but shading casts no ray and samples no emitter, sharp lights are no
+    // Pixels take the scene as a whole, but neither albedo nor shading casts a ray, shading samples no emitter, sharp lights are no
     // emitters, light with nothing in the way casts no ray, and large lights do not look at the sky's map. Shading
     // and large lights need no luminaires.
     let expected = [
+        ("scene_albedo", "nodes"),
         ("scene_shade", "nodes"),
         ("scene_shade", "emitters"),
         ("scene_shade", "distributions"),

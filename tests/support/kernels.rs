@@ -475,6 +475,7 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
     let sampled: Vec<Vec4> = seen.iter().map(|seen| *seen * (1.0 + r.unit())).collect();
     let tables = vec![
         buffer("hits", &hits),
+        buffer("albedo", &r.colors(n)),
         buffer("points", &points),
         buffer("groups", &groups),
         buffer("open", &r.colors(n)),
@@ -555,7 +556,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             call(150, p, vec![buffer("points", &points), from_sky, room::<Vec4>("irradiance", 150)])
         }
         "scene_open_light" | "scene_seen_light" | "scene_add_large_light" => large_light(r, name, scene),
-        "scene_primary" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
+        "scene_primary" | "scene_albedo" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
             let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 31);
             let n = 33 * 21;
@@ -574,6 +575,10 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             if name == "scene_primary" {
                 return call(p.count, p, vec![room::<Hit>("hits", n), room::<SurfacePoint>("points", n)]);
             }
+            if name == "scene_albedo" {
+                let tables = vec![buffer("hits", &hits), room::<Vec4>("albedo", n)];
+                return call(p.count, CountParams { count: p.count }, tables);
+            }
             let (grids, count) = grids(r, scene, cell_count);
             let mut values = 0;
             let cell = |_| {
@@ -584,6 +589,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let cells: Vec<ReceiverCell> = (0..count).map(cell).collect();
             let tables = vec![
                 buffer("hits", &hits),
+                buffer("albedo", &r.colors(n)),
                 buffer("points", &points),
                 buffer("grids", &grids),
                 buffer("receiver_cells", &cells),

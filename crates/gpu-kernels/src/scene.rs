@@ -98,10 +98,20 @@ kernels! {
         (hit, camera::surface_point(&geometry, hit, direction))
     }
 
+    /// Albedo of what every pixel's primary ray met: [`shade::pixel_albedo`]. One invocation per pixel.
+    SCENE_ALBEDO = "scene_albedo"(p: CountParams) for k in 0..count {
+        hits: read [Hit; count],
+        geometry: GeometryTables,
+        albedo: write [Rgb],
+    } each {
+        shade::pixel_albedo(&geometry, hits[k as usize])
+    }
+
     /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr: [`shade::add_sub_frame`].
     /// One invocation per pixel.
     SCENE_SHADE = "scene_shade"(p: PixelParams) for k in 0..count {
         hits: read [Hit; count],
+        albedo: read [Rgb; count],
         direct: read [Rgb; count],
         indirect: read [Rgb; count],
         geometry: GeometryTables,
@@ -117,6 +127,7 @@ kernels! {
             p.seed,
             p.first + k,
             hits[i],
+            albedo[i],
             direct[i],
             indirect[i],
             sum_before,
@@ -144,6 +155,7 @@ kernels! {
     /// the way, W/m²/sr: [`large::add_open_light`]. One invocation per pixel.
     SCENE_OPEN_LIGHT = "scene_open_light"(p: LargeParams) for k in 0..count {
         hits: read [Hit; count],
+        albedo: read [Rgb; count],
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: Lights,
@@ -152,13 +164,14 @@ kernels! {
     } each {
         let i = k as usize;
         let at = p.first + k;
-        large::add_open_light(&geometry, &lights, groups, p, at, hits[i], points[i], open_before)
+        large::add_open_light(&geometry, &lights, groups, p, at, hits[i], albedo[i], points[i], open_before)
     }
 
     /// Adds one sub-frame to every pixel's samples of rectangles and emitters, those that it sees
     /// and all: [`large::add_seen_light`]. One invocation per pixel.
     SCENE_SEEN_LIGHT = "scene_seen_light"(p: LargeParams) for k in 0..count {
         hits: read [Hit; count],
+        albedo: read [Rgb; count],
         points: read [SurfacePoint; count],
         geometry: GeometryTables,
         lights: Lights,
@@ -171,7 +184,7 @@ kernels! {
         let i = k as usize;
         let at = p.first + k;
         let sums = (seen_before, sampled_before);
-        large::add_seen_light(&geometry, &lights, p, at, hits[i], points[i], sums, stopped)
+        large::add_seen_light(&geometry, &lights, p, at, hits[i], albedo[i], points[i], sums, stopped)
     }
 
     /// Adds the light of rectangles and emitters to every pixel's sums, W/m²/sr:

@@ -3,7 +3,7 @@
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use scene::kernel::camera::{primary_direction, primary_hit, surface_point};
-use scene::kernel::shade::pixel_radiance;
+use scene::kernel::shade::{pixel_albedo, pixel_radiance};
 use scene::{Camera, Hit, Light, Scene, SurfacePoint};
 
 use crate::error::Error;
@@ -61,7 +61,9 @@ impl PixelGather<'_> {
         let count = self.lights.len() as u32;
         for ((pixel, hit, _), irradiance) in visible.into_iter().zip(light) {
             let direction = primary_direction(self.camera, pixel as u32, seed);
-            let shown = |light: Vec3| pixel_radiance(&geometry, &lights, count, self.camera, direction, hit, light);
+            let albedo = pixel_albedo(&geometry, hit).truncate();
+            let shown =
+                |light: Vec3| pixel_radiance(&geometry, &lights, count, self.camera, direction, hit, albedo, light);
             sums[pixel] += shown(irradiance.truncate()) - shown(Vec3::ZERO);
         }
         Ok(())

@@ -330,9 +330,6 @@ impl Renderer {
             _ => Vec::new(),
         };
         self.executor.submit_passes(&passes)?;
-        if changes.is_view {
-            self.frame.keep_hits(camera);
-        }
         Ok(update)
     }
 
@@ -754,7 +751,7 @@ impl Frame {
     fn display_passes(&self, is_seen: bool) -> Vec<PassId> {
         let mut left_out: Vec<PassId> = self.shade.direct_passes().collect();
         if is_seen {
-            left_out.extend(self.shade.first_primary());
+            left_out.extend(self.shade.seeing_passes());
             left_out.extend(self.view.iter().flat_map(|view| view.marks()));
         }
         let shaded = self.shade.passes().iter().filter(|pass| !left_out.contains(pass)).copied();

@@ -70,10 +70,11 @@ pub struct Shade {
     passes: Vec<PassId>,
 }
 
-/// The passes of a sub-frame: the primary rays of all bands, then the rest of each.
+/// The passes of a sub-frame: the primary rays of all bands, the albedo of what they meet, then the rest of each.
 #[derive(Clone, Debug)]
 struct SubFrame {
     primary: Vec<PassId>,
+    albedo: Vec<PassId>,
     bands: Vec<BandPasses>,
     passes: Vec<PassId>,
 }
@@ -94,6 +95,8 @@ pub struct PixelBuffers {
     pub hits: BufferId,
     /// The same as points to be lit.
     pub points: BufferId,
+    /// Albedo there.
+    pub albedo: BufferId,
     /// Direct irradiance there, W/m².
     pub direct: BufferId,
     /// Indirect irradiance there, W/m².
@@ -104,6 +107,11 @@ impl PixelBuffers {
     /// What the primary rays of a band meet, as a binding.
     pub fn hits_of(&self, band: Band) -> Named {
         ("hits", band.of::<Hit>(self.hits))
+    }
+
+    /// The albedo of a band, as a binding.
+    pub fn albedo_of(&self, band: Band) -> Named {
+        ("albedo", band.of::<Rgb>(self.albedo))
     }
 
     /// The points of a band, as a binding.
@@ -153,6 +161,7 @@ pub fn add_pixels(
     let pixels = PixelBuffers {
         hits: plan.storage("hits", u64::from(count) * size_of::<Hit>() as u64),
         points: plan.storage("pixel points", u64::from(count) * size_of::<SurfacePoint>() as u64),
+        albedo: plan.storage("pixel albedo", rgb),
         direct: plan.storage("pixel direct", rgb),
         indirect: plan.storage("pixel indirect", rgb),
     };
@@ -293,10 +302,12 @@ fn add_sub_frame(
         let seen = [buffers.hits_of(band), buffers.points_of(band)];
         primary.push(scene.primary(plan, "shade", &seen, &camera)?);
     }
+    let add = |&band: &Band| scene.albedo(plan, "shade", &[buffers.hits_of(band), buffers.albedo_of(band)], band.count);
+    let albedo = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
     let add = |&band| add_band(plan, scene, shade, indirect, band);
     let bands = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
     let passes = plan.all_passes().split_off(first);
-    Ok(SubFrame { primary, bands, passes })
+    Ok(SubFrame { primary, albedo, bands, passes })
 }
 
 /// Adds what follows the primary rays of a band.
@@ -321,7 +332,8 @@ fn add_band(
     let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
     let own = |indirect: Range, sum: BufferId| {
         let direct = band.of::<Rgb>(buffers.direct);
-        [buffers.hits_of(band), ("direct", direct), ("indirect", indirect), ("sum", band.of::<Rgb>(sum))]
+        let (hits, albedo) = (buffers.hits_of(band), buffers.albedo_of(band));
+        [hits, albedo, ("direct", direct), ("indirect", indirect), ("sum", band.of::<Rgb>(sum))]
     };
     let shade_full = scene.shade(plan, "shade", &own(band.of::<Rgb>(buffers.indirect), shade.full), &camera)?;
     let mut shade_direct = None;
@@ -393,6 +405,11 @@ impl Shade {
     /// Those of direct light by itself, which a picture that is only shown does without.
     pub fn direct_passes(&self) -> impl Iterator<Item = PassId> {
         self.sub_frames.iter().flat_map(|sub_frame| &sub_frame.bands).filter_map(|band| band.shade_direct)
+    }
+
+    /// The passes that find what the first sub-frame sees.
+    pub fn seeing_passes(&self) -> impl Iterator<Item = PassId> {
+        self.sub_frames.first().into_iter().flat_map(|first| first.primary.iter().chain(&first.albedo)).copied()
     }
 
     /// Whether one picture leaves what the primary rays meet to the next from the same camera: one sub-frame, whose places in

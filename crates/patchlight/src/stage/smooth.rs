@@ -78,6 +78,7 @@ impl SmoothLight {
         let sharp = scene.sharp_light(plan, "shade", &own, &direct)?;
         let own = [
             buffers.hits_of(band),
+            buffers.albedo_of(band),
             points,
             ("open", rgb(self.open)),
             ("seen", rgb(self.seen)),

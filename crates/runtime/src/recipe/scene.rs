@@ -175,7 +175,7 @@ impl SceneTables {
     }
 
     /// Adds the passes of a sub-frame's radiance from rectangles and emitters, W/m²/sr: were nothing in the way, and of
-    /// samples of it, those that are seen and all. Bindings: `hits`, `points`, `open`, `seen`, `sampled`.
+    /// samples of it, those that are seen and all. Bindings: `hits`, `albedo`, `points`, `open`, `seen`, `sampled`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -234,8 +234,23 @@ impl SceneTables {
         add_pass(plan, pass, &table::SCENE_PRIMARY, bindings, &self.named, params, params.count)
     }
 
-    /// Adds the pass that adds the radiance of a sub-frame to the sum of each pixel, W/m²/sr. Bindings: `hits`, `direct`,
-    /// `indirect`, `sum`.
+    /// Adds the pass of the albedo of what primary rays met. Bindings: `hits`, `albedo`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn albedo(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        pixels: u32,
+    ) -> Result<PassId, ExecutorError> {
+        let count = CountParams { count: pixels };
+        add_pass(plan, pass, &table::SCENE_ALBEDO, bindings, &self.named, &count, pixels)
+    }
+
+    /// Adds the pass that adds the radiance of a sub-frame to the sum of each pixel, W/m²/sr. Bindings: `hits`, `albedo`,
+    /// `direct`, `indirect`, `sum`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.

@@ -192,7 +192,7 @@ fn first_sample(p: &LargeParams, index: u32) -> u32 {
 
 /// Share of irradiance that a pixel shows as radiance, ρ/π: 0 for the sky and behind a rectangle light.
 #[inline]
-fn reflection(g: &GeometryTables, lights: &Lights, p: &LargeParams, index: u32, hit: Hit) -> Vec3 {
+fn reflection(lights: &Lights, p: &LargeParams, index: u32, hit: Hit, albedo: Vec4) -> Vec3 {
     if hit.triangle == NONE {
         return Vec3::ZERO;
     }
@@ -202,7 +202,7 @@ fn reflection(g: &GeometryTables, lights: &Lights, p: &LargeParams, index: u32, 
             return Vec3::ZERO;
         }
     }
-    g.albedo(hit.triangle, hit.u, hit.v) * FRAC_1_PI
+    albedo.truncate() * FRAC_1_PI
 }
 
 /// Irradiance of a group of emitters at a point, W/m², were nothing in the way.
@@ -241,10 +241,11 @@ pub fn add_open_light(
     p: &LargeParams,
     index: u32,
     hit: Hit,
+    albedo: Vec4,
     point: SurfacePoint,
     sum: Vec4,
 ) -> Vec4 {
-    let factor = reflection(g, lights, p, index, hit);
+    let factor = reflection(lights, p, index, hit, albedo);
     let normal = point.normal;
     let origin = point.position + normal * p.ray_offset;
     let mut light = Vec3::ZERO;
@@ -411,11 +412,12 @@ pub fn add_seen_light(
     p: &LargeParams,
     index: u32,
     hit: Hit,
+    albedo: Vec4,
     point: SurfacePoint,
     sums: (Vec4, Vec4),
     occluded: impl Fn(Vec3, Vec3, f32) -> bool + Copy,
 ) -> (Vec4, Vec4) {
-    let factor = reflection(g, lights, p, index, hit) * (1.0 / p.rays as f32);
+    let factor = reflection(lights, p, index, hit, albedo) * (1.0 / p.rays as f32);
     if luminance(factor) <= 0.0 {
         return sums;
     }

@@ -11,8 +11,9 @@ use crate::math::{clamp, pow};
 use crate::types::{Camera, Hit, NONE};
 
 /// Radiance to the eye, W/m²/sr: `L = L_e + ρ/π (H_d + H)`; the sky, or a rectangle light in front of the surface, shows
-/// its own radiance.
+/// its own radiance. `albedo` is that of the surface.
 #[inline]
+#[allow(clippy::too_many_arguments)]
 pub fn pixel_radiance(
     g: &GeometryTables,
     lights: &Lights,
@@ -20,6 +21,7 @@ pub fn pixel_radiance(
     camera: &Camera,
     direction: Vec3,
     hit: Hit,
+    albedo: Vec3,
     irradiance: Vec3,
 ) -> Vec3 {
     let mut nearest = if hit.triangle == NONE { FAR } else { hit.t };
@@ -27,7 +29,7 @@ pub fn pixel_radiance(
     if hit.triangle == NONE {
         radiance = sky_radiance(&lights.sky, lights.sky_map, direction);
     } else {
-        radiance += g.albedo(hit.triangle, hit.u, hit.v) * irradiance * FRAC_1_PI;
+        radiance += albedo * irradiance * FRAC_1_PI;
         if g.normal(hit.triangle).dot(direction) < 0.0 {
             radiance += g.radiance(hit.triangle, hit.u, hit.v);
         }
@@ -42,8 +44,14 @@ pub fn pixel_radiance(
     radiance
 }
 
+/// Albedo of what a primary ray met; 0 for the sky.
+#[inline]
+pub fn pixel_albedo(g: &GeometryTables, hit: Hit) -> Vec4 {
+    if hit.triangle == NONE { Vec4::ZERO } else { g.albedo(hit.triangle, hit.u, hit.v).extend(0.0) }
+}
+
 /// Sum of a pixel's radiance after one more sub-frame, W/m²/sr: what its primary ray of sub-frame `seed` met, lit by the
-/// direct and the indirect irradiance there. The fourth component counts the sub-frames.
+/// direct and the indirect irradiance there, with the albedo of the surface. The fourth component counts the sub-frames.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn add_sub_frame(
@@ -54,13 +62,14 @@ pub fn add_sub_frame(
     seed: u32,
     index: u32,
     hit: Hit,
+    albedo: Vec4,
     direct: Vec4,
     indirect: Vec4,
     sum: Vec4,
 ) -> Vec4 {
     let direction = primary_direction(camera, index, seed);
     let irradiance = (direct + indirect).truncate();
-    sum + pixel_radiance(g, lights, light_count, camera, direction, hit, irradiance).extend(1.0)
+    sum + pixel_radiance(g, lights, light_count, camera, direction, hit, albedo.truncate(), irradiance).extend(1.0)
 }
 
 /// sRGB code value in [0, 1] of a linear one in [0, 1] (IEC 61966-2-1).
