@@ -5,6 +5,7 @@ mod balance;
 mod contour;
 mod estimate;
 mod file;
+mod monte_carlo;
 mod reciprocal;
 mod solve;
 mod sparse;
@@ -16,6 +17,7 @@ pub use estimate::{
     AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, SkyBin, form_factor_blocks, form_factors,
 };
 pub use file::{RowFile, RowFileWriter};
+pub use monte_carlo::{Samples, random_walks, stochastic_jacobi};
 pub use reciprocal::{Reciprocal, reciprocal};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
 pub use sparse::{SparseRows, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows};

@@ -34,7 +34,7 @@ pub struct Solution {
     pub iterations: u32,
 }
 
-fn check_inputs(rows: usize, columns: usize, source: &[Vec4], albedo: &[Vec4]) -> Result<(), Error> {
+pub(super) fn check_inputs(rows: usize, columns: usize, source: &[Vec4], albedo: &[Vec4]) -> Result<(), Error> {
     check_length("columns", rows, columns)?;
     check_length("source", rows, source.len())?;
     check_length("albedo", rows, albedo.len())?;
@@ -69,7 +69,7 @@ fn bounce_all(source: &[Vec4], albedo: &[Vec4], irradiance: &[Vec4]) -> Vec<Vec4
 }
 
 /// Residual of a finished solution: one more product.
-fn finish(
+pub(super) fn finish(
     operator: &(impl LinearOperator + ?Sized),
     source: &[Vec4],
     albedo: &[Vec4],
