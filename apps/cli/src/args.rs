@@ -23,6 +23,8 @@ use super::illuminance::Illuminance;
 use super::view::View;
 use super::world::{Merge, World};
 use patches::PatchKind;
+use patchlight::MethodSettings;
+use patchlight::method::solved::{Samples, Solver};
 use patchlight::method::temporal::{RowKind, Sampled};
 use patchlight::method::{FirstShotSettings, TemporalSettings};
 
@@ -340,6 +342,39 @@ pub enum FormFactors {
     Point,
 }
 
+/// Solvers of classic radiosity.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ClassicSolver {
+    /// Gathering, one bounce a product.
+    #[default]
+    Jacobi,
+    /// Gathering in place.
+    GaussSeidel,
+    /// Progressive shooting: the patch with most unsent light sends it.
+    Shooting,
+    /// Elimination of the whole system.
+    Lu,
+    /// Shooting by chance, a bounce at a time.
+    StochasticJacobi,
+    /// Walks of light by chance.
+    RandomWalks,
+}
+
+impl ClassicSolver {
+    /// The method of the solver.
+    pub fn method(self, count: u32, seed: u32) -> MethodSettings {
+        let samples = Samples { count, seed };
+        MethodSettings::Solved(match self {
+            Self::Jacobi => return MethodSettings::Classic,
+            Self::GaussSeidel => Solver::GaussSeidel,
+            Self::Shooting => Solver::Shooting,
+            Self::Lu => Solver::Lu,
+            Self::StochasticJacobi => Solver::StochasticJacobi(samples),
+            Self::RandomWalks => Solver::RandomWalks(samples),
+        })
+    }
+}
+
 /// `patchlight render`.
 #[derive(Args, Debug)]
 pub struct Render {
@@ -379,6 +414,13 @@ pub struct Render {
     /// --device when it is a graphics processor.
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
     pub build_on: BuildPlace,
+    /// How the bounces of --method classic are found: jacobi takes one product a bounce on the device, the others are the host's,
+    /// for comparison.
+    #[arg(long, value_enum, default_value_t)]
+    pub solver: ClassicSolver,
+    /// Samples that the light is cut into by --solver stochastic-jacobi and random-walks.
+    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..=1 << 30))]
+    pub solver_samples: u32,
     /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
     #[arg(long, value_enum, default_value_t)]
     pub decode: Decoding,

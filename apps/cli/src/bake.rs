@@ -133,7 +133,7 @@ pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result
         },
         bake: args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed),
         methods: args.methods.iter().map(|method| operator_of(&args.operators, *method)).collect(),
-        build: Build { on: BuildOn::Device, memory_limit, folder: folder.to_path_buf() },
+        build: Build { memory_limit, folder: folder.to_path_buf(), ..Build::default() },
     };
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
     if args.bake.patches.voxel_size.is_none() {

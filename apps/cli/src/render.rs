@@ -444,7 +444,8 @@ fn method_settings(args: &Render, exposure_stops: f32, seed: u32) -> MethodSetti
         Method::Firstshot => {
             MethodSettings::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
         }
-        Method::Classic | Method::Path => MethodSettings::Classic,
+        Method::Classic => args.solver.method(args.solver_samples, seed),
+        Method::Path => MethodSettings::Classic,
     }
 }
 

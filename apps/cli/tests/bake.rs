@@ -115,6 +115,26 @@ fn threads_and_kills_change_no_byte() {
 }
 
 #[test]
+fn a_device_bakes_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
+    let message = fails(1, &["bake", "cornell", "-o", &name("none.bake"), "--device", "nosuch"]);
+    assert!(message.contains("nosuch"), "{message}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    if !runtime::vulkan::devices().is_ok_and(|devices| !devices.is_empty()) {
+        let required = std::env::var("REQUIRE_VULKAN").is_ok_and(|value| value == "1");
+        assert!(!required, "REQUIRE_VULKAN is set, and there is no device");
+        println!("skipped: no Vulkan device");
+        return;
+    }
+    let (own, device) = (name("own.bake"), name("device.bake"));
+    let more = ["--patches", "cluster", "--for", "tiles"];
+    bake("cornell", &own, &[&more[..], &["--device", "cpu"]].concat());
+    bake("cornell", &device, &[&more[..], &["--device", "vulkan"]].concat());
+    assert!(fs::read(own).unwrap() == fs::read(device).unwrap());
+}
+
+#[test]
 fn what_a_bake_does_not_hold_is_said_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();

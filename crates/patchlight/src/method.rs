@@ -5,6 +5,7 @@ pub mod feedback;
 pub mod firstshot;
 pub mod local;
 pub mod multibounce;
+pub mod solved;
 pub mod temporal;
 
 use std::collections::BTreeMap;
@@ -24,6 +25,7 @@ use crate::operator::{Build, Codec, Decode};
 pub use feedback::FeedbackSettings;
 pub use firstshot::FirstShotSettings;
 pub use localmatrix::CameraSettings as LocalSettings;
+pub use solved::Solver;
 pub use temporal::TemporalSettings;
 
 /// How light goes between patches in one frame.
@@ -131,6 +133,8 @@ pub enum MethodSettings {
     /// A product with the sparse form factors for each bounce.
     #[default]
     Classic,
+    /// All bounces by a classic solver on the host, in each light update.
+    Solved(Solver),
     /// One product with the operator of all bounces.
     Multibounce(Codec),
     /// Products with the compressed form factors, from the light of the frame before.
@@ -176,6 +180,12 @@ impl MethodSettings {
                 build.memory_limit,
                 "choose fewer patches, or tiles",
             ),
+            Self::Solved(solver) => check_free(
+                format!("the form factors between {patches} patches as a dense matrix"),
+                solver.matrix_bytes(patches),
+                build.memory_limit,
+                "choose fewer patches, or a solver with sparse form factors",
+            ),
             Self::Local(settings) => check_free(
                 format!("the matrix of {} slots", settings.slots),
                 PAIR_BYTES * pairs(settings.slots.min(patches)),
@@ -193,6 +203,7 @@ impl MethodSettings {
     pub fn prepare(&self, with: &Preparation, device: &mut (dyn Executor + 'static)) -> Result<Box<dyn Method>, Error> {
         Ok(match *self {
             Self::Classic => Box::new(classic::Classic::new(with.bake)),
+            Self::Solved(solver) => Box::new(solved::Solved::new(solver, with.bake)?),
             Self::Multibounce(codec) => multibounce::prepare(codec, with, device)?,
             Self::Feedback(settings) => feedback::prepare(&settings, with, device)?,
             Self::Temporal(settings) => Box::new(temporal::TemporalMethod::new(&settings, with)?),

@@ -8,7 +8,7 @@ use experiments::progress::Progress;
 
 use super::super::bake::Bake;
 use super::super::view::View;
-use super::{FormFactors, Input, Method, ReceiverPlaces, Render, Storage, Switch};
+use super::{ClassicSolver, FormFactors, Input, Method, ReceiverPlaces, Render, Storage, Switch};
 
 /// Options of a command that are for some runs only.
 struct Rule<T: 'static> {
@@ -50,6 +50,15 @@ const RULES: &[Rule<Render>] = &[
         whom: "--method local without --at-rest",
         suits: |args, _| args.method == Method::Local && !args.local.at_rest,
     },
+    of_method!(Classic, "classic", ["solver"]),
+    Rule {
+        options: &["solver_samples"],
+        whom: "--method classic with --solver stochastic-jacobi or random-walks",
+        suits: |args, _| {
+            args.method == Method::Classic
+                && matches!(args.solver, ClassicSolver::StochasticJacobi | ClassicSolver::RandomWalks)
+        },
+    },
     of_method!(Feedback, "feedback", ["products", "plain"]),
     of_method!(Firstshot, "firstshot", ["error", "photons"]),
     of_method!(Multibounce, "multibounce", ["codec"]),
@@ -77,9 +86,10 @@ const RULES: &[Rule<Render>] = &[
     },
     Rule {
         options: &["bounces"],
-        whom: "scenes, not bakes, by methods other than firstshot and local, which take all bounces; and for --method path",
+        whom: "scenes, not bakes, by methods other than firstshot and local, and solvers other than jacobi, which take all bounces; and for --method path",
         suits: |args, input| match args.method {
             Method::Firstshot | Method::Local => false,
+            Method::Classic if args.solver != ClassicSolver::Jacobi => false,
             Method::Path => true,
             _ => input == Input::Scene,
         },
@@ -334,7 +344,7 @@ mod tests {
     #[test]
     fn options_that_cannot_apply_are_named() {
         // Those that classic radiosity ignores.
-        let classic: [&[&str]; 18] = [
+        let classic: [&[&str]; 19] = [
             &["--samples", "16"],
             &["--blend", "0.5"],
             &["--refresh", "4"],
@@ -351,6 +361,7 @@ mod tests {
             &["--epsilon", "0.1"],
             &["--resume"],
             &["--codec", "bc1"],
+            &["--solver-samples", "9"],
             &["--animate", "sun"],
             &["--path", "fly"],
         ];
@@ -358,6 +369,9 @@ mod tests {
             assert_eq!(idle(options), [options[0]], "{options:?}");
         }
         assert_eq!(idle(&classic.concat()).len(), classic.len());
+        assert!(idle(&["--solver", "random-walks", "--solver-samples", "9"]).is_empty());
+        assert_eq!(idle(&["--solver", "lu", "--bounces", "3"]), ["--bounces"]);
+        assert_eq!(idle(&["--method", "tiles", "--solver", "lu"]), ["--solver"]);
         let path: [&[&str]; 8] = [
             &["--form-factors", "area"],
             &["--receivers", "pixels"],

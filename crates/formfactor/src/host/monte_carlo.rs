@@ -16,7 +16,7 @@ const MOST_SURVIVAL: f32 = 0.98;
 const MOST_STEPS: u32 = 10_000;
 
 /// Sampling of Monte Carlo solvers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Samples {
     /// Samples that the emitted power is cut into.
     pub count: u32,
@@ -160,7 +160,8 @@ pub fn random_walks(
     let first = f64::from(random(0, 1, samples.seed));
     for (start, &power) in power.iter().enumerate() {
         let share = f64::from(luminance(power)) / emitted * count;
-        if !(share > 0.0) {
+        // Of no emitted power, the share is no number.
+        if share.is_nan() || share <= 0.0 {
             continue;
         }
         sum += share;
