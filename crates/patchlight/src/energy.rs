@@ -172,7 +172,7 @@ fn places(bake: &Bake) -> Vec<Place> {
 fn scene_source(bake: &Bake) -> Vec<Vec4> {
     let mesh = &bake.mesh;
     let direct = bake.scene.direct_irradiance(&bake.direct, &mesh.points);
-    let mut source = sky_exitance(bake, &bake.scene.lighting);
+    let mut source = sky_exitance(bake, &mesh.element_albedo, &bake.scene.lighting);
     for (range, source) in mesh.offsets.windows(2).zip(&mut source) {
         let own = range[0] as usize..range[1] as usize;
         for ((point, albedo), direct) in

@@ -20,7 +20,7 @@ mod wide;
 
 pub(crate) use wide::WideBvh;
 
-pub use distribution::{Distribution, MOST_DISTRIBUTION_WORDS};
+pub use distribution::Distribution;
 pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use groups::MOST_EMITTER_GROUPS;

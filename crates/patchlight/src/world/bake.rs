@@ -78,7 +78,8 @@ pub struct BakedWorld {
 }
 
 /// Memory that a bake takes beside the scene, bytes, if it becomes as many patches as asked for: the patches, which each part has
-/// all of, twice while they are put together, and the rows under way. Measured bakes took a third to all of it.
+/// all of, twice while they are put together, and the rows under way. Jobs of three worlds took a quarter to half of
+/// this and their scene together.
 pub fn job_bytes(settings: &WorldSettings) -> u64 {
     let patch = 2 * size_of::<Node>() + POINTS * size_of::<LitPoint>() + PATCH_TABLES;
     let rows = BLOCKS_A_THREAD * rayon::current_num_threads() * BLOCK_ROWS as usize;

@@ -13,7 +13,7 @@ const MOST_PLANES: usize = 360;
 /// Shares of a step by which an angle may miss a grid and yet be on it.
 const ON_GRID: f64 = 1e-3;
 /// Words that a table of distributions may have: 128 MiB, which every device can bind.
-pub const MOST_DISTRIBUTION_WORDS: usize = 1 << 25;
+const MOST_DISTRIBUTION_WORDS: usize = 1 << 25;
 
 /// Intensities of a luminaire by direction, bilinear in γ and C between those that are given (CIE 121, IES LM-63 type C).
 ///
