@@ -301,6 +301,15 @@ fn shown_pictures_from_one_camera_are_those_of_new_renderers() {
         renderer.picture(&bright, &other, 3).unwrap();
         assert_eq!(shown(&mut renderer, &dim, &own), afresh(&dim, &own));
         assert_eq!(shown(&mut renderer, &bright, &own), afresh(&bright, &own));
+        // What is seen has another albedo.
+        let painted: Vec<Option<Vec3>> = loaded.scene.materials.iter().map(|_| Some(Vec3::splat(0.3))).collect();
+        let mut other = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+        for renderer in [&mut renderer, &mut other] {
+            renderer.set_albedo(&painted).unwrap();
+        }
+        let found = shown(&mut renderer, &bright, &own);
+        assert_eq!(found, shown(&mut other, &bright, &own));
+        assert_ne!(found, afresh(&bright, &own));
     }
 }
 

@@ -278,6 +278,8 @@ impl Renderer {
             self.albedo = None;
         }
         self.has_new_source = true;
+        // Pixels look up their albedo again.
+        self.frame.seen_from = None;
         Ok(())
     }
 

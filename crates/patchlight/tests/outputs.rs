@@ -104,7 +104,7 @@ fn probes_from_files_give_the_light_of_the_volume() {
 fn live_probes_follow_the_light_of_a_renderer() {
     let (mut renderer, bake) = lit(ReceiverKind::Mesh);
     let mut probes = LiveProbes::new(&bake, 27, 2048, &|_, _| ControlFlow::Continue(())).unwrap();
-    let camera = scene::Camera::look_at(Vec3::ZERO, Vec3::Z, Vec3::Y, 50.0, 4, 4);
+    let camera = Camera::look_at(Vec3::ZERO, Vec3::Z, Vec3::Y, 50.0, 4, 4);
     let middle = 0.5 * (bake.scene.geometry.bounds.0 + bake.scene.geometry.bounds.1);
     let normals = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z];
     let mut before = Vec3::ZERO;

@@ -12,6 +12,7 @@ use runtime::executor::{Executor, PassTime};
 use runtime::plan::{BufferId, PassId};
 
 use super::{Method, MethodReport, bytes};
+use crate::albedo::Albedo;
 use crate::bake::Bake;
 use crate::error::Error;
 use crate::frame::FramePlan;
@@ -58,7 +59,7 @@ enum Factors {
 
 /// A solver between the stages of a frame.
 pub struct Solved {
-    bake: Arc<Bake>,
+    albedo: Vec<Vec4>,
     solver: Solver,
     factors: Factors,
     buffers: Option<[BufferId; 2]>,
@@ -82,11 +83,11 @@ impl Solved {
             }
             Solver::StochasticJacobi(_) | Solver::RandomWalks(_) => Factors::Sparse(both_ways()?),
         };
-        Ok(Self { bake: Arc::clone(bake), solver, factors, buffers: None, bounce: None, iterations: 0 })
+        Ok(Self { albedo: bake.mesh.albedo.clone(), solver, factors, buffers: None, bounce: None, iterations: 0 })
     }
 
     fn solve(&self, source: &[Vec4]) -> Result<Solution, Error> {
-        let albedo = &self.bake.mesh.albedo;
+        let albedo = &self.albedo;
         let stop = Stop::Tolerance(TOLERANCE);
         Ok(match (&self.factors, self.solver) {
             (Factors::Dense(factors), Solver::Lu) => lu(factors, source, albedo)?,
@@ -134,6 +135,11 @@ impl Method for Solved {
 
     fn depends_on_source_alone(&self) -> bool {
         true
+    }
+
+    fn set_albedo(&mut self, albedo: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        self.albedo = albedo.patches.clone();
+        Ok(())
     }
 
     fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Option<Result<Vec<PassTime>, Error>> {

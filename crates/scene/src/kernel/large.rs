@@ -495,6 +495,11 @@ pub fn shadowed_light(
     all: &[Vec4],
 ) -> Vec3 {
     let i = (index - p.first_about) as usize;
+    let at_pixel = open[i];
+    if at_pixel.x <= 0.0 && at_pixel.y <= 0.0 && at_pixel.z <= 0.0 {
+        // No light to share out, as in most pixels under the sky.
+        return Vec3::ZERO;
+    }
     let here = points[i];
     let own = grey_share(seen[i], all[i]);
     let (x, y) = ((index % p.width) as i32, (index / p.width) as i32);
@@ -523,11 +528,10 @@ pub fn shadowed_light(
             }
         }
     }
-    let open = open[i];
     let share = |seen: f32, all: f32| if all > 0.0 { seen / all } else { 0.0 };
     Vec3::new(
-        open.x * share(seen_sum.x, all_sum.x),
-        open.y * share(seen_sum.y, all_sum.y),
-        open.z * share(seen_sum.z, all_sum.z),
+        at_pixel.x * share(seen_sum.x, all_sum.x),
+        at_pixel.y * share(seen_sum.y, all_sum.y),
+        at_pixel.z * share(seen_sum.z, all_sum.z),
     )
 }
