@@ -43,7 +43,10 @@ impl Levels {
         let leaves = Leaves {
             points: own.iter().zip(&extra.indoors).map(point).collect(),
             area: own.iter().map(|node| node.area).collect(),
-            sky: sky_factors[..own.len()].iter().map(|&share| sky * share).collect(),
+            sky: match sky == Vec4::ZERO {
+                true => Vec::new(),
+                false => sky_factors[..own.len()].iter().map(|&share| sky * share).collect(),
+            },
         };
         let tables = LevelTables::new(leaves, levels);
         Ok(Self { lookup: Arc::new(lookup), tables: Arc::new(tables), apparent_size: 0.0, edge })

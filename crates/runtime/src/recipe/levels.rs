@@ -34,7 +34,7 @@ pub struct Leaves {
     pub points: Vec<SurfacePoint>,
     /// Areas, m².
     pub area: Vec<f32>,
-    /// What a constant sky sends each, W/m².
+    /// What a constant sky sends each, W/m²; empty where there is none.
     pub sky: Vec<Vec4>,
 }
 
@@ -137,7 +137,6 @@ impl LeafLight {
         let leaves = levels.leaves.len();
         let count = leaves as u32;
         let slot_of = plan.storage("slot of", 4 * leaves as u64);
-        let from_slots = plan.storage("from slots", rgb_bytes(leaves));
         let light = plan.storage("level light", rgb_bytes(levels.area.len()));
         let area = tables.part(plan, "level area", levels, |levels| &levels.area).buffer;
         let part = |buffer: BufferId, level: usize, stride: usize| -> Range {
@@ -145,17 +144,23 @@ impl LeafLight {
         };
         let light_of = |level: usize| part(light, level, size_of::<Rgb>());
 
-        let own = [("slot_of", slot_of.into()), ("irradiance", irradiance.into()), ("leaves", from_slots.into())];
+        let from_slots = match levels.sky.is_empty() {
+            true => light_of(0),
+            false => plan.storage("from slots", rgb_bytes(leaves)).into(),
+        };
+        let own = [("slot_of", slot_of.into()), ("irradiance", irradiance.into()), ("leaves", from_slots)];
         let spread = &table::LOCALMATRIX_SPREAD;
         let mut passes = vec![add_pass(plan, PASS, spread, &own, &[], &CountParams { count }, count)?];
-        let sum = Surfaces {
-            count,
-            albedo: tables.owned(plan, "ones", vec![Vec4::ONE; leaves]),
-            source: tables.part(plan, "sky light", levels, |levels| &levels.sky),
-            irradiance: from_slots.into(),
-            exitance: light_of(0),
-        };
-        passes.push(sum.bounce(plan, PASS)?);
+        if !levels.sky.is_empty() {
+            let sum = Surfaces {
+                count,
+                albedo: tables.owned(plan, "ones", vec![Vec4::ONE; leaves]),
+                source: tables.part(plan, "sky light", levels, |levels| &levels.sky),
+                irradiance: from_slots,
+                exitance: light_of(0),
+            };
+            passes.push(sum.bounce(plan, PASS)?);
+        }
         for (below, children) in levels.children.iter().enumerate() {
             let count = CountParams { count: children.len() as u32 };
             let own = [
