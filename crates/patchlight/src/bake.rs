@@ -152,7 +152,8 @@ impl Bake {
     }
 
     /// [`Bake::build`] with a device that traces the rays of elements and receivers, most of the work: the plan that it had goes.
-    /// Native code as the device leaves them to the host. Where device and host find the same hits, the bake has the same bytes.
+    /// Native code as the device leaves them to the host. Where device and host find the same hits, the bake has the same bytes; of
+    /// triangles that lie in one place they may name different ones.
     ///
     /// # Errors
     /// As [`Bake::build`]; what the device says.
