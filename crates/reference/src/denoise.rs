@@ -36,9 +36,9 @@ pub struct DenoiseSettings {
 }
 
 impl Default for DenoiseSettings {
-    /// Five levels.
+    /// Five levels, for pictures of one path a pixel: the least errors in the Cornell box and the atrium.
     fn default() -> Self {
-        Self { levels: 5, colour: 4.0, normal: 0.3, position: 0.05 }
+        Self { levels: 5, colour: 64.0, normal: 0.3, position: 0.05 }
     }
 }
 
