@@ -12,7 +12,7 @@ use super::shadow_map::VirtualLight;
 use crate::harmonics::{cosine_lobe, two_bands};
 
 /// Solid angles in which a cell sees the farther face of a neighbour, and each of its four sides, sr: a sixth of the sphere in all.
-const FAR_FACE: f32 = 0.400_669_68;
+const FAR_FACE: f32 = 0.400_669_7;
 const SIDE_FACE: f32 = (4.0 * PI / 6.0 - FAR_FACE) / 4.0;
 /// Samples of surface for each area of a cell's face.
 const SAMPLES_A_FACE: f32 = 16.0;
@@ -306,7 +306,7 @@ impl Blockers {
     #[inline]
     fn between(&self, shape: &Shape, cell: IVec3, way: usize) -> Option<&Blocker> {
         let axis = way / 2;
-        let face = if way % 2 == 0 { cell + IVec3::AXES[axis] } else { cell };
+        let face = if way.is_multiple_of(2) { cell + IVec3::AXES[axis] } else { cell };
         let index = self.index[axis][number_in(shape.counts + IVec3::AXES[axis], face)];
         (index != NONE).then(|| &self.list[index as usize])
     }
