@@ -177,13 +177,16 @@ fn introduction(measured: &Measured) -> String {
     text
 }
 
+/// Opponents that are named where they are better.
+const NAMED: usize = 4;
+
 /// A measure of a row: less is better.
 type Measure = (&'static str, fn(&Row) -> Option<f64>, fn(f64) -> String);
 
 const MEASURES: [Measure; 8] = [
-    ("processor time of a light update with the lookup of pixels, ms", |row| Some(row.total_ms()), significant),
+    ("processor time of a light update, ms", |row| Some(row.processor.update_ms), significant),
     ("memory, MB", |row| (row.bytes > 0).then_some(row.bytes as f64 * 1e-6), significant),
-    ("preparation, s", |row| Some(row.build_s), significant),
+    ("preparation, s", |row| Some(row.build_s), |x| format!("{x:.1}")),
     ("PSNR of indirect light, dB", |row| Some(-row.indirect.psnr_db), |x| format!("{:.2}", -x)),
     ("SSIM of indirect light", |row| Some(-row.indirect.ssim), |x| format!("{:.4}", -x)),
     ("FLIP of indirect light", |row| Some(row.indirect.flip), |x| format!("{x:.4}")),

@@ -110,11 +110,6 @@ impl Row {
     pub fn is_own(&self) -> bool {
         OWN.contains(&self.family.as_str())
     }
-
-    /// Processor time from lights that moved to irradiance at pixels, where that can be told, ms.
-    pub fn total_ms(&self) -> f64 {
-        self.processor.update_ms + self.processor.lookup_ms.unwrap_or(0.0)
-    }
 }
 
 #[derive(Serialize)]
@@ -531,7 +526,7 @@ fn followed_after(left: &[f64]) -> Option<usize> {
 pub fn error_plot(rows: &[Row]) -> Plot {
     let mut series: Vec<Series> = Vec::new();
     for row in rows {
-        let point = (row.total_ms(), 100.0 * row.indirect.block_median_relative_error);
+        let point = (row.processor.update_ms, 100.0 * row.indirect.block_median_relative_error);
         match series.iter_mut().find(|line| line.name == row.family) {
             Some(line) => line.points.push(point),
             None => series.push(Series { name: row.family.clone(), points: vec![point] }),
