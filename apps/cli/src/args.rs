@@ -127,7 +127,10 @@ pub enum Command {
         operator   bytes, errors and time of compressed operators over the error that is asked for\n  \
         temporal   time, memory, jumps of the lights and noise at rest of sampled light, and its pictures\n  \
         local      work, time and memory of the matrix round a camera on three paths, its pictures beside full radiosity\n  \
-        ddgi       what is in view beside probes with irradiance and visibility: time, memory, pictures, jumps of the lights\n  \
+        table3     what is in view by tiles and sampled, beside DDGI, LPV, baked volumes and path tracing: time, memory, pictures,\n             \
+        points, jumps of the lights\n  \
+        report     docs/experiments.md and its plots from docs/data (another folder than docs: --out)\n  \
+        all        every experiment, one after the other; with --quick in minutes\n  \
         firstshot  photons and time to an error, first shot against photons from the lights")]
     Bench(Bench),
     /// List the devices that can run the kernels.

@@ -298,27 +298,73 @@ fn a_bench_that_is_not_known_is_wrong_usage() {
 }
 
 #[test]
-fn the_bench_of_probes_writes_its_table_and_report() {
+fn bench_table3_measures_every_method_alike() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let mut arguments = vec!["bench", "ddgi", "cornell", "--out", out, "--device", "cpu", "--quiet"];
-    arguments.extend(["--size", "64x48", "--spp", "16", "--sub-frames", "1", "--frames", "2", "--counts", "200"]);
-    arguments.extend(["--rays", "64", "--receiver-rays", "32", "--spacings", "2,4", "--probe-rays", "32"]);
+    let arguments = ["bench", "table3", "--quick", "--note", "in a test", "--out", out, "--device", "cpu", "--quiet"];
     let markdown = succeeds(&arguments);
-    assert!(markdown.contains("| DDGI 0.28 m, 32 rays |"), "{markdown}");
+    assert!(markdown.contains("| cornell | DDGI 0.28 m, 32 rays |"), "{markdown}");
     let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&summary["name"], &summary["note"]), (&"table3".into(), &"in a test".into()));
     let rows = summary["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 4);
+    let of = |family: &str| rows.iter().filter(|row| row["family"] == family).collect::<Vec<_>>();
+    // Two spacings, and as many probes as take the time of tiles.
+    let families = [("tiles 1 %", 1), ("temporal", 1), ("DDGI", 3), ("LPV", 2), ("irradiance volume", 2)];
+    for (family, count) in families {
+        assert_eq!(of(family).len(), count, "{family}: {summary}");
+    }
+    assert_eq!((of("path tracing").len(), of("path tracing, denoised").len()), (2, 2));
     for row in rows {
-        let ratio = row["indirect"]["mean_ratio"].as_f64().unwrap();
-        assert!((0.7..1.3).contains(&ratio), "{row}");
-        assert!(row["update"]["median_ms"].as_f64().unwrap() > 0.0 && row["bytes"].as_u64().unwrap() > 0);
+        let number = |path: &[&str]| path.iter().fold(row, |value, key| &value[*key]).as_f64();
+        let ratio = number(&["indirect", "mean_ratio"]).unwrap();
+        assert!((0.3..1.7).contains(&ratio), "{row}");
+        assert!(number(&["update", "median_ms"]).unwrap() > 0.0 && number(&["full", "psnr_db"]).unwrap() > 10.0);
+        let is_path = row["family"].as_str().unwrap().starts_with("path");
+        assert_eq!(number(&["points", "median_relative_error"]).is_none(), is_path, "{row}");
     }
     // Products follow at once, probes do not.
-    assert_eq!(rows[0]["followed_after"], 1);
-    assert!(rows[3]["followed_after"].as_u64().unwrap() > 1, "{}", rows[3]);
+    assert_eq!(of("tiles 1 %")[0]["followed_after"], 1);
+    assert!(of("DDGI").iter().any(|row| row["followed_after"] != 1));
+    let error = |family: &str| of(family)[0]["indirect"]["block_median_relative_error"].as_f64().unwrap();
+    assert!(error("tiles 1 %") < error("LPV") && error("path tracing, denoised") < error("path tracing"));
+    assert!(folder.path().join("cornell/side-by-side.png").is_file());
     let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
-    assert_eq!(report.matches("data:image/png;base64,").count(), 5);
+    assert_eq!(report.matches("data:image/png;base64,").count(), rows.len() + 1);
     assert!(leftovers(folder.path()).is_empty());
+}
+
+#[test]
+fn bench_report_gives_what_is_committed() {
+    let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    std::fs::create_dir(&data).unwrap();
+    for name in ["table3.json", "claims.json"] {
+        std::fs::copy(docs.join("data").join(name), data.join(name)).unwrap();
+    }
+    let out = folder.path().to_str().unwrap();
+    succeeds(&["bench", "report", "--out", out]);
+    let read = |path: std::path::PathBuf| std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path:?}: {e}"));
+    let made = read(folder.path().join("experiments.md"));
+    assert!(made == read(docs.join("experiments.md")), "docs/experiments.md is not what `bench report` makes");
+    let plots: Vec<_> =
+        std::fs::read_dir(folder.path().join("experiments")).unwrap().map(|f| f.unwrap().path()).collect();
+    assert!(plots.len() >= 2);
+    for plot in plots {
+        let committed = docs.join("experiments").join(plot.file_name().unwrap());
+        assert!(read(plot) == read(committed.clone()), "{committed:?} is not what `bench report` makes");
+    }
+    // Every picture is there.
+    for link in made.split("](").skip(1).filter_map(|rest| rest.split_once(')')) {
+        assert!(docs.join(link.0).exists(), "{}", link.0);
+    }
+    // Other data give another report.
+    let text = read(data.join("table3.json"));
+    std::fs::write(data.join("table3.json"), text.replacen("\"psnr_db\": ", "\"psnr_db\": 9", 1)).unwrap();
+    succeeds(&["bench", "report", "--out", out]);
+    assert_ne!(read(folder.path().join("experiments.md")), made);
+    std::fs::write(data.join("table3.json"), "{}").unwrap();
+    let message = fails(1, &["bench", "report", "--out", out]);
+    assert!(message.contains("table3.json") && message.contains("bench table3"), "{message}");
 }

@@ -164,8 +164,12 @@ pub enum Experiment {
     /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for those in
     /// view; where the time goes, and how far from the bandwidth that is.
     Frame,
-    /// What is in view beside probes with irradiance and visibility: time, memory, pictures, jumps of the lights.
-    Ddgi,
+    /// What is in view by tiles and sampled, beside every opponent: time, memory, pictures, points, jumps of the lights.
+    Table3,
+    /// docs/experiments.md and its plots from docs/data.
+    Report,
+    /// Every experiment, one after the other.
+    All,
 }
 
 /// `patchlight bench`.
@@ -175,14 +179,14 @@ pub struct Bench {
     #[arg(value_enum)]
     pub name: Experiment,
     /// Scene files or built-in scenes [default: clean rooms stripes blinds clutter window corridor, frame office,
-    /// ddgi cornell office, others cornell atrium].
+    /// table3 cornell atrium, others cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, ddgi 2000, curves 1000,2000,4000,8000 (frame)
+    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, table3 2000, curves 1000,2000,4000,8000 (frame)
     /// and 1000,2000,4000,10000,20000 (clean), others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Where patches and receivers stand close: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what the camera sees
-    /// round it, or what is given (clean, ddgi, frame, local, temporal).
+    /// round it, or what is given (clean, frame, local, table3, temporal).
     #[arg(long, default_value = "auto", value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus)]
     pub focus: FocusChoice,
     /// Relative errors (Frobenius) of compressed operators.
@@ -216,7 +220,7 @@ pub struct Bench {
     /// Folder where references are kept (clean) [default: patchlight/references in the user's cache folder].
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
-    /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean and ddgi 240x135, others 480x360].
+    /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean and table3 240x135, others 480x360].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
     /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
@@ -225,7 +229,7 @@ pub struct Bench {
     /// Sub-frames of a picture.
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub sub_frames: u32,
-    /// Frames whose times give the median, or whose mean is judged (clean) [default: frame 30, clean 16, ddgi 9, others 3].
+    /// Frames whose times give the median, or whose mean is judged (clean) [default: frame 30, clean 16, table3 9, others 3].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub frames: Option<u32>,
     /// Rays a row of the form factors.
@@ -240,10 +244,10 @@ pub struct Bench {
     /// Relative errors (Frobenius) of the same, compressed.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03", value_parser = parse_epsilon)]
     pub receiver_epsilons: Vec<f64>,
-    /// Distances between probes, m; shares of 8 m in scenes that are smaller (ddgi).
+    /// Distances between probes, m; shares of 8 m in scenes that are smaller (table3).
     #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = parse_density)]
     pub spacings: Vec<f32>,
-    /// Rays of each probe in a frame (ddgi).
+    /// Rays of each probe in a frame (table3).
     #[arg(long, value_delimiter = ',', default_value = "144,288", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub probe_rays: Vec<u32>,
     /// Light updates over patches, receivers, triangles (of the atrium) and lights, instead of one size (frame); errors over
@@ -253,6 +257,12 @@ pub struct Bench {
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
     #[arg(long)]
     pub resume: bool,
+    /// The smallest setting of everything, whatever other options say: to see that it works (all, table3).
+    #[arg(long)]
+    pub quick: bool,
+    /// What else is to be known of the machine, to be kept with the numbers (table3).
+    #[arg(long, value_name = "TEXT")]
+    pub note: Option<String>,
 }
 
 impl Bench {
@@ -260,7 +270,7 @@ impl Bench {
     pub fn size(&self) -> (u32, u32) {
         self.size.unwrap_or(match self.name {
             Experiment::Frame => (960, 540),
-            Experiment::Clean | Experiment::Ddgi => (240, 135),
+            Experiment::Clean | Experiment::Table3 => (240, 135),
             _ => (480, 360),
         })
     }
@@ -270,7 +280,7 @@ impl Bench {
         self.frames.unwrap_or(match self.name {
             Experiment::Frame => 30,
             Experiment::Clean => 16,
-            Experiment::Ddgi => 9,
+            Experiment::Table3 => 9,
             _ => 3,
         })
     }

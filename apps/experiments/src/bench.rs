@@ -1,14 +1,16 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
+mod all;
 mod clean;
-mod ddgi;
 mod firstshot;
 mod frame;
 mod lights;
 mod local;
 mod operator;
 mod patches;
+mod proof;
 mod rows;
+mod table3;
 mod temporal;
 mod truth;
 
@@ -42,11 +44,11 @@ const STREAM_BYTES: usize = 256 << 20;
 const STREAM_ROUNDS: usize = 3;
 
 /// What the numbers were measured on.
-#[derive(Serialize)]
+#[derive(Serialize, Deserialize)]
 struct Machine {
     cpu: String,
     /// The Vulkan device, where one runs the kernels.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", default)]
     gpu: Option<String>,
     threads: usize,
     stream_gb_s: f64,
@@ -100,7 +102,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     if args.references == Some(None) && args.name != Experiment::Clean {
         return Err(Error::NoReferenceFolder);
     }
-    output::check_out(&common.out)?;
+    if args.name != Experiment::Report {
+        output::check_out(&common.out)?;
+    }
     match args.name {
         Experiment::Clean => clean::run(common, args),
         Experiment::Patches => run_patches(common, args),
@@ -108,7 +112,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Temporal => temporal::run(common, args),
         Experiment::Local => local::run(common, args),
         Experiment::Frame => frame::run(common, args),
-        Experiment::Ddgi => ddgi::run(common, args),
+        Experiment::Table3 => table3::run(common, args),
+        Experiment::Report => proof::run(common, args),
+        Experiment::All => all::run(common, args),
         Experiment::Firstshot => {
             common.native_only("bench firstshot")?;
             firstshot::run(common, args)

@@ -28,6 +28,14 @@ pub enum Error {
         /// What is different.
         why: String,
     },
+    /// Data of the report are not what they should be.
+    #[error("{}: not data of the report ({why}); measure again with `patchlight bench table3`, or mend the file", path.display())]
+    Data {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+    },
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
     Write {

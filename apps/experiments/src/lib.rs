@@ -8,6 +8,7 @@ pub mod print;
 pub mod args;
 pub mod bandwidth;
 pub mod bench;
+mod date;
 mod error;
 pub mod errors;
 pub mod measure;

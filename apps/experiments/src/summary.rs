@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use patchlight::EnergyCheck;
 use reference::metrics::{PictureErrors, PointErrors};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Time of one pass over all frames.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PassTimes {
     /// Median, ms.
     pub median_ms: f64,

@@ -117,6 +117,14 @@ pub enum Error {
         /// Values.
         found: usize,
     },
+    /// The guides of a denoiser are those of another picture.
+    #[error("{found} guides given for {expected} pixels")]
+    GuideLength {
+        /// Pixels.
+        expected: usize,
+        /// Guides.
+        found: usize,
+    },
     /// A normal is no direction.
     #[error("the point {position} with the normal {normal} has no side")]
     NoDirection {

@@ -104,6 +104,13 @@ struct Gathered {
     indirect: Vec3,
 }
 
+/// What a ray sees of a surface.
+pub(crate) struct Reflected {
+    /// W/m²/sr, without emission.
+    pub radiance: Vec3,
+    pub is_back: bool,
+}
+
 impl<'a> PathTracer<'a> {
     /// Prepares the tables by which lights are picked.
     pub fn new(scene: &'a Scene) -> Self {
@@ -215,6 +222,21 @@ impl<'a> PathTracer<'a> {
                 }
             })
             .collect()
+    }
+
+    /// One sample of what the surface in a direction reflects towards a point, and whether its back is seen. `stream` numbers the
+    /// paths of a seed.
+    pub(crate) fn reflected(&self, origin: Vec3, direction: Vec3, stream: u32, settings: &PathSettings) -> Reflected {
+        let hit = self.scene.closest_before(origin, direction, FAR);
+        if hit.is_miss() {
+            return Reflected { radiance: Vec3::ZERO, is_back: false };
+        }
+        let is_back = self.geometry.normal(hit.triangle).dot(direction) > 0.0;
+        let point = surface_point(&self.geometry, hit, direction);
+        let shared = Shared { settings: *settings, sun: None };
+        let light = self.gather(point, &shared, &mut Sampler::new(stream, 0, settings.seed));
+        let albedo = self.geometry.albedo(hit.triangle, hit.u, hit.v);
+        Reflected { radiance: albedo * (light.direct + light.indirect), is_back }
     }
 
     /// Learns where parallel light matters for paths that start at `start(path, sampler)`.

@@ -8,8 +8,6 @@ use scene::math::pow;
 use super::octahedral::{fill_border, place, texel_direction};
 use super::{IRRADIANCE_EDGE, VISIBILITY_EDGE};
 
-/// Irradiance is stored raised to 1 over this.
-pub const GAMMA: f32 = 5.0;
 /// Rays of less weight in a texel are left out: together they weigh less than rounding of 16 bits.
 const LEAST_WEIGHT: f32 = 1e-6;
 /// Changes of a texel over its value, encoded, that make it forget faster, or all.
@@ -69,8 +67,8 @@ impl Weights {
         }
     }
 
-    /// Blends rays into the irradiance of a probe: π times the cosine-weighted mean of their radiance, encoded.
-    pub fn blend_irradiance(&self, rays: &[ProbeRay], hysteresis: f32, texels: &mut [Vec3]) {
+    /// Blends rays into the irradiance of a probe: π times the cosine-weighted mean of their radiance, raised to 1 over `encoding`.
+    pub fn blend_irradiance(&self, rays: &[ProbeRay], hysteresis: f32, encoding: f32, texels: &mut [Vec3]) {
         for texel in 0..IRRADIANCE_EDGE * IRRADIANCE_EDGE {
             let (mut sum, mut total) = (Vec3::ZERO, 0.0);
             for &(ray, weight) in self.irradiance.of(texel) {
@@ -84,7 +82,7 @@ impl Weights {
             if total <= 0.0 {
                 continue;
             }
-            let new = (sum * (PI / total)).to_array().map(|h| pow(h, 1.0 / GAMMA)).into();
+            let new = (sum * (PI / total)).to_array().map(|h| pow(h, 1.0 / encoding)).into();
             let old = &mut texels[place(texel % IRRADIANCE_EDGE, texel / IRRADIANCE_EDGE, IRRADIANCE_EDGE)];
             *old = old.lerp(new, 1.0 - texel_hysteresis(*old, new, hysteresis));
         }

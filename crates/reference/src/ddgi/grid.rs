@@ -81,9 +81,18 @@ impl Grid {
 
     /// Place of a probe before it is moved, m.
     pub fn position(&self, probe: usize) -> Vec3 {
+        self.first + self.cell(probe).as_vec3() * self.spacing
+    }
+
+    /// Which one a probe is along each axis.
+    pub fn cell(&self, probe: usize) -> UVec3 {
         let (x, y) = (self.counts.x as usize, self.counts.y as usize);
-        let cell = UVec3::new((probe % x) as u32, (probe / x % y) as u32, (probe / (x * y)) as u32);
-        self.first + cell.as_vec3() * self.spacing
+        UVec3::new((probe % x) as u32, (probe / x % y) as u32, (probe / (x * y)) as u32)
+    }
+
+    /// Number of the probe there.
+    pub fn number(&self, cell: UVec3) -> usize {
+        (cell.x + self.counts.x * (cell.y + self.counts.y * cell.z)) as usize
     }
 
     /// The eight probes round a point with their trilinear weights.
@@ -96,8 +105,7 @@ impl Grid {
             let step = UVec3::new(k as u32 & 1, k as u32 >> 1 & 1, k as u32 >> 2);
             let cell = (base + step).min(last);
             let weight = Vec3::select(step.cmpeq(UVec3::ONE), share, 1.0 - share).max(Vec3::splat(1e-3));
-            let number = cell.x + self.counts.x * (cell.y + self.counts.y * cell.z);
-            (number as usize, weight.element_product())
+            (self.number(cell), weight.element_product())
         })
     }
 }

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use scene::Scene;
 use scene::kernel::bvh::FAR;
 
-use super::{DdgiSettings, Grid, spherical_fibonacci};
+use super::{DdgiSettings, Grid};
+use crate::harmonics::spherical_fibonacci;
 
 /// Rays of a probe that find where it is; the same in every frame.
 const FIXED_RAYS: u32 = 32;

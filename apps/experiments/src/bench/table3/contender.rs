@@ -1,0 +1,419 @@
+//! What `bench table3` compares: each way to find indirect light as a frame needs it, from lights that moved to irradiance at
+//! what is seen.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+use cpu_time::ProcessTime;
+use glam::{Vec3, Vec4};
+use reference::denoise::{DenoiseSettings, Guides, denoise};
+use reference::{
+    Accumulation, Ddgi, DdgiSettings, IrradianceVolume, Lpv, LpvSettings, PathSettings, PathTracer, Picture, Strategy,
+    ViewedPoint, VolumeSettings,
+};
+use scene::sampling::hash3;
+use scene::{Lighting, Scene, SurfacePoint};
+
+use super::View;
+use crate::error::Error;
+use crate::progress::{Progress, interruptible};
+use patchlight::{Bake, MethodSettings, Pictures, ReceiverUpdate, RenderSettings, Renderer};
+
+/// What sets the paths of an opponent apart from those of the reference.
+const OTHER_PATHS: u32 = 0x6f70_706f;
+/// Pixels that reflect less over π are not divided by what they reflect.
+const LEAST_ALBEDO: f32 = 0.01;
+
+/// What work took, ms.
+#[derive(Clone, Copy, Debug)]
+pub struct Time {
+    pub wall: f64,
+    /// Of all processors together: what else the machine does is hardly in it.
+    pub processor: f64,
+}
+
+impl Time {
+    fn of<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<(T, Self), Error> {
+        let start = Instant::now();
+        let processor = ProcessTime::now();
+        let result = work()?;
+        let wall = 1e3 * start.elapsed().as_secs_f64();
+        Ok((result, Self { wall, processor: 1e3 * processor.elapsed().as_secs_f64() }))
+    }
+}
+
+/// Times of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameTime {
+    /// From lights that moved to irradiance where the method keeps it.
+    pub update: Time,
+    /// From there to each pixel's irradiance, where that can be told apart.
+    pub lookup: Option<Time>,
+}
+
+/// A way to find indirect light.
+pub trait Contender {
+    /// Name of its kind, a line of the plots.
+    fn family(&self) -> &'static str;
+    /// What it is called.
+    fn name(&self) -> String;
+    /// A whole light update of frame `number`.
+    fn frame(&mut self, lighting: &Lighting, number: u32) -> Result<FrameTime, Error>;
+    /// Irradiance or radiance at what is seen, as it is now: what tells how far a jump of the lights is followed.
+    fn light(&mut self) -> Result<Vec<Vec3>, Error>;
+    /// Whether light of one frame depends on the frames before.
+    fn remembers(&self) -> bool;
+    /// Pictures of now under the scene's own lights; `direct` is added where there is no own direct light.
+    fn pictures(&mut self, direct: Option<&Picture>) -> Result<Pictures, Error>;
+    /// Indirect irradiance at points, W/m²; nothing where light is only found in pixels.
+    fn at_points(&mut self, points: &[SurfacePoint]) -> Result<Option<Vec<Vec3>>, Error>;
+    /// Bytes that light needs from frame to frame.
+    fn bytes(&self) -> u64;
+    /// What was made before the first frame, s.
+    fn build_s(&self) -> f64;
+    /// Probes that are on and all, or cells.
+    fn size(&self) -> String;
+}
+
+/// The project's own patches.
+pub struct OwnPatches<'a> {
+    view: &'a View<'a>,
+    name: &'static str,
+    renderer: Renderer,
+    build_s: f64,
+    patches: usize,
+}
+
+impl<'a> OwnPatches<'a> {
+    /// A bake that took `bake_s` on the device, what is in view.
+    pub fn new(
+        view: &'a View<'a>,
+        bake: &Arc<Bake>,
+        bake_s: f64,
+        name: &'static str,
+        method: MethodSettings,
+    ) -> Result<Self, Error> {
+        let settings = RenderSettings {
+            method,
+            eye: view.loaded.view.eye,
+            size: view.args.size(),
+            sub_frames: view.args.sub_frames,
+            receivers: ReceiverUpdate::InView,
+            ..RenderSettings::default()
+        };
+        let start = Instant::now();
+        let renderer = super::load(view.common, bake, &settings, &Progress::new(true))?;
+        let build_s = bake_s + start.elapsed().as_secs_f64();
+        Ok(Self { view, name, renderer, build_s, patches: bake.mesh.patches.len() })
+    }
+}
+
+impl Contender for OwnPatches<'_> {
+    fn family(&self) -> &'static str {
+        self.name
+    }
+
+    fn name(&self) -> String {
+        self.name.to_owned()
+    }
+
+    fn frame(&mut self, lighting: &Lighting, _: u32) -> Result<FrameTime, Error> {
+        let advance = || Ok(interruptible(|| self.renderer.advance(lighting, &self.view.camera))?);
+        Ok(FrameTime { update: Time::of(advance)?.1, lookup: None })
+    }
+
+    fn light(&mut self) -> Result<Vec<Vec3>, Error> {
+        Ok(self.renderer.surface_irradiance()?)
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn pictures(&mut self, _: Option<&Picture>) -> Result<Pictures, Error> {
+        let lighting = &self.view.loaded.scene.lighting;
+        Ok(interruptible(|| self.renderer.picture(lighting, &self.view.camera, 0))?.pictures)
+    }
+
+    fn at_points(&mut self, points: &[SurfacePoint]) -> Result<Option<Vec<Vec3>>, Error> {
+        Ok(Some(self.renderer.irradiance_at(points)?))
+    }
+
+    fn bytes(&self) -> u64 {
+        self.renderer.bytes().values().sum()
+    }
+
+    fn build_s(&self) -> f64 {
+        self.build_s
+    }
+
+    fn size(&self) -> String {
+        format!("{} patches", self.patches)
+    }
+}
+
+/// Light that is kept in a volume and looked up at points.
+pub trait Volume {
+    fn update(&mut self, lighting: &Lighting, frame: u32) -> Result<(), Error>;
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3>;
+    fn bytes(&self) -> u64;
+    fn size(&self) -> String;
+}
+
+impl Volume for Ddgi {
+    fn update(&mut self, lighting: &Lighting, frame: u32) -> Result<(), Error> {
+        Ok(Self::update(self, lighting, frame)?)
+    }
+
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
+        Self::irradiance_at(self, points)
+    }
+
+    fn bytes(&self) -> u64 {
+        Self::bytes(self)
+    }
+
+    fn size(&self) -> String {
+        let (all, on) = self.probe_counts();
+        format!("{on} of {all} probes")
+    }
+}
+
+impl Volume for Lpv {
+    fn update(&mut self, lighting: &Lighting, _: u32) -> Result<(), Error> {
+        Ok(Self::update(self, lighting)?)
+    }
+
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
+        Self::irradiance_at(self, points)
+    }
+
+    fn bytes(&self) -> u64 {
+        Self::bytes(self)
+    }
+
+    fn size(&self) -> String {
+        let grid = |([x, y, z], edge): ([u32; 3], f32)| format!("{x} × {y} × {z} cells of {edge:.3} m");
+        self.grids().map(grid).collect::<Vec<_>>().join(", ")
+    }
+}
+
+impl Volume for IrradianceVolume {
+    fn update(&mut self, lighting: &Lighting, _: u32) -> Result<(), Error> {
+        Ok(self.bake(lighting)?)
+    }
+
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
+        Self::irradiance_at(self, points)
+    }
+
+    fn bytes(&self) -> u64 {
+        Self::bytes(self)
+    }
+
+    fn size(&self) -> String {
+        format!("{} probes", self.probe_count())
+    }
+}
+
+/// A volume as a contender.
+pub struct Volumetric<'a, V> {
+    view: &'a View<'a>,
+    family: &'static str,
+    name: String,
+    volume: V,
+    build_s: f64,
+    remembers: bool,
+}
+
+impl<'a> Volumetric<'a, Ddgi> {
+    /// `label` says why the spacing is what it is, where it was not asked for.
+    pub fn ddgi(view: &'a View<'a>, settings: DdgiSettings, label: &str) -> Result<Self, Error> {
+        let start = Instant::now();
+        let volume = Ddgi::new(&view.loaded.scene, settings)?;
+        let build_s = start.elapsed().as_secs_f64();
+        let name = format!("DDGI {:.2} m, {} rays{label}", volume.spacing().max_element(), settings.rays);
+        Ok(Self { view, family: "DDGI", name, volume, build_s, remembers: true })
+    }
+
+    /// Probes that are on.
+    pub fn probe_count(&self) -> usize {
+        self.volume.probe_counts().1
+    }
+}
+
+impl<'a> Volumetric<'a, Lpv> {
+    pub fn lpv(view: &'a View<'a>, settings: LpvSettings) -> Result<Self, Error> {
+        let start = Instant::now();
+        let volume = Lpv::new(&view.loaded.scene, settings)?;
+        let build_s = start.elapsed().as_secs_f64();
+        let name = format!("LPV {} cells", settings.cells);
+        Ok(Self { view, family: "LPV", name, volume, build_s, remembers: false })
+    }
+}
+
+impl<'a> Volumetric<'a, IrradianceVolume> {
+    pub fn baked(view: &'a View<'a>, settings: VolumeSettings) -> Result<Self, Error> {
+        let start = Instant::now();
+        let volume = IrradianceVolume::new(&view.loaded.scene, settings)?;
+        let build_s = start.elapsed().as_secs_f64();
+        let name = format!("irradiance volume {:.2} m, L{}", volume.spacing().max_element(), settings.bands);
+        Ok(Self { view, family: "irradiance volume", name, volume, build_s, remembers: false })
+    }
+}
+
+impl<V: Volume + Sync> Contender for Volumetric<'_, V> {
+    fn family(&self) -> &'static str {
+        self.family
+    }
+
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn frame(&mut self, lighting: &Lighting, number: u32) -> Result<FrameTime, Error> {
+        let ((), update) = Time::of(|| interruptible(|| self.volume.update(lighting, number)))?;
+        let (_, lookup) = Time::of(|| Ok(std::hint::black_box(self.volume.irradiance_at(&self.view.points))))?;
+        Ok(FrameTime { update, lookup: Some(lookup) })
+    }
+
+    fn light(&mut self) -> Result<Vec<Vec3>, Error> {
+        Ok(self.volume.irradiance_at(&self.view.points))
+    }
+
+    fn remembers(&self) -> bool {
+        self.remembers
+    }
+
+    fn pictures(&mut self, direct: Option<&Picture>) -> Result<Pictures, Error> {
+        let view = self.view;
+        let gather = |points: &[SurfacePoint], _: u32| {
+            let points: Vec<ViewedPoint> = points.iter().map(|p| view.viewed(p)).collect();
+            Ok(self.volume.irradiance_at(&points).iter().map(|h| h.extend(0.0)).collect())
+        };
+        view.with_direct(view.gathered(&gather)?, direct)
+    }
+
+    fn at_points(&mut self, points: &[SurfacePoint]) -> Result<Option<Vec<Vec3>>, Error> {
+        let points: Vec<ViewedPoint> = points.iter().map(|p| self.view.viewed(p)).collect();
+        Ok(Some(self.volume.irradiance_at(&points)))
+    }
+
+    fn bytes(&self) -> u64 {
+        self.volume.bytes()
+    }
+
+    fn build_s(&self) -> f64 {
+        self.build_s
+    }
+
+    fn size(&self) -> String {
+        self.volume.size()
+    }
+}
+
+/// So many paths a pixel in every frame, with or without the denoiser.
+pub struct Paths<'a> {
+    view: &'a View<'a>,
+    scene: Scene,
+    samples: u32,
+    denoiser: Option<Denoiser>,
+    build_s: f64,
+    shown: Picture,
+}
+
+/// What the denoiser needs of the view.
+struct Denoiser {
+    guides: Guides,
+    /// What pixels reflect over π, with edges as smooth as those of the picture.
+    albedo: Picture,
+}
+
+impl<'a> Paths<'a> {
+    pub fn new(view: &'a View<'a>, samples: u32, is_denoised: bool) -> Result<Self, Error> {
+        let start = Instant::now();
+        let denoiser = if is_denoised { Some(Denoiser::new(view)?) } else { None };
+        let build_s = start.elapsed().as_secs_f64();
+        let shown = Picture::new(view.camera.width, view.camera.height);
+        Ok(Self { view, scene: view.loaded.scene.clone(), samples, denoiser, build_s, shown })
+    }
+
+    /// Indirect radiance of the pixels.
+    fn trace(&self, number: u32) -> Result<Picture, Error> {
+        let seed = hash3(self.view.common.seed, number, OTHER_PATHS);
+        // A few paths do not pay for learning where the sun matters.
+        let settings = PathSettings { seed, strategy: Strategy::ShadowRays, ..PathSettings::default() };
+        let mut sums = Accumulation::new(&self.view.camera, settings);
+        let go_on = |_, _| ControlFlow::Continue(());
+        PathTracer::new(&self.scene).accumulate(&self.view.camera, &mut sums, self.samples, go_on)?;
+        let indirect = sums.indirect();
+        match &self.denoiser {
+            Some(denoiser) => denoiser.denoise(&indirect, self.samples),
+            None => Ok(indirect),
+        }
+    }
+}
+
+impl Denoiser {
+    fn new(view: &View) -> Result<Self, Error> {
+        let ones = |points: &[SurfacePoint], _: u32| Ok(vec![Vec4::ONE; points.len()]);
+        Ok(Self { guides: Guides::new(&view.loaded.scene, &view.camera), albedo: view.gathered(&ones)? })
+    }
+
+    /// Irradiance is denoised, so that textures stay sharp. More paths have less noise, beside which edges of light show.
+    fn denoise(&self, indirect: &Picture, samples: u32) -> Result<Picture, Error> {
+        let usual = DenoiseSettings::default();
+        let settings = DenoiseSettings { colour: usual.colour / (samples as f32).sqrt(), ..usual };
+        let share = |albedo: Vec3| albedo.max(Vec3::splat(LEAST_ALBEDO));
+        let irradiance = indirect.combine(&self.albedo, |light, albedo| light / share(albedo))?;
+        let clean = denoise(&irradiance, &self.guides, &settings)?;
+        Ok(clean.combine(&self.albedo, |light, albedo| light * share(albedo))?)
+    }
+}
+
+impl Contender for Paths<'_> {
+    fn family(&self) -> &'static str {
+        if self.denoiser.is_some() { "path tracing, denoised" } else { "path tracing" }
+    }
+
+    fn name(&self) -> String {
+        let denoised = if self.denoiser.is_some() { ", denoised" } else { "" };
+        format!("path tracing, {} a pixel{denoised}", self.samples)
+    }
+
+    fn frame(&mut self, lighting: &Lighting, number: u32) -> Result<FrameTime, Error> {
+        self.scene.set_lighting(lighting.clone()).map_err(reference::Error::from)?;
+        let (shown, update) = Time::of(|| interruptible(|| self.trace(number)))?;
+        self.shown = shown;
+        Ok(FrameTime { update, lookup: None })
+    }
+
+    fn light(&mut self) -> Result<Vec<Vec3>, Error> {
+        Ok(self.shown.pixels.clone())
+    }
+
+    fn remembers(&self) -> bool {
+        false
+    }
+
+    fn pictures(&mut self, direct: Option<&Picture>) -> Result<Pictures, Error> {
+        self.view.with_direct(self.shown.clone(), direct)
+    }
+
+    fn at_points(&mut self, _: &[SurfacePoint]) -> Result<Option<Vec<Vec3>>, Error> {
+        Ok(None)
+    }
+
+    fn bytes(&self) -> u64 {
+        0
+    }
+
+    fn build_s(&self) -> f64 {
+        self.build_s
+    }
+
+    fn size(&self) -> String {
+        format!("{} paths", self.samples as usize * self.shown.pixels.len())
+    }
+}
