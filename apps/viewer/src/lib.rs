@@ -13,6 +13,7 @@ mod fit;
 pub mod lights;
 pub mod live;
 pub mod methods;
+pub mod object;
 pub mod panels;
 pub mod pointer;
 pub mod reference;

@@ -2,17 +2,23 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use patchlight::debug::DebugKind;
+use patchlight::observe::Report;
 use patchlight::operator::{Build, Decode};
+use patchlight::outputs::LiveProbes;
 use patchlight::{
     Bake, MethodSettings, Observer, Picture, PixelLight, ReceiverKind, ReceiverUpdate, RenderSettings, Renderer,
+    run_phase,
 };
 use runtime::executor::{Executor, PassTime};
 use scene::{Camera, Scene, stops_to_scale};
+use transport::Phase;
 
 use crate::error::Error;
 use crate::lights::Edits;
 use crate::methods::goes_on;
+use crate::object::{self, Object};
 use crate::screen::{Screen, Side, Source};
 use crate::state::{Shown, State};
 
@@ -23,6 +29,8 @@ pub const SETTLING: u32 = 32;
 #[derive(Clone, Debug, PartialEq)]
 struct Wanted {
     edits: Edits,
+    albedo: Vec<Option<Vec3>>,
+    object: Option<Object>,
     camera: Camera,
     exposure_stops: f32,
     shown: Shown,
@@ -34,6 +42,9 @@ struct Wanted {
 pub struct Live {
     renderer: Renderer,
     method: (String, MethodSettings),
+    albedo: Vec<Option<Vec3>>,
+    /// Of the object, once it was there.
+    probes: Option<LiveProbes>,
     sub_frames: u32,
     last: Option<Wanted>,
     rest: u32,
@@ -65,7 +76,8 @@ impl Live {
         };
         let renderer = Renderer::new(bake, executor, &settings, observer)?;
         let method = (chosen.name.clone(), chosen.settings);
-        Ok(Self { renderer, method, sub_frames: state.sub_frames, last: None, rest: 0 })
+        let albedo = vec![None; state.albedo.len()];
+        Ok(Self { renderer, method, albedo, probes: None, sub_frames: state.sub_frames, last: None, rest: 0 })
     }
 
     /// Size of pictures, pixels.
@@ -101,6 +113,8 @@ impl Live {
         observer: &dyn Observer,
     ) -> Result<Option<Vec<PassTime>>, Error> {
         self.set_method(state, observer)?;
+        self.set_albedo(state)?;
+        self.place_probes(state, observer)?;
         if size != self.size() || state.sub_frames != self.sub_frames {
             self.renderer.set_picture(size, state.sub_frames)?;
             self.sub_frames = state.sub_frames;
@@ -108,6 +122,8 @@ impl Live {
         }
         let wanted = Wanted {
             edits: state.lighting.edits(),
+            albedo: self.albedo.clone(),
+            object: Some(state.object).filter(|object| object.is_on),
             camera: state.eye.camera(size),
             exposure_stops: state.exposure_stops,
             shown: state.shown,
@@ -158,16 +174,55 @@ impl Live {
         Ok(())
     }
 
+    /// Gives materials the albedo that they are to have; under a method that holds that of the bake they keep what they have.
+    fn set_albedo(&mut self, state: &mut State) -> Result<(), Error> {
+        if state.albedo == self.albedo {
+            return Ok(());
+        }
+        match self.renderer.set_albedo(&state.albedo) {
+            Ok(()) => self.albedo.clone_from(&state.albedo),
+            Err(error @ patchlight::Error::AlbedoHeld { .. }) => {
+                state.facts.message = error.to_string();
+                state.albedo.clone_from(&self.albedo);
+            }
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
+    }
+
+    /// Places the probes that light the object, when it is there for the first time.
+    fn place_probes(&mut self, state: &mut State, observer: &dyn Observer) -> Result<(), Error> {
+        if !state.object.is_on || self.probes.is_some() {
+            return Ok(());
+        }
+        let bake = Arc::clone(self.renderer.bake());
+        let make = |report: &Report| LiveProbes::new(&bake, object::PROBES, object::PROBE_RAYS, report);
+        match run_phase(observer, Phase("probes"), make) {
+            Ok(probes) => self.probes = Some(probes),
+            Err(error) if error.is_cancelled() => return Err(error.into()),
+            Err(error) => {
+                state.facts.message = format!("no object: {error}");
+                state.object.is_on = false;
+            }
+        }
+        Ok(())
+    }
+
     fn show_light(&mut self, state: &State, wanted: &Wanted, screen: &mut Screen) -> Result<Vec<PassTime>, Error> {
         let lighting = state.lighting.lighting();
         let update = self.renderer.display(&lighting, &wanted.camera, 0, wanted.exposure_stops)?;
         let displayed = self.renderer.displayed();
         let handle = self.renderer.vulkan_mut().and_then(|vulkan| vulkan.buffer(displayed));
         let size = self.size();
-        match handle {
+        match handle.filter(|_| wanted.object.is_none()) {
             Some(handle) => screen.set_picture(Side::Left, size, &Source::Device(handle))?,
             None => {
-                let bytes = self.renderer.executor_mut().download(displayed)?;
+                let mut bytes = self.renderer.executor_mut().download(displayed)?;
+                if let Some((object, probes)) = wanted.object.zip(self.probes.as_mut()) {
+                    probes.update(&mut self.renderer)?;
+                    let scene = self.renderer.scene();
+                    object::draw(&mut bytes, &wanted.camera, wanted.exposure_stops, &object, probes, scene);
+                }
                 screen.set_picture(Side::Left, size, &Source::Host(&bytes))?;
             }
         }

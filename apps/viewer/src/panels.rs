@@ -3,8 +3,8 @@
 use egui::{Color32, DragValue, Frame, Panel, RichText, ScrollArea, Slider, Ui, Window};
 use egui_plot::{Legend, Line, Plot, PlotPoints};
 use glam::Vec3;
-use patchlight::MethodSettings;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
+use patchlight::{MOST_ALBEDO, MethodSettings};
 
 use crate::lights::NewLight;
 use crate::state::{Comparison, DIVISORS, Request, SUB_FRAMES, Shown, State};
@@ -20,7 +20,7 @@ pub const KEYS: [(&str, &str); 13] = [
     ("Q E", "down, up"),
     ("Shift", "four times as fast"),
     ("wheel", "change the speed"),
-    ("drag", "look round; a light by its handle; the line of the split screen"),
+    ("drag", "look round; a light or the ball by its handle; the line of the split screen"),
     ("Home", "back to the scene's camera"),
     ("1 to 9", "camera of that number; with Shift, keep this one there"),
     ("C", "compare with the reference, or no longer"),
@@ -56,6 +56,7 @@ fn sections(ui: &mut Ui, state: &mut State) {
     section(ui, "Picture", true, |ui| picture(ui, state));
     section(ui, "Compare", false, |ui| compare(ui, state));
     section(ui, "Materials", false, |ui| materials(ui, state));
+    section(ui, "Object", false, |ui| object(ui, state));
     section(ui, "Times", true, |ui| times(ui, state));
     section(ui, "Memory", false, |ui| memory(ui, state));
     if !state.facts.message.is_empty() {
@@ -292,9 +293,56 @@ fn materials(ui: &mut Ui, state: &mut State) {
             }
         });
     }
-    let why = state.why_no_albedo();
-    ui.add_enabled(false, Slider::new(&mut 1.0f32, 0.0..=1.0).text("albedo")).on_disabled_hover_text(&why);
-    ui.label(RichText::new(why).weak());
+    ui.add_space(6.0);
+    ui.label(RichText::new("albedo").strong());
+    let why_not = state.why_no_albedo();
+    for ((name, own), albedo) in state.materials.iter().zip(&state.own_albedo).zip(&mut state.albedo) {
+        ui.add_enabled_ui(why_not.is_none(), |ui| albedo_of(ui, name, *own, albedo));
+    }
+    if let Some(why) = why_not {
+        ui.label(RichText::new(why).weak());
+    }
+}
+
+/// The albedo of a material, and a button that brings that of the bake back.
+fn albedo_of(ui: &mut Ui, name: &str, own: Option<Vec3>, albedo: &mut Option<Vec3>) {
+    ui.horizontal(|ui| {
+        // A texture has no one colour: begin with grey.
+        let mut color = albedo.or(own).unwrap_or(Vec3::splat(0.5)).to_array();
+        if ui.color_edit_button_rgb(&mut color).changed() {
+            *albedo = Some(Vec3::from_array(color).clamp(Vec3::ZERO, Vec3::splat(MOST_ALBEDO)));
+        }
+        ui.label(format!("{name} albedo"));
+        if albedo.is_some() && ui.button("as baked").clicked() {
+            *albedo = None;
+        }
+    });
+}
+
+fn object(ui: &mut Ui, state: &mut State) {
+    let mut is_on = state.object.is_on;
+    let check = ui.add_enabled(state.has_probes, egui::Checkbox::new(&mut is_on, "a ball, lit by probes"));
+    if check.on_disabled_hover_text("probes need receivers on the mesh: bake with those").changed() {
+        state.object.is_on = is_on;
+        if is_on {
+            state.object.position = state.place_ahead();
+        }
+    }
+    if !state.object.is_on {
+        return;
+    }
+    vector(ui, "position, m", &mut state.object.position, 0.005 * state.distance);
+    ui.horizontal(|ui| {
+        let speed = 0.002 * state.distance;
+        ui.add(DragValue::new(&mut state.object.radius).speed(speed).range(1e-6..=1e6).max_decimals(3));
+        ui.label("radius, m");
+        let mut color = state.object.albedo.to_array();
+        if ui.color_edit_button_rgb(&mut color).changed() {
+            state.object.albedo = Vec3::from_array(color);
+        }
+        ui.label("albedo");
+    });
+    ui.label(RichText::new("It casts neither light nor shadow back.").weak());
 }
 
 fn times(ui: &mut Ui, state: &State) {

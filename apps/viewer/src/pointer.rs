@@ -1,9 +1,10 @@
-//! Keys and pointer over the picture: the camera, the handles of lights, the line of the split screen.
+//! Keys and pointer over the picture: the camera, the handles of lights and of the object, the line of the split screen.
 
-use egui::{Color32, CursorIcon, Id, Key, Modifiers, Rect, Sense, Stroke, Ui, pos2, vec2};
+use egui::{Color32, CursorIcon, Id, Key, Modifiers, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2, vec2};
+use glam::Vec3;
+use scene::Camera;
 
 use crate::eye::{Eye, Flight, moved, project};
-use crate::lights::EditedLight;
 use crate::state::{Request, Shown, State};
 
 /// Longest step of a flight, s: after a pause the camera does not jump.
@@ -128,36 +129,55 @@ fn divider(ui: &mut Ui, state: &mut State, picture: Rect) {
     ui.painter().vline(x, picture.y_range(), Stroke::new(1.0, Color32::WHITE));
 }
 
+/// A handle of something in the scene.
+struct Handle {
+    response: Response,
+    centre: Pos2,
+    /// How far it was dragged, m.
+    moved: Vec3,
+}
+
+/// The handle of what is at a place, m; none outside of the picture.
+fn handle(ui: &mut Ui, id: Id, camera: &Camera, picture: Rect, place: Vec3) -> Option<Handle> {
+    let shown = project(camera, place)?;
+    let centre = pos2(picture.left() + shown.x * picture.width(), picture.top() + shown.y * picture.height());
+    if !picture.contains(centre) {
+        return None;
+    }
+    let rect = Rect::from_center_size(centre, vec2(2.0 * HANDLE, 2.0 * HANDLE));
+    let response = ui.interact(rect, id, Sense::click_and_drag());
+    let delta = if response.dragged() { response.drag_delta() } else { Vec2::ZERO };
+    let moved = moved(camera, shown.z, (delta.x / picture.width(), delta.y / picture.height()));
+    Some(Handle { response, centre, moved })
+}
+
 fn handles(ui: &mut Ui, state: &mut State, picture: Rect) {
     let size = (picture.width().max(1.0) as u32, picture.height().max(1.0) as u32);
     let camera = state.eye.camera((size.0.max(1), size.1.max(1)));
     let mut selected = state.selected;
     for (index, light) in state.lighting.lights.iter_mut().enumerate().filter(|(_, light)| light.has_position()) {
-        let Some(place) = project(&camera, light.handle()) else { continue };
-        let centre = pos2(picture.left() + place.x * picture.width(), picture.top() + place.y * picture.height());
-        if !picture.contains(centre) {
-            continue;
-        }
-        let rect = Rect::from_center_size(centre, vec2(2.0 * HANDLE, 2.0 * HANDLE));
-        let response = ui.interact(rect, Id::new(("light", index)), Sense::click_and_drag());
-        if response.dragged() {
-            let delta = response.drag_delta();
-            let share = (delta.x / picture.width(), delta.y / picture.height());
-            light.light.position += moved(&camera, place.z, share);
+        let id = Id::new(("light", index));
+        let Some(handle) = handle(ui, id, &camera, picture, light.handle()) else { continue };
+        light.light.position += handle.moved;
+        if handle.response.dragged() || handle.response.clicked() {
             selected = Some(index);
         }
-        if response.clicked() {
-            selected = Some(index);
-        }
-        draw_handle(ui, light, centre, selected == Some(index));
+        draw_handle(ui, light.color, light.is_on, handle.centre, selected == Some(index));
     }
     state.selected = selected;
+    let object = &mut state.object;
+    if object.is_on
+        && let Some(handle) = handle(ui, Id::new("object"), &camera, picture, object.position)
+    {
+        object.position += handle.moved;
+        draw_handle(ui, object.albedo, true, handle.centre, handle.response.dragged());
+    }
 }
 
-fn draw_handle(ui: &Ui, light: &EditedLight, centre: egui::Pos2, is_selected: bool) {
+fn draw_handle(ui: &Ui, color: Vec3, is_on: bool, centre: Pos2, is_selected: bool) {
     let channel = |x: f32| (255.0 * x.clamp(0.0, 1.0)) as u8;
-    let color = light.color.to_array().map(channel);
-    let fill = if light.is_on { Color32::from_rgb(color[0], color[1], color[2]) } else { Color32::DARK_GRAY };
+    let color = color.to_array().map(channel);
+    let fill = if is_on { Color32::from_rgb(color[0], color[1], color[2]) } else { Color32::DARK_GRAY };
     let width = if is_selected { 3.0 } else { 1.5 };
     ui.painter().circle(centre, HANDLE - 2.0, fill, Stroke::new(width, Color32::BLACK));
     ui.painter().circle_stroke(centre, HANDLE, Stroke::new(0.5 * width, Color32::WHITE));

@@ -9,6 +9,7 @@ use std::str::FromStr;
 
 use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, TouchPhase, pos2, vec2};
 use glam::Vec3;
+use patchlight::MOST_ALBEDO;
 
 use crate::lights::NewLight;
 use crate::state::{Request, SUB_FRAMES, Shown, State};
@@ -37,6 +38,9 @@ light add point|sun|spot     a light before the camera
 light K on|off|remove        the light number K of the list, from 1
 light K position X Y Z | direction X Y Z | color R G B | power P
 emission MATERIAL R G B      emitted radiance, W/m2/sr
+albedo MATERIAL R G B|bake   share of the light that it reflects; that of the bake again
+object ahead|X Y Z|off       a ball before the camera or there, m, lit by probes
+object radius M | albedo R G B
 exposure STOPS
 camera N                     the camera number N of the list, from 1
 eye X Y Z TX TY TZ           a place and what it looks at, m
@@ -69,6 +73,16 @@ enum LightChange {
     Power(f32),
 }
 
+/// A change of the object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum ObjectChange {
+    /// There, or before the camera.
+    Place(Option<Vec3>),
+    Remove,
+    Radius(f32),
+    Albedo(Vec3),
+}
+
 #[derive(Clone, Debug, PartialEq)]
 enum Command {
     Wait(u32),
@@ -84,6 +98,8 @@ enum Command {
     AddLight(NewLight),
     Light { number: usize, change: LightChange },
     Emission { material: String, radiance: Vec3 },
+    Albedo { material: String, albedo: Option<Vec3> },
+    Object(ObjectChange),
     Exposure(f32),
     Camera(usize),
     Eye { position: Vec3, target: Vec3 },
@@ -289,12 +305,15 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         }
         Command::Light { number, change } => change_light(state, *number, *change)?,
         Command::Emission { material, radiance } => {
-            let found = state.materials.iter().position(|name| name == material);
-            let index = found.ok_or_else(|| {
-                format!("there is no material `{material}`; there are: {}", state.materials.join(", "))
-            })?;
+            let index = state.material(material)?;
             state.lighting.emission[index] = *radiance;
         }
+        Command::Albedo { material, albedo } => {
+            let index = state.material(material)?;
+            state.why_no_albedo().map_or(Ok(()), Err)?;
+            state.albedo[index] = *albedo;
+        }
+        Command::Object(change) => change_object(state, *change)?,
         Command::Exposure(stops) => state.exposure_stops = *stops,
         Command::Camera(number) => {
             let count = state.cameras.len();
@@ -322,6 +341,24 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
         | Command::Wheel(_)
         | Command::Size(..)
         | Command::SunHour { .. } => {}
+    }
+    Ok(())
+}
+
+fn change_object(state: &mut State, change: ObjectChange) -> Result<(), String> {
+    let ahead = state.place_ahead();
+    let object = &mut state.object;
+    match change {
+        ObjectChange::Place(_) if !state.has_probes => {
+            return Err("probes need receivers on the mesh; bake with those".into());
+        }
+        ObjectChange::Place(position) => {
+            object.is_on = true;
+            object.position = position.unwrap_or(ahead);
+        }
+        ObjectChange::Remove => object.is_on = false,
+        ObjectChange::Radius(radius) => object.radius = radius,
+        ObjectChange::Albedo(albedo) => object.albedo = albedo,
     }
     Ok(())
 }
@@ -355,72 +392,33 @@ struct Words<'a>(&'a [&'a str]);
 
 impl Words<'_> {
     fn command(&self) -> Result<Command, String> {
+        match self.0[0] {
+            "wait" | "samples" | "key" | "shift" | "drag" | "wheel" | "size" => self.input(),
+            "sun-hour" | "sun-day" | "latitude" => self.sun(),
+            "light" => self.light(),
+            "emission" | "albedo" => self.material(),
+            "object" => self.object(),
+            "camera" | "eye" | "method" | "view" => self.look(),
+            "exposure" | "split" | "panels" | "sub-frames" => self.setting(),
+            "screenshot" => self.screenshot(),
+            "quit" => Ok(Command::Quit),
+            other => {
+                let commands: Vec<&str> = HELP.lines().filter_map(|line| line.split(' ').next()).collect();
+                Err(format!("there is no command `{other}`; choose from {}", commands.join(", ")))
+            }
+        }
+    }
+
+    /// What takes frames.
+    fn input(&self) -> Result<Command, String> {
         let words = self.0;
         Ok(match words[0] {
             "wait" => Command::Wait(self.only("N")?),
             "samples" => Command::Samples(self.only("N")?),
-            "key" | "shift" => {
-                self.count(2..=3, "NAME [N]")?;
-                let key =
-                    Key::from_name(words[1]).ok_or_else(|| format!("`{}` is no key; as in `key W 10`", words[1]))?;
-                let frames = if words.len() == 3 { self.number(2)? } else { 1 };
-                Command::Key { key, frames, is_shift: words[0] == "shift" }
-            }
+            "wheel" => Command::Wheel(self.only("STEPS")?),
             "drag" => {
                 self.count(5..=5, "X0 Y0 X1 Y1")?;
                 Command::Drag { from: self.pixel(1)?, to: self.pixel(3)? }
-            }
-            "wheel" => Command::Wheel(self.only("STEPS")?),
-            "method" => {
-                self.count(2..=3, "NAME")?;
-                Command::Method(words[1..].join(" "))
-            }
-            "view" => {
-                self.count(2..=2, "NAME")?;
-                let found = Shown::all().find(|shown| shown.name() == words[1]);
-                let names: Vec<&str> = Shown::all().map(Shown::name).collect();
-                let unknown = || format!("there is no view `{}`; choose from {}", words[1], names.join(", "));
-                Command::View(found.ok_or_else(unknown)?)
-            }
-            "sun-hour" => {
-                let hour = self.number(1)?;
-                let (to, frames) = match words.len() {
-                    2 => (hour, 0),
-                    _ => {
-                        self.count(4..=4, "H [TO N]")?;
-                        (self.number(2)?, self.number(3)?)
-                    }
-                };
-                Command::SunHour { hour, to, frames }
-            }
-            "sun-day" => Command::SunDay(self.only("N")?),
-            "latitude" => Command::Latitude(self.only("DEGREES")?),
-            "light" => self.light()?,
-            "emission" => {
-                if words.len() < 5 {
-                    return Err(self.usage("MATERIAL R G B"));
-                }
-                let radiance = self.vector(words.len() - 3, true)?;
-                Command::Emission { material: words[1..words.len() - 3].join(" "), radiance }
-            }
-            "exposure" => Command::Exposure(self.only("STOPS")?),
-            "camera" => Command::Camera(self.only("N")?),
-            "eye" => {
-                self.count(7..=7, "X Y Z TX TY TZ")?;
-                Command::Eye { position: self.vector(1, false)?, target: self.vector(4, false)? }
-            }
-            "split" => {
-                self.count(2..=2, "off|SHARE")?;
-                let share = if words[1] == "off" { None } else { Some(self.number::<f32>(1)?.clamp(0.0, 1.0)) };
-                Command::Split(share)
-            }
-            "panels" => Command::Panels(self.switch(1)?),
-            "sub-frames" => {
-                let count = self.only("N")?;
-                if !SUB_FRAMES.contains(&count) {
-                    return Err(format!("{count} sub-frames; choose from {SUB_FRAMES:?}"));
-                }
-                Command::SubFrames(count)
             }
             "size" => {
                 self.count(2..=2, "WxH")?;
@@ -430,20 +428,117 @@ impl Words<'_> {
                     _ => return Err(format!("`{}` is no size of 16 to 16384 pixels; as in `size 640x360`", words[1])),
                 }
             }
-            "screenshot" => {
-                self.count(2..=2, "NAME.png")?;
-                let name = Path::new(words[1]);
-                if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
-                    return Err(format!("`{}` does not end in .png", words[1]));
-                }
-                Command::Screenshot(name.to_path_buf())
-            }
-            "quit" => Command::Quit,
-            other => {
-                let commands: Vec<&str> = HELP.lines().filter_map(|line| line.split(' ').next()).collect();
-                return Err(format!("there is no command `{other}`; choose from {}", commands.join(", ")));
+            _ => {
+                self.count(2..=3, "NAME [N]")?;
+                let key =
+                    Key::from_name(words[1]).ok_or_else(|| format!("`{}` is no key; as in `key W 10`", words[1]))?;
+                let frames = if words.len() == 3 { self.number(2)? } else { 1 };
+                Command::Key { key, frames, is_shift: words[0] == "shift" }
             }
         })
+    }
+
+    fn sun(&self) -> Result<Command, String> {
+        match self.0[0] {
+            "sun-day" => Ok(Command::SunDay(self.only("N")?)),
+            "latitude" => Ok(Command::Latitude(self.only("DEGREES")?)),
+            _ => {
+                let hour = self.number(1)?;
+                if self.0.len() == 2 {
+                    return Ok(Command::SunHour { hour, to: hour, frames: 0 });
+                }
+                self.count(4..=4, "H [TO N]")?;
+                Ok(Command::SunHour { hour, to: self.number(2)?, frames: self.number(3)? })
+            }
+        }
+    }
+
+    /// The camera, and what its picture shows.
+    fn look(&self) -> Result<Command, String> {
+        let words = self.0;
+        Ok(match words[0] {
+            "camera" => Command::Camera(self.only("N")?),
+            "eye" => {
+                self.count(7..=7, "X Y Z TX TY TZ")?;
+                Command::Eye { position: self.vector(1)?, target: self.vector(4)? }
+            }
+            "method" => {
+                self.count(2..=3, "NAME")?;
+                Command::Method(words[1..].join(" "))
+            }
+            _ => {
+                self.count(2..=2, "NAME")?;
+                let found = Shown::all().find(|shown| shown.name() == words[1]);
+                let names: Vec<&str> = Shown::all().map(Shown::name).collect();
+                let unknown = || format!("there is no view `{}`; choose from {}", words[1], names.join(", "));
+                Command::View(found.ok_or_else(unknown)?)
+            }
+        })
+    }
+
+    fn setting(&self) -> Result<Command, String> {
+        let words = self.0;
+        Ok(match words[0] {
+            "exposure" => Command::Exposure(self.only("STOPS")?),
+            "panels" => Command::Panels(self.switch(1)?),
+            "split" => {
+                self.count(2..=2, "off|SHARE")?;
+                let share = if words[1] == "off" { None } else { Some(self.number::<f32>(1)?.clamp(0.0, 1.0)) };
+                Command::Split(share)
+            }
+            _ => {
+                let count = self.only("N")?;
+                if !SUB_FRAMES.contains(&count) {
+                    return Err(format!("{count} sub-frames; choose from {SUB_FRAMES:?}"));
+                }
+                Command::SubFrames(count)
+            }
+        })
+    }
+
+    fn screenshot(&self) -> Result<Command, String> {
+        self.count(2..=2, "NAME.png")?;
+        let name = Path::new(self.0[1]);
+        if !name.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
+            return Err(format!("`{}` does not end in .png", self.0[1]));
+        }
+        Ok(Command::Screenshot(name.to_path_buf()))
+    }
+
+    /// The name of a material may have spaces.
+    fn material(&self) -> Result<Command, String> {
+        let words = self.0;
+        let name = |count: usize| words[1..words.len() - count].join(" ");
+        if words[0] == "albedo" && words.len() >= 3 && words[words.len() - 1] == "bake" {
+            return Ok(Command::Albedo { material: name(1), albedo: None });
+        }
+        if words.len() < 5 {
+            return Err(self.usage(if words[0] == "albedo" { "MATERIAL R G B|bake" } else { "MATERIAL R G B" }));
+        }
+        let first = words.len() - 3;
+        Ok(match words[0] {
+            "albedo" => Command::Albedo { material: name(3), albedo: Some(self.albedo(first)?) },
+            _ => Command::Emission { material: name(3), radiance: self.light_color(first)? },
+        })
+    }
+
+    fn object(&self) -> Result<Command, String> {
+        let words = self.0;
+        let change = match (words.get(1), words.len()) {
+            (Some(&"ahead"), 2) => ObjectChange::Place(None),
+            (Some(&"off"), 2) => ObjectChange::Remove,
+            (Some(&"radius"), 3) => {
+                let radius: f32 = self.number(2)?;
+                if radius <= 0.0 {
+                    return Err("a radius is above 0".into());
+                }
+                ObjectChange::Radius(radius)
+            }
+            (Some(&"albedo"), 5) => ObjectChange::Albedo(self.albedo(2)?),
+            (_, 4) => ObjectChange::Place(Some(self.vector(1)?)),
+            _ => return Err(self.usage("ahead, X Y Z, off, radius M, or albedo R G B")),
+        };
+        Ok(Command::Object(change))
     }
 
     fn light(&self) -> Result<Command, String> {
@@ -460,9 +555,9 @@ impl Words<'_> {
             ("on", 3) => LightChange::Switch(true),
             ("off", 3) => LightChange::Switch(false),
             ("remove", 3) => LightChange::Remove,
-            ("position", 6) => LightChange::Position(self.vector(3, false)?),
-            ("direction", 6) => LightChange::Direction(self.vector(3, false)?),
-            ("color", 6) => LightChange::Color(self.vector(3, true)?),
+            ("position", 6) => LightChange::Position(self.vector(3)?),
+            ("direction", 6) => LightChange::Direction(self.vector(3)?),
+            ("color", 6) => LightChange::Color(self.light_color(3)?),
             ("power", 4) => LightChange::Power(self.number::<f32>(3)?.max(0.0)),
             _ => return Err(self.usage(usage)),
         };
@@ -493,12 +588,19 @@ impl Words<'_> {
         Ok(pos2(self.number(index)?, self.number(index + 1)?))
     }
 
-    fn vector(&self, index: usize, is_light: bool) -> Result<Vec3, String> {
-        let vector = Vec3::new(self.number(index)?, self.number(index + 1)?, self.number(index + 2)?);
-        match is_light && vector.min_element() < 0.0 {
-            true => Err("light is not below 0".to_owned()),
-            false => Ok(vector),
-        }
+    fn vector(&self, index: usize) -> Result<Vec3, String> {
+        Ok(Vec3::new(self.number(index)?, self.number(index + 1)?, self.number(index + 2)?))
+    }
+
+    fn light_color(&self, index: usize) -> Result<Vec3, String> {
+        let color = self.vector(index)?;
+        if color.min_element() < 0.0 { Err("light is not below 0".to_owned()) } else { Ok(color) }
+    }
+
+    fn albedo(&self, index: usize) -> Result<Vec3, String> {
+        let albedo = self.vector(index)?;
+        let is_share = albedo.min_element() >= 0.0 && albedo.max_element() <= MOST_ALBEDO;
+        if is_share { Ok(albedo) } else { Err(format!("an albedo is a share from 0 to {MOST_ALBEDO}")) }
     }
 
     fn switch(&self, index: usize) -> Result<bool, String> {
@@ -571,6 +673,13 @@ mod tests {
             light 1 color 1 0.5 0
             light 1 power 20
             emission big lamp 1 2 3
+            albedo big lamp 0.1 0.2 0.3
+            albedo floor bake
+            object 1 2 3
+            object ahead
+            object radius 0.5
+            object albedo 0.8 0.8 0.8
+            object off
             exposure -1
             camera 2
             eye 1 2 3 4 5 6
@@ -582,7 +691,7 @@ mod tests {
             screenshot a.png
             quit";
         let script = parse(text).unwrap();
-        assert_eq!(script.commands.len(), 28);
+        assert_eq!(script.commands.len(), 35);
         let radiance = Vec3::new(1.0, 2.0, 3.0);
         let emission = Command::Emission { material: "big lamp".into(), radiance };
         assert!(script.commands.contains(&(20, emission)), "{:?}", script.commands);
@@ -606,6 +715,10 @@ mod tests {
             ("light 1 shine", "on|off|remove"),
             ("light add laser", "point|sun|spot"),
             ("light 1 color 1 -1 0", "not below 0"),
+            ("albedo floor 1 0 0", "0 to 0.95"),
+            ("albedo bake", "MATERIAL R G B|bake"),
+            ("object 1 2", "X Y Z"),
+            ("object radius 0", "above 0"),
             ("sub-frames 3", "[1, 2, 4, 16]"),
             ("size 0x9", "size 640x360"),
             ("screenshot a.jpg", ".png"),

@@ -6,12 +6,14 @@ use assets::LoadedScene;
 use assets::import::Target;
 use glam::Vec3;
 use patchlight::debug::DebugKind;
-use patchlight::{Bake, MethodSettings};
+use patchlight::{Bake, MethodSettings, ReceiverKind};
 use reference::PictureErrors;
+use scene::{Material, NONE};
 
 use crate::eye::Eye;
 use crate::lights::EditedLighting;
 use crate::methods::{MethodDefaults, Methods};
+use crate::object::Object;
 use crate::sun::{Compass, SunTime, direction_to_sun};
 use crate::times::Times;
 
@@ -22,6 +24,9 @@ pub const DIVISORS: [u32; 3] = [1, 2, 4];
 
 /// Most cameras of an animation in the list: with that of the scene, one a digit.
 const MOST_KEYFRAMES: usize = 8;
+
+/// Radius of the object at first, as a share of the scene's diagonal.
+const OBJECT_RADIUS: f32 = 0.04;
 
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,6 +140,14 @@ pub struct State {
     pub divisor: u32,
     /// Names of the materials.
     pub materials: Vec<String>,
+    /// Albedo of each material in place of the bake's.
+    pub albedo: Vec<Option<Vec3>>,
+    /// Albedo of each in the bake; none of a texture.
+    pub own_albedo: Vec<Option<Vec3>>,
+    /// What moves through the scene.
+    pub object: Object,
+    /// Whether the bake has receivers that tell where its probes have light.
+    pub has_probes: bool,
     /// The light whose numbers are shown.
     pub selected: Option<usize>,
     /// How far away things are, m.
@@ -171,6 +184,10 @@ impl State {
             sub_frames: 1,
             divisor: 1,
             materials: material_names(loaded, bake),
+            albedo: vec![None; bake.scene.materials.len()],
+            own_albedo: bake.scene.materials.iter().map(own_albedo).collect(),
+            object: Object::new(OBJECT_RADIUS * metres),
+            has_probes: bake.settings.receivers == ReceiverKind::Mesh,
             selected: None,
             distance: 0.25 * metres,
             requests: Vec::new(),
@@ -198,15 +215,23 @@ impl State {
         self.split.is_on || self.shown == Shown::Error
     }
 
-    /// Why the albedo of materials cannot be changed under the chosen method.
-    pub fn why_no_albedo(&self) -> String {
+    /// The number of a material.
+    ///
+    /// # Errors
+    /// The names that there are.
+    pub fn material(&self, name: &str) -> Result<usize, String> {
+        let found = self.materials.iter().position(|own| own == name);
+        found.ok_or_else(|| format!("there is no material `{name}`; there are: {}", self.materials.join(", ")))
+    }
+
+    /// Why the albedo of materials cannot be changed under the chosen method; none where it can.
+    pub fn why_no_albedo(&self) -> Option<String> {
         let name = &self.methods.chosen().name;
-        match self.methods.chosen().settings {
-            MethodSettings::Multibounce(_) | MethodSettings::Local(_) => {
-                format!("all bounces of {name} are in its matrix, and the albedo with them: bake again")
-            }
-            _ => "elements keep one albedo of all materials in them, from the bake: bake again".to_owned(),
-        }
+        let holds_it =
+            matches!(self.methods.chosen().settings, MethodSettings::Multibounce(_) | MethodSettings::Local(_));
+        holds_it.then(|| {
+            format!("all bounces of {name} are in its matrix, and the albedo with them: choose classic, feedback, temporal or firstshot")
+        })
     }
 }
 
@@ -228,6 +253,11 @@ fn cameras(loaded: &LoadedScene, metres: f32) -> Vec<(String, Eye)> {
         (format!("{time:.1} s"), Eye::of_view(&view, metres))
     }));
     cameras
+}
+
+/// The albedo of a material without a texture of it.
+fn own_albedo(material: &Material) -> Option<Vec3> {
+    (material.albedo_texture == NONE).then_some(material.albedo)
 }
 
 /// Names of the materials; numbers where the scene has none.

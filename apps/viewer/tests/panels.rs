@@ -162,7 +162,7 @@ fn keys_fly_and_change_what_is_shown() {
     harness.key_press(Key::F1);
     harness.run_steps(2);
     assert!(harness.state().has_help);
-    harness.get_by_label("look round; a light by its handle; the line of the split screen");
+    harness.get_by_label("look round; a light or the ball by its handle; the line of the split screen");
 }
 
 #[test]
@@ -180,10 +180,38 @@ fn the_line_of_the_split_screen_follows_the_pointer() {
 }
 
 #[test]
-fn emission_is_edited_and_albedo_is_refused_with_its_reason() {
+fn emission_and_albedo_are_edited_where_the_method_allows() {
     let mut state = state();
     assert!(state.lighting.lighting().emission.is_empty(), "as the scene has it");
     state.lighting.emission[0] = Vec3::ONE;
     assert_eq!(state.lighting.lighting().emission[0], Vec3::ONE);
-    assert!(state.why_no_albedo().contains("bake"));
+    assert_eq!(state.why_no_albedo(), None, "classic");
+    assert!(state.albedo.iter().all(Option::is_none));
+    state.methods.choose("local").unwrap();
+    assert!(state.why_no_albedo().unwrap().contains("choose classic"));
+    assert_eq!(state.material("nowhere").unwrap_err().split(';').next(), Some("there is no material `nowhere`"));
+}
+
+#[test]
+fn the_object_is_switched_on_before_the_camera_and_dragged() {
+    let mut harness = harness(state());
+    assert!(harness.state().has_probes && !harness.state().object.is_on);
+    harness.get_by_label("Object").click();
+    harness.run_steps(20);
+    harness.get_by_label("a ball, lit by probes").click();
+    harness.run_steps(3);
+    let state = harness.state();
+    assert!(state.object.is_on);
+    assert_eq!(state.object.position, state.place_ahead());
+    // Beside the panel.
+    let camera = state.eye.camera((900, 1200));
+    let place = camera.eye + 0.5 * (camera.forward + 0.4 * camera.right);
+    harness.state_mut().object.position = place;
+    harness.run_steps(2);
+    let shown = project(&camera, place).unwrap();
+    let at = pos2(shown.x * SIZE.x, shown.y * SIZE.y);
+    drag(&mut harness, at, at + vec2(60.0, -45.0));
+    let now = project(&camera, harness.state().object.position).unwrap();
+    let by = vec2((now.x - shown.x) * SIZE.x, (now.y - shown.y) * SIZE.y);
+    assert!((by - vec2(60.0, -45.0)).length() < 8.0, "{by}");
 }

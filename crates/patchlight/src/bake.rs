@@ -270,7 +270,7 @@ impl<'a> PatchBake<'a> {
 pub(crate) fn density_of(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Density, Error> {
     match settings.patches.has_voxels() {
         true => Ok(Density::default()),
-        false => run_phase(observer, Phase::SAMPLE, |_| Ok(Density::new(scene, settings.focus, settings.seed)?)),
+        false => run_phase(observer, Phase::DENSITY, |_| Ok(Density::new(scene, settings.focus, settings.seed)?)),
     }
 }
 
@@ -383,7 +383,7 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
 
 /// Bounces until a uniform source changes no patch by more than the tolerance, and a fourth more for sources that are
 /// not uniform.
-fn enough_bounces(factors: &Csr, albedo: &[Vec4]) -> Result<u32, Error> {
+pub(crate) fn enough_bounces(factors: &Csr, albedo: &[Vec4]) -> Result<u32, Error> {
     let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
     let steps = jacobi(factors, &source, albedo, Stop::Tolerance(TOLERANCE))?.iterations;
     Ok((steps + steps / 4).clamp(1, MOST_BOUNCES))

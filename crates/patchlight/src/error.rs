@@ -213,6 +213,31 @@ pub enum Error {
          there, and call Renderer::set_sample_light again"
     )]
     SampleLightLost,
+    /// An albedo for another number of materials.
+    #[error("an albedo for {found} materials of {expected}; give one value a material, none for that of the bake")]
+    AlbedoCount {
+        /// Materials of the scene.
+        expected: usize,
+        /// Values given.
+        found: usize,
+    },
+    /// An albedo that no material has.
+    #[error("material {material} is to reflect {value}; give shares from 0 to {}", crate::albedo::MOST_ALBEDO)]
+    AlbedoValue {
+        /// Index of the material.
+        material: usize,
+        /// What was given for it.
+        value: glam::Vec3,
+    },
+    /// A method whose operator holds the albedo of the bake.
+    #[error(
+        "the operator of {method} holds the albedo of the bake; choose classic, feedback, temporal or firstshot, set the \
+         albedo back, or bake the scene with another one"
+    )]
+    AlbedoHeld {
+        /// The method.
+        method: &'static str,
+    },
     /// The user asked to stop.
     #[error("stopped")]
     Cancelled,

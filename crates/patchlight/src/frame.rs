@@ -16,6 +16,8 @@ pub const LAST_BOUNCES: u32 = 2;
 pub struct FramePlan<'a> {
     /// What is lit.
     pub bake: &'a Bake,
+    /// Bounces of a frame.
+    pub bounces: u32,
     /// What runs the plan.
     pub device: &'a DeviceInfo,
     /// Passes so far.
@@ -48,7 +50,7 @@ pub struct FrameInput<'a> {
 
 impl<'a> FramePlan<'a> {
     /// The buffers of the frames of a bake.
-    pub(crate) fn new(bake: &'a Bake, device: &'a DeviceInfo) -> Self {
+    pub(crate) fn new(bake: &'a Bake, bounces: u32, device: &'a DeviceInfo) -> Self {
         let mut plan = Plan::new();
         let mut tables = Tables::new();
         let mesh = &bake.mesh;
@@ -72,21 +74,21 @@ impl<'a> FramePlan<'a> {
         let received = plan.storage("received", rgb_bytes(receivers.first_smooth() + receivers.points.len()));
         let interpolated = plan.storage("interpolated", rgb_bytes(receivers.interpolation.points.len()));
         let zeros = plan.storage("zeros", rgb_bytes(patch_count.max(element_count)));
-        Self { bake, device, plan, tables, patches, elements, received, interpolated, zeros }
+        Self { bake, bounces, device, plan, tables, patches, elements, received, interpolated, zeros }
     }
 
     /// Bounces from patch to patch: all but the last two, which end at elements and receivers; all where the patches are the
     /// receivers.
     pub fn patch_bounces(&self) -> u32 {
         match self.bake.settings.receivers {
-            ReceiverKind::Patches => self.bake.bounces.max(1),
-            _ => self.bake.bounces.saturating_sub(LAST_BOUNCES),
+            ReceiverKind::Patches => self.bounces.max(1),
+            _ => self.bounces.saturating_sub(LAST_BOUNCES),
         }
     }
 
     /// Whether light goes to the elements before it goes to the receivers.
     pub fn has_element_bounce(&self) -> bool {
-        self.bake.bounces > 1 && self.bake.settings.receivers != ReceiverKind::Patches
+        self.bounces > 1 && self.bake.settings.receivers != ReceiverKind::Patches
     }
 
     /// Bytes of a buffer that one binding may show.

@@ -5,7 +5,8 @@
 //! [`Renderer`] puts a bake on an executor: native code, a Vulkan device of its own, or one that is borrowed from an
 //! engine. [`Renderer::update_light`] finds the light of a frame, whatever lights, sky and emission have become, without
 //! waiting; [`Renderer::irradiance`] hands out the device buffers, and [`Renderer::picture`] shades a picture. An engine that
-//! knows the direct light already gives it: [`Renderer::set_sample_light`].
+//! knows the direct light already gives it: [`Renderer::set_sample_light`]. Methods whose operators do not hold the albedo take
+//! another one of each material: [`Renderer::set_albedo`].
 //!
 //! How light goes between patches is a [`Method`]: classic radiosity, the operator of all bounces, progressive feedback,
 //! sampled rows, the matrix round the camera, photons, or one's own. A frame is a plan of stages: direct light at samples →
@@ -34,6 +35,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod albedo;
 pub mod bake;
 pub mod debug;
 pub mod energy;
@@ -52,6 +54,7 @@ pub mod renderer;
 pub mod stage;
 pub mod world;
 
+pub use albedo::{Albedo, MOST_ALBEDO};
 pub use bake::{Bake, BakeSettings, PatchBake, ReceiverKind};
 pub use energy::{EnergyCheck, MeanRatio};
 pub use error::{Error, Result};

@@ -14,6 +14,7 @@ use runtime::executor::{Executor, PassTime};
 use runtime::plan::{PassId, Range};
 use transport::Observer;
 
+use crate::albedo::Albedo;
 use crate::bake::Bake;
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
@@ -94,6 +95,16 @@ pub trait Method: Send {
     fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Option<Result<Vec<PassTime>, Error>> {
         let _ = executor;
         None
+    }
+
+    /// Takes another albedo, which the buffers of the loaded plan hold from the next frame on; called for a new method, too,
+    /// where the albedo is not that of the bake, before its plan is loaded.
+    ///
+    /// # Errors
+    /// [`Error::AlbedoHeld`], which methods give that say nothing else.
+    fn set_albedo(&mut self, albedo: &Albedo, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        let _ = (albedo, executor);
+        Err(Error::AlbedoHeld { method: "this method" })
     }
 
     /// Counts what only the device knows of the last frame, for [`Self::report`]; waits.

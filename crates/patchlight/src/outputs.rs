@@ -3,6 +3,7 @@
 //! All of it is irradiance, W/m², of the last [`Renderer::update_light`]. Indirect light on surfaces is what pixels show,
 //! interpolated between the receivers; in the air it is gathered by rays from each probe. Direct light is added by shadow rays.
 
+pub mod live;
 pub mod planes;
 pub mod probes;
 
@@ -24,6 +25,7 @@ use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::Error;
 use crate::renderer::Renderer;
 
+pub use live::LiveProbes;
 pub use planes::{CalculationPlane, PlaneKind, PlaneLight};
 pub use probes::ProbeVolume;
 

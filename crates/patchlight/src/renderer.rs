@@ -14,10 +14,11 @@ use runtime::vulkan::Vulkan;
 use scene::{Camera, DirectParams, Light, Lighting, Scene, SurfacePoint};
 use transport::{LinearOperator as _, Observer};
 
+use crate::albedo::{Albedo, AlbedoBuffers, sample_materials};
 use crate::bake::{Bake, ReceiverKind};
 use crate::debug::{DebugKind, DebugPicture, DebugView};
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan};
+use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
 use crate::method::{Method, MethodReport, MethodSettings, Preparation, firstshot::go_on};
 use crate::operator::{Build, Decode};
 use crate::picture::{Picture, Pictures};
@@ -146,8 +147,12 @@ pub struct Renderer {
     settings: RenderSettings,
     frame: Frame,
     sample_light: KeptLight,
-    /// Whether that is another one than the last update's.
-    has_new_sample_light: bool,
+    /// Whether that, or the albedo, is another one than the last update's.
+    has_new_source: bool,
+    /// Material of each sample, once another albedo was asked for.
+    sample_materials: Option<Vec<u32>>,
+    /// The albedo where it is not that of the bake.
+    albedo: Option<Albedo>,
     number: u32,
 }
 
@@ -162,6 +167,8 @@ struct Frame {
     tables: SceneTables,
     direct: direct::DirectLight,
     source: source::Source,
+    albedo: AlbedoBuffers,
+    bounces: u32,
     shade: shade::Shade,
     display: display::Display,
     buffers: ReceiverBuffers,
@@ -206,7 +213,7 @@ impl Renderer {
         mut method: Box<dyn Method>,
     ) -> Result<Self, Error> {
         let scene = bake.scene.clone();
-        let frame = Frame::load(&bake, &scene, executor.as_mut(), settings, method.as_mut())?;
+        let frame = Frame::load(&bake, &scene, None, executor.as_mut(), settings, method.as_mut())?;
         let sample_light = KeptLight::Traced;
         let settings = settings.clone();
         Ok(Self {
@@ -217,7 +224,9 @@ impl Renderer {
             settings,
             frame,
             sample_light,
-            has_new_sample_light: false,
+            has_new_source: false,
+            sample_materials: None,
+            albedo: None,
             number: 0,
         })
     }
@@ -229,7 +238,45 @@ impl Renderer {
     pub fn set_method(&mut self, method: MethodSettings, observer: &dyn Observer) -> Result<(), Error> {
         self.settings.method = method;
         self.method = prepare(&self.bake, &self.settings, self.executor.as_mut(), observer)?;
+        if let Some(albedo) = &self.albedo {
+            self.method.set_albedo(albedo, self.executor.as_mut())?;
+        }
         self.load()
+    }
+
+    /// Gives materials another albedo, all over in place of a texture, from the next update on: one value a material of
+    /// the scene, `None` for that of the bake. Waits for nothing, but where light that bounces more often needs another plan.
+    ///
+    /// # Errors
+    /// [`Error::AlbedoHeld`] of a method whose operator holds the albedo, here and from [`Self::set_method`];
+    /// [`Error::AlbedoCount`], [`Error::AlbedoValue`]. Nothing changes then.
+    pub fn set_albedo(&mut self, albedo: &[Option<Vec3>]) -> Result<(), Error> {
+        let materials =
+            self.sample_materials.get_or_insert_with(|| sample_materials(&self.bake.scene, &self.bake.mesh));
+        let changed = Albedo::new(&self.bake, materials, albedo)?;
+        let is_own = albedo.iter().all(Option::is_none);
+        // The method may have another one from before.
+        if !is_own || self.albedo.is_some() {
+            self.method.set_albedo(&changed, self.executor.as_mut())?;
+        }
+        changed.give_to(&mut self.scene);
+        // More do no harm, but the light of the bake is to come back as it was.
+        let are_wrong = if is_own { u32::ne } else { u32::gt };
+        let needs_bounces = are_wrong(&changed.bounces, &self.frame.bounces)
+            && (self.method.depends_on_source_alone() || self.frame.bounces <= LAST_BOUNCES);
+        let changed = self.albedo.insert(changed);
+        if needs_bounces {
+            self.load()?;
+        } else {
+            let executor = self.executor.as_mut();
+            self.frame.albedo.set(executor, changed)?;
+            self.frame.upload_sky(&self.bake, Some(changed), &self.scene, executor)?;
+        }
+        if is_own {
+            self.albedo = None;
+        }
+        self.has_new_source = true;
+        Ok(())
     }
 
     /// Changes which receivers a light update computes; light starts anew.
@@ -265,7 +312,8 @@ impl Renderer {
     ///
     /// With [`SampleLight::OnDevice`] it is called for each new content of the buffer, whose writes a memory barrier has made
     /// visible to all commands. The buffer is another one after [`Self::set_method`], [`Self::set_receivers`] and
-    /// [`Self::set_picture`], and after an update with more lights or another size of the sky's map than any before.
+    /// [`Self::set_picture`], after an update with more lights or another size of the sky's map than any before, and after
+    /// [`Self::set_albedo`] where light then bounces more often.
     ///
     /// # Errors
     /// Another number of values than there are samples; a value that is not finite or below 0.
@@ -278,7 +326,7 @@ impl Renderer {
             }
             SampleLight::OnDevice => KeptLight::OnDevice { is_written: true },
         };
-        self.has_new_sample_light = true;
+        self.has_new_source = true;
         Ok(())
     }
 
@@ -297,7 +345,8 @@ impl Renderer {
 
     fn load(&mut self) -> Result<(), Error> {
         let executor = self.executor.as_mut();
-        self.frame = Frame::load(&self.bake, &self.scene, executor, &self.settings, self.method.as_mut())?;
+        let albedo = self.albedo.as_ref();
+        self.frame = Frame::load(&self.bake, &self.scene, albedo, executor, &self.settings, self.method.as_mut())?;
         if let KeptLight::OnDevice { is_written } = &mut self.sample_light {
             *is_written = false;
         }
@@ -356,7 +405,7 @@ impl Renderer {
             None => false,
         };
         frame.is_lit = true;
-        self.has_new_sample_light = false;
+        self.has_new_source = false;
         times.extend(executor.finished_times()?);
         let number = self.number;
         self.number = self.number.wrapping_add(1);
@@ -649,7 +698,7 @@ impl Renderer {
     /// Takes over what shines, and puts on the device what has changed of it; the passes of direct light and of the first
     /// exitance that this asks for.
     fn set_lighting(&mut self, lighting: &Lighting) -> Result<Vec<PassId>, Error> {
-        if self.frame.is_lit && self.scene.lighting == *lighting && !self.has_new_sample_light {
+        if self.frame.is_lit && self.scene.lighting == *lighting && !self.has_new_source {
             return Ok(Vec::new());
         }
         if !self.frame.is_lit {
@@ -663,7 +712,7 @@ impl Renderer {
         if !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
             self.load()?;
         } else if sky_changes {
-            self.frame.upload_sky(&self.bake, &self.scene, self.executor.as_mut())?;
+            self.frame.upload_sky(&self.bake, self.albedo.as_ref(), &self.scene, self.executor.as_mut())?;
             self.frame.direct.forget_surroundings();
         }
         if has_new_distributions {
@@ -742,12 +791,14 @@ impl Frame {
     fn load(
         bake: &Arc<Bake>,
         scene: &Scene,
+        albedo: Option<&Albedo>,
         executor: &mut (dyn Executor + 'static),
         settings: &RenderSettings,
         method: &mut dyn Method,
     ) -> Result<Self, Error> {
         let device = executor.device().clone();
-        let mut frame = FramePlan::new(bake, &device);
+        let bounces = albedo.map_or(bake.bounces, |albedo| albedo.bounces);
+        let mut frame = FramePlan::new(bake, bounces, &device);
         let capacity = scene.lighting.lights.len().next_power_of_two().max(LEAST_LIGHTS);
         let tables = SceneTables::new(&mut frame.plan, &mut frame.tables, scene, capacity);
         let direct = direct::add(&mut frame, &tables)?;
@@ -775,6 +826,11 @@ impl Frame {
             interpolated: frame.interpolated,
             source: frame.patches.source.buffer,
         };
+        let albedo_buffers = AlbedoBuffers {
+            points: source.point_albedo,
+            elements: frame.elements.albedo.buffer,
+            patches: frame.patches.albedo.buffer,
+        };
         let cleared = frame.initial_zeros();
         let FramePlan { plan, tables: stay, .. } = frame;
         executor.load(plan)?;
@@ -787,6 +843,8 @@ impl Frame {
             tables,
             direct,
             source,
+            albedo: albedo_buffers,
+            bounces,
             shade,
             display,
             buffers,
@@ -800,7 +858,10 @@ impl Frame {
             has_sky_light: false,
         };
         loaded.tables.set_distributions(executor, &scene.lighting.distributions)?;
-        loaded.upload_sky(bake, scene, executor)?;
+        if let Some(albedo) = albedo {
+            loaded.albedo.set(executor, albedo)?;
+        }
+        loaded.upload_sky(bake, albedo, scene, executor)?;
         method.start(executor)?;
         // What a caller writes on the device from now on stays.
         executor.submit_passes(&[])?;
@@ -808,13 +869,20 @@ impl Frame {
     }
 
     /// The sky and the emission of materials, and what elements reflect of a constant sky.
-    fn upload_sky(&mut self, bake: &Bake, scene: &Scene, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+    fn upload_sky(
+        &mut self,
+        bake: &Bake,
+        albedo: Option<&Albedo>,
+        scene: &Scene,
+        executor: &mut (dyn Executor + 'static),
+    ) -> Result<(), Error> {
         self.tables.set_sky_and_emission(executor, scene)?;
         if let Some(sky) = &self.sky {
             sky.set(executor, &scene.lighting)?;
             self.has_sky_light = false;
         }
-        Ok(executor.upload(self.source.emission, &source::sky_exitance(bake, &scene.lighting))?)
+        let elements = albedo.map_or(&bake.mesh.element_albedo, |albedo| &albedo.elements);
+        Ok(executor.upload(self.source.emission, &source::sky_exitance(bake, elements, &scene.lighting))?)
     }
 }
 

@@ -1,5 +1,6 @@
 //! Light at corners, texels and probes is that of the pixels.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use assets::procedural;
@@ -7,8 +8,8 @@ use bytemuck::Zeroable as _;
 use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
 use patchlight::outputs::{
-    CalculationPlane, LightPart, PlaneKind, ProbeVolume, at_corners, illuminance, in_volume, is_lit, lit_sides,
-    on_lightmap, on_view,
+    CalculationPlane, LightPart, LiveProbes, PlaneKind, ProbeVolume, at_corners, illuminance, in_volume, is_lit,
+    lit_sides, on_lightmap, on_view,
 };
 use patchlight::{Bake, BakeSettings, ReceiverKind, RenderSettings, Renderer, Silent};
 use runtime::cpu::Cpu;
@@ -96,6 +97,36 @@ fn probes_from_files_give_the_light_of_the_volume() {
     // Red light comes from the red wall, green from the green one.
     let (left, right) = (read.irradiance(middle, Vec3::NEG_X), read.irradiance(middle, Vec3::X));
     assert!((left.x / left.y - right.x / right.y).abs() > 0.2, "{left} {right}");
+}
+
+/// Rows that are kept give the light that rays find, under each lighting.
+#[test]
+fn live_probes_follow_the_light_of_a_renderer() {
+    let (mut renderer, bake) = lit(ReceiverKind::Mesh);
+    let mut probes = LiveProbes::new(&bake, 27, 2048, &|_, _| ControlFlow::Continue(())).unwrap();
+    let camera = Camera::look_at(Vec3::ZERO, Vec3::Z, Vec3::Y, 50.0, 4, 4);
+    let middle = 0.5 * (bake.scene.geometry.bounds.0 + bake.scene.geometry.bounds.1);
+    let normals = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z];
+    let mut before = Vec3::ZERO;
+    for scale in [1.0, 3.0] {
+        let mut lighting = bake.scene.lighting.clone();
+        lighting.lights.iter_mut().for_each(|light| light.color *= scale);
+        renderer.update_light(&lighting, &camera).unwrap();
+        probes.update(&mut renderer).unwrap();
+        let volume = probes.volume().clone();
+        let values = in_volume(&mut renderer, &volume, LightPart::Indirect).unwrap();
+        for normal in normals {
+            let found = probes.irradiance(middle, normal);
+            let expected = volume.at(&values, middle, normal).unwrap().truncate();
+            let wrong = (found - expected).abs().max_element() / expected.max_element();
+            assert!(wrong < 0.05, "{normal}: {found} {expected}");
+            assert!((found - before).abs().max_element() > 0.05 * expected.max_element(), "{normal}: as before");
+        }
+        before = probes.irradiance(middle, normals[0]);
+    }
+    let (_, bake) = lit(ReceiverKind::Pixels);
+    let error = LiveProbes::new(&bake, 27, 16, &|_, _| ControlFlow::Continue(())).unwrap_err();
+    assert!(error.to_string().contains("receivers on the mesh"), "{error}");
 }
 
 #[test]

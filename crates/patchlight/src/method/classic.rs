@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use runtime::executor::Executor;
 use runtime::recipe::formfactor::SparseTables;
 
 use super::{Method, MethodReport, bytes};
+use crate::albedo::Albedo;
 use crate::bake::Bake;
 use crate::error::Error;
 use crate::frame::FramePlan;
@@ -34,6 +36,10 @@ impl Method for Classic {
             rows.gather(&mut frame.plan, "method", frame.patches.exitance, frame.patches.irradiance)?;
             frame.bounce()?;
         }
+        Ok(())
+    }
+
+    fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         Ok(())
     }
 

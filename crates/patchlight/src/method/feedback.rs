@@ -9,6 +9,7 @@ use transport::{LinearOperator as _, Phase};
 
 use super::classic::Classic;
 use super::{Method, MethodReport, MethodSettings, Preparation, bytes, passes_so_far};
+use crate::albedo::Albedo;
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan, zeros};
 use crate::observe::run_phase;
@@ -34,6 +35,7 @@ impl Default for FeedbackSettings {
 /// Bounces whose light stays from frame to frame.
 pub struct Feedback {
     operator: PatchOperator,
+    is_accelerated: bool,
     acceleration: Acceleration,
     products: u32,
     passes: Option<Passes>,
@@ -42,6 +44,8 @@ pub struct Feedback {
 struct Passes {
     /// A frame's bounces.
     bounces: Vec<PassId>,
+    /// Those of them that go by the acceleration.
+    accelerated: Vec<PassId>,
     change: BufferId,
     patches: usize,
     /// Frames after which nothing changes, when the lights do not.
@@ -70,8 +74,9 @@ pub fn prepare(
         100.0 * plain.rate,
         100.0 * fast.rate
     ));
-    let acceleration = if settings.accelerated { fast } else { plain };
-    Ok(Box::new(Feedback { operator, acceleration, products: settings.products, passes: None }))
+    let is_accelerated = settings.accelerated;
+    let acceleration = if is_accelerated { fast } else { plain };
+    Ok(Box::new(Feedback { operator, is_accelerated, acceleration, products: settings.products, passes: None }))
 }
 
 impl Method for Feedback {
@@ -83,14 +88,15 @@ impl Method for Feedback {
         let change = frame.plan.storage("change", rgb_bytes(patches));
         let exitance = frame.exitance();
         let irradiance = frame.irradiance();
+        let mut accelerated = Vec::new();
         for _ in 0..self.products {
             tables.product(&mut frame.plan, "method", range, exitance, irradiance)?;
             let surfaces = frame.patches;
-            accelerated_bounce(&mut frame.plan, "method", &surfaces, change, &self.acceleration)?;
+            accelerated.push(accelerated_bounce(&mut frame.plan, "method", &surfaces, change, &self.acceleration)?);
         }
         let bounces = passes_so_far(frame).split_off(before);
         let settling_frames = frame.patch_bounces().div_ceil(self.products.max(1));
-        self.passes = Some(Passes { bounces, change, patches, settling_frames, is_settled: false });
+        self.passes = Some(Passes { bounces, accelerated, change, patches, settling_frames, is_settled: false });
         Ok(())
     }
 
@@ -106,6 +112,17 @@ impl Method for Feedback {
         passes.is_settled = true;
         for _ in 0..passes.settling_frames {
             executor.submit_passes(&passes.bounces)?;
+        }
+        Ok(())
+    }
+
+    fn set_albedo(&mut self, albedo: &Albedo, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        let [plain, fast] = accelerations(&albedo.patches, &self.operator)?;
+        self.acceleration = if self.is_accelerated { fast } else { plain };
+        let Some(passes) = &self.passes else { return Ok(()) };
+        let params = self.acceleration.params(passes.patches as u32);
+        for &pass in &passes.accelerated {
+            executor.push(pass, &params)?;
         }
         Ok(())
     }

@@ -22,6 +22,7 @@ use scene::{DirectParams, Hit, Lighting, NONE, Scene, SurfacePoint};
 use transport::{Observer, Patch, Phase, Silent};
 
 use super::{Method, MethodReport, Preparation, bytes};
+use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan};
@@ -326,6 +327,12 @@ impl Method for FirstShotMethod {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
         self.irradiance = Some(frame.elements.irradiance.buffer);
         Ok(frame.start_from_source()?)
+    }
+
+    fn set_albedo(&mut self, albedo: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        albedo.give_to(&mut self.scene);
+        self.shot.lighting = None;
+        Ok(())
     }
 
     fn finds_element_irradiance(&self) -> bool {

@@ -8,6 +8,7 @@ use runtime::recipe::localmatrix::MatrixCopy;
 use transport::Phase;
 
 use super::{Method, MethodReport, Preparation};
+use crate::albedo::Albedo;
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan};
 use crate::observe::run_phase;
@@ -79,6 +80,10 @@ impl Method for Local {
         });
         self.bounce = Some(frame.bounce()?);
         Ok(())
+    }
+
+    fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        Err(Error::AlbedoHeld { method: "local" })
     }
 
     fn before_frame(&mut self, input: &FrameInput, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {

@@ -6,12 +6,14 @@ use transport::LinearOperator as _;
 
 use super::classic::Classic;
 use super::{Method, MethodReport, MethodSettings, Preparation, bytes};
+use crate::albedo::Albedo;
 use crate::error::Error;
 use crate::frame::FramePlan;
 use crate::operator::{Codec, OperatorKey, PatchOperator};
 
 /// All bounces in one product.
 pub struct Multibounce {
+    codec: Codec,
     operator: PatchOperator,
     decoder: Option<Decoder>,
 }
@@ -31,7 +33,7 @@ pub fn prepare(
     };
     let operator = key.find_or_build(with, device)?;
     let decoder = operator.decoder(with.decode, device.device())?;
-    Ok(Box::new(Multibounce { operator, decoder }))
+    Ok(Box::new(Multibounce { codec, operator, decoder }))
 }
 
 impl Multibounce {
@@ -61,6 +63,11 @@ impl Method for Multibounce {
 
     fn depends_on_source_alone(&self) -> bool {
         true
+    }
+
+    fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        let is_tiles = matches!(self.codec, Codec::LowRank { .. });
+        Err(Error::AlbedoHeld { method: if is_tiles { "tiles" } else { "multibounce" } })
     }
 
     fn report(&self) -> MethodReport {

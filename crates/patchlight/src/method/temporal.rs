@@ -10,6 +10,7 @@ use runtime::recipe::temporal::{Rows, SampledPasses, SampledRows};
 use transport::{Csr, HitCounts, LinearOperator as _, Phase};
 
 use super::{Method, MethodReport, Preparation, passes_so_far};
+use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind};
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
@@ -124,7 +125,8 @@ impl TemporalMethod {
             frame: 0,
             is_settled: false,
         };
-        if bake.bounces > last {
+        // Where the bake says no number of bounces, there may be more with another albedo.
+        if bake.bounces > last || bake.settings.bounces.is_none() {
             method.patches = Some(rows_of_factors(factors, settings.rows)?);
         }
         // Elements that no light comes to from others, and receivers that are not there, are left as they are.
@@ -243,6 +245,10 @@ impl Method for TemporalMethod {
             level.sampled.set_frame(executor, self.frame)?;
         }
         self.frame = self.frame.wrapping_add(1);
+        Ok(())
+    }
+
+    fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         Ok(())
     }
 

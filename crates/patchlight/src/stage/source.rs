@@ -20,6 +20,8 @@ pub struct Source {
     pub passes: [PassId; 2],
     /// What elements reflect of a constant sky, W/m².
     pub emission: BufferId,
+    /// Albedo of the samples.
+    pub point_albedo: BufferId,
 }
 
 /// Adds the passes.
@@ -31,12 +33,13 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
     let plan = &mut frame.plan;
     let tables = &mut frame.tables;
     let elements = mesh.elements.len();
+    let point_albedo = tables.part(plan, "point albedo", mesh, |mesh| &mesh.point_albedo);
     let emission = plan.storage("emission", (elements * size_of::<Vec4>()) as u64);
     let own = [
         ("points", direct.points),
         ("offsets", tables.part(plan, "offsets", mesh, |mesh| &mesh.offsets)),
         ("direct", Range::from(direct.irradiance)),
-        ("albedo", tables.part(plan, "point albedo", mesh, |mesh| &mesh.point_albedo)),
+        ("albedo", point_albedo),
         ("emission", Range::from(emission)),
         ("source", frame.elements.source),
     ];
@@ -53,16 +56,15 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
     ];
     let count = CountParams { count: frame.patches.count };
     let of_patches = add_pass(plan, "gather", &table::FORMFACTOR_GATHER_CSR, &own, &[], &count, count.count)?;
-    Ok(Source { passes: [of_elements, of_patches], emission })
+    Ok(Source { passes: [of_elements, of_patches], emission, point_albedo: point_albedo.buffer })
 }
 
-/// First exitance that a constant sky gives each element: `ρ π L s`, with the share s of its hemisphere that sees the sky.
+/// First exitance that a constant sky gives each element: `ρ π L s`, with its albedo ρ and the share s of its hemisphere that sees the sky.
 /// A sky with a map is sampled instead.
-pub fn sky_exitance(bake: &Bake, lighting: &Lighting) -> Vec<Vec4> {
+pub fn sky_exitance(bake: &Bake, element_albedo: &[Vec4], lighting: &Lighting) -> Vec<Vec4> {
     let sky = lighting.sky;
     let radiance = if sky.map_width == 0 { sky.radiance } else { glam::Vec3::ZERO };
     let irradiance = radiance * std::f32::consts::PI;
-    let albedo = bake.mesh.element_albedo.iter();
     let shares = &bake.form_factors.sky_factor;
-    albedo.zip(shares).map(|(albedo, share)| *albedo * (irradiance * *share).extend(0.0)).collect()
+    element_albedo.iter().zip(shares).map(|(albedo, share)| *albedo * (irradiance * *share).extend(0.0)).collect()
 }
