@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use assets::import::{LoadOptions, LoadedScene, load, load_or_build, load_with};
+use integration_tests::glb::glb;
 use integration_tests::mutate::{Corpus, Outcome};
 use scene::sampling::hash3;
 use tempfile::TempDir;
@@ -266,25 +267,6 @@ fn huge_textures_are_refused_before_they_are_decoded() {
     bytes[20..24].copy_from_slice(&60_000u32.to_be_bytes());
     let (scene, _f) = accepted(&[("a.obj", OBJ.as_bytes()), ("a.mtl", MTL.as_bytes()), ("t.png", &bytes)], "a.obj");
     assert_one_warning(&scene, &["t.png", "cannot be used"]);
-}
-
-/// A GLB of one triangle: JSON and binary chunk.
-fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
-    let mut json = json.as_bytes().to_vec();
-    json.resize(json.len().next_multiple_of(4), b' ');
-    let mut binary = binary.to_vec();
-    binary.resize(binary.len().next_multiple_of(4), 0);
-    let total = 12 + 8 + json.len() + 8 + binary.len();
-    let mut out = b"glTF".to_vec();
-    for word in [2, total as u32, json.len() as u32] {
-        out.extend(u32::to_le_bytes(word));
-    }
-    out.extend(b"JSON");
-    out.extend(&json);
-    out.extend((binary.len() as u32).to_le_bytes());
-    out.extend(b"BIN\0");
-    out.extend(&binary);
-    out
 }
 
 fn triangle_json(count: usize, nodes: &str) -> String {

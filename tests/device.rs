@@ -14,6 +14,7 @@ use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devic
 use runtime::plan::{BufferId, PassId, Plan};
 use runtime::recipe::Tables;
 use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
+use runtime::vulkan::ash::vk;
 use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::sampling::{hash3, unit};
 use transport::{LinearOperator, Silent};
@@ -425,4 +426,42 @@ fn tiles_of_receivers_have_the_same_bits_on_every_device() {
     if let Some(mut executor) = vulkan() {
         check(&mut executor);
     }
+}
+
+/// The message names what was asked for and what there is, and the device goes on.
+#[test]
+fn a_plan_beyond_the_memory_budget_is_refused_with_what_there_is() {
+    let Some(mut vulkan) = vulkan() else { return };
+    let plan = |bytes: u64| {
+        let mut plan = Plan::new();
+        plan.storage("first", 1 << 20);
+        plan.storage("second", bytes);
+        plan
+    };
+    vulkan.limit_memory(3 << 20);
+    let error = vulkan.load(plan(4 << 20)).expect_err("beyond the budget");
+    let is_it = |error: &ExecutorError| matches!(error, ExecutorError::Vulkan(Error::OutOfMemory { what, .. }) if what == "second");
+    assert!(is_it(&error) && error.is_out_of_memory(), "{error}");
+    let text = error.to_string();
+    for part in ["`second`", "4194304 bytes", "of 3145728 bytes", "choose fewer patches"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    // What was loaded before counts, and is given back.
+    for _ in 0..3 {
+        vulkan.load(plan(1 << 20)).expect("within the budget");
+    }
+    vulkan.limit_memory(u64::MAX);
+    vulkan.load(plan(4 << 20)).expect("without a budget");
+    run_small_plan(&mut vulkan);
+}
+
+#[test]
+fn a_lost_device_is_named_with_its_remedy() {
+    let error = Error::Call { call: "vkQueueSubmit", result: vk::Result::ERROR_DEVICE_LOST };
+    let text = ExecutorError::from(error).to_string();
+    for part in ["vkQueueSubmit", "DEVICE_LOST", "reset", "fewer patches", "CPU executor"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let other = Error::Call { call: "vkQueueSubmit", result: vk::Result::ERROR_UNKNOWN }.to_string();
+    assert!(!other.contains("reset"), "{other}");
 }

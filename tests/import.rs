@@ -9,6 +9,7 @@ use assets::import::{Animation, LoadOptions, LoadedScene, load, load_with};
 use assets::procedural;
 use glam::{Vec2, Vec3, Vec4};
 use image::{DynamicImage, ImageFormat};
+use integration_tests::glb::glb;
 use scene::kernel::light::sky_radiance;
 use scene::kernel::shade::decode_srgb;
 use scene::kernel::texture::{sample, texel};
@@ -268,7 +269,7 @@ fn the_middle_of_a_sky_map_is_minus_z_and_its_top_is_up() {
 }
 
 /// A GLB with one textured, masked quad under two transforms, a spot, and a camera.
-fn glb() -> Vec<u8> {
+fn quad_glb() -> Vec<u8> {
     let picture = encoded(
         image::RgbaImage::from_fn(2, 2, |x, y| {
             image::Rgba([if y == 0 { 188 } else { 0 }, 0, 188, if x == 0 { 255 } else { 0 }])
@@ -308,24 +309,12 @@ fn glb() -> Vec<u8> {
         picture.len(),
         binary.len()
     );
-    let mut json = json.into_bytes();
-    json.resize(json.len().next_multiple_of(4), b' ');
-    binary.resize(binary.len().next_multiple_of(4), 0);
-    let mut out = b"glTF".to_vec();
-    for word in [2, (28 + json.len() + binary.len()) as u32, json.len() as u32] {
-        out.extend(u32::to_le_bytes(word));
-    }
-    out.extend(b"JSON");
-    out.extend(&json);
-    out.extend((binary.len() as u32).to_le_bytes());
-    out.extend(b"BIN\0");
-    out.extend(&binary);
-    out
+    glb(&json, &binary)
 }
 
 #[test]
 fn gltf_brings_transforms_materials_masks_lights_and_cameras() {
-    let folder = folder(&[("a.glb", &glb())]);
+    let folder = folder(&[("a.glb", &quad_glb())]);
     let scene = loaded(&folder, "a.glb");
     let s = &scene.scene;
     assert_eq!((s.geometry.triangles.len(), scene.objects.as_slice()), (2, ["leaf".to_owned()].as_slice()));

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use assets::import::View;
 use assets::{LoadedScene, procedural};
 use glam::{Vec3, Vec4};
+use integration_tests::limited::Limited;
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
@@ -85,6 +86,28 @@ fn lights_beyond_those_of_the_bake_are_not_dropped() {
     let dark = picture(&mut renderer, &loaded, &first);
     let share = dark.indirect.mean() / one.indirect.mean();
     assert!((share - Vec3::splat(1.0 / 40.0)).abs().max_element() < 0.002, "one of 40 lamps: {share}");
+}
+
+/// Where what is kept of the lights would be more than a binding shows, all are traced in each update, with the same light.
+#[test]
+fn more_lights_than_can_be_kept_give_the_same_light() {
+    let loaded = procedural::build("cornell").unwrap();
+    let setup = setup(MethodSettings::Classic);
+    let bake = setup.bake(&loaded).unwrap();
+    let mut kept = setup.load(&loaded, &bake, Box::new(Cpu::new())).unwrap();
+    let mut traced = setup.load(&loaded, &bake, Box::new(Limited::new(Box::new(Cpu::new()), 1 << 17))).unwrap();
+    let mut lighting = lamps(&loaded, 20);
+    for frame in 0..3 {
+        let [a, b] = [&mut kept, &mut traced].map(|renderer| picture(renderer, &loaded, &lighting).full);
+        let wrong =
+            a.pixels.iter().zip(&b.pixels).map(|(a, b)| (*a - *b).abs().max_element() / (1e-6 + a.max_element()));
+        let wrong = wrong.fold(0.0, f32::max);
+        assert!(wrong < 1e-4, "frame {frame}: {wrong}");
+        lighting.lights[frame].position += 0.1 * Vec3::X;
+        lighting.lights[7].color *= 3.0;
+    }
+    let bytes = |renderer: &Renderer| renderer.bytes()["light shares"];
+    assert!(bytes(&kept) > 5 * bytes(&traced), "{} {}", bytes(&kept), bytes(&traced));
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Shared by the integration tests: seeded inputs, tolerances, the skip rules.
 
+pub mod frames;
+pub mod glb;
 pub mod kernels;
 pub mod limited;
 pub mod mutate;

@@ -25,6 +25,8 @@ use runtime::cpu::Cpu;
 use scene::host::memory::{peak_memory_bytes, resident_bytes};
 use scene::sampling::hash3;
 
+use crate::glb::glb;
+
 /// Longest time that a file may take.
 pub const MOST_TIME: Duration = Duration::from_secs(5);
 /// Bytes of memory that a file may take, for each of its own.
@@ -153,18 +155,7 @@ fn gltf(is_binary: bool) -> Vec<u8> {
     if !is_binary {
         return json.into_bytes();
     }
-    let mut json = json.into_bytes();
-    json.resize(json.len().next_multiple_of(4), b' ');
-    let mut out = b"glTF".to_vec();
-    for word in [2, (12 + 8 + json.len() + 8 + binary.len()) as u32, json.len() as u32] {
-        out.extend(word.to_le_bytes());
-    }
-    out.extend(b"JSON");
-    out.extend(&json);
-    out.extend((binary.len() as u32).to_le_bytes());
-    out.extend(b"BIN\0");
-    out.extend(&binary);
-    out
+    glb(&json, &binary)
 }
 
 impl Corpus {

@@ -4,6 +4,7 @@ mod bake;
 mod idle;
 mod input;
 mod local;
+mod method;
 mod operator;
 
 use std::path::PathBuf;
@@ -12,7 +13,7 @@ use clap::{ArgMatches, Args, CommandFactory as _, FromArgMatches as _, Parser, S
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use experiments::args::{
-    Animate, Bench, CameraPath, Common, FocusChoice, Patches, parse_error, parse_focus, parse_metres, parse_size,
+    Animate, Bench, CameraPath, Common, FocusChoice, Patches, parse_focus, parse_metres, parse_size,
 };
 
 use assets::procedural;
@@ -24,14 +25,15 @@ use super::view::View;
 use super::world::{Merge, World};
 use patches::PatchKind;
 use patchlight::MethodSettings;
+use patchlight::method::TemporalSettings;
 use patchlight::method::solved::{Samples, Solver};
 use patchlight::method::temporal::{RowKind, Sampled};
-use patchlight::method::{FirstShotSettings, TemporalSettings};
 
 pub use bake::{BakeOptions, OperatorSettings};
 pub use idle::{warn_of_idle, warn_of_idle_in_bake, warn_of_idle_in_info, warn_of_idle_in_view};
 pub use input::{Input, kind};
 pub use local::LocalArgs;
+pub use method::MethodOptions;
 pub use operator::{BuildPlace, Decoding, OperatorOptions, Storage};
 
 /// Diffuse global illumination by radiosity, fast enough for every frame.
@@ -427,19 +429,8 @@ pub struct Render {
     /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
     #[arg(long, value_enum, default_value_t)]
     pub decode: Decoding,
-    /// Bounces in a frame (feedback).
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub products: u32,
-    /// Bounces are not accelerated by where the light was going (feedback): it settles in about
-    /// twice as many.
-    #[arg(long)]
-    pub plain: bool,
-    /// Relative error of the patches' irradiance at which photons are enough (firstshot).
-    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
-    pub error: f64,
-    /// Most photons (firstshot).
-    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
-    pub photons: u64,
+    #[command(flatten)]
+    pub methods: MethodOptions,
     /// How pixels find direct light of sky, rectangles and emissive triangles.
     #[arg(long, value_enum, default_value_t = DirectLight::Smooth)]
     pub direct: DirectLight,

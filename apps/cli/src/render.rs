@@ -25,7 +25,6 @@ use experiments::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
 use experiments::worst_blocks::worst_blocks;
 use patchlight::debug::DebugPicture;
 use patchlight::memory::{check_free, peak_memory_bytes};
-use patchlight::method::FirstShotSettings;
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
 use patchlight::operator::{Build, Codec, Decode, OperatorKey, decoder_name};
@@ -46,9 +45,10 @@ const PIXEL_BYTES: f64 = 100.0;
 /// Shadow rays of a frame of which the user is told: those of minutes.
 const MANY_RAYS: f64 = 1e9;
 /// Phases before the first frame that the summary tells.
-const BAKE_PHASES: [&str; 11] = [
+const BAKE_PHASES: [&str; 12] = [
     "open",
     "import",
+    "density",
     "sample",
     "form_factors",
     "receivers",
@@ -438,12 +438,10 @@ fn method_settings(args: &Render, exposure_stops: f32, seed: u32) -> MethodSetti
     match args.method {
         Method::Multibounce => MethodSettings::Multibounce(args.operators.storage()),
         Method::Tiles => MethodSettings::Multibounce(args.operators.tiles()),
-        Method::Feedback => MethodSettings::Feedback(args.operators.feedback(args.products, !args.plain)),
+        Method::Feedback => MethodSettings::Feedback(args.methods.feedback(&args.operators)),
         Method::Temporal => MethodSettings::Temporal(args.temporal.settings(seed)),
         Method::Local => MethodSettings::Local(args.local.options(exposure_stops)),
-        Method::Firstshot => {
-            MethodSettings::FirstShot(FirstShotSettings { error: args.error, most_photons: args.photons })
-        }
+        Method::Firstshot => MethodSettings::FirstShot(args.methods.first_shot()),
         Method::Classic => args.solver.method(args.solver_samples, seed),
         Method::Path => MethodSettings::Classic,
     }

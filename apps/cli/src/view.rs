@@ -6,16 +6,17 @@ use std::sync::Arc;
 use clap::{ArgMatches, Args};
 use serde::Serialize;
 
-use super::args::{BakeOptions, Input, LocalArgs, Method, OperatorSettings, TemporalOptions, warn_of_idle_in_view};
+use super::args::{
+    BakeOptions, Input, LocalArgs, Method, MethodOptions, OperatorSettings, TemporalOptions, warn_of_idle_in_view,
+};
 use super::bake::{self, Opened, open_device, operator_of, parse_purpose};
 use assets::import::LoadedScene;
 use experiments::Error;
-use experiments::args::{Common, parse_error, parse_size};
+use experiments::args::{Common, parse_size};
 use experiments::output;
 use experiments::progress::{Progress, interruptible, is_cancelled};
 use experiments::say;
 use patchlight::method::Preparation;
-use patchlight::method::{FeedbackSettings, FirstShotSettings};
 use patchlight::operator::{BakedOperator, Build, BuildOn, Decode, OperatorKey};
 use patchlight::{Bake, MethodSettings};
 use runtime::executor::DeviceChoice;
@@ -62,18 +63,8 @@ pub struct View {
     pub temporal: TemporalOptions,
     #[command(flatten)]
     pub local: LocalArgs,
-    /// Bounces in a frame (feedback).
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub products: u32,
-    /// Bounces are not accelerated by where the light was going (feedback).
-    #[arg(long)]
-    pub plain: bool,
-    /// Relative error of the patches' irradiance at which photons are enough (firstshot).
-    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
-    pub error: f64,
-    /// Most photons (firstshot).
-    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
-    pub photons: u64,
+    #[command(flatten)]
+    pub method_options: MethodOptions,
     #[command(flatten)]
     pub bake: BakeOptions,
     #[command(flatten)]
@@ -187,14 +178,10 @@ fn best(bake: &Bake) -> String {
 
 fn defaults(args: &View, exposure_stops: f32, seed: u32) -> MethodDefaults {
     MethodDefaults {
-        feedback: FeedbackSettings {
-            epsilon: args.operators.error(),
-            products: args.products,
-            accelerated: !args.plain,
-        },
+        feedback: args.method_options.feedback(&args.operators),
         temporal: args.temporal.settings(seed),
         local: args.local.options(exposure_stops),
-        first_shot: FirstShotSettings { error: args.error, most_photons: args.photons },
+        first_shot: args.method_options.first_shot(),
     }
 }
 

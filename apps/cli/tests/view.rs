@@ -109,6 +109,14 @@ fn baked() -> (tempfile::TempDir, String) {
     (folder, path)
 }
 
+/// Shows a bake as a script says, in a window of [`SIZE`] on the processor; screenshots are in the folder.
+fn show(display: &Xvfb, folder: &Path, bake: &str, script: &str, more: &[&str]) {
+    let script = write(folder, script);
+    let out = folder.display().to_string();
+    let options = ["view", bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out];
+    display.succeeds(&[&options[..], more].concat());
+}
+
 fn write(folder: &Path, script: &str) -> String {
     let path = folder.join("script.txt");
     std::fs::write(&path, script).unwrap();
@@ -211,17 +219,13 @@ fn the_window_shows_the_pictures_of_the_library() {
 fn the_window_compares_with_the_path_tracer_and_with_a_file() {
     let Some(display) = Xvfb::start() else { return };
     let (folder, bake) = baked();
-    let out = folder.path().display().to_string();
-    let script = write(
-        folder.path(),
-        "panels off
+    let script = "panels off
          split 0.5
          samples 2
          wait 1
          screenshot paths.png
-         quit",
-    );
-    display.succeeds(&["view", &bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out]);
+         quit";
+    show(&display, folder.path(), &bake, script, &[]);
     let classic = picture(&bake, MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }), SIZE, |_| {});
     let (_, shown) = screenshot(&folder.path().join("paths.png"));
     let half = |bytes: &[u8], columns: std::ops::Range<usize>| -> Vec<u8> {
@@ -239,9 +243,8 @@ fn the_window_compares_with_the_path_tracer_and_with_a_file() {
     let file = folder.path().join("grey.png");
     let grey = image::RgbImage::from_pixel(SIZE.0, SIZE.1, image::Rgb([90, 120, 150]));
     grey.save(&file).unwrap();
-    let script = write(folder.path(), "panels off\nsplit 0.25\nwait 2\nscreenshot file.png\nquit");
-    let options = ["view", &bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out];
-    display.succeeds(&[&options[..], &["--reference", file.to_str().unwrap()]].concat());
+    let script = "panels off\nsplit 0.25\nwait 2\nscreenshot file.png\nquit";
+    show(&display, folder.path(), &bake, script, &["--reference", file.to_str().unwrap()]);
     let (_, shown) = screenshot(&folder.path().join("file.png"));
     assert_eq!(difference(&half(&shown, 42..160), &half(grey.as_raw(), 42..160)).1, 0, "the file at the right");
     assert_eq!(difference(&half(&shown, 0..38), &half(&classic, 0..38)).1, 0, "the method at the left");
@@ -251,10 +254,7 @@ fn the_window_compares_with_the_path_tracer_and_with_a_file() {
 fn keys_and_pointer_of_a_script_move_the_camera() {
     let Some(display) = Xvfb::start() else { return };
     let (folder, bake) = baked();
-    let out = folder.path().display().to_string();
-    let script = write(
-        folder.path(),
-        "panels off
+    let script = "panels off
          wait 1
          screenshot before.png
          key W 5
@@ -267,15 +267,78 @@ fn keys_and_pointer_of_a_script_move_the_camera() {
          key Tab
          wait 1
          screenshot panels.png
-         quit",
-    );
-    display.succeeds(&["view", &bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out]);
+         quit";
+    show(&display, folder.path(), &bake, script, &[]);
     let shot = |name: &str| screenshot(&folder.path().join(name)).1;
     let (before, ahead, turned) = (shot("before.png"), shot("ahead.png"), shot("turned.png"));
     assert!(difference(&before, &ahead).1 > 1000, "W flies");
     assert!(difference(&ahead, &turned).1 > 1000, "a drag turns");
     assert_eq!(difference(&before, &shot("back.png")).1, 0, "Home leads back");
     assert!(difference(&before, &shot("panels.png")).1 > 1000, "Tab shows the panels");
+}
+
+/// The box is 0.55 m wide, its camera looks along +z; the wall at its left, where x is greatest, is red, and the tall block stands
+/// before the left of its back wall.
+#[test]
+fn the_object_is_lit_where_it_is_and_hidden_behind_what_is_before_it() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let script = "panels off
+         method classic
+         screenshot without.png
+         object radius 0.06
+         object 0.46 0.1 0.1
+         screenshot red.png
+         object 0.09 0.1 0.1
+         screenshot green.png
+         object albedo 0.1 0.1 0.1
+         screenshot dark.png
+         object albedo 0.8 0.8 0.8
+         object 0.4 0.1 0.48
+         screenshot hidden.png
+         object off
+         screenshot off.png
+         quit";
+    show(&display, folder.path(), &bake, script, &[]);
+    let shot = |name: &str| screenshot(&folder.path().join(name)).1;
+    let without = shot("without.png");
+    // Mean of the pixels that the object changes, and how many they are.
+    let object = |name: &str| {
+        let shown = shot(name);
+        let pixels = shown.chunks_exact(3).zip(without.chunks_exact(3)).filter(|(a, b)| a != b);
+        let (sum, count) = pixels.fold((Vec3::ZERO, 0), |(sum, count), (pixel, _)| {
+            (sum + Vec3::new(pixel[0].into(), pixel[1].into(), pixel[2].into()), count + 1)
+        });
+        (sum / count.max(1) as f32, count)
+    };
+    let ((red, seen), (green, _), (dark, _)) = (object("red.png"), object("green.png"), object("dark.png"));
+    assert!(seen > 200, "{seen} pixels");
+    assert!(red.x / red.y > 1.2 * green.x / green.y, "beside the red wall {red}, beside the green one {green}");
+    assert!(dark.max_element() < 0.7 * green.max_element(), "of a dark albedo {dark} {green}");
+    assert_eq!(object("hidden.png").1, 0, "behind the tall block");
+    assert_eq!(object("off.png").1, 0);
+}
+
+#[test]
+fn the_window_shows_the_albedo_that_a_material_is_given() {
+    let Some(display) = Xvfb::start() else { return };
+    let (folder, bake) = baked();
+    let script = "panels off
+         method classic
+         screenshot own.png
+         albedo white 0.1 0.3 0.9
+         screenshot blue.png
+         albedo white bake
+         screenshot again.png
+         quit";
+    show(&display, folder.path(), &bake, script, &[]);
+    let shot = |name: &str| screenshot(&folder.path().join(name)).1;
+    let blue = |bytes: &[u8]| bytes.chunks_exact(3).filter(|pixel| pixel[2] > pixel[0].saturating_add(20)).count();
+    assert!(blue(&shot("blue.png")) > blue(&shot("own.png")) + 3000, "{}", blue(&shot("blue.png")));
+    assert_eq!(difference(&shot("again.png"), &shot("own.png")).1, 0);
+    let script = write(folder.path(), "method tiles\nalbedo white 0.5 0.5 0.5\nquit");
+    let message = display.fails(&["view", &bake, "--size", "64x48", "--device", "cpu", "--script", &script]);
+    assert!(message.contains("line 2") && message.contains("tiles") && message.contains("feedback"), "{message}");
 }
 
 #[test]

@@ -44,11 +44,13 @@ pub fn render(
             progress.warn(&format!("nothing to resume in {}; starting afresh", path.display()));
         }
     }
+    let before = sums.samples();
     let tracer = PathTracer::new(scene);
     let finished = progress.phase(Phase::PATHS.name(), |report| {
         tracer.accumulate(camera, &mut sums, samples, |done, target| report(done as usize, target as usize))
     })?;
-    if let Some(path) = saved {
+    // Sums of large pictures take seconds to save: not where there is nothing new in them.
+    if let Some(path) = saved.filter(|_| finished || sums.samples() > before) {
         sums.save(path, &mark)?;
         if !finished {
             progress.warn(&format!(

@@ -20,7 +20,7 @@ pub const PROBES: u32 = 512;
 /// Rays from each side of a probe.
 pub const PROBE_RAYS: u32 = 256;
 /// Shadow rays to each area light, and rays to the sky, from a pixel.
-const RAYS: u32 = 8;
+const RAYS: u32 = 32;
 /// Places in a pixel along its edges, at which it is asked what covers it.
 const PLACES: usize = 2;
 /// Share of a ray's way within which what it meets touches the ball.

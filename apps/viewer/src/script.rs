@@ -39,7 +39,7 @@ light K on|off|remove        the light number K of the list, from 1
 light K position X Y Z | direction X Y Z | color R G B | power P
 emission MATERIAL R G B      emitted radiance, W/m2/sr
 albedo MATERIAL R G B|bake   share of the light that it reflects; that of the bake again
-object X Y Z|off             a ball there, m, lit by probes
+object ahead|X Y Z|off       a ball before the camera or there, m, lit by probes
 object radius M | albedo R G B
 exposure STOPS
 camera N                     the camera number N of the list, from 1
@@ -76,7 +76,8 @@ enum LightChange {
 /// A change of the object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum ObjectChange {
-    Place(Vec3),
+    /// There, or before the camera.
+    Place(Option<Vec3>),
     Remove,
     Radius(f32),
     Albedo(Vec3),
@@ -345,6 +346,7 @@ fn apply(command: &Command, state: &mut State) -> Result<(), String> {
 }
 
 fn change_object(state: &mut State, change: ObjectChange) -> Result<(), String> {
+    let ahead = state.place_ahead();
     let object = &mut state.object;
     match change {
         ObjectChange::Place(_) if !state.has_probes => {
@@ -352,7 +354,7 @@ fn change_object(state: &mut State, change: ObjectChange) -> Result<(), String> 
         }
         ObjectChange::Place(position) => {
             object.is_on = true;
-            object.position = position;
+            object.position = position.unwrap_or(ahead);
         }
         ObjectChange::Remove => object.is_on = false,
         ObjectChange::Radius(radius) => object.radius = radius,
@@ -523,6 +525,7 @@ impl Words<'_> {
     fn object(&self) -> Result<Command, String> {
         let words = self.0;
         let change = match (words.get(1), words.len()) {
+            (Some(&"ahead"), 2) => ObjectChange::Place(None),
             (Some(&"off"), 2) => ObjectChange::Remove,
             (Some(&"radius"), 3) => {
                 let radius: f32 = self.number(2)?;
@@ -532,8 +535,8 @@ impl Words<'_> {
                 ObjectChange::Radius(radius)
             }
             (Some(&"albedo"), 5) => ObjectChange::Albedo(self.albedo(2)?),
-            (_, 4) => ObjectChange::Place(self.vector(1)?),
-            _ => return Err(self.usage("X Y Z, off, radius M, or albedo R G B")),
+            (_, 4) => ObjectChange::Place(Some(self.vector(1)?)),
+            _ => return Err(self.usage("ahead, X Y Z, off, radius M, or albedo R G B")),
         };
         Ok(Command::Object(change))
     }
@@ -673,6 +676,7 @@ mod tests {
             albedo big lamp 0.1 0.2 0.3
             albedo floor bake
             object 1 2 3
+            object ahead
             object radius 0.5
             object albedo 0.8 0.8 0.8
             object off
@@ -687,7 +691,7 @@ mod tests {
             screenshot a.png
             quit";
         let script = parse(text).unwrap();
-        assert_eq!(script.commands.len(), 34);
+        assert_eq!(script.commands.len(), 35);
         let radiance = Vec3::new(1.0, 2.0, 3.0);
         let emission = Command::Emission { material: "big lamp".into(), radiance };
         assert!(script.commands.contains(&(20, emission)), "{:?}", script.commands);

@@ -162,7 +162,7 @@ fn keys_fly_and_change_what_is_shown() {
     harness.key_press(Key::F1);
     harness.run_steps(2);
     assert!(harness.state().has_help);
-    harness.get_by_label("look round; a light by its handle; the line of the split screen");
+    harness.get_by_label("look round; a light or the ball by its handle; the line of the split screen");
 }
 
 #[test]

@@ -307,7 +307,7 @@ impl<'a> PatchBake<'a> {
 pub(crate) fn density_of(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Density, Error> {
     match settings.patches.has_voxels() {
         true => Ok(Density::default()),
-        false => run_phase(observer, Phase::SAMPLE, |_| Ok(Density::new(scene, settings.focus, settings.seed)?)),
+        false => run_phase(observer, Phase::DENSITY, |_| Ok(Density::new(scene, settings.focus, settings.seed)?)),
     }
 }
 

@@ -18,6 +18,9 @@ use crate::stage::source::sky_exitance;
 /// Places at which rays are gathered, and rays of each.
 const PLACES: u32 = 4096;
 const RAYS: u32 = 16;
+/// Most shadow rays to lights from where those hit: of many lights there are fewer places, and a greater standard error.
+const MOST_SHADOW_RAYS: usize = 1 << 26;
+const LEAST_PLACES: usize = 32;
 /// Rays to each area light and to the sky from where one of those hits.
 const LIGHT_RAYS: u32 = 4;
 /// What rays start above, and end below, in ray offsets, where the triangle of a place is looked for.
@@ -73,7 +76,8 @@ impl EnergyCheck {
         format!("{} between patches{near}{far}{unseen}", percent(self.balance))
     }
 
-    /// That of a bake: the balance of its patches, and 65,536 rays from 4,096 places that are shared out as patches are. Where a
+    /// That of a bake: the balance of its patches, and 65,536 rays from 4,096 places that are shared out as patches are; fewer for more
+    /// than 1,024 lights, each of which costs a shadow ray where a ray hits. Where a
     /// ray hits, direct light is found anew, and indirect light is that of the bake's element there: what is compared is the
     /// last bounce with all that patches, elements, receivers and interpolation do to it. The same again under light from some of
     /// the patches. None without patches.
@@ -84,7 +88,7 @@ impl EnergyCheck {
         if bake.mesh.patches.is_empty() {
             return Ok(None);
         }
-        let places = places(bake);
+        let places = places(bake, place_count(bake.scene.lighting.lights.len()));
         let values_of = |light: &Settled, patches: Option<&[Vec4]>| -> Vec<(f64, f64)> {
             let shown = places.iter().map(|place| light.shown(bake, place));
             shown.zip(light.gathered(bake, &places, patches)).collect()
@@ -142,9 +146,15 @@ struct Place {
     is_near: bool,
 }
 
+/// Places for so many lights.
+fn place_count(lights: usize) -> u32 {
+    let affordable = MOST_SHADOW_RAYS / (RAYS as usize * lights.max(1));
+    affordable.clamp(LEAST_PLACES, PLACES as usize) as u32
+}
+
 /// Sample points of the elements, each as likely as its area times its share of the density, and one in each interval of
 /// their sum.
-fn places(bake: &Bake) -> Vec<Place> {
+fn places(bake: &Bake, count: u32) -> Vec<Place> {
     let mesh = &bake.mesh;
     let mut sums = Vec::with_capacity(mesh.points.len());
     let mut sum = 0.0f64;
@@ -156,7 +166,7 @@ fn places(bake: &Bake) -> Vec<Place> {
     }
     let seed = bake.settings.seed ^ SALT;
     let place = |k: u32| {
-        let at = (f64::from(k) + f64::from(unit(hash3(k, 0, seed)))) * sum / f64::from(PLACES);
+        let at = (f64::from(k) + f64::from(unit(hash3(k, 0, seed)))) * sum / f64::from(count);
         let point = mesh.points[sums.partition_point(|&s| s <= at).min(sums.len() - 1)];
         let scene = &bake.scene;
         let above = OFFSETS * scene.geometry.ray_offset;
@@ -165,7 +175,7 @@ fn places(bake: &Bake) -> Vec<Place> {
         let is_near = bake.density.level(point.position) == 0;
         (!hit.is_miss()).then_some(Place { point, hit, is_front, is_near })
     };
-    (0..PLACES).into_par_iter().filter_map(place).collect()
+    (0..count).into_par_iter().filter_map(place).collect()
 }
 
 /// What elements send first under the lighting of the scene, W/m².
@@ -313,4 +323,18 @@ fn hit_point(bake: &Bake, hit: Hit, direction: Vec3) -> SurfacePoint {
     let front = geometry.normal(hit.triangle);
     let normal = if front.dot(direction) < 0.0 { front } else { -front };
     SurfacePoint { position: geometry.position(hit.triangle, hit.u, hit.v), patch: NONE, normal, weight: 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_lights_have_fewer_places_and_no_more_shadow_rays() {
+        for (lights, places) in
+            [(0, PLACES), (1, PLACES), (1024, PLACES), (4096, PLACES / 4), (100_000, 41), (1 << 30, 32)]
+        {
+            assert_eq!(place_count(lights), places, "{lights} lights");
+        }
+    }
 }

@@ -11,6 +11,8 @@ mod commands;
 mod device;
 mod error;
 mod features;
+mod memory;
+mod messages;
 mod pipeline;
 mod queue;
 mod recording;
@@ -22,6 +24,7 @@ mod work;
 use std::any::Any;
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use gpu_kernels::table::{BindingKind, ImageFormat, Kernel};
@@ -43,9 +46,11 @@ use crate::plan::{BufferId, BufferKind, Pass, PassId, Plan};
 /// The binding of Vulkan whose handles [`Vulkan::borrow`], [`Vulkan::begin_recording`] and [`BufferHandle`] name.
 pub use ash;
 
-pub use self::device::{BorrowedDevice, Messages, Validation, describe_device};
+pub use self::device::{BorrowedDevice, describe_device};
 pub use self::error::Error;
 pub use self::features::{API_VERSION, EnabledFeatures, FEATURES, Feature, enable_features};
+pub use self::memory::{Memory, MemoryRequest};
+pub use self::messages::{Messages, Messenger, VALIDATION_LAYER, Validation, has_validation_layer};
 pub use self::recording::MAX_FRAMES;
 pub use self::resource::BufferHandle;
 
@@ -134,6 +139,12 @@ impl Vulkan {
     /// that finds messages takes them and fails with [`Error::Validation`].
     pub fn messages(&self) -> Messages {
         self.device.instance.messages.clone()
+    }
+
+    /// Lets all buffers and pictures together take so many bytes, what is loaded already among them: a plan that needs more is
+    /// refused with [`Error::OutOfMemory`], as if the device had no more.
+    pub fn limit_memory(&mut self, bytes: u64) {
+        self.device.memory_budget.store(bytes, Ordering::Relaxed);
     }
 
     /// Times each pass of [`Executor::run_passes`] by the host's clock, with a submission of its own, as on devices without

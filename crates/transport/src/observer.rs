@@ -33,6 +33,8 @@ pub struct Phase(pub &'static str);
 impl Phase {
     /// A scene is read or made.
     pub const IMPORT: Self = Self("import");
+    /// It is found how densely surfaces are shared out.
+    pub const DENSITY: Self = Self("density");
     /// Points are drawn on surfaces and made patches.
     pub const SAMPLE: Self = Self("sample");
     /// Rows of form factors are estimated.

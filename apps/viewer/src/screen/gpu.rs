@@ -1,28 +1,27 @@
 //! Instance and device for a window.
 
-use std::ffi::{CStr, c_char, c_void};
+use std::ffi::c_char;
 use std::mem::ManuallyDrop;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use runtime::executor::{DeviceChoice, DeviceInfo, DeviceKind};
 use runtime::vulkan::{
-    API_VERSION, BorrowedDevice, EnabledFeatures, Validation, Vulkan, describe_device, enable_features,
+    API_VERSION, BorrowedDevice, EnabledFeatures, Messages, Messenger, VALIDATION_LAYER, Validation, Vulkan,
+    describe_device, enable_features, has_validation_layer,
 };
 use winit::raw_window_handle::{HasDisplayHandle, HasWindowHandle};
 use winit::window::Window;
 
 use crate::error::Error;
 
-const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
-
 /// An instance that can make surfaces of the window system.
 pub struct Gpu {
     pub(super) raw: ash::Instance,
     pub(super) surfaces: khr::surface::Instance,
-    debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    messages: Box<Mutex<Vec<String>>>,
+    messenger: Option<Messenger>,
+    messages: Messages,
     // Last: the library is unloaded after everything that points into it.
     entry: ash::Entry,
 }
@@ -37,7 +36,7 @@ impl Gpu {
         // SAFETY: the loader library is the system's; loading it has no precondition of ours.
         let entry = unsafe { ash::Entry::load() }
             .map_err(|error| Error::NoDevice { reason: format!("there is no Vulkan loader ({error})") })?;
-        let watched = validation != Validation::Off && has_layer(&entry)?;
+        let watched = validation != Validation::Off && has_validation_layer(&entry)?;
         if validation == Validation::Required && !watched {
             return Err(runtime::vulkan::Error::NoValidationLayer.into());
         }
@@ -57,9 +56,11 @@ impl Gpu {
         let raw = unsafe { entry.create_instance(&create, None) }
             .map_err(|result| Error::NoDevice { reason: format!("vkCreateInstance: {result:?}") })?;
         let surfaces = khr::surface::Instance::new(&entry, &raw);
-        let mut gpu = Self { raw, surfaces, debug: None, messages: Box::default(), entry };
+        let messages = Messages::default();
+        let mut gpu = Self { raw, surfaces, messenger: None, messages: messages.clone(), entry };
         if watched {
-            gpu.collect_messages()?;
+            // SAFETY: the instance is alive, has the extension, and ends after the messenger, in `drop`.
+            gpu.messenger = Some(unsafe { Messenger::new(&gpu.entry, &gpu.raw, messages) }?);
         }
         if gpu.physical_devices()?.is_empty() {
             return Err(Error::NoDevice { reason: "no driver offers one".into() });
@@ -67,27 +68,12 @@ impl Gpu {
         Ok(Arc::new(gpu))
     }
 
-    fn collect_messages(&mut self) -> Result<(), Error> {
-        let debug = ext::debug_utils::Instance::new(&self.entry, &self.raw);
-        let severity = vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR;
-        let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
-            .message_severity(severity)
-            .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-            .pfn_user_callback(Some(collect_message))
-            .user_data(std::ptr::from_ref(&*self.messages).cast_mut().cast());
-        // SAFETY: the user data is the boxed mutex, which ends after the messenger in `drop`; the callback only locks it.
-        let messenger = unsafe { debug.create_debug_utils_messenger(&create, None) }
-            .map_err(Error::call("vkCreateDebugUtilsMessengerEXT"))?;
-        self.debug = Some((debug, messenger));
-        Ok(())
-    }
-
     /// Fails when the validation layer has said anything since the last call.
     ///
     /// # Errors
     /// [`Error::Validation`].
     pub fn check_messages(&self) -> Result<(), Error> {
-        let messages = std::mem::take(&mut *self.messages.lock().unwrap_or_else(PoisonError::into_inner));
+        let messages = self.messages.take();
         if messages.is_empty() { Ok(()) } else { Err(Error::Validation { messages }) }
     }
 
@@ -102,36 +88,10 @@ impl Gpu {
 
 impl Drop for Gpu {
     fn drop(&mut self) {
+        self.messenger = None;
         // SAFETY: surfaces and devices hold an `Arc` of this instance, so all are gone.
-        unsafe {
-            if let Some((debug, messenger)) = &self.debug {
-                debug.destroy_debug_utils_messenger(*messenger, None);
-            }
-            self.raw.destroy_instance(None);
-        }
+        unsafe { self.raw.destroy_instance(None) };
     }
-}
-
-fn has_layer(entry: &ash::Entry) -> Result<bool, Error> {
-    // SAFETY: no pointer is passed.
-    let layers = unsafe { entry.enumerate_instance_layer_properties() }
-        .map_err(Error::call("vkEnumerateInstanceLayerProperties"))?;
-    Ok(layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)))
-}
-
-unsafe extern "system" fn collect_message(
-    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
-    _kind: vk::DebugUtilsMessageTypeFlagsEXT,
-    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
-    messages: *mut c_void,
-) -> vk::Bool32 {
-    // SAFETY: the layer passes valid data, and the user data of `collect_messages`.
-    unsafe {
-        let text = (*data).message_as_c_str().map(|text| text.to_string_lossy().into_owned());
-        let messages = &*messages.cast::<Mutex<Vec<String>>>();
-        messages.lock().unwrap_or_else(PoisonError::into_inner).push(text.unwrap_or_default());
-    }
-    vk::FALSE
 }
 
 /// The surface of a window.

@@ -1,10 +1,10 @@
 //! Pictures on the device, from a buffer there or from the host, and what is copied back of the window.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+use runtime::vulkan::{Memory, MemoryRequest};
 
 use super::gpu::Device;
 use crate::error::Error;
@@ -13,45 +13,6 @@ use crate::error::Error;
 pub(super) const PIXEL: u64 = 4;
 /// Bytes red, green, blue, 255 as they are displayed.
 const FORMAT: vk::Format = vk::Format::R8G8B8A8_UNORM;
-
-/// Memory of a buffer or an image.
-struct Memory {
-    device: Arc<Device>,
-    allocation: Option<Allocation>,
-}
-
-impl Memory {
-    fn new(
-        device: &Arc<Device>,
-        name: &str,
-        requirements: vk::MemoryRequirements,
-        location: MemoryLocation,
-        linear: bool,
-    ) -> Result<Self, Error> {
-        let allocation_scheme = AllocationScheme::GpuAllocatorManaged;
-        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme };
-        let made = device.allocator.lock().unwrap_or_else(PoisonError::into_inner).allocate(&desc);
-        let allocation = made.map_err(|error| Error::Panels { reason: format!("memory for a {name}: {error}") })?;
-        Ok(Self { device: Arc::clone(device), allocation: Some(allocation) })
-    }
-
-    fn handle(&self) -> (vk::DeviceMemory, u64) {
-        match &self.allocation {
-            // SAFETY: the handle is only used to bind it to what owns this allocation.
-            Some(allocation) => (unsafe { allocation.memory() }, allocation.offset()),
-            None => (vk::DeviceMemory::null(), 0),
-        }
-    }
-}
-
-impl Drop for Memory {
-    fn drop(&mut self) {
-        if let Some(allocation) = self.allocation.take() {
-            // Fails only for an allocation of another allocator.
-            let _ = self.device.allocator.lock().unwrap_or_else(PoisonError::into_inner).free(allocation);
-        }
-    }
-}
 
 /// A buffer that the host sees.
 pub(super) struct HostBuffer {
@@ -84,7 +45,8 @@ impl HostBuffer {
         let mut buffer = Self { raw, bytes, memory: None, device: Arc::clone(device) };
         // SAFETY: the buffer is new and the device's.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
-        let memory = Memory::new(device, "picture buffer", requirements, location, true)?;
+        let request = MemoryRequest { name: "picture buffer", bytes, requirements, location, linear: true };
+        let memory = Memory::new(&device.allocator, &request)?;
         let (handle, offset) = memory.handle();
         // SAFETY: the memory suits the buffer, and is bound once.
         unsafe { device.raw.bind_buffer_memory(raw, handle, offset) }.map_err(Error::call("vkBindBufferMemory"))?;
@@ -92,22 +54,16 @@ impl HostBuffer {
         Ok(buffer)
     }
 
-    fn allocation(&mut self) -> Option<&mut Allocation> {
-        self.memory.as_mut()?.allocation.as_mut()
-    }
-
     /// Puts bytes in, as many as fit; nothing of the buffer is in use.
     pub fn write(&mut self, bytes: &[u8]) {
-        if let Some(mapped) = self.allocation().and_then(Allocation::mapped_slice_mut) {
-            let count = bytes.len().min(mapped.len());
-            mapped[..count].copy_from_slice(&bytes[..count]);
-        }
+        let mapped = self.memory.as_mut().map(Memory::mapped_mut).unwrap_or_default();
+        let count = bytes.len().min(mapped.len());
+        mapped[..count].copy_from_slice(&bytes[..count]);
     }
 
     /// The bytes; nothing of the buffer is in use.
     pub fn read(&self) -> Vec<u8> {
-        let allocation = self.memory.as_ref().and_then(|memory| memory.allocation.as_ref());
-        let mapped = allocation.and_then(Allocation::mapped_slice).unwrap_or_default();
+        let mapped = self.memory.as_ref().map(Memory::mapped).unwrap_or_default();
         mapped[..mapped.len().min(self.bytes as usize)].to_vec()
     }
 }
@@ -147,7 +103,9 @@ impl Picture {
             Self { image, size, is_filled: false, staging: None, memory: None, device: Arc::clone(device) };
         // SAFETY: the image is new and the device's.
         let requirements = unsafe { device.raw.get_image_memory_requirements(image) };
-        let memory = Memory::new(device, "picture", requirements, MemoryLocation::GpuOnly, false)?;
+        let (bytes, location) = (picture.bytes(), MemoryLocation::GpuOnly);
+        let request = MemoryRequest { name: "picture", bytes, requirements, location, linear: false };
+        let memory = Memory::new(&device.allocator, &request)?;
         let (handle, offset) = memory.handle();
         // SAFETY: the memory suits the image, and is bound once.
         unsafe { device.raw.bind_image_memory(image, handle, offset) }.map_err(Error::call("vkBindImageMemory"))?;

@@ -225,19 +225,8 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     lights.extend(mesh.lights.iter().map(|l| Light { position: l.position * setting.metres_per_unit, ..*l }));
     let mut sky = setting.sky;
     let shines = |m: &Material| m.radiance.max_element() > 0.0;
-    let lit = !lights.is_empty()
-        || sky.radiance.max_element() > 0.0
-        || triangles.iter().any(|t| shines(&materials[t.material as usize]));
-    if !lit && setting.default_light {
-        lights.push(super::lights::default_sun());
-        sky.radiance = super::lights::DEFAULT_SKY;
-        warnings.push(format!(
-            "{}: has no light; a sun and a sky were added (write a scene .toml to choose)",
-            path.display()
-        ));
-    } else if !lit {
-        warnings
-            .push(format!("{}: nothing shines: no light, no sky, no emission; pictures will be black", path.display()));
+    if !triangles.iter().any(|t| shines(&materials[t.material as usize])) {
+        light_the_dark(path, setting.default_light, &mut lights, &mut sky, &mut warnings);
     }
 
     let parts = SceneParts {
@@ -281,6 +270,22 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         lightmap_uvs,
         timings,
     })
+}
+
+/// Adds a sun and a sky to a scene in which nothing shines, or warns of it. No triangle shines.
+fn light_the_dark(path: &Path, by_default: bool, lights: &mut Vec<Light>, sky: &mut Sky, warnings: &mut Vec<String>) {
+    if !lights.is_empty() || sky.radiance.max_element() > 0.0 {
+        return;
+    }
+    if !by_default {
+        warnings
+            .push(format!("{}: nothing shines: no light, no sky, no emission; pictures will be black", path.display()));
+        return;
+    }
+    lights.push(super::lights::default_sun());
+    sky.radiance = super::lights::DEFAULT_SKY;
+    warnings
+        .push(format!("{}: has no light; a sun and a sky were added (write a scene .toml to choose)", path.display()));
 }
 
 /// The atlas that a file brings, if it has places for all triangles.

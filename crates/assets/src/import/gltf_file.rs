@@ -252,20 +252,46 @@ fn add_primitive(
         mesh.warnings.push(format!("{}, {place}: has no positions and is ignored", file.path.display()));
         return Ok(());
     };
+    let Some(vertices) = read_vertices(file, primitive, &positions, to_world, &rule, &place)? else { return Ok(()) };
+    let flipped = to_world.determinant() < 0.0;
+    add_faces(primitive.mode(), &vertices, (material as u32, flipped), mesh)
+        .map_err(|reason| file.error(&place, reason))
+}
+
+/// What the vertices of a primitive are made of.
+struct Vertices {
+    /// In the world, in units of the file.
+    positions: Vec<Vec3>,
+    /// Of the material's textures; empty where there are none.
+    uvs: Vec<Vec2>,
+    /// In the atlas of a lightmap; empty where there are none.
+    lightmap: Vec<Vec2>,
+    indices: Vec<u32>,
+}
+
+/// Reads them, once their accessors are checked; none where there are no faces.
+fn read_vertices(
+    file: &File,
+    primitive: &Primitive,
+    positions: &Accessor,
+    to_world: Mat4,
+    rule: &UvRule,
+    place: &str,
+) -> Result<Option<Vertices>, ImportError> {
     let uvs = primitive.get(&gltf::Semantic::TexCoords(rule.set));
     let atlas = primitive.get(&gltf::Semantic::TexCoords(LIGHTMAP_SET));
     let indices = primitive.indices();
-    for accessor in [Some(&positions), uvs.as_ref(), atlas.as_ref(), indices.as_ref()].into_iter().flatten() {
-        check_accessor(file, accessor, &place)?;
+    for accessor in [Some(positions), uvs.as_ref(), atlas.as_ref(), indices.as_ref()].into_iter().flatten() {
+        check_accessor(file, accessor, place)?;
     }
-    let count = primitive.indices().map_or(positions.count(), |i| i.count());
+    let count = indices.map_or(positions.count(), |i| i.count());
     if positions.count() == 0 || count == 0 {
-        return Ok(());
+        return Ok(None);
     }
     let is = |a: &Accessor, d: Dimensions| a.dimensions() == d;
     let is_pairs = |a: &Option<Accessor>| a.as_ref().is_none_or(|a| is(a, Dimensions::Vec2));
-    if !is(&positions, Dimensions::Vec3) || !is_pairs(&uvs) || !is_pairs(&atlas) {
-        return Err(file.error(&place, "POSITION must have three, TEXCOORD two numbers"));
+    if !is(positions, Dimensions::Vec3) || !is_pairs(&uvs) || !is_pairs(&atlas) {
+        return Err(file.error(place, "POSITION must have three, TEXCOORD two numbers"));
     }
     let reader = primitive.reader(|buffer| file.buffers.get(buffer.index()).map(|bytes| bytes.as_slice()));
     let positions: Vec<Vec3> = reader
@@ -286,35 +312,42 @@ fn add_primitive(
         Some(indices) => indices.into_u32().collect(),
         None => (0..positions.len() as u32).collect(),
     };
-    let flipped = to_world.determinant() < 0.0;
+    Ok(Some(Vertices { positions, uvs, lightmap, indices }))
+}
+
+/// Adds the triangles of a primitive, turned round where its node mirrors; else what is wrong with one.
+fn add_faces(mode: Mode, vertices: &Vertices, (material, flipped): (u32, bool), mesh: &mut Mesh) -> Result<(), String> {
+    let Vertices { positions, uvs, lightmap, indices } = vertices;
     let object = mesh.objects.len() as u32 - 1;
-    let corners = |face: usize| match primitive.mode() {
+    let corners = |face: usize| match mode {
         Mode::TriangleStrip if face % 2 == 1 => [indices[face + 1], indices[face], indices[face + 2]],
         Mode::TriangleStrip => [indices[face], indices[face + 1], indices[face + 2]],
         Mode::TriangleFan => [indices[0], indices[face + 1], indices[face + 2]],
         _ => [indices[3 * face], indices[3 * face + 1], indices[3 * face + 2]],
     };
-    let faces = if primitive.mode() == Mode::Triangles { indices.len() / 3 } else { indices.len().saturating_sub(2) };
+    let faces = if mode == Mode::Triangles { indices.len() / 3 } else { indices.len().saturating_sub(2) };
     for face in 0..faces {
         let mut at = corners(face);
         if flipped {
             at.swap(1, 2);
         }
         if let Some(bad) = at.iter().find(|k| **k as usize >= positions.len()) {
-            let reason =
-                format!("face {}: vertex index {bad} is out of range, there are {}", face + 1, positions.len());
-            return Err(file.error(&place, reason));
+            return Err(format!(
+                "face {}: vertex index {bad} is out of range, there are {}",
+                face + 1,
+                positions.len()
+            ));
         }
         let corners = at.map(|k| positions[k as usize]);
         if corners.iter().any(|c| !c.is_finite()) {
-            return Err(file.error(&place, format!("face {}: has a coordinate that is not finite", face + 1)));
+            return Err(format!("face {}: has a coordinate that is not finite", face + 1));
         }
         // As long as all triangles so far have some.
         if !lightmap.is_empty() && mesh.lightmap_uvs.len() == mesh.triangles.len() {
             mesh.lightmap_uvs.push(at.map(|k| lightmap.get(k as usize).copied().unwrap_or(Vec2::NAN)));
         }
         let uvs = at.map(|k| uvs.get(k as usize).copied().unwrap_or_default());
-        mesh.triangles.push(FileTriangle { corners, uvs, material: material as u32, object });
+        mesh.triangles.push(FileTriangle { corners, uvs, material, object });
     }
     Ok(())
 }

@@ -152,87 +152,23 @@ fn gather(models: Vec<tobj::Model>, none: u32) -> (Vec<FileTriangle>, Vec<String
 
 /// Checks all indices (and all numbers, when `numbers`), and keeps what tobj is to read.
 fn check(path: &Path, bytes: &[u8], numbers: bool) -> Result<Checked, ImportError> {
-    let mut out = Checked { text: Vec::with_capacity(bytes.len() + MATERIALS.len()), ..Checked::default() };
-    out.text.extend_from_slice(MATERIALS);
-    let mut place = Place { path, line: 0, object: String::from("unnamed_object"), face: 0 };
-    let (mut positions, mut uvs) = (0i64, 0i64);
-    let mut not_finite: BTreeMap<i64, usize> = BTreeMap::new();
+    let mut checker = Checker::new(path, bytes.len(), numbers);
     let mut joined: Vec<u8> = Vec::new();
-    let mut named: BTreeSet<String> = BTreeSet::new();
     let end = line_end(bytes);
     for raw in bytes.split(|b| *b == end) {
-        place.line += 1;
+        checker.place.line += 1;
         let raw = raw.strip_suffix(b"\r").unwrap_or(raw);
         if let Some(part) = raw.strip_suffix(b"\\") {
             joined.extend_from_slice(part);
             joined.push(b' ');
-            continue;
-        }
-        let whole;
-        let line = if joined.is_empty() {
-            raw
+        } else if joined.is_empty() {
+            checker.line(raw)?;
         } else {
             joined.extend_from_slice(raw);
-            whole = std::mem::take(&mut joined);
-            &whole[..]
-        }
-        .trim_ascii();
-        let (keyword, rest) = line.split_at(line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len()));
-        match keyword {
-            b"v" => {
-                positions += 1;
-                if numbers {
-                    check_numbers(&place, rest, 3)?;
-                    if !is_finite(rest) {
-                        not_finite.insert(positions, place.line);
-                    }
-                }
-                // Three coordinates and w; six numbers are a coordinate and a colour.
-                let words = rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).count();
-                keep(&mut out.text, b"v", rest, if words == 4 { 4 } else { 3 });
-            }
-            b"vt" => {
-                uvs += 1;
-                if numbers {
-                    check_numbers(&place, rest, 1)?;
-                }
-                keep(&mut out.text, b"vt", rest, 2);
-                // A texture coordinate of one number has v = 0.
-                if rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).count() == 1 {
-                    out.text.pop();
-                    out.text.extend_from_slice(b" 0\n");
-                }
-            }
-            b"f" => {
-                out.triangles += check_face(&place, rest, (positions, uvs), &not_finite, &mut out.text)?;
-                place.face += 1;
-            }
-            b"mtllib" => {
-                let name = String::from_utf8_lossy(rest.trim_ascii()).into_owned();
-                if named.insert(name.clone()) {
-                    out.libraries.push(name);
-                }
-            }
-            b"o" | b"g" | b"usemtl" => {
-                let name = String::from_utf8_lossy(rest.trim_ascii());
-                match keyword {
-                    b"usemtl" if name.is_empty() => continue,
-                    b"usemtl" => {
-                        out.used_materials.insert(name.to_string());
-                    }
-                    _ => {
-                        place.object = if name.is_empty() { String::from("unnamed_object") } else { name.to_string() };
-                        place.face = 0;
-                    }
-                }
-                out.text.extend_from_slice(keyword);
-                out.text.push(b' ');
-                out.text.extend_from_slice(name.as_bytes());
-                out.text.push(b'\n');
-            }
-            _ => {}
+            checker.line(&std::mem::take(&mut joined))?;
         }
     }
+    let Checker { mut place, positions, out, .. } = checker;
     if out.triangles == 0 {
         if let Some(reason) = looks_wrong(bytes, positions) {
             place.line = 1;
@@ -241,6 +177,100 @@ fn check(path: &Path, bytes: &[u8], numbers: bool) -> Result<Checked, ImportErro
         return Err(ImportError::NoTriangles { path: path.to_path_buf() });
     }
     Ok(out)
+}
+
+/// The checking pass.
+struct Checker<'a> {
+    place: Place<'a>,
+    /// Whether numbers are checked, too.
+    numbers: bool,
+    /// Vertices and texture coordinates so far.
+    positions: i64,
+    uvs: i64,
+    /// Lines of vertices with a coordinate that is not finite.
+    not_finite: BTreeMap<i64, usize>,
+    /// Libraries so far: each is read once.
+    named: BTreeSet<String>,
+    out: Checked,
+}
+
+impl<'a> Checker<'a> {
+    fn new(path: &'a Path, bytes: usize, numbers: bool) -> Self {
+        let mut out = Checked { text: Vec::with_capacity(bytes + MATERIALS.len()), ..Checked::default() };
+        out.text.extend_from_slice(MATERIALS);
+        let place = Place { path, line: 0, object: String::from("unnamed_object"), face: 0 };
+        Self { place, numbers, positions: 0, uvs: 0, not_finite: BTreeMap::new(), named: BTreeSet::new(), out }
+    }
+
+    /// Checks a whole line.
+    fn line(&mut self, line: &[u8]) -> Result<(), ImportError> {
+        let line = line.trim_ascii();
+        let (keyword, rest) = line.split_at(line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len()));
+        match keyword {
+            b"v" => self.vertex(rest)?,
+            b"vt" => self.texture_coordinate(rest)?,
+            b"f" => {
+                let counts = (self.positions, self.uvs);
+                self.out.triangles += check_face(&self.place, rest, counts, &self.not_finite, &mut self.out.text)?;
+                self.place.face += 1;
+            }
+            b"mtllib" => {
+                let name = String::from_utf8_lossy(rest.trim_ascii()).into_owned();
+                if self.named.insert(name.clone()) {
+                    self.out.libraries.push(name);
+                }
+            }
+            b"o" | b"g" | b"usemtl" => self.name(keyword, rest),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn vertex(&mut self, rest: &[u8]) -> Result<(), ImportError> {
+        self.positions += 1;
+        if self.numbers {
+            check_numbers(&self.place, rest, 3)?;
+            if !is_finite(rest) {
+                self.not_finite.insert(self.positions, self.place.line);
+            }
+        }
+        // Three coordinates and w; six numbers are a coordinate and a colour.
+        let words = rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).count();
+        keep(&mut self.out.text, b"v", rest, if words == 4 { 4 } else { 3 });
+        Ok(())
+    }
+
+    fn texture_coordinate(&mut self, rest: &[u8]) -> Result<(), ImportError> {
+        self.uvs += 1;
+        if self.numbers {
+            check_numbers(&self.place, rest, 1)?;
+        }
+        let text = &mut self.out.text;
+        keep(text, b"vt", rest, 2);
+        // A texture coordinate of one number has v = 0.
+        if rest.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).count() == 1 {
+            text.pop();
+            text.extend_from_slice(b" 0\n");
+        }
+        Ok(())
+    }
+
+    /// The name of what follows: an object, or the material of its faces.
+    fn name(&mut self, keyword: &[u8], rest: &[u8]) {
+        let name = String::from_utf8_lossy(rest.trim_ascii());
+        if keyword == b"usemtl" {
+            if name.is_empty() {
+                return;
+            }
+            self.out.used_materials.insert(name.to_string());
+        } else {
+            self.place.object = if name.is_empty() { String::from("unnamed_object") } else { name.to_string() };
+            self.place.face = 0;
+        }
+        for part in [keyword, b" ", name.as_bytes(), b"\n"] {
+            self.out.text.extend_from_slice(part);
+        }
+    }
 }
 
 /// What ends the lines of a text: a line feed, or in files of old systems, which have none, a carriage return.

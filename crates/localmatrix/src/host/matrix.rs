@@ -370,17 +370,10 @@ impl LocalMatrix {
         self.sqrt_area[slot] == scene::math::sqrt(one.area) && albedo == one.albedo
     }
 
-    /// Borders the matrix with new patches, for which there are free slots.
-    fn border(&mut self, new: &[&Entering]) -> Result<(), Error> {
-        let (k, slots) = (new.len(), self.slots());
-        if k == 0 {
-            return Ok(());
-        }
-        let free: Vec<usize> = (0..slots).filter(|&slot| self.contents[slot] == Slot::Free).take(k).collect();
-        let n = self.used.max(free[k - 1] + 1);
-        let sqrt_area: Vec<f32> = new.iter().map(|one| scene::math::sqrt(one.area)).collect();
+    /// F̂ of new patches with the patches that are there, `[n, k]`, and among the new ones, `[k, k]`.
+    fn symmetric_factors(&self, new: &[&Entering], sqrt_area: &[f32], n: usize) -> (Mat<f32>, Mat<f32>) {
+        let k = new.len();
         let own: HashMap<u32, usize> = new.iter().zip(0..).map(|(one, column)| (one.patch, column)).collect();
-        // F̂ with the patches that are there, and among the new ones: the mean of both row estimates where there are two.
         let mut outer = Mat::<f32>::zeros(n, k);
         let mut inner = Mat::<f32>::zeros(k, k);
         let mut estimates = Mat::<f32>::zeros(k, k);
@@ -394,9 +387,23 @@ impl LocalMatrix {
                 }
             }
         }
+        // The mean of both row estimates where there are two.
         let inner = Mat::from_fn(k, k, |a, b| {
             (inner[(a, b)] + inner[(b, a)]) / (estimates[(a, b)] + estimates[(b, a)]).max(1.0)
         });
+        (outer, inner)
+    }
+
+    /// Borders the matrix with new patches, for which there are free slots.
+    fn border(&mut self, new: &[&Entering]) -> Result<(), Error> {
+        let (k, slots) = (new.len(), self.slots());
+        if k == 0 {
+            return Ok(());
+        }
+        let free: Vec<usize> = (0..slots).filter(|&slot| self.contents[slot] == Slot::Free).take(k).collect();
+        let n = self.used.max(free[k - 1] + 1);
+        let sqrt_area: Vec<f32> = new.iter().map(|one| scene::math::sqrt(one.area)).collect();
+        let (outer, inner) = self.symmetric_factors(new, &sqrt_area, n);
         let parallel = get_global_parallelism();
         // All channels before any is changed.
         let mut made = Vec::new();
@@ -434,32 +441,14 @@ impl LocalMatrix {
                 matmul(wide.as_mut(), Accum::Add, rows.transpose(), right.as_ref(), 1.0, parallel);
                 matmul(corner.as_mut(), Accum::Add, right.transpose(), right.as_ref(), 1.0, parallel);
             }
-            for (j, &slot) in free.iter().enumerate() {
-                for i in 0..n {
-                    (state[(i, slot)], state[(slot, i)]) = (wide[(i, j)], wide[(i, j)]);
-                }
-            }
-            for (a, &row) in free.iter().enumerate() {
-                for (b, &column) in free.iter().enumerate() {
-                    state[(row, column)] = corner[(a, b)];
-                }
-            }
+            write_border(state, &free, &wide, &corner);
             if self.record.is_some() {
                 vectors.push(rows);
             }
         }
         self.keep(1.0, k, &vectors, &free);
-        let mut factors = MatMut::from_column_major_slice_mut(&mut self.factors, slots, slots);
-        for (j, &slot) in free.iter().enumerate() {
-            for i in 0..n {
-                (factors[(i, slot)], factors[(slot, i)]) = (outer[(i, j)], outer[(i, j)]);
-            }
-        }
-        for (a, &row) in free.iter().enumerate() {
-            for (b, &column) in free.iter().enumerate() {
-                factors[(row, column)] = inner[(a, b)];
-            }
-        }
+        let factors = MatMut::from_column_major_slice_mut(&mut self.factors, slots, slots);
+        write_border(factors, &free, &outer, &inner);
         for ((one, &slot), sqrt_area) in new.iter().zip(&free).zip(sqrt_area) {
             self.contents[slot] = Slot::Active(one.patch);
             self.slots.insert(one.patch, slot as u32);
@@ -521,6 +510,20 @@ impl LocalMatrix {
         match self.contents[slot] {
             Slot::Active(patch) | Slot::Ghost(patch, _) => Error::Singular { patch },
             Slot::Free => Error::NoSlot { slot: slot as u32, slots: self.slots() },
+        }
+    }
+}
+
+/// Writes the columns and rows of slots into a symmetric matrix: `outer` with all slots, `inner` among these.
+fn write_border(mut matrix: MatMut<f32>, slots: &[usize], outer: &Mat<f32>, inner: &Mat<f32>) {
+    for (j, &slot) in slots.iter().enumerate() {
+        for i in 0..outer.nrows() {
+            (matrix[(i, slot)], matrix[(slot, i)]) = (outer[(i, j)], outer[(i, j)]);
+        }
+    }
+    for (a, &row) in slots.iter().enumerate() {
+        for (b, &column) in slots.iter().enumerate() {
+            matrix[(row, column)] = inner[(a, b)];
         }
     }
 }

@@ -10,6 +10,9 @@ use scene::{DirectParams, Light};
 
 use crate::frame::FramePlan;
 
+/// Most bytes of what is kept of the lights, each of two tables: of more lights, all are traced in each update.
+const MOST_KEPT: u64 = 1 << 30;
+
 /// Direct light at points that stay: what reaches them of each light is kept, so that only lights that have moved are traced.
 #[derive(Debug)]
 pub struct DirectLight {
@@ -17,10 +20,16 @@ pub struct DirectLight {
     pub irradiance: BufferId,
     /// The samples.
     pub points: Range,
+    /// What emitters and sky send, and all lights where nothing is kept of them.
+    surround: PassId,
+    kept: Option<KeptLights>,
+}
+
+/// What is kept of each light.
+#[derive(Debug)]
+struct KeptLights {
     /// What arrives of each light that has changed.
     trace: PassId,
-    /// What emitters and sky send.
-    surround: PassId,
     /// The sum of all.
     add: PassId,
     changed: BufferId,
@@ -39,12 +48,19 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
     let mesh = &frame.bake.mesh;
     let points = frame.tables.part(&mut frame.plan, "points", mesh, |mesh| &mesh.points);
     let params = &frame.bake.direct;
+    let binding_bytes = frame.binding_bytes();
     let plan = &mut frame.plan;
     let capacity = scene.light_capacity();
     let count = params.count as usize;
     let irradiance = plan.storage("direct irradiance", rgb_bytes(count));
+    let share_bytes = (capacity * count * size_of::<f32>()) as u64;
+    if share_bytes > binding_bytes.min(MOST_KEPT) {
+        let own = [("points", points), ("irradiance", Range::from(irradiance))];
+        let surround = scene.direct_light(plan, "direct", &own, params)?;
+        return Ok(DirectLight { irradiance, points, surround, kept: None });
+    }
     let surroundings = plan.storage("surroundings", rgb_bytes(count));
-    let shares = plan.storage("light shares", (capacity * count * size_of::<f32>()) as u64);
+    let shares = plan.storage("light shares", share_bytes);
     let occluders = plan.storage("occluders", (capacity * count * size_of::<u32>()) as u64);
     let changed = plan.storage("changed lights", (capacity * size_of::<u32>()) as u64);
 
@@ -55,18 +71,8 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
     let surround = scene.direct_light(plan, "direct", &own, params)?;
     let own = [("shares", shares.into()), ("surroundings", surroundings.into()), ("irradiance", irradiance.into())];
     let add = scene.add_lights(plan, "direct", &own, params)?;
-    Ok(DirectLight {
-        irradiance,
-        points,
-        trace,
-        surround,
-        add,
-        changed,
-        shares,
-        occluders,
-        traced: Vec::new(),
-        is_surrounded: false,
-    })
+    let kept = KeptLights { trace, add, changed, shares, occluders, traced: Vec::new(), is_surrounded: false };
+    Ok(DirectLight { irradiance, points, surround, kept: Some(kept) })
 }
 
 impl DirectLight {
@@ -76,9 +82,10 @@ impl DirectLight {
     /// What the device says.
     pub fn clear(&self, executor: &mut dyn Executor) -> Result<(), ExecutorError> {
         executor.clear(self.irradiance)?;
-        executor.clear(self.changed)?;
-        executor.clear(self.occluders)?;
-        executor.clear(self.shares)
+        let Some(kept) = &self.kept else { return Ok(()) };
+        executor.clear(kept.changed)?;
+        executor.clear(kept.occluders)?;
+        executor.clear(kept.shares)
     }
 
     /// Makes the passes ready for lights; those that are to be submitted.
@@ -91,45 +98,62 @@ impl DirectLight {
         lights: &[Light],
         params: &DirectParams,
     ) -> Result<Vec<PassId>, ExecutorError> {
+        let Some(kept) = &mut self.kept else {
+            executor.push(self.surround, params)?;
+            return Ok(vec![self.surround]);
+        };
         let mut passes = Vec::new();
-        self.traced.resize(lights.len(), Light::zeroed());
-        let mut changed = Vec::new();
-        for (slot, (light, traced)) in lights.iter().zip(&mut self.traced).enumerate() {
-            let place = Light { color: Vec3::ONE, ..*light };
-            if *traced != place {
-                *traced = place;
-                changed.push(slot as u32);
-            }
-        }
-        executor.push(self.trace, &DirectParams { light_count: changed.len() as u32, ..*params })?;
+        let changed = kept.changed_lights(lights);
+        executor.push(kept.trace, &DirectParams { light_count: changed.len() as u32, ..*params })?;
         if !changed.is_empty() {
-            executor.upload(self.changed, &changed)?;
-            passes.push(self.trace);
+            executor.upload(kept.changed, &changed)?;
+            passes.push(kept.trace);
         }
-        if !self.is_surrounded {
+        if !kept.is_surrounded {
             executor.push(self.surround, &DirectParams { light_count: 0, ..*params })?;
             passes.push(self.surround);
-            self.is_surrounded = true;
+            kept.is_surrounded = true;
         }
-        executor.push(self.add, params)?;
-        passes.push(self.add);
+        executor.push(kept.add, params)?;
+        passes.push(kept.add);
         Ok(passes)
     }
 
     /// Bytes of what is kept of all lights at so many samples.
     pub fn bytes(&self, samples: usize) -> u64 {
-        (self.traced.len() * samples * (size_of::<f32>() + size_of::<u32>()) + samples * size_of::<Vec4>()) as u64
+        let lights = self.kept.as_ref().map_or(0, |kept| kept.traced.len());
+        (lights * samples * (size_of::<f32>() + size_of::<u32>()) + samples * size_of::<Vec4>()) as u64
     }
 
     /// Emitters or the sky have changed.
     pub fn forget_surroundings(&mut self) {
-        self.is_surrounded = false;
+        if let Some(kept) = &mut self.kept {
+            kept.is_surrounded = false;
+        }
     }
 
     /// Nothing that was traced counts any more.
     pub fn forget(&mut self) {
-        self.traced.clear();
+        if let Some(kept) = &mut self.kept {
+            kept.traced.clear();
+        }
         self.forget_surroundings();
+    }
+}
+
+impl KeptLights {
+    /// Numbers of the lights that are not where they were, in any colour.
+    fn changed_lights(&mut self, lights: &[Light]) -> Vec<u32> {
+        self.traced.resize(lights.len(), Light::zeroed());
+        let mut changed = Vec::new();
+        for (slot, (light, traced)) in (0u32..).zip(lights.iter().zip(&mut self.traced)) {
+            let place = Light { color: Vec3::ONE, ..*light };
+            if *traced != place {
+                *traced = place;
+                changed.push(slot);
+            }
+        }
+        changed
     }
 }
 

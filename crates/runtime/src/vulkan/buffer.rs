@@ -1,71 +1,32 @@
 //! Owned buffers and pictures with their memory, freed on drop.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use ash::vk;
-use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
-use gpu_allocator::{AllocationError, MemoryLocation};
+use gpu_allocator::MemoryLocation;
 use gpu_kernels::table::ImageFormat;
 
 use super::device::Device;
 use super::error::Error;
+use super::memory::{Memory, MemoryRequest, bytes_in_use};
 
-/// Device memory behind a buffer or a picture.
-struct Memory {
-    device: Arc<Device>,
-    allocation: Option<Allocation>,
-}
-
-impl Memory {
-    fn new(
-        device: &Arc<Device>,
-        name: &str,
-        bytes: u64,
-        requirements: vk::MemoryRequirements,
-        location: MemoryLocation,
-        linear: bool,
-    ) -> Result<Self, Error> {
-        let mut allocator = device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
-        let allocation_scheme = AllocationScheme::GpuAllocatorManaged;
-        let desc = AllocationCreateDesc { name, requirements, location, linear, allocation_scheme };
-        let allocation = allocator.allocate(&desc).map_err(|error| match error {
-            AllocationError::OutOfMemory => {
-                let reason = error.to_string();
-                Error::OutOfMemory { call: "vkAllocateMemory", what: name.into(), bytes, reason }
-            }
-            other => Error::Allocator { what: name.into(), bytes, reason: other.to_string() },
-        })?;
-        drop(allocator);
-        Ok(Self { device: Arc::clone(device), allocation: Some(allocation) })
-    }
-
-    fn handle(&self) -> (vk::DeviceMemory, u64) {
-        match &self.allocation {
-            // SAFETY: the handle is only used to bind it to the resource that owns this allocation.
-            Some(allocation) => (unsafe { allocation.memory() }, allocation.offset()),
-            None => (vk::DeviceMemory::null(), 0),
-        }
-    }
-}
-
-impl Drop for Memory {
-    fn drop(&mut self) {
-        if let Some(allocation) = self.allocation.take() {
-            let mut allocator = self.device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
-            // Fails only for an allocation of another allocator.
-            let _ = allocator.free(allocation);
-        }
-    }
-}
-
-/// More than the device can ever give is refused before the driver is asked: some wrap around instead of refusing.
+/// More than the device can ever give, or than it may take, is refused before the driver is asked: some wrap around instead of
+/// refusing.
 fn check_size(device: &Device, call: &'static str, name: &str, bytes: u64) -> Result<(), Error> {
     let limit = device.info.memory_bytes.min(device.max_allocation_bytes);
-    if bytes <= limit {
-        return Ok(());
+    let refusal = |reason| Err(Error::OutOfMemory { call, what: name.into(), bytes, reason });
+    if bytes > limit {
+        return refusal(format!("{} gives at most {limit} bytes at once", device.info.name));
     }
-    let reason = format!("{} gives at most {limit} bytes at once", device.info.name);
-    Err(Error::OutOfMemory { call, what: name.into(), bytes, reason })
+    let budget = device.memory_budget.load(Ordering::Relaxed);
+    if budget != u64::MAX {
+        let used = bytes_in_use(&device.allocator);
+        if used + bytes > budget {
+            return refusal(format!("{used} of {budget} bytes that it may take are in use"));
+        }
+    }
+    Ok(())
 }
 
 /// Makes an error of a failed creation call: out of memory with the resource's name, or the call.
@@ -124,7 +85,8 @@ impl Buffer {
         let mut buffer = Self { raw, memory: None, device: Arc::clone(device) };
         // SAFETY: the buffer was made from this device.
         let requirements = unsafe { device.raw.get_buffer_memory_requirements(raw) };
-        let memory = Memory::new(device, name, bytes, requirements, location, true)?;
+        let memory =
+            Memory::new(&device.allocator, &MemoryRequest { name, bytes, requirements, location, linear: true })?;
         let (handle, offset) = memory.handle();
         // SAFETY: the memory was allocated for this buffer's requirements and is bound once.
         unsafe { device.raw.bind_buffer_memory(raw, handle, offset) }.map_err(creation_error(
@@ -138,14 +100,12 @@ impl Buffer {
 
     /// The bytes of a buffer that the host sees; empty for others.
     pub fn mapped(&self) -> &[u8] {
-        let allocation = self.memory.as_ref().and_then(|m| m.allocation.as_ref());
-        allocation.and_then(Allocation::mapped_slice).unwrap_or_default()
+        self.memory.as_ref().map(Memory::mapped).unwrap_or_default()
     }
 
     /// As [`Buffer::mapped`], to write.
     pub fn mapped_mut(&mut self) -> &mut [u8] {
-        let allocation = self.memory.as_mut().and_then(|m| m.allocation.as_mut());
-        allocation.and_then(Allocation::mapped_slice_mut).unwrap_or_default()
+        self.memory.as_mut().map(Memory::mapped_mut).unwrap_or_default()
     }
 }
 
@@ -197,7 +157,9 @@ impl Image {
             Self { raw, view: vk::ImageView::null(), extent, format, _memory: None, device: Arc::clone(device) };
         // SAFETY: the image was made from this device.
         let requirements = unsafe { device.raw.get_image_memory_requirements(raw) };
-        let memory = Memory::new(device, name, bytes, requirements, MemoryLocation::GpuOnly, false)?;
+        let location = MemoryLocation::GpuOnly;
+        let request = MemoryRequest { name, bytes, requirements, location, linear: false };
+        let memory = Memory::new(&device.allocator, &request)?;
         let (handle, offset) = memory.handle();
         // SAFETY: the memory was allocated for this image's requirements and is bound once.
         unsafe { device.raw.bind_image_memory(raw, handle, offset) }.map_err(creation_error(

@@ -1,51 +1,17 @@
 //! Instance, choice of a device, logical device; each ours or a caller's. What is ours is freed in the right order on drop.
 
-use std::ffi::{CStr, c_char, c_void};
+use std::ffi::{CStr, c_char};
 use std::mem::ManuallyDrop;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
 
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::error::Error;
 use super::features::{API_VERSION, COMPUTE_QUEUE, EnabledFeatures, enable_features};
+use super::messages::{Messages, Messenger, VALIDATION_LAYER, Validation, has_validation_layer};
 use crate::executor::{DeviceChoice, DeviceInfo, DeviceKind};
-
-const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
-
-/// What the validation layer has said since the instance was made.
-#[derive(Clone, Debug, Default)]
-pub struct Messages(Arc<Mutex<Vec<String>>>);
-
-impl Messages {
-    /// Takes the messages out.
-    pub fn take(&self) -> Vec<String> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-}
-
-/// Whether the validation layer watches every call.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Validation {
-    /// No.
-    Off,
-    /// If it is installed.
-    IfThere,
-    /// Yes, or an error.
-    Required,
-}
-
-impl Validation {
-    /// By `PATCHLIGHT_VALIDATION` (1: required, 0: off); without it, debug builds use the layer if it is there.
-    pub fn from_environment() -> Self {
-        match std::env::var("PATCHLIGHT_VALIDATION").as_deref() {
-            Ok("0") => Self::Off,
-            Ok(value) if !value.is_empty() => Self::Required,
-            _ if cfg!(debug_assertions) => Self::IfThere,
-            _ => Self::Off,
-        }
-    }
-}
 
 /// An instance of ours, or a caller's.
 pub(super) struct Instance {
@@ -56,7 +22,7 @@ pub(super) struct Instance {
 }
 
 struct OwnInstance {
-    debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    messenger: Option<Messenger>,
     // Last: the library is unloaded after everything that points into it.
     entry: ash::Entry,
 }
@@ -84,10 +50,11 @@ impl Instance {
             }
             result => Error::Call { call: "vkCreateInstance", result },
         })?;
-        let own = Some(OwnInstance { debug: None, entry });
-        let mut instance = Self { raw, own, messages: Messages::default() };
-        if watched {
-            instance.collect_messages()?;
+        let messages = Messages::default();
+        let mut instance = Self { raw, own: Some(OwnInstance { messenger: None, entry }), messages: messages.clone() };
+        if let Some(own) = instance.own.as_mut().filter(|_| watched) {
+            // SAFETY: the instance is alive, has the extension, and ends after the messenger, in `drop`.
+            own.messenger = Some(unsafe { Messenger::new(&own.entry, &instance.raw, messages) }?);
         }
         Ok(instance)
     }
@@ -97,26 +64,8 @@ impl Instance {
         Self { raw, own: None, messages: Messages::default() }
     }
 
-    fn collect_messages(&mut self) -> Result<(), Error> {
-        let Some(own) = &mut self.own else { return Ok(()) };
-        let debug = ext::debug_utils::Instance::new(&own.entry, &self.raw);
-        let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
-            .message_severity(
-                vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
-            )
-            .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-            .pfn_user_callback(Some(collect_message))
-            .user_data(Arc::as_ptr(&self.messages.0).cast_mut().cast());
-        // SAFETY: the user data is the mutex inside `messages`, which lives as long as the messenger: both end in `drop`,
-        // the messenger first. The callback only locks it.
-        let messenger = unsafe { debug.create_debug_utils_messenger(&create, None) }
-            .map_err(Error::call("vkCreateDebugUtilsMessengerEXT"))?;
-        own.debug = Some((debug, messenger));
-        Ok(())
-    }
-
     fn has_validation(&self) -> bool {
-        self.own.as_ref().is_some_and(|own| own.debug.is_some())
+        self.own.as_ref().is_some_and(|own| own.messenger.is_some())
     }
 
     /// All devices in the loader's order.
@@ -143,37 +92,10 @@ impl Instance {
 impl Drop for Instance {
     fn drop(&mut self) {
         let Some(own) = &mut self.own else { return };
-        if let Some((debug, messenger)) = own.debug.take() {
-            // SAFETY: made from this instance, destroyed once; no other call is under way, since we own the instance.
-            unsafe { debug.destroy_debug_utils_messenger(messenger, None) };
-        }
+        own.messenger = None;
         // SAFETY: every child (device, messenger) is gone: `Device` owns the instance and ends before it.
         unsafe { self.raw.destroy_instance(None) };
     }
-}
-
-fn has_validation_layer(entry: &ash::Entry) -> Result<bool, Error> {
-    // SAFETY: no pointer is passed; the function is called before any instance exists, as the specification allows.
-    let layers = unsafe { entry.enumerate_instance_layer_properties() }
-        .map_err(Error::call("vkEnumerateInstanceLayerProperties"))?;
-    Ok(layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER)))
-}
-
-/// Puts a message of the layer into the list.
-unsafe extern "system" fn collect_message(
-    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
-    _kind: vk::DebugUtilsMessageTypeFlagsEXT,
-    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
-    messages: *mut c_void,
-) -> vk::Bool32 {
-    // SAFETY: the layer passes valid data with null-terminated (or null) text, and the user data that `Instance::new` gave
-    // it: the mutex inside `Messages`, alive until the messenger is destroyed.
-    unsafe {
-        let text = (*data).message_as_c_str().map(|t| t.to_string_lossy().into_owned()).unwrap_or_default();
-        let messages = &*messages.cast::<Mutex<Vec<String>>>();
-        messages.lock().unwrap_or_else(PoisonError::into_inner).push(text);
-    }
-    vk::FALSE
 }
 
 /// What a physical device reports about itself.
@@ -372,7 +294,9 @@ pub(super) struct Device {
     pub limits: vk::PhysicalDeviceLimits,
     pub timestamp_bits: u32,
     pub max_allocation_bytes: u64,
-    pub allocator: ManuallyDrop<Mutex<Allocator>>,
+    pub allocator: ManuallyDrop<Arc<Mutex<Allocator>>>,
+    /// Most bytes that all buffers and pictures may take.
+    pub memory_budget: AtomicU64,
     // After the device.
     pub instance: Instance,
 }
@@ -449,7 +373,8 @@ impl Device {
             limits: candidate.limits,
             timestamp_bits: candidate.timestamp_bits,
             max_allocation_bytes: candidate.max_allocation_bytes,
-            allocator: ManuallyDrop::new(Mutex::new(allocator)),
+            allocator: ManuallyDrop::new(Arc::new(Mutex::new(allocator))),
+            memory_budget: AtomicU64::new(u64::MAX),
             instance,
         }
     }

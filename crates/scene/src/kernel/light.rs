@@ -225,9 +225,9 @@ pub fn add_lights(k: u32, p: &DirectParams, lights: &[Light], shares: &[f32], su
     (sum + surroundings.truncate()).extend(0.0)
 }
 
-/// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light, `area_rays` to each
-/// rectangle, as many to all emitters together (picked in proportion to their power, uniform on the triangle), `sky_rays`
-/// cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells whether a ray is stopped.
+/// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light and to each luminaire,
+/// `area_rays` to each rectangle, as many to all emitters together (picked in proportion to their power, uniform on the
+/// triangle), `sky_rays` cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells whether a ray is stopped.
 #[inline]
 pub fn direct_irradiance(
     g: &GeometryTables,
