@@ -208,8 +208,11 @@ fn worse(measured: &Measured) -> String {
             if better.is_empty() {
                 continue;
             }
-            let names: Vec<String> =
-                better.iter().map(|(value, row)| format!("{} {}", row.method, show(*value))).collect();
+            let named = better.iter().take(NAMED).map(|(value, row)| format!("{} {}", row.method, show(*value)));
+            let mut names: Vec<String> = named.collect();
+            if better.len() > NAMED {
+                names.push(format!("and {} more", better.len() - NAMED));
+            }
             let _ = writeln!(text, "- {scene}, {name}: best patches {}; {}.", show(ours), names.join("; "));
         }
     }
