@@ -1,4 +1,4 @@
-//! Many frames with random lights, cameras, methods, materials and sizes: [`Frames`].
+//! Many frames with random lights, cameras, methods, materials and sizes: `Frames`.
 
 use std::sync::Arc;
 

@@ -177,6 +177,9 @@ fn introduction(measured: &Measured) -> String {
     text
 }
 
+/// Opponents that are named where they are better.
+const NAMED: usize = 4;
+
 /// A measure of a row: less is better.
 type Measure = (&'static str, fn(&Row) -> Option<f64>, fn(f64) -> String);
 
