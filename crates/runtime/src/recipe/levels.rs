@@ -1,5 +1,8 @@
 //! Recipe of the light of a streamed world: from the slots of the matrix to its leaves as a camera sees them, near by of their own
 //! nodes, further off of merged ones.
+//!
+//! A leaf is a patch of the world, a node a leaf or several of them merged, a slot a row of the matrix, which holds one node. Nodes
+//! that are merged equally often are a level.
 
 use std::sync::Arc;
 
