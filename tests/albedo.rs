@@ -7,6 +7,7 @@ use glam::{Vec3, Vec4};
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patches::PatchKind;
+use patchlight::method::temporal::RowKind;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
 use patchlight::operator::Codec;
 use patchlight::{Bake, Error, Estimator, MethodSettings, Picture, ReceiverKind, Renderer, Silent};
@@ -262,7 +263,13 @@ fn methods_that_hold_the_albedo_refuse_another_one_by_name() {
     let changed = white_to_green(&loaded);
     let tiles = MethodSettings::Multibounce(Codec::LowRank { epsilon: 0.1 });
     let local = MethodSettings::Local(LocalSettings { slots: 64, ..LocalSettings::default() });
-    let cases = [(tiles, "tiles"), (MethodSettings::Multibounce(Codec::Dense), "multibounce"), (local, "local")];
+    let sampled = TemporalSettings { rows: RowKind::AllBounces, ..TemporalSettings::default() };
+    let cases = [
+        (tiles, "tiles"),
+        (MethodSettings::Multibounce(Codec::Dense), "multibounce"),
+        (local, "local"),
+        (MethodSettings::Temporal(sampled), "temporal with the rows of all bounces"),
+    ];
     let classic = setup(PatchKind::Cluster, MethodSettings::Classic);
     let bake = classic.bake(&loaded).unwrap();
     let lighting = &loaded.scene.lighting;

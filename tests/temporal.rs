@@ -91,6 +91,7 @@ fn variants() -> Vec<TemporalSettings> {
         TemporalSettings { settings, rows: RowKind::Tables, sampled: Sampled::All },
         TemporalSettings { settings: without, rows: RowKind::Tables, sampled: Sampled::Patches },
         TemporalSettings { settings: fixed, rows: RowKind::Lists, sampled: Sampled::All },
+        TemporalSettings { settings, rows: RowKind::AllBounces, sampled: Sampled::Patches },
     ]
 }
 

@@ -243,6 +243,8 @@ pub enum RowStorage {
     Lists,
     /// Alias tables.
     Tables,
+    /// Alias tables of all bounces in three channels: every bounce lags alike; for few patches, and albedo that stays.
+    AllBounces,
 }
 
 /// Which rows are sampled.
@@ -268,6 +270,7 @@ impl TemporalOptions {
         let rows = match self.rows {
             RowStorage::Lists => RowKind::Lists,
             RowStorage::Tables => RowKind::Tables,
+            RowStorage::AllBounces => RowKind::AllBounces,
         };
         let sampled = match self.sampled {
             SampledRows::Patches => Sampled::Patches,
@@ -464,9 +467,13 @@ pub struct Compare {
     /// Exposure before tone mapping, in stops; without it 0.18 over the reference's log-average.
     #[arg(long, allow_hyphen_values = true)]
     pub stops: Option<f32>,
-    /// Write a picture of the difference.
+    /// Write a picture of the difference: red where ours is brighter, blue where it is darker, white where equal, by up to half of
+    /// the reference.
     #[arg(long)]
     pub difference: Option<PathBuf>,
+    /// Make that the absolute difference times this, exposed as the pictures are: black where equal.
+    #[arg(long, value_name = "FACTOR", requires = "difference", value_parser = parse_gain)]
+    pub difference_gain: Option<f32>,
     /// Standard error of the reference as a picture; differences of at most three of them are no leaks, stains or blotches.
     #[arg(long, value_name = "PICTURE")]
     pub reference_error: Option<PathBuf>,
@@ -508,6 +515,13 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let number: f64 = digits.parse().map_err(|_| wrong())?;
     let bytes = number * f64::from(1u32 << shift);
     if bytes.is_finite() && (1.0..1e15).contains(&bytes) { Ok(bytes as u64) } else { Err(wrong()) }
+}
+
+fn parse_gain(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(gain) if gain > 0.0 && f32::is_finite(gain) => Ok(gain),
+        _ => Err(format!("`{text}` is no factor: a number above 0")),
+    }
 }
 
 fn parse_blend(text: &str) -> Result<Blend, String> {

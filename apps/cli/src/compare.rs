@@ -1,7 +1,9 @@
 //! `patchlight compare`.
 
 use reference::PictureFile as _;
-use reference::metrics::{compare_pictures, difference_picture, indirect_scale, noise_picture, noise_share};
+use reference::metrics::{
+    absolute_difference_picture, compare_pictures, difference_picture, indirect_scale, noise_picture, noise_share,
+};
 use reference::{Faults, Judge, Picture, PictureErrors, stops_to_scale};
 use scene::math::luminance;
 use serde::Serialize;
@@ -50,7 +52,10 @@ pub fn run(common: &Common, args: &Compare) -> Result<(), Error> {
     };
     let full = compare_pictures(&ours, &expected, scale, mask.as_deref()).map_err(compared)?;
     if let Some(path) = &args.difference {
-        difference_picture(&ours, &expected, 0.5)?.write_png(path, 0.0)?;
+        match args.difference_gain {
+            Some(gain) => absolute_difference_picture(&ours, &expected, gain * scale)?.write_png(path, 0.0)?,
+            None => difference_picture(&ours, &expected, 0.5)?.write_png(path, 0.0)?,
+        }
     }
     let standard_error = args.reference_error.as_deref().map(Picture::read).transpose()?;
     let mut judge = Judge { standard_error: standard_error.as_ref(), ..Judge::new(&expected) };

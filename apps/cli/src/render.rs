@@ -359,17 +359,29 @@ impl Job<'_> {
         let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         let mut updates = Vec::new();
         let mut last = None;
-        for number in 0..args.frames {
+        let at = |number: u32| {
             let (lights, view) = movement.at(number);
-            let lighting = with_lights(&loaded.scene, &lights);
-            let camera = view.camera(self.size.0, self.size.1);
-            let done = progress.timed("frame", || renderer.picture(&lighting, &camera, number))?;
+            (with_lights(&loaded.scene, &lights), view.camera(self.size.0, self.size.1))
+        };
+        let mut begun = None;
+        for number in 0..args.frames {
+            let (lighting, camera) = at(number);
+            let done = progress.timed("frame", || {
+                let pending = begun.take().map_or_else(|| renderer.begin_picture(&lighting, &camera, number), Ok);
+                renderer.end_picture(pending?)
+            })?;
             if is_cancelled() {
                 return Err(Error::Cancelled);
             }
             if args.frames > 1 || args.errors {
                 let shot = Shot { lighting: &lighting, camera: &camera, number };
                 sequence.add(renderer, exact.as_mut(), &shot, &done)?;
+            }
+            if number + 1 < args.frames {
+                // The device is at work on the next picture while this one is written.
+                let (lighting, camera) = at(number + 1);
+                let next = progress.timed("frame", || renderer.begin_picture(&lighting, &camera, number + 1))?;
+                begun = Some(next);
             }
             self.write_frame(number, &done.pictures)?;
             if args.debug && number + 1 == args.frames {

@@ -337,6 +337,31 @@ fn bench_table3_measures_every_method_alike() {
 }
 
 #[test]
+fn bench_spread_shows_jumps_and_flicker_of_naive_ways() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["bench", "spread", "cornell", "--counts", "200", "--rays", "128", "--out", out];
+    arguments.extend(["--receiver-rays", "16", "--quiet", "--json"]);
+    let summary: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();
+    let rows = summary["rows"].as_array().unwrap();
+    let of = |way: &str, key: &str| {
+        let row = rows.iter().find(|row| row["way"].as_str().unwrap().contains(way)).unwrap();
+        row[key].as_f64().unwrap()
+    };
+    // Light that is shown when it is done jumps further than any frame's own step; parts flicker where light is at rest.
+    assert!(of("then shown", "jump_255") > 2.0 * of("all bounces", "jump_255"));
+    assert!(of("of the columns", "flicker_255") > 10.0 && of("a product a frame", "flicker_255") == 0.0);
+    // Samples of the change do neither, and are near what exact products give.
+    assert!(of("of the change", "jump_255") < 1.5 * of("all bounces", "jump_255"));
+    assert!(of("of the change", "flicker_255") < 1.0 && of("of the change", "error") < 0.5 * of("then shown", "error"));
+    // The larger w, the less noise and the more lag.
+    assert!(of("w 0.95", "flicker_255") < of("w 0.5", "flicker_255") && of("w 0.95", "error") > of("w 0.5", "error"));
+    for name in ["cornell-200-error.svg", "cornell-200-change.svg", "cornell-200-weights.svg", "report.html"] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
 fn bench_report_gives_what_is_committed() {
     let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
     let folder = tempfile::tempdir().unwrap();

@@ -155,6 +155,8 @@ pub enum Experiment {
     Operator,
     /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
     Temporal,
+    /// Ways to spread a product over frames, two of them naive, and the weight of the frames before: light while lights move.
+    Spread,
     /// The matrix round a camera that moves, beside full radiosity: work, time, memory, pictures.
     Local,
     /// Photons to an error: from where lights fall first, and from the lights.
@@ -181,7 +183,7 @@ pub struct Bench {
     /// Scene files or built-in scenes [default: clean rooms stripes blinds clutter window corridor, frame office,
     /// table3 cornell atrium, others cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, table3 2000, curves 1000,2000,4000,8000 (frame)
+    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, table3 and spread 2000, curves 1000,2000,4000,8000 (frame)
     /// and 1000,2000,4000,10000,20000 (clean), others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,

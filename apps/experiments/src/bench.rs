@@ -10,6 +10,7 @@ mod operator;
 mod patches;
 mod proof;
 mod rows;
+mod spread;
 mod table3;
 mod temporal;
 mod truth;
@@ -110,6 +111,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Patches => run_patches(common, args),
         Experiment::Operator => operator::run(common, args),
         Experiment::Temporal => temporal::run(common, args),
+        Experiment::Spread => spread::run(common, args),
         Experiment::Local => local::run(common, args),
         Experiment::Frame => frame::run(common, args),
         Experiment::Table3 => table3::run(common, args),

@@ -1,13 +1,14 @@
 //! Path tracing: the CPU reference.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use reference::path::{PathSettings, PathTracer};
 use reference::{Accumulation, BlockErrors, fingerprint};
 use scene::{Camera, Scene};
 
 use crate::error::Error;
-use crate::progress::Progress;
+use crate::progress::{Interruptible, Progress};
 use patchlight::{Phase, Pictures};
 
 /// A path-traced picture and its own standard errors.
@@ -34,6 +35,8 @@ pub fn render(
     resume: bool,
     progress: &Progress,
 ) -> Result<PathPicture, Error> {
+    // Until there is something to save.
+    let nothing_new = Mutex::new(Some(Interruptible::begin()));
     let mut sums = Accumulation::new(camera, settings);
     let mark = fingerprint(scene, camera);
     if let (true, Some(path)) = (resume, saved) {
@@ -47,8 +50,14 @@ pub fn render(
     let before = sums.samples();
     let tracer = PathTracer::new(scene);
     let finished = progress.phase(Phase::PATHS.name(), |report| {
-        tracer.accumulate(camera, &mut sums, samples, |done, target| report(done as usize, target as usize))
+        tracer.accumulate(camera, &mut sums, samples, |done, target| {
+            if saved.is_some() && done > before {
+                nothing_new.lock().unwrap_or_else(PoisonError::into_inner).take();
+            }
+            report(done as usize, target as usize)
+        })
     })?;
+    drop(nothing_new);
     // Sums of large pictures take seconds to save: not where there is nothing new in them.
     if let Some(path) = saved.filter(|_| finished || sums.samples() > before) {
         sums.save(path, &mark)?;

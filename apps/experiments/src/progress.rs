@@ -79,29 +79,30 @@ pub fn continue_in(path: PathBuf) {
 
 /// Runs work that may be cut off anywhere: it writes no file, or only one that another run goes on from.
 pub fn interruptible<T>(work: impl FnOnce() -> T) -> T {
-    let _scope = Scope::new();
+    let _scope = Interruptible::begin();
     work()
 }
 
-/// Counts as interruptible work until it is dropped.
+/// Counts as [`interruptible`] work until it is dropped.
 #[derive(Debug)]
-struct Scope;
+pub struct Interruptible(());
 
-impl Scope {
-    fn new() -> Self {
+impl Interruptible {
+    /// Begins such work.
+    pub fn begin() -> Self {
         *lock(&INTERRUPTIBLE) += 1;
-        Self
+        Self(())
     }
 }
 
-impl Drop for Scope {
+impl Drop for Interruptible {
     fn drop(&mut self) {
         *lock(&INTERRUPTIBLE) -= 1;
     }
 }
 
 /// Shows phases of work on the terminal and keeps their times. Phases are [`interruptible`], but for path tracing, which
-/// saves what it has.
+/// is so only until it has something to save.
 #[derive(Debug, Default)]
 pub struct Progress {
     /// No bars, no notes.
@@ -121,7 +122,7 @@ struct Running {
     name: &'static str,
     start: Instant,
     bar: ProgressBar,
-    _scope: Option<Scope>,
+    _scope: Option<Interruptible>,
 }
 
 /// Steps of a bar.
@@ -181,7 +182,7 @@ impl Progress {
         let style = ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} % {elapsed_precise} (left: {eta})");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
         bar.set_message(name);
-        let scope = (name != Phase::PATHS.name()).then(Scope::new);
+        let scope = (name != Phase::PATHS.name()).then(Interruptible::begin);
         self.state().running.push(Running { name, start: Instant::now(), bar, _scope: scope });
     }
 

@@ -65,6 +65,8 @@ pub use method::{Method, MethodReport, MethodSettings};
 pub use observe::run_phase;
 pub use picture::{Picture, Pictures};
 pub use pixels::PixelGather;
-pub use renderer::{FrameResult, LightUpdate, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer, SampleLight};
+pub use renderer::{
+    FrameResult, LightUpdate, PendingPicture, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer, SampleLight,
+};
 pub use stage::shade::PixelLight;
 pub use transport::{Observer, Phase, Silent};

@@ -183,14 +183,21 @@ impl MethodSettings {
     /// [`Error::TooLarge`] with what would be smaller.
     pub fn check_memory(&self, patches: usize, bounces: Option<u32>, build: &Build) -> Result<(), Error> {
         let pairs = |count: usize| (count as f64).powi(2);
-        match *self {
-            Self::Multibounce(Codec::LowRank { .. }) => Ok(()),
-            Self::Multibounce(_) if bounces.is_none_or(|bounces| bounces > LAST_BOUNCES) => check_free(
+        let has_operator = bounces.is_none_or(|bounces| bounces > LAST_BOUNCES);
+        let check_operator = |remedy| {
+            check_free(
                 format!("the operator of {patches} patches, while it is made,"),
                 (MATRICES * size_of::<f32>()) as f64 * pairs(patches),
                 build.memory_limit,
-                "choose fewer patches, or tiles",
-            ),
+                remedy,
+            )
+        };
+        match *self {
+            Self::Multibounce(Codec::LowRank { .. }) => Ok(()),
+            Self::Multibounce(_) if has_operator => check_operator("choose fewer patches, or tiles"),
+            Self::Temporal(TemporalSettings { rows: temporal::RowKind::AllBounces, .. }) if has_operator => {
+                check_operator("choose fewer patches, or rows of one bounce")
+            }
             Self::Solved(solver) => check_free(
                 format!("the form factors between {patches} patches as a dense matrix"),
                 solver.matrix_bytes(patches),
@@ -217,7 +224,7 @@ impl MethodSettings {
             Self::Solved(solver) => Box::new(solved::Solved::new(solver, with.bake)?),
             Self::Multibounce(codec) => multibounce::prepare(codec, with, device)?,
             Self::Feedback(settings) => feedback::prepare(&settings, with, device)?,
-            Self::Temporal(settings) => Box::new(temporal::TemporalMethod::new(&settings, with)?),
+            Self::Temporal(settings) => Box::new(temporal::TemporalMethod::new(&settings, with, device)?),
             Self::Local(settings) => Box::new(local::Local::new(&settings, with)?),
             Self::FirstShot(settings) => Box::new(firstshot::FirstShotMethod::new(&settings, with, device)?),
         })

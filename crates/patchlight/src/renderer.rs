@@ -119,6 +119,14 @@ pub struct FrameResult {
     pub times: Vec<(String, f64)>,
 }
 
+/// A picture that the device is at work on, of [`Renderer::begin_picture`].
+#[must_use = "Renderer::end_picture gives the picture"]
+pub struct PendingPicture {
+    camera: Camera,
+    number: u32,
+    update: LightUpdate,
+}
+
 /// Device buffers with the irradiance of the last light update, for the caller's own shaders: each value is a `Vec4`, RGB in
 /// W/m² and one unused component. `runtime::vulkan::Vulkan::buffer` gives the Vulkan buffer of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -481,21 +489,44 @@ impl Renderer {
     /// # Errors
     /// As [`Self::update_light`].
     pub fn picture(&mut self, lighting: &Lighting, camera: &Camera, number: u32) -> Result<FrameResult, Error> {
+        let pending = self.begin_picture(lighting, camera, number)?;
+        self.end_picture(pending)
+    }
+
+    /// Submits what [`Self::picture`] waits for: meanwhile the caller is free, to write the picture before into a file, say.
+    /// [`Self::end_picture`] gives it, before anything else is asked of the renderer.
+    ///
+    /// # Errors
+    /// As [`Self::update_light`].
+    pub fn begin_picture(
+        &mut self,
+        lighting: &Lighting,
+        camera: &Camera,
+        number: u32,
+    ) -> Result<PendingPicture, Error> {
         self.executor.wait()?;
         let (update, _) = self.update_elements(lighting, camera)?;
         self.set_shot(camera, number)?;
         self.frame.seen_from = None;
-        let executor = self.executor.as_mut();
-        executor.submit_passes(self.frame.shade.passes())?;
+        self.executor.submit_passes(self.frame.shade.passes())?;
         self.frame.keep_hits(camera);
+        Ok(PendingPicture { camera: *camera, number, update })
+    }
+
+    /// The picture that was begun last; waits for it.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn end_picture(&mut self, pending: PendingPicture) -> Result<FrameResult, Error> {
+        let PendingPicture { camera, number, update } = pending;
         let mut times = update.times;
-        times.extend(executor.wait()?);
+        times.extend(self.executor.wait()?);
         let times = self.with_photons(by_name(times));
         let full = self.sum(self.frame.shade.full)?;
         let direct = self.sum(self.frame.shade.direct)?;
         let indirect = match self.bake.settings.receivers {
             ReceiverKind::Mesh | ReceiverKind::Patches => full.minus(&direct)?,
-            ReceiverKind::Pixels => self.gather_pixels(camera, number)?,
+            ReceiverKind::Pixels => self.gather_pixels(&camera, number)?,
         };
         let full = direct.plus(&indirect)?;
         Ok(FrameResult { pictures: Pictures { full, direct, indirect }, times })

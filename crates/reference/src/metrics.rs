@@ -173,6 +173,14 @@ pub fn compare_points(ours: &[Vec3], reference: &[Vec3]) -> Result<PointErrors, 
     })
 }
 
+/// The absolute difference of each channel, times `gain`: black where equal. Figure 6.3 of the thesis has a gain of 25.
+///
+/// # Errors
+/// [`scene::Error::SizeMismatch`].
+pub fn absolute_difference_picture(ours: &Picture, reference: &Picture, gain: f32) -> Result<Picture, Error> {
+    Ok(ours.combine(reference, |o, r| (o - r).abs() * gain)?)
+}
+
 /// The difference as a picture: (ours − reference) / max(reference, 0.05 · mean reference) on luminance; white where equal,
 /// red where ours is brighter, blue where it is darker, full colour at ± `range`. To be shown without exposure.
 ///

@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 use reference::metrics::{
-    compare_pictures, compare_points, difference_picture, flip_picture, indirect_scale, quantile,
+    absolute_difference_picture, compare_pictures, compare_points, difference_picture, flip_picture, indirect_scale,
+    quantile,
 };
 use reference::{Error, Picture, PictureErrors, stops_to_scale};
 use scene::kernel::shade::encode_srgb;
@@ -237,6 +238,9 @@ fn difference_pictures_show_sign_and_place() {
     ours.pixels[1] *= 0.5;
     let d = difference_picture(&ours, &reference, 0.25).expect("same size");
     assert_eq!((d.pixels[0], d.pixels[1], d.pixels[2]), (Vec3::X, Vec3::Z, Vec3::ONE));
+
+    let times = absolute_difference_picture(&ours, &reference, 25.0).expect("same size");
+    assert_eq!(times.pixels[..3], [Vec3::splat(12.5), Vec3::splat(6.25), Vec3::ZERO]);
 
     let f = flip_picture(&ours, &reference, 1.0).expect("same size");
     let (here, far) = (f.pixels[0].element_sum(), f.pixels[23 + 15 * 24].element_sum());

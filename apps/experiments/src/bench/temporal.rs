@@ -50,6 +50,8 @@ fn variants(epsilon: f64, seed: u32) -> Vec<(&'static str, MethodSettings)> {
         ("Q 64, no variate", temporal(without, RowKind::Lists, Sampled::Patches)),
         ("Q 64, no variate, no lattice", temporal(independent, RowKind::Lists, Sampled::Patches)),
         ("Q 64, as printed, w 0.75", temporal(fixed, RowKind::Tables, Sampled::Patches)),
+        ("Q 16, all bounces", temporal(few, RowKind::AllBounces, Sampled::Patches)),
+        ("Q 64, all bounces", temporal(default, RowKind::AllBounces, Sampled::Patches)),
         ("Q 16, all rows", temporal(few, RowKind::Lists, Sampled::All)),
         ("Q 64, all rows", temporal(default, RowKind::Lists, Sampled::All)),
         ("Q 64, all rows, no variate", temporal(without, RowKind::Lists, Sampled::All)),

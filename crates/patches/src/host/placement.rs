@@ -175,7 +175,7 @@ impl<'a> Placement<'a> {
     fn refined_samples(&self, elements: usize) -> Result<ReceiverSamples<'a>, Error> {
         let Self { sampler, placing, .. } = self;
         let wanted = sampler.lit_area() / f64::from(placing.edge * placing.edge);
-        let most = (placing.most as f64 * (1.0 - ORPHAN_ROOM)) as usize;
+        let most = ((placing.most as f64 * (1.0 - ORPHAN_ROOM)) as usize).max(1);
         let samples = sampler.samples(wanted.clamp(1.0, most as f64) as u32, placing.seed);
         let mut set = ReceiverSamples::new(self.scene, *sampler.density(), samples, elements)?;
         set.add_rows(self.add_rows)?;

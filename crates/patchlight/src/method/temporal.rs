@@ -9,12 +9,13 @@ use runtime::plan::{BufferId, PassId, Range};
 use runtime::recipe::temporal::{Rows, SampledPasses, SampledRows};
 use transport::{Csr, HitCounts, LinearOperator as _, Phase};
 
-use super::{Method, MethodReport, Preparation, passes_so_far};
+use super::{Method, MethodReport, MethodSettings, Preparation, passes_so_far};
 use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind};
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
 use crate::observe::run_phase;
+use crate::operator::{OperatorKey, PatchOperator};
 
 /// Entries of a list that stands for a row of real numbers.
 const LIST_ENTRIES: usize = 1024;
@@ -27,6 +28,8 @@ pub enum RowKind {
     Lists,
     /// [`AliasTables`].
     Tables,
+    /// Alias tables of the operator of all bounces, three channels: every bounce lags alike, and none is fed back.
+    AllBounces,
 }
 
 /// Which rows are sampled; the others are multiplied by.
@@ -50,22 +53,29 @@ pub struct TemporalSettings {
     pub sampled: Sampled,
 }
 
-/// Rows of form factors as distributions, kept as `kind` says.
+/// Rows of form factors as lists, or as alias tables where `has_tables`.
 ///
 /// # Errors
 /// What the distributions refuse.
-pub fn rows_of_factors(factors: &Csr, kind: RowKind) -> Result<Rows, Error> {
+pub fn rows_of_factors(factors: &Csr, has_tables: bool) -> Result<Rows, Error> {
     let Csr { columns, row_start, column_index, values, .. } = factors;
-    Ok(match kind {
-        RowKind::Lists => {
-            let lists = RayLists::from_rows(*columns, row_start, column_index, values, LIST_ENTRIES)?;
-            Rows::Lists(Arc::new(lists))
-        }
-        RowKind::Tables => {
-            let tables = AliasTables::from_rows(*columns, row_start, column_index, values, Packing::Stacks)?;
-            Rows::Tables(Arc::new(tables))
-        }
+    Ok(if has_tables {
+        let tables = AliasTables::from_rows(*columns, row_start, column_index, values, Packing::Stacks)?;
+        Rows::Tables(Arc::new(tables))
+    } else {
+        let lists = RayLists::from_rows(*columns, row_start, column_index, values, LIST_ENTRIES)?;
+        Rows::Lists(Arc::new(lists))
     })
+}
+
+/// Rows of an operator between patches as alias tables with colours.
+///
+/// # Errors
+/// What the distributions refuse: more than 65,535 entries in a row.
+fn rows_of_operator(operator: &PatchOperator) -> Result<Rows, Error> {
+    let patches = operator.patches();
+    let tables = AliasTables::from_rgb(patches, patches, Packing::Stacks, |i, row| operator.row(i, row))?;
+    Ok(Rows::Tables(Arc::new(tables)))
 }
 
 /// Rows of counts of hits, as lists of these.
@@ -82,6 +92,8 @@ pub struct TemporalMethod {
     settings: Settings,
     /// From patch to patch; none where all bounces end at elements and receivers.
     patches: Option<Rows>,
+    /// Whether those are of all bounces.
+    has_all_bounces: bool,
     elements: Option<Rows>,
     receivers: Option<Rows>,
     levels: Vec<Level>,
@@ -106,18 +118,27 @@ impl TemporalMethod {
     ///
     /// # Errors
     /// Settings out of their range, rows that cannot be sampled.
-    pub fn new(settings: &TemporalSettings, with: &Preparation) -> Result<Self, Error> {
+    pub fn new(
+        settings: &TemporalSettings,
+        with: &Preparation,
+        device: &mut (dyn Executor + 'static),
+    ) -> Result<Self, Error> {
         settings.settings.check()?;
-        run_phase(with.observer, Phase::TABLES, |_| Self::of(settings, with.bake))
+        let key = OperatorKey::of(&MethodSettings::Temporal(*settings), &with.bake.settings);
+        let key = key.filter(|_| !with.bake.mesh.patches.is_empty());
+        let operator = key.map(|key| key.find_or_build(with, device)).transpose()?;
+        run_phase(with.observer, Phase::TABLES, |_| Self::of(settings, with.bake, operator.as_ref()))
     }
 
-    fn of(settings: &TemporalSettings, bake: &Bake) -> Result<Self, Error> {
+    fn of(settings: &TemporalSettings, bake: &Bake, operator: Option<&PatchOperator>) -> Result<Self, Error> {
+        let has_tables = settings.rows != RowKind::Lists;
         let by_patches = bake.settings.receivers == ReceiverKind::Patches;
         let last = if by_patches { 0 } else { LAST_BOUNCES };
         let factors = &bake.form_factors.factors;
         let mut method = Self {
             settings: settings.settings,
             patches: None,
+            has_all_bounces: settings.rows == RowKind::AllBounces,
             elements: None,
             receivers: None,
             levels: Vec::new(),
@@ -126,15 +147,18 @@ impl TemporalMethod {
             is_settled: false,
         };
         // Where the bake says no number of bounces, there may be more with another albedo.
-        if bake.bounces > last || bake.settings.bounces.is_none() {
-            method.patches = Some(rows_of_factors(factors, settings.rows)?);
-        }
+        let needs_patches = bake.bounces > last || bake.settings.bounces.is_none();
+        method.patches = match (operator, settings.rows) {
+            (Some(operator), _) => Some(rows_of_operator(operator)?),
+            (None, RowKind::AllBounces) => None,
+            (None, _) => needs_patches.then(|| rows_of_factors(factors, has_tables)).transpose()?,
+        };
         // Elements that no light comes to from others, and receivers that are not there, are left as they are.
         let all = settings.sampled == Sampled::All;
         if all && bake.bounces > 1 && !by_patches {
             method.elements = Some(match &bake.form_factors.element_rows {
                 Some(rows) => rows_of_hits(rows)?,
-                None => rows_of_factors(factors, settings.rows)?,
+                None => rows_of_factors(factors, has_tables)?,
             });
         }
         if all && !bake.receivers.points.is_empty() {
@@ -186,13 +210,17 @@ impl Method for TemporalMethod {
         self.frame = 0;
         self.is_settled = false;
         let Some(rows) = self.patches.clone() else { return Ok(frame.start_from_source()?) };
+        // What reflects all bounces already is fed nothing back.
+        let (reflected, bounces) = match self.has_all_bounces {
+            true => (frame.zeros.into(), 1),
+            false => (frame.patches.irradiance, frame.patch_bounces()),
+        };
         let light = Light {
             source: frame.patches.source,
             albedo: frame.patches.albedo,
-            reflected: frame.patches.irradiance,
+            reflected,
             irradiance: frame.irradiance(),
         };
-        let bounces = frame.patch_bounces();
         self.add_level(frame, "method", &rows, light, bounces)?;
         frame.bounce()?;
         Ok(())
@@ -249,7 +277,10 @@ impl Method for TemporalMethod {
     }
 
     fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        Ok(())
+        match self.has_all_bounces && self.patches.is_some() {
+            true => Err(Error::AlbedoHeld { method: "temporal with the rows of all bounces" }),
+            false => Ok(()),
+        }
     }
 
     fn report(&self) -> MethodReport {

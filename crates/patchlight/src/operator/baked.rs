@@ -8,7 +8,8 @@ use super::{Codec, PatchOperator};
 use crate::bake::{BakeSettings, ReceiverKind};
 use crate::error::Error;
 use crate::frame::LAST_BOUNCES;
-use crate::method::{MethodSettings, Preparation};
+use crate::method::temporal::RowKind;
+use crate::method::{MethodSettings, Preparation, TemporalSettings};
 
 /// What an operator is of, and how it is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,6 +46,9 @@ impl OperatorKey {
         match *method {
             MethodSettings::Multibounce(codec) if is_needed => {
                 Some(Self::Bounces { codec, bounces: settings.bounces.map(|bounces| bounces - last) })
+            }
+            MethodSettings::Temporal(TemporalSettings { rows: RowKind::AllBounces, .. }) if is_needed => {
+                Some(Self::Bounces { codec: Codec::Dense, bounces: settings.bounces.map(|bounces| bounces - last) })
             }
             MethodSettings::Feedback(feedback) if is_needed => Some(Self::FormFactors { epsilon: feedback.epsilon }),
             _ => None,

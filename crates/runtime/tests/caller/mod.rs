@@ -1,13 +1,12 @@
 //! An application with a Vulkan device of its own, as an engine has one: the lender in the tests of borrowed devices.
 
 use std::error::Error;
-use std::ffi::{CStr, c_void};
-use std::sync::{Mutex, PoisonError};
 
 use runtime::vulkan::ash::{self, ext, vk};
-use runtime::vulkan::{API_VERSION, BorrowedDevice, EnabledFeatures, Validation, describe_device, enable_features};
-
-const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+use runtime::vulkan::{
+    API_VERSION, BorrowedDevice, EnabledFeatures, Messages, Messenger, VALIDATION_LAYER, Validation, describe_device,
+    enable_features, has_validation_layer,
+};
 
 pub struct Caller {
     pub instance: ash::Instance,
@@ -17,8 +16,9 @@ pub struct Caller {
     pub queue: vk::Queue,
     pub pool: vk::CommandPool,
     pub enabled: EnabledFeatures,
-    debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    messages: Box<Mutex<Vec<String>>>,
+    /// Where the layer is installed; ends before the instance.
+    messenger: Option<Messenger>,
+    messages: Messages,
     _entry: ash::Entry,
 }
 
@@ -39,9 +39,7 @@ impl Caller {
     fn new() -> Result<Self, Box<dyn Error>> {
         // SAFETY: the loader library is the system's.
         let entry = unsafe { ash::Entry::load() }?;
-        // SAFETY: no pointer is passed.
-        let layers = unsafe { entry.enumerate_instance_layer_properties() }?;
-        let has_layer = layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER));
+        let has_layer = has_validation_layer(&entry)?;
         if Validation::from_environment() == Validation::Required && !has_layer {
             return Err("no validation layer".into());
         }
@@ -58,8 +56,10 @@ impl Caller {
             .enabled_extension_names(&extensions);
         // SAFETY: everything that `create` points to lives through the call.
         let instance = unsafe { entry.create_instance(&create, None) }?;
-        let messages = Box::new(Mutex::new(Vec::new()));
-        let debug = has_layer.then(|| collect_messages(&entry, &instance, &messages));
+        let messages = Messages::default();
+        // SAFETY: the instance is the entry's, has the extension, and is destroyed after the messenger.
+        let messenger = || unsafe { Messenger::new(&entry, &instance, messages.clone()) };
+        let messenger = has_layer.then(messenger).transpose()?;
         // SAFETY: the instance is alive and made for `API_VERSION`.
         let physical_devices = unsafe { instance.enumerate_physical_devices() }?;
         // SAFETY: as above; the physical devices are the instance's.
@@ -76,7 +76,7 @@ impl Caller {
         // SAFETY: the family is the device's.
         let pool = unsafe { device.create_command_pool(&create, None) }?;
         let _entry = entry;
-        Ok(Self { instance, physical_device, device, queue_family, queue, pool, enabled, debug, messages, _entry })
+        Ok(Self { instance, physical_device, device, queue_family, queue, pool, enabled, messenger, messages, _entry })
     }
 
     pub fn lend(&self) -> BorrowedDevice {
@@ -91,7 +91,7 @@ impl Caller {
     }
 
     pub fn has_layer(&self) -> bool {
-        self.debug.is_some()
+        self.messenger.is_some()
     }
 
     /// A new command buffer that is being recorded.
@@ -197,7 +197,7 @@ impl Caller {
 
     /// Does some work on the device, ends it, and gives all that the validation layer has said. The layer names what was
     /// made on the device and not freed before it ends.
-    pub fn end(self) -> Vec<String> {
+    pub fn end(mut self) -> Vec<String> {
         let target = self.host_buffer(64);
         let commands = self.begin();
         // SAFETY: the command buffer is being recorded; the buffer is the caller's own and long enough.
@@ -208,12 +208,10 @@ impl Caller {
         unsafe {
             self.device.destroy_command_pool(self.pool, None);
             self.device.destroy_device(None);
-            if let Some((debug, messenger)) = &self.debug {
-                debug.destroy_debug_utils_messenger(*messenger, None);
-            }
+            drop(self.messenger.take());
             self.instance.destroy_instance(None);
         }
-        std::mem::take(&mut *self.messages.lock().unwrap_or_else(PoisonError::into_inner))
+        self.messages.take()
     }
 }
 
@@ -247,36 +245,4 @@ fn make_device(
         .push_next(&mut vulkan_1_2);
     // SAFETY: everything that `create` points to lives through the call; `describe_device` found the features.
     Ok((unsafe { instance.create_device(physical, &create, None) }?, enabled))
-}
-
-fn collect_messages(
-    entry: &ash::Entry,
-    instance: &ash::Instance,
-    messages: &Mutex<Vec<String>>,
-) -> (ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT) {
-    let debug = ext::debug_utils::Instance::new(entry, instance);
-    let severity = vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR;
-    let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
-        .message_severity(severity)
-        .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-        .pfn_user_callback(Some(collect_message))
-        .user_data(std::ptr::from_ref(messages).cast_mut().cast());
-    // SAFETY: the messages are boxed and outlive the messenger.
-    let messenger = unsafe { debug.create_debug_utils_messenger(&create, None) }.expect("a messenger");
-    (debug, messenger)
-}
-
-unsafe extern "system" fn collect_message(
-    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
-    _kind: vk::DebugUtilsMessageTypeFlagsEXT,
-    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
-    messages: *mut c_void,
-) -> vk::Bool32 {
-    // SAFETY: the layer passes valid data, and the user data of `collect_messages`.
-    unsafe {
-        let text = (*data).message_as_c_str().map(|text| text.to_string_lossy().into_owned());
-        let messages = &*messages.cast::<Mutex<Vec<String>>>();
-        messages.lock().unwrap_or_else(PoisonError::into_inner).push(text.unwrap_or_default());
-    }
-    vk::FALSE
 }
