@@ -134,8 +134,10 @@ fn light_follows_a_jump_and_comes_to_rest_at_that_of_exact_products() {
             let (first, then) = (arrived(0), arrived(8));
             assert!((least..1.1).contains(&then) && first < 0.1, "{temporal:?}: {first}, {then}");
             if temporal.settings.control_variate {
+                // The noise of a jump stays in a row until it is summed exactly, once in 16 frames; rows of all bounces are longer.
+                let soon = if temporal.rows == RowKind::AllBounces { 0.2 } else { 0.1 };
                 // Lists share the entries of real rows out to 1,024.
-                assert!(left(8) < 0.1 && left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {change}");
+                assert!(left(8) < soon && left(100) < 0.01 && shown[100] == shown[99], "{temporal:?}: {change}");
             } else {
                 // Noise stays, of a fifth of the jump at most, but about the right light: sixty frames that go on by 0.6 count as
                 // fifteen, and bring it to a twentieth.
