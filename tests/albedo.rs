@@ -10,13 +10,13 @@ use patches::PatchKind;
 use patchlight::method::temporal::RowKind;
 use patchlight::method::{FeedbackSettings, FirstShotSettings, LocalSettings, TemporalSettings};
 use patchlight::operator::Codec;
-use patchlight::{Bake, Error, Estimator, MethodSettings, Picture, ReceiverKind, Renderer, Silent};
+use patchlight::{Bake, Error, MethodSettings, Picture, ReceiverKind, Renderer, Silent};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::math::luminance;
 use scene::{Lighting, Material, NONE, Scene};
 
-const SIZE: (u32, u32) = (40, 30);
+const SIZE: (u32, u32) = (32, 24);
 /// Frames after which light that goes on from frame to frame has settled.
 const SETTLING: u32 = 60;
 /// Median relative difference of pixels: rounding, and with photons their noise.
@@ -24,18 +24,7 @@ const TOLERANCE: f32 = 0.005;
 const GREEN: Vec3 = Vec3::new(0.05, 0.9, 0.1);
 
 fn setup(patches: PatchKind, method: MethodSettings) -> Setup {
-    Setup {
-        patches,
-        patch_count: 150,
-        estimator: Estimator::Hemisphere { rays: 256 },
-        most_receivers: Some(800),
-        receiver_rays: 64,
-        sub_frames: 2,
-        seed: 3,
-        size: SIZE,
-        method,
-        ..Setup::default()
-    }
+    Setup { patches, method, ..Setup::coarse() }
 }
 
 /// Methods whose operators do not hold the albedo.

@@ -10,7 +10,7 @@ use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patchlight::method::{FeedbackSettings, TemporalSettings};
 use patchlight::operator::Codec;
-use patchlight::{Bake, Error, Estimator, MethodSettings, Pictures, ReceiverUpdate, Renderer, SampleLight};
+use patchlight::{Bake, Error, MethodSettings, Pictures, ReceiverUpdate, Renderer, SampleLight};
 use runtime::cpu::Cpu;
 use runtime::executor::Executor;
 use scene::{Camera, Lighting};
@@ -18,17 +18,7 @@ use scene::{Camera, Lighting};
 const SIZE: (u32, u32) = (32, 24);
 
 fn setup(method: MethodSettings) -> Setup {
-    Setup {
-        patch_count: 150,
-        estimator: Estimator::Hemisphere { rays: 256 },
-        most_receivers: Some(800),
-        receiver_rays: 64,
-        sub_frames: 2,
-        seed: 3,
-        size: SIZE,
-        method,
-        ..Setup::default()
-    }
+    Setup { method, ..Setup::coarse() }
 }
 
 fn methods() -> [MethodSettings; 4] {

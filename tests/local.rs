@@ -5,7 +5,7 @@ use std::sync::Arc;
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
 use glam::Vec3;
-use integration_tests::setup::Setup;
+use integration_tests::setup::{Setup, furnace_error};
 use integration_tests::vulkan;
 use patches::PatchKind;
 use patchlight::method::LocalSettings;
@@ -124,14 +124,6 @@ fn both_executors_and_two_runs_give_the_same_light() {
     println!("difference {difference:e}");
     // The copy on the device adds vectors one by one, the host in blocks.
     assert!(difference < if is_emulated { 1e-5 } else { 1e-3 }, "{difference}");
-}
-
-/// Relative error of the mean radiance of a closed box of uniform emission and albedo, L = Le / (1 − ρ).
-fn furnace_error(loaded: &LoadedScene, pictures: &Pictures) -> f32 {
-    let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
-    let mean = pictures.full.pixels.iter().sum::<Vec3>() / pictures.full.pixels.len() as f32;
-    let expected = material.radiance / (Vec3::ONE - material.albedo);
-    (mean / expected - Vec3::ONE).abs().max_element()
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use assets::import::{Animation, LoadedScene};
 use assets::procedural;
 use glam::Vec3;
-use integration_tests::setup::Setup;
+use integration_tests::setup::{Setup, furnace_error};
 use integration_tests::vulkan;
 use patches::PatchKind;
 use patchlight::method::TemporalSettings;
@@ -169,14 +169,6 @@ fn both_executors_and_two_runs_give_the_same_bits() {
         // Other devices may round divisions otherwise, and then other samples of the light are no other.
         assert!(if is_emulated { theirs == ours } else { difference < 1e-3 }, "{temporal:?}: {difference}");
     }
-}
-
-/// Relative error of the mean radiance of a closed box of uniform emission and albedo, L = Le / (1 − ρ).
-fn furnace_error(loaded: &LoadedScene, pictures: &Pictures) -> f32 {
-    let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
-    let mean = pictures.full.pixels.iter().sum::<Vec3>() / pictures.full.pixels.len() as f32;
-    let expected = material.radiance / (Vec3::ONE - material.albedo);
-    (mean / expected - Vec3::ONE).abs().max_element()
 }
 
 #[test]

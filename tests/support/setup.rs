@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use assets::LoadedScene;
+use glam::Vec3;
 use patches::PatchKind;
 use patchlight::operator::Decode;
 use patchlight::{
-    Bake, BakeSettings, Estimator, MethodSettings, PixelLight, ReceiverKind, ReceiverUpdate, RenderSettings, Renderer,
-    Result, Silent,
+    Bake, BakeSettings, Estimator, MethodSettings, Pictures, PixelLight, ReceiverKind, ReceiverUpdate, RenderSettings,
+    Renderer, Result, Silent,
 };
 use runtime::executor::Executor;
 
@@ -71,6 +72,20 @@ impl Default for Setup {
 }
 
 impl Setup {
+    /// A coarse bake in which any of the built-in scenes takes a second.
+    pub fn coarse() -> Self {
+        Self {
+            patch_count: 150,
+            estimator: Estimator::Hemisphere { rays: 256 },
+            most_receivers: Some(800),
+            receiver_rays: 64,
+            sub_frames: 2,
+            seed: 3,
+            size: (32, 24),
+            ..Self::default()
+        }
+    }
+
     /// The settings of the bake.
     pub fn bake_settings(&self) -> BakeSettings {
         BakeSettings {
@@ -120,4 +135,12 @@ impl Setup {
     pub fn renderer(&self, loaded: &LoadedScene, executor: Box<dyn Executor>) -> Result<Renderer> {
         self.load(loaded, &self.bake(loaded)?, executor)
     }
+}
+
+/// Relative error of the mean radiance of a closed box of uniform emission and albedo, L = Le / (1 − ρ).
+pub fn furnace_error(loaded: &LoadedScene, pictures: &Pictures) -> f32 {
+    let material = loaded.scene.materials[loaded.scene.geometry.triangles[0].material as usize];
+    let mean = pictures.full.pixels.iter().sum::<Vec3>() / pictures.full.pixels.len() as f32;
+    let expected = material.radiance / (Vec3::ONE - material.albedo);
+    (mean / expected - Vec3::ONE).abs().max_element()
 }
