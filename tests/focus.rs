@@ -5,7 +5,7 @@ use std::sync::Arc;
 use assets::{LoadedScene, procedural};
 use glam::{Vec3, vec3};
 use integration_tests::setup::Setup;
-use patches::{Density, Focus, PackedWeights, PatchKind, Weight};
+use patches::{Density, Focus, PackedWeights, Weight};
 use patchlight::{Bake, BakeSettings, EnergyCheck, Estimator, RenderSettings, Renderer, Silent};
 use reference::{PathSettings, PathTracer};
 use runtime::cpu::Cpu;
@@ -20,9 +20,8 @@ const PATHS: u32 = 8192;
 /// Points at which errors are measured.
 const POINTS: u32 = 200;
 
-fn settings(triangles: usize, focus: Focus) -> BakeSettings {
+fn settings(focus: Focus) -> BakeSettings {
     let setup = Setup {
-        patches: PatchKind::suited(triangles, COUNT),
         patch_count: COUNT,
         estimator: Estimator::Hemisphere { rays: 1024 },
         receiver_rays: 64,
@@ -32,9 +31,7 @@ fn settings(triangles: usize, focus: Focus) -> BakeSettings {
 }
 
 fn bake(loaded: &LoadedScene, focus: Focus) -> Bake {
-    // The kind of patches that suits the scene without a ground suits it with one.
-    let triangles = loaded.scene.geometry.triangles.len();
-    Bake::build(&loaded.scene, &settings(triangles, focus), &Silent).unwrap()
+    Bake::build(&loaded.scene, &settings(focus), &Silent).unwrap()
 }
 
 /// What rays meet in all directions from a place.

@@ -283,7 +283,7 @@ impl TemporalOptions {
 /// What patches are made, and how many.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct PatchOptions {
-    /// What patches are [default: polygon where triangles are few beside the patches, else cluster].
+    /// What patches are [default: cluster, or polygon where form factors are not by rays].
     #[arg(long, value_enum)]
     pub patches: Option<Patches>,
     /// Patches, about [default: 4000].
@@ -304,9 +304,13 @@ impl PatchOptions {
         self.patch_count.unwrap_or(4000) as usize
     }
 
-    /// What they are made of in a scene of so many triangles.
-    pub fn kind(&self, triangles: usize) -> PatchKind {
-        self.patches.map_or_else(|| PatchKind::suited(triangles, self.count()), Patches::kind)
+    /// What they are made of for an estimator of form factors: all but rays need outlines.
+    pub fn kind(&self, form_factors: FormFactors) -> PatchKind {
+        match (self.patches, form_factors) {
+            (Some(patches), _) => patches.kind(),
+            (None, FormFactors::Hemisphere) => PatchKind::Cluster,
+            (None, FormFactors::Contour | FormFactors::Area | FormFactors::Point) => PatchKind::Polygon,
+        }
     }
 
     /// Whether any of them was given.

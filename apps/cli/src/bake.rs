@@ -8,7 +8,9 @@ use clap::{ArgMatches, Args, ValueEnum as _};
 use localmatrix::BakeError;
 use serde::Serialize;
 
-use super::args::{BakeOptions, Input, Method, OperatorSettings, PatchOptions, parse_bytes, warn_of_idle_in_bake};
+use super::args::{
+    BakeOptions, FormFactors, Input, Method, OperatorSettings, PatchOptions, parse_bytes, warn_of_idle_in_bake,
+};
 use super::world::check_file;
 use assets::import::{LoadedScene, load_or_build};
 use experiments::Error;
@@ -383,7 +385,7 @@ fn baked(
     }
     let mut loaded = output::import_within(scene, *memory_limit, progress)?;
     let settings = BakeSettings {
-        patches: patches.kind(loaded.scene.geometry.triangles.len()),
+        patches: patches.kind(FormFactors::Hemisphere),
         patch_count: patches.count(),
         voxel_size: patches.voxel_size,
         focus: patches.focus.unwrap_or_default().focus(&loaded, &loaded.animation),

@@ -24,7 +24,6 @@ use experiments::report::{Comparison, Figure, FrameGraph, Plot, Section, Series,
 use experiments::say;
 use experiments::sequence::frame_time;
 use experiments::summary::{PassTimes, PhotonCounts, Summary};
-use patches::PatchKind;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
@@ -210,7 +209,6 @@ fn one_scene(
 ) -> Result<Outcome, Error> {
     output::make_folder(out)?;
     let settings = BakeSettings {
-        patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), effort.patches),
         patch_count: effort.patches,
         estimator: Estimator::Hemisphere { rays: effort.rays },
         receiver_rays: effort.rays / 2,

@@ -8,7 +8,7 @@ use scene::math::luminance;
 use scene::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LUMENS_PER_WATT, NONE};
 use serde::Serialize;
 
-use super::args::{OperatorOptions, PatchOptions};
+use super::args::{FormFactors, OperatorOptions, PatchOptions};
 use assets::import::{LoadedScene, load_or_build};
 use experiments::Error;
 use experiments::args::Common;
@@ -84,7 +84,7 @@ pub fn run(common: &Common, spec: &str, patches: &PatchOptions, operator: &Opera
     let mut info = Info::of(&loaded);
     if patches.is_given() || operator.operator {
         let start = Instant::now();
-        let kind = patches.kind(loaded.scene.geometry.triangles.len());
+        let kind = patches.kind(FormFactors::Hemisphere);
         let settings = BakeSettings {
             patches: kind,
             patch_count: patches.count(),

@@ -26,7 +26,6 @@ use crate::error::Error;
 use crate::output;
 use crate::progress::Progress;
 use crate::report::page;
-use ::patches::PatchKind;
 use assets::LoadedScene;
 use patches::SceneResult;
 use patchlight::{Bake, BakeSettings, Estimator, RenderSettings, Renderer};
@@ -216,10 +215,9 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
     output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))
 }
 
-/// A bake of so many patches of the kind that suits the scene.
+/// A bake of so many patches.
 fn suited_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
     BakeSettings {
-        patches: PatchKind::suited(loaded.scene.geometry.triangles.len(), count),
         patch_count: count,
         focus: args.focus.focus(loaded, &loaded.animation),
         estimator: Estimator::Hemisphere { rays: args.rays },

@@ -53,7 +53,7 @@ impl BakeOptions {
         seed: u32,
     ) -> BakeSettings {
         BakeSettings {
-            patches: self.patches.kind(loaded.scene.geometry.triangles.len()),
+            patches: self.patches.kind(self.form_factors),
             focus: self.patches.focus.unwrap_or_default().focus(loaded, animation),
             patch_count: self.patches.count(),
             voxel_size: self.patches.voxel_size,

@@ -37,11 +37,6 @@ pub enum PatchKind {
 }
 
 impl PatchKind {
-    /// Polygons where triangles are few and large beside the patches, else clusters.
-    pub fn suited(triangles: usize, patches: usize) -> Self {
-        if 4 * triangles < patches { Self::Polygon } else { Self::Cluster }
-    }
-
     /// Its name in settings and reports.
     pub fn name(self) -> &'static str {
         match self {
