@@ -1,6 +1,7 @@
-//! An executor whose device says that a binding shows few bytes.
+//! An executor whose device says that a binding shows few bytes, and that counts the bytes that are read back.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use runtime::executor::{DeviceInfo, Executor, ExecutorError, PassTime};
 use runtime::plan::{BufferId, PassId, Plan};
@@ -10,13 +11,19 @@ use runtime::recipe::Table;
 pub struct Limited {
     inner: Box<dyn Executor>,
     info: DeviceInfo,
+    downloaded: Arc<AtomicUsize>,
 }
 
 impl Limited {
     /// An executor with bindings of so many bytes.
     pub fn new(inner: Box<dyn Executor>, max_storage_buffer_range: u64) -> Self {
         let info = DeviceInfo { max_storage_buffer_range, ..inner.device().clone() };
-        Self { inner, info }
+        Self { inner, info, downloaded: Arc::default() }
+    }
+
+    /// Bytes that were read back so far.
+    pub fn downloaded(&self) -> Arc<AtomicUsize> {
+        Arc::clone(&self.downloaded)
     }
 }
 
@@ -70,6 +77,8 @@ impl Executor for Limited {
     }
 
     fn download(&mut self, buffer: BufferId) -> Result<Vec<u8>, ExecutorError> {
-        self.inner.download(buffer)
+        let bytes = self.inner.download(buffer)?;
+        self.downloaded.fetch_add(bytes.len(), Ordering::Relaxed);
+        Ok(bytes)
     }
 }

@@ -334,6 +334,7 @@ impl Show<'_> {
             }
             add_times(&mut times, passes);
         }
+        renderer.counted_report()?;
         let summary = self.summary(method, &mut renderer, &times, errors.last());
         let stages = Graph::new(renderer.executor_mut().plan().clone()).stages();
         Ok(Run { times, errors, pictures, phases, stages, summary })

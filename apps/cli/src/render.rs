@@ -226,6 +226,7 @@ impl Job<'_> {
         let mut renderer = interruptible(|| Renderer::new(bake, executor, &settings, progress))?;
         self.describe(&renderer, summary);
         let pictures = self.frames(&mut renderer, exact, summary)?;
+        renderer.counted_report()?;
         if let Some(photons) = renderer.method().as_any().downcast_ref::<FirstShotMethod>() {
             summary.photons = Some(PhotonCounts::of(&photons.shot().round()));
             if args.frames == 1 {

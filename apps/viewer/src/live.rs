@@ -243,13 +243,9 @@ impl Live {
         self.times(update.times)
     }
 
-    /// The times of an update and of what has finished since, with those of photons, which the host traces.
+    /// The times of an update and of what has finished since.
     fn times(&mut self, mut times: Vec<PassTime>) -> Result<Vec<PassTime>, Error> {
         times.extend(self.renderer.executor_mut().finished_times()?);
-        let report = self.renderer.report();
-        if report.photons.is_some() {
-            times.push(PassTime { name: "method".into(), milliseconds: report.host_ms });
-        }
         Ok(times)
     }
 }

@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let emission = Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?;
     let maps = IlluminationMaps::new(&scene, 0.5)?;
     let mut tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings { error: 0.02, ..Default::default() })?;
-    tracer.run(&|_| ControlFlow::Continue(()))?;
+    tracer.run(&|_| ControlFlow::Continue(()));
     let found = tracer.estimate();
     let power: f32 = found.irradiance.iter().zip(maps.areas()).map(|(h, area)| h.y * area).sum();
     let expected = 4.0 * std::f32::consts::PI * 10.0 / 24.0 * 0.6 / (1.0 - 0.6);

@@ -4,6 +4,7 @@ mod alias;
 mod emission;
 mod light_elements;
 mod maps;
+mod sums;
 mod trace;
 mod tracer;
 
@@ -11,6 +12,7 @@ pub use alias::alias_table;
 pub use emission::{Emission, Texels};
 pub use light_elements::{LightElement, LightElementSettings, light_elements};
 pub use maps::IlluminationMaps;
-pub use trace::trace_photons;
-pub use tracer::{Estimate, PhotonAccumulator, PhotonSettings, Round, Sequences, Tracer};
+pub use sums::{Sums, flux_words, group_areas, register_photons, relative_error, tally_words};
+pub use trace::{PhotonScene, trace_photons};
+pub use tracer::{Estimate, MOST_ROUND, PhotonAccumulator, PhotonSettings, Round, Sequences, Tracer};
 pub use transport::Proceed;

@@ -27,8 +27,10 @@
 //! lights, in the same code.
 //!
 //! The error is known from independent batches, `√(Σ A σ² / Σ A H²)`; [`Tracer::run`] goes on until it is what was asked for.
-//! Numbers come from Sobol's sequence with Owen's scrambling or from a hash; the same seed gives the same bytes for any
-//! number of threads. The bodies in [`kernel`] run as SPIR-V and on the host alike.
+//! Numbers come from Sobol's sequence with Owen's scrambling or from a hash. Sums are integers in fixed point, in units of 2⁻²⁰
+//! of a photon's mean flux ([`kernel::fixed`]): they do not depend on the order of photons, and the same seed gives the same
+//! bytes for any number of threads and any division into rounds, by the host and by a device. The bodies in [`kernel`] run as
+//! SPIR-V and on the host alike.
 //!
 //! Start points of a million photons, per cent in eighths of u (and of v) beside the density, lights at the corners 1, 0, 0 and
 //! 0.2, 1, 0.6:
@@ -63,7 +65,7 @@
 //! let emission = Emission::first_shot(&scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?;
 //! let maps = IlluminationMaps::new(&scene, 0.5)?;
 //! let mut tracer = Tracer::new(&scene, &emission, &maps, PhotonSettings { error: 0.1, ..Default::default() })?;
-//! tracer.run(&|_| ControlFlow::Continue(()))?;
+//! tracer.run(&|_| ControlFlow::Continue(()));
 //! let found = tracer.estimate();
 //! assert!(found.round.error <= 0.1 && found.irradiance.iter().any(|h| h.x > 0.0));
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -65,6 +65,11 @@ pub const SEQUENCE_SOBOL: u32 = 1;
 pub const FLAG_EXACT: u32 = 1;
 /// [`PhotonParams::flags`]: densities are those of the brightest texel; what a darker one would not send is rejected (Kopylov).
 pub const FLAG_BOUND: u32 = 2;
+/// [`PhotonParams::flags`]: light that comes straight from area lights and the sky is registered, too; else indirect light only.
+pub const FLAG_DIRECT: u32 = 1 << 16;
+
+/// Most photons of a run: more may overflow the sums ([`crate::kernel::fixed`]).
+pub const MOST_PHOTONS: u64 = 1 << 33;
 
 /// Settings of a dispatch of photons: of every batch the same numbers of its sequence.
 #[repr(C)]
@@ -92,10 +97,49 @@ pub struct PhotonParams {
     pub flags: u32,
     /// Distance by which rays start above a surface, m.
     pub ray_offset: f32,
+    /// Number of cells that hits are registered on.
+    pub cell_count: u32,
+    /// Number of groups of cells, whose light is judged.
+    pub group_count: u32,
     /// Keeps the size a multiple of 16.
-    pub reserved: u32,
+    pub reserved: [u32; 3],
 }
-const _: () = assert!(size_of::<PhotonParams>() == 64);
+const _: () = assert!(size_of::<PhotonParams>() == 80);
+
+/// Settings of the irradiance of elements.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ResolveParams {
+    /// Number of elements.
+    pub count: u32,
+    /// Mean flux of a photon, W.
+    pub mean_flux: f32,
+}
+const _: () = assert!(size_of::<ResolveParams>() == 8);
+
+/// Settings of the judgement by batches.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct JudgeParams {
+    /// Blocks of groups.
+    pub count: u32,
+    /// Number of groups.
+    pub group_count: u32,
+    /// Number of batches.
+    pub batches: u32,
+}
+const _: () = assert!(size_of::<JudgeParams>() == 12);
+
+/// A number ≥ 0 in fixed point, 64 bits ([`crate::kernel::fixed`]).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Fixed {
+    /// The lower 32 bits.
+    pub low: u32,
+    /// The upper 32 bits.
+    pub high: u32,
+}
+const _: () = assert!(size_of::<Fixed>() == 8);
 
 /// A photon on its way.
 #[repr(C)]

@@ -40,7 +40,8 @@
 //!   with `b: read [T]` any length will do;
 //! - `b: write [T]`: a buffer of which every element is written;
 //! - `b: update [T]`: a buffer that is read and written. With `b: update [T] as old`, the body of
-//!   `each` finds the element's value before in `old`;
+//!   `each` finds the element's value before in `old`. Several invocations may add to one word by
+//!   the functions of [`sums`](crate::sums);
 //! - `b: image FORMATS`: a sampled image, with the formats that may be bound;
 //! - `geometry: GeometryTables`: the six tables of the scene's geometry, as a `scene::GeometryTables`;
 //! - `lights: Lights`: the four tables of what shines, as a `scene::Lights`.

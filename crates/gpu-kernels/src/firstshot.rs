@@ -1,15 +1,18 @@
 //! Kernels of photons that start where lights fall first.
 
-use ::firstshot::kernel::{segment, start};
-use ::firstshot::{AliasEntry, Element, Photon, PhotonHit, PhotonParams};
+use ::firstshot::kernel::{judge, map, register, segment, start};
+use ::firstshot::{AliasEntry, Element, HIT_BACK, JudgeParams, MapGrid, PhotonHit, PhotonParams, ResolveParams};
 use ::scene::kernel::bvh;
 use ::scene::{Light, Rgb, Sky};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+
+use crate::sums;
 
 kernels! {
-    /// Every photon as it leaves what it starts from: [`start::start_photon`]. One invocation
-    /// per photon.
-    FIRSTSHOT_START = "firstshot_start"(p: PhotonParams) for k in 0..count {
+    /// Every photon from its start to its last segment, each of its hits added to the flux of a cell
+    /// and to the luminance of a group: [`start::start_photon`], [`segment::photon_hit`],
+    /// [`register::registration`], [`segment::reflect`]. One invocation per photon.
+    FIRSTSHOT_TRACE = "firstshot_trace"(p: PhotonParams) for k in 0..count {
         alias: read [AliasEntry; p.element_count as usize],
         elements: read [Element; p.element_count as usize],
         geometry: GeometryTables,
@@ -17,29 +20,56 @@ kernels! {
         sky: read [Sky; 1],
         sky_map: read [Rgb],
         distributions: read [f32],
-        photons: write [Photon],
-    } each {
+        grids: read [MapGrid],
+        groups: read [u32; p.cell_count as usize],
+        flux: update [u32],
+        tallies: update [u32],
+    } invocation {
         let sources = start::Sources { lights, sky: sky[0], sky_map, distributions };
         let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };
-        start::start_photon(&geometry, &sources, p, alias, elements, k, stopped)
+        let cell = |hit: &PhotonHit| {
+            let grid = grids[hit.triangle as usize];
+            map::cell_at(grid, hit.u, hit.v, hit.info & HIT_BACK != 0)
+        };
+        let group = |cell: u32| groups[cell as usize];
+        let mut photon = start::start_photon(&geometry, &sources, p, alias, elements, k, stopped);
+        let (mut segments, mut registered) = (0, 0);
+        while segment::is_under_way(&photon) {
+            let met = bvh::closest_hit(&geometry, photon.origin, photon.direction, bvh::FAR);
+            let hit = segment::photon_hit(&geometry, k, &photon, met);
+            let to = register::registration(p, &hit, cell, group);
+            sums::add_flux(flux, to.sum, hit.flux);
+            sums::add_flux(flux, to.emitted, hit.flux);
+            sums::add_luminance(tallies, to.luminance, hit.flux);
+            segments += 1;
+            registered += to.registered;
+            photon = segment::reflect(&geometry, p, k, &photon, met);
+        }
+        sums::add_count(tallies, register::count_word(k), segments);
+        sums::add_count(tallies, register::count_word(k) + 2, registered);
+    } host crate::host::firstshot::trace;
+
+    /// Irradiance of every element from the flux of its cells, W/m²: [`judge::element_irradiance`].
+    /// One invocation per element.
+    FIRSTSHOT_RESOLVE = "firstshot_resolve"(p: ResolveParams) for k in 0..count {
+        flux: read [u32],
+        cell_start: read [u32; count + 1],
+        cells: read [u32; cell_start[count] as usize],
+        element_areas: read [f32; count],
+        irradiance: write [Rgb],
+    } each {
+        judge::element_irradiance(p, flux, cell_start, cells, element_areas, k)
     }
 
-    /// The next segment of every photon: where it lands, and the photon as it goes on:
-    /// [`segment::photon_hit`], [`segment::reflect`]. One invocation per photon.
-    FIRSTSHOT_SEGMENT = "firstshot_segment"(p: PhotonParams) for k in 0..count {
-        geometry: GeometryTables,
-        photons: update [Photon],
-        photon_hits: write [PhotonHit],
-    } invocation {
-        let photon = photons[k as usize];
-        let mut photon_hit = segment::NO_PHOTON_HIT;
-        if photon.flux != Vec3::ZERO {
-            let hit = bvh::closest_hit(&geometry, photon.origin, photon.direction, bvh::FAR);
-            photon_hit = segment::photon_hit(&geometry, k, &photon, hit);
-            photons[k as usize] = segment::reflect(&geometry, p, k, &photon, hit);
-        }
-        photon_hits[k as usize] = photon_hit;
-    } host crate::host::firstshot::segment;
+    /// Noise and signal of every block of groups: [`judge::noise_and_signal`]. One invocation per
+    /// block.
+    FIRSTSHOT_JUDGE = "firstshot_judge"(p: JudgeParams) for k in 0..count {
+        tallies: read [u32; (p.group_count * p.batches) as usize],
+        group_areas: read [f32; p.group_count as usize],
+        judged: write [Vec2],
+    } each {
+        judge::noise_and_signal(p, |word| tallies[word as usize], group_areas, k)
+    }
 }

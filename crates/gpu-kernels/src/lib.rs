@@ -111,6 +111,7 @@ pub mod multibounce;
 pub mod params;
 pub mod patches;
 pub mod scene;
+mod sums;
 pub mod temporal;
 pub mod tiles;
 

@@ -4,8 +4,9 @@ use glam::Vec4;
 use runtime::executor::{DeviceInfo, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::formfactor::Surfaces;
+use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
-use scene::{Camera, Lighting};
+use scene::{Camera, Lighting, Scene};
 
 use crate::bake::{Bake, ReceiverKind};
 
@@ -24,6 +25,8 @@ pub struct FramePlan<'a> {
     pub plan: Plan,
     /// Tables so far.
     pub tables: Tables,
+    /// The scene on the device.
+    pub scene: SceneTables,
     /// Light of the patches: albedo ρ, first exitance E, irradiance H (what the method is to find) and exitance B. The
     /// irradiance has as many values as a lookup between patches needs.
     pub patches: Surfaces,
@@ -49,8 +52,8 @@ pub struct FrameInput<'a> {
 }
 
 impl<'a> FramePlan<'a> {
-    /// The buffers of the frames of a bake.
-    pub(crate) fn new(bake: &'a Bake, bounces: u32, device: &'a DeviceInfo) -> Self {
+    /// The buffers of the frames of a bake, whose scene may have another albedo, with a capacity of so many lights.
+    pub(crate) fn new(bake: &'a Bake, scene: &Scene, lights: usize, bounces: u32, device: &'a DeviceInfo) -> Self {
         let mut plan = Plan::new();
         let mut tables = Tables::new();
         let mesh = &bake.mesh;
@@ -74,7 +77,8 @@ impl<'a> FramePlan<'a> {
         let received = plan.storage("received", rgb_bytes(receivers.first_smooth() + receivers.points.len()));
         let interpolated = plan.storage("interpolated", rgb_bytes(receivers.interpolation.points.len()));
         let zeros = plan.storage("zeros", rgb_bytes(patch_count.max(element_count)));
-        Self { bake, bounces, device, plan, tables, patches, elements, received, interpolated, zeros }
+        let scene = SceneTables::new(&mut plan, &mut tables, scene, lights);
+        Self { bake, bounces, device, plan, tables, scene, patches, elements, received, interpolated, zeros }
     }
 
     /// Bounces from patch to patch: all but the last two, which end at elements and receivers; all where the patches are the

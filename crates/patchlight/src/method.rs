@@ -13,6 +13,7 @@ use std::sync::Arc;
 
 use runtime::executor::{Executor, PassTime};
 use runtime::plan::{PassId, Range};
+use scene::Scene;
 use transport::Observer;
 
 use crate::albedo::Albedo;
@@ -60,7 +61,7 @@ pub trait Method: Send {
         Ok(false)
     }
 
-    /// Whether the method puts the irradiance of the elements into [`FramePlan::elements`] itself, before the frame.
+    /// Whether the method's own passes put the irradiance of the elements into [`FramePlan::elements`].
     fn finds_element_irradiance(&self) -> bool {
         false
     }
@@ -78,6 +79,16 @@ pub trait Method: Send {
     fn start(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         let _ = executor;
         Ok(())
+    }
+
+    /// Takes what shines from now on, in the scene with its present albedo, before anything of a frame is submitted; says whether
+    /// the loaded plan has room for it. Where it has not, the plan is made anew.
+    ///
+    /// # Errors
+    /// Light that the method does not serve.
+    fn set_lighting(&mut self, scene: &Scene) -> Result<bool, Error> {
+        let _ = scene;
+        Ok(true)
     }
 
     /// Called in each frame, when lights are set and the passes of the first exitance submitted; waits for nothing.
@@ -134,7 +145,7 @@ pub struct MethodReport {
     pub host_ms: f64,
     /// What changed in the matrix round the camera.
     pub local: Option<localmatrix::CameraFrame>,
-    /// Photons of the last run.
+    /// Photons of the last run, once they are counted.
     pub photons: Option<::firstshot::Round>,
 }
 

@@ -368,8 +368,8 @@ impl Renderer {
     /// Finds the light of a frame: direct light → first exitance → the method → interpolation points. Lights may be added,
     /// removed and changed, and so may the sky and the emission of materials; only lights that have moved are traced, so one that
     /// is switched off best stays in the list with the colour zero. Submits the work and waits for nothing, but where
-    /// more lights or another sky map need larger buffers, and with photons, which are traced first. Under the lighting of the
-    /// update before, only what may still change is found. [`Self::set_sample_light`] gives direct light that is known already.
+    /// more lights or another sky map need larger buffers, with photons that go on to an error, and with the solvers of the host.
+    /// Under the lighting of the update before, only what may still change is found. [`Self::set_sample_light`] gives direct light that is known already.
     ///
     /// # Errors
     /// Lighting that does not suit the scene; [`Error::SampleLightLost`]; what the device says.
@@ -521,7 +521,7 @@ impl Renderer {
         let PendingPicture { camera, number, update } = pending;
         let mut times = update.times;
         times.extend(self.executor.wait()?);
-        let times = self.with_photons(by_name(times));
+        let times = by_name(times);
         let full = self.sum(self.frame.shade.full)?;
         let direct = self.sum(self.frame.shade.direct)?;
         let indirect = match self.bake.settings.receivers {
@@ -578,16 +578,7 @@ impl Renderer {
         self.executor.wait()?;
         let mut times = self.update_light(lighting, camera)?.times;
         times.extend(self.executor.wait()?);
-        Ok(self.with_photons(by_name(times)))
-    }
-
-    /// Times with that of the photons, which are traced before the frame.
-    fn with_photons(&self, mut times: Vec<(String, f64)>) -> Vec<(String, f64)> {
-        let report = self.method.report();
-        if report.photons.is_some() {
-            times.push(("method".to_owned(), report.host_ms));
-        }
-        times
+        Ok(by_name(times))
     }
 
     /// Indirect irradiance of the last update where pixels take it from, W/m²: at the interpolation points, or of the patches
@@ -626,6 +617,7 @@ impl Renderer {
     /// What the device says; cancellation.
     pub fn irradiance_at(&mut self, points: &[SurfacePoint]) -> Result<Vec<Vec3>, Error> {
         let seed = self.bake.settings.seed ^ 0x706f_696e;
+        self.method.count(self.executor.as_mut())?;
         let method = self.method.as_any().downcast_ref::<crate::method::firstshot::FirstShotMethod>();
         if let Some(photons) = method {
             return Ok(photons.shot().irradiance_at(&self.scene, points, seed));
@@ -750,7 +742,8 @@ impl Renderer {
             || self.scene.lighting.emission != lighting.emission;
         let has_new_distributions = self.scene.lighting.distributions != lighting.distributions;
         self.scene.set_lighting(lighting.clone())?;
-        if !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
+        let has_room = self.method.set_lighting(&self.scene)?;
+        if !has_room || !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
             self.load()?;
         } else if sky_changes {
             self.frame.upload_sky(&self.bake, self.albedo.as_ref(), &self.scene, self.executor.as_mut())?;
@@ -856,9 +849,9 @@ impl Frame {
     ) -> Result<Self, Error> {
         let device = executor.device().clone();
         let bounces = albedo.map_or(bake.bounces, |albedo| albedo.bounces);
-        let mut frame = FramePlan::new(bake, bounces, &device);
         let capacity = scene.lighting.lights.len().next_power_of_two().max(LEAST_LIGHTS);
-        let tables = SceneTables::new(&mut frame.plan, &mut frame.tables, scene, capacity);
+        let mut frame = FramePlan::new(bake, scene, capacity, bounces, &device);
+        let tables = frame.scene.clone();
         let direct = direct::add(&mut frame, &tables)?;
         let source = source::add(&mut frame, &direct)?;
         let before = frame.plan.all_passes();

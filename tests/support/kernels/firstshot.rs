@@ -2,16 +2,31 @@
 
 use std::ops::ControlFlow;
 
-use firstshot::{Emission, LightElementSettings, Photon, PhotonHit, PhotonParams, SEQUENCE_SOBOL, Texels};
-use glam::Vec3;
+use firstshot::kernel::judge::JUDGED;
+use firstshot::{
+    Emission, FLAG_DIRECT, JudgeParams, LightElementSettings, MapGrid, PhotonParams, ResolveParams, SEQUENCE_SOBOL,
+    Texels, flux_words, tally_words,
+};
+use glam::{Vec2, Vec4};
 use scene::Scene;
 
 use super::{Random, Tables, buffer, call, room};
 
 /// Photons of a dispatch.
 const PHOTONS: u32 = 700;
+/// Groups of cells.
+const GROUPS: u32 = 90;
 
 pub(super) fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
+    match name {
+        "firstshot_resolve" => resolve(r),
+        "firstshot_judge" => judge(r),
+        _ => trace(r, scene),
+    }
+}
+
+/// Photons from all kinds of elements onto a few cells of each triangle.
+fn trace(r: &mut Random, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     let settings = LightElementSettings { elements: 2000, longest: 0.2, ..LightElementSettings::default() };
     let go_on = |_, _| ControlFlow::Continue(());
     // Both ways to shoot together have all kinds of elements.
@@ -32,23 +47,58 @@ pub(super) fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec
         seed: 9,
         flags: emission.flags,
         ray_offset: scene.geometry.ray_offset,
-        reserved: 0,
+        ..PhotonParams::default()
     };
-    let tables = if name == "firstshot_start" {
-        let photons = room::<Photon>("photons", PHOTONS as usize);
-        vec![buffer("alias", &emission.alias), buffer("elements", &emission.elements), photons]
-    } else {
-        // Some that are no more, some that miss the scene.
-        let photon = |_| Photon {
-            origin: r.vector() * 2.0,
-            reflections: r.below(3),
-            direction: r.direction(),
-            segments: r.below(4),
-            flux: if r.below(8) == 0 { Vec3::ZERO } else { r.vector() },
-            reserved: 0,
-        };
-        let photons: Vec<Photon> = (0..PHOTONS).map(photon).collect();
-        vec![buffer("photons", &photons), room::<PhotonHit>("photon_hits", PHOTONS as usize)]
+    // Cells of all sides, some that belong to no group; the last are not counted, so what lands there is unowned.
+    let mut cells = 0;
+    let grid = |_| {
+        let divisions = 1 + r.below(3);
+        cells += 2 * divisions * divisions;
+        MapGrid { first: cells - 2 * divisions * divisions, divisions }
     };
+    let grids: Vec<MapGrid> = (0..scene.geometry.triangles.len()).map(grid).collect();
+    let p = PhotonParams { cell_count: cells - cells / 8, group_count: GROUPS, flags: p.flags | FLAG_DIRECT, ..p };
+    let groups: Vec<u32> = (0..p.cell_count).map(|_| r.below(GROUPS + 5)).collect();
+    // Low words that are full, so that additions carry.
+    let full = |words: usize| (0..words).map(|k| if k % 2 == 0 { u32::MAX - 9 } else { 3 }).collect::<Vec<u32>>();
+    let tables = vec![
+        buffer("alias", &emission.alias),
+        buffer("elements", &emission.elements),
+        buffer("grids", &grids),
+        buffer("groups", &groups),
+        buffer("flux", &full(flux_words(p.cell_count as usize))),
+        buffer("tallies", &full(tally_words(GROUPS as usize, PHOTONS / p.per_batch))),
+    ];
     call(PHOTONS, p, tables)
+}
+
+/// Irradiance of 150 elements from sums of 400 cells.
+fn resolve(r: &mut Random) -> (u32, Vec<u8>, Tables) {
+    let (count, cells) = (150, 400);
+    let mut start = vec![0u32];
+    for k in 0..count {
+        start.push(start[k] + r.below(6));
+    }
+    let owned: Vec<u32> = (0..start[count]).map(|_| r.below(cells)).collect();
+    let flux: Vec<u32> =
+        (0..flux_words(cells as usize)).map(|k| if k % 2 == 0 { r.word() } else { r.below(900) }).collect();
+    let areas: Vec<f32> = (0..count).map(|k| if k % 7 == 0 { 0.0 } else { r.unit() }).collect();
+    let tables = vec![
+        buffer("flux", &flux),
+        buffer("cell_start", &start),
+        buffer("cells", &owned),
+        buffer("element_areas", &areas),
+        room::<Vec4>("irradiance", count),
+    ];
+    call(count as u32, ResolveParams { count: count as u32, mean_flux: 3e-4 }, tables)
+}
+
+/// Blocks of groups in 7 batches; the last block is not full.
+fn judge(r: &mut Random) -> (u32, Vec<u8>, Tables) {
+    let (groups, batches) = (9 * JUDGED - 5, 7);
+    let words = tally_words(groups as usize, batches);
+    let tallies: Vec<u32> = (0..words).map(|k| if k % 2 == 0 { r.word() } else { r.below(90) }).collect();
+    let areas: Vec<f32> = (0..groups).map(|k| if k % 9 == 0 { 0.0 } else { r.unit() }).collect();
+    let tables = vec![buffer("tallies", &tallies), buffer("group_areas", &areas), room::<Vec2>("judged", 9)];
+    call(9, JudgeParams { count: 9, group_count: groups, batches }, tables)
 }

@@ -16,12 +16,18 @@ pub struct MethodOptions {
     /// twice as many.
     #[arg(long)]
     pub plain: bool,
-    /// Relative error of the patches' irradiance at which photons are enough (firstshot).
-    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_error)]
+    /// Relative error of the patches' irradiance at which photons are enough (firstshot). With 0 all
+    /// of `--photons` are traced, and no frame waits to hear of the error.
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_goal)]
     pub error: f64,
     /// Most photons (firstshot).
     #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
     pub photons: u64,
+}
+
+/// An error that is asked for, or 0.
+fn parse_goal(text: &str) -> Result<f64, String> {
+    if text.parse() == Ok(0.0) { Ok(0.0) } else { parse_error(text).map_err(|error| format!("{error}, nor 0")) }
 }
 
 impl MethodOptions {

@@ -41,7 +41,7 @@ pub enum Texels {
 }
 
 /// Elements and the distribution over them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Emission {
     /// What photons start from.
     pub elements: Vec<Element>,

@@ -8,9 +8,14 @@ use scene::{GeometryTables, Hit, NONE};
 use super::sequence::Sequence;
 use crate::types::*;
 
-/// The hit of no photon.
-pub const NO_PHOTON_HIT: PhotonHit =
-    PhotonHit { flux: Vec3::ZERO, triangle: NONE, u: 0.0, v: 0.0, photon: 0, info: HIT_INDIRECT };
+/// Segments after which a photon is given up; at the greatest reflectance one in 10¹¹ has more.
+const MOST_SEGMENTS: u32 = 512;
+
+/// Whether a photon has another segment.
+#[inline]
+pub fn is_under_way(photon: &Photon) -> bool {
+    photon.flux != Vec3::ZERO && photon.segments < MOST_SEGMENTS
+}
 
 /// The hit of photon `k` of a dispatch at what its segment met.
 #[inline]

@@ -7,25 +7,29 @@ use std::time::Instant;
 
 use ::firstshot::{
     Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Proceed, Round,
-    Texels, Tracer,
+    Sums, Texels, group_areas,
 };
 use glam::{Vec2, Vec3, Vec4};
 use patches::PatchMesh;
 use rayon::prelude::*;
-use runtime::executor::{DeviceChoice, Executor, open};
-use runtime::recipe::firstshot::PhotonPasses;
+use runtime::cpu::Cpu;
+use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, PassTime, open};
+use runtime::plan::{PassId, Plan, Range};
+use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
+use runtime::recipe::scene::SceneTables;
+use runtime::recipe::{Tables, rgb_bytes};
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
 use scene::{DirectParams, Hit, Lighting, NONE, Scene, SurfacePoint};
-use transport::{Observer, Patch, Phase, Silent};
+use transport::{Observer, Patch, Phase};
 
-use super::{Method, MethodReport, Preparation, bytes};
+use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
 use crate::albedo::Albedo;
 use crate::bake::{Bake, ReceiverKind, direct_params};
 use crate::error::Error;
-use crate::frame::{FrameInput, FramePlan};
+use crate::frame::FramePlan;
 use crate::observe::run_phase;
 
 /// Rays of a point whose light is gathered exactly.
@@ -34,10 +38,31 @@ const POINT_RAYS: u32 = 4096;
 /// How much is traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstShotSettings {
-    /// Relative error of the irradiance of the patches.
+    /// Relative error of the irradiance of the patches at which photons are enough: it is asked for after each round of photons.
+    /// With 0 all photons are traced, and no frame waits for what the device has found.
     pub error: f64,
     /// Most photons.
     pub most_photons: u64,
+}
+
+impl FirstShotSettings {
+    /// What the lights fall on, and the distribution over it.
+    ///
+    /// # Errors
+    /// More elements than there may be, cancellation.
+    pub fn emission(
+        &self,
+        scene: &Scene,
+        progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+    ) -> Result<Emission, ::firstshot::Error> {
+        Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, progress)
+    }
+
+    /// How photons are traced.
+    pub fn photons(&self, seed: u32) -> PhotonSettings {
+        let Self { error, most_photons } = *self;
+        PhotonSettings { error, most_photons, seed, ..PhotonSettings::default() }
+    }
 }
 
 impl Default for FirstShotSettings {
@@ -51,10 +76,15 @@ impl Default for FirstShotSettings {
 pub struct PatchMaps {
     /// The maps.
     pub maps: IlluminationMaps,
-    /// Element of each cell, or [`NONE`].
-    elements: Vec<u32>,
     /// Patch of each cell, or [`NONE`].
     patches: Vec<u32>,
+    /// Areas of the patches that have cells, m².
+    patch_areas: Vec<f32>,
+    /// The cells of each element one after the other, those without area left out, and where each element's begin.
+    cells_of_elements: Vec<u32>,
+    cell_start: Vec<u32>,
+    /// Areas of the elements, m²: those of their cells.
+    element_areas: Vec<f32>,
 }
 
 impl PhotonAccumulator for PatchMaps {
@@ -84,19 +114,39 @@ impl PatchMaps {
         let elements: Vec<u32> =
             sides.flat_map_iter(|(triangle, is_back)| element_of_cells(&maps, mesh, triangle, is_back)).collect();
         let patches = elements.iter().map(|&element| mesh.patch_of(element)).collect();
-        Ok(Self { maps, elements, patches })
+        let count = mesh.elements.len();
+        let (cells_of_elements, cell_start) = lists(&elements, maps.areas(), count);
+        let mut areas = vec![0.0f64; count];
+        for (&element, &area) in elements.iter().zip(maps.areas()) {
+            if let Some(sum) = areas.get_mut(element as usize) {
+                *sum += f64::from(area);
+            }
+        }
+        let element_areas = areas.into_iter().map(|area| area as f32).collect();
+        let mut whole = Self { maps, patches, patch_areas: Vec::new(), cells_of_elements, cell_start, element_areas };
+        whole.patch_areas = group_areas(&whole);
+        Ok(whole)
     }
 
-    /// Mean of the cells of each of `count` owners, W/m²; 0 where none is owned.
-    fn means(&self, owner: &[u32], count: usize, irradiance: &[Vec3]) -> Vec<Vec4> {
+    /// Mean of the cells of each of so many patches, W/m²; 0 where none is owned.
+    fn patch_means(&self, count: usize, irradiance: &[Vec3]) -> Vec<Vec3> {
         let mut sums = vec![Vec4::ZERO; count];
-        for ((&owner, light), &area) in owner.iter().zip(irradiance).zip(self.areas()) {
-            if let Some(sum) = sums.get_mut(owner as usize) {
+        for ((&patch, light), &area) in self.patches.iter().zip(irradiance).zip(self.areas()) {
+            if let Some(sum) = sums.get_mut(patch as usize) {
                 *sum += (*light * area).extend(area);
             }
         }
-        sums.into_iter().map(|s| if s.w > 0.0 { (s.truncate() / s.w).extend(0.0) } else { Vec4::ZERO }).collect()
+        sums.into_iter().map(|s| if s.w > 0.0 { s.truncate() / s.w } else { Vec3::ZERO }).collect()
     }
+}
+
+/// The cells of each of `count` owners one after the other, those without area left out, and where each owner's begin.
+fn lists(owners: &[u32], areas: &[f32], count: usize) -> (Vec<u32>, Vec<u32>) {
+    let owned = |(cell, owner): &(u32, &u32)| (**owner as usize) < count && areas[*cell as usize] > 0.0;
+    let mut pairs: Vec<(u32, u32)> = (0..).zip(owners).filter(owned).map(|(cell, &owner)| (owner, cell)).collect();
+    pairs.sort_unstable();
+    let start = (0..=count as u32).map(|owner| pairs.partition_point(|pair| pair.0 < owner) as u32).collect();
+    (pairs.into_iter().map(|(_, cell)| cell).collect(), start)
 }
 
 /// The element in the middle of each cell of a side of a triangle.
@@ -121,96 +171,152 @@ pub struct PatchLight {
 
 /// Photons of a scene and where they have hit.
 pub struct FirstShot {
-    maps: PatchMaps,
+    maps: Arc<PatchMaps>,
     settings: FirstShotSettings,
     seed: u32,
-    /// What shone in the last run.
+    /// What photons start from, and what shone when it was found.
+    emission: Emission,
     lighting: Option<Lighting>,
+    /// Photons of each batch so far.
+    per_batch: u64,
+    /// What the photons have found, once the host knows.
+    sums: Option<Sums>,
     estimate: Estimate,
-    /// Kernels on a device; without, the host's own hierarchy is faster.
-    passes: Option<PhotonPasses>,
-    element_bytes: u64,
 }
 
 impl FirstShot {
-    /// Nothing traced yet. With `executor`, its device traces.
-    ///
-    /// # Errors
-    /// More cells than there may be.
-    pub fn new(
+    fn new(
         scene: &Scene,
         mesh: &PatchMesh,
         settings: FirstShotSettings,
         seed: u32,
-        executor: Option<Box<dyn Executor>>,
+        observer: &dyn Observer,
     ) -> Result<Self, Error> {
+        settings.photons(seed).check().map_err(Error::Photons)?;
+        let maps = run_phase(observer, Phase::MAPS, |_| PatchMaps::new(scene, mesh))?;
         Ok(Self {
-            maps: PatchMaps::new(scene, mesh)?,
+            maps: Arc::new(maps),
             settings,
             seed,
+            emission: Emission::default(),
             lighting: None,
+            per_batch: 0,
+            sums: None,
             estimate: Estimate::default(),
-            passes: executor.map(PhotonPasses::new),
-            element_bytes: 0,
         })
     }
 
-    /// Traces for what shines in the scene, unless it is that of the last run.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`], what the device says.
-    pub fn solve(&mut self, scene: &Scene, observer: &dyn Observer) -> Result<(), Error> {
+    /// Finds what photons start from, unless it shines as before; says whether it does not.
+    fn set_lighting(
+        &mut self,
+        scene: &Scene,
+        report: &(dyn Fn(usize, usize) -> Proceed + Sync),
+    ) -> Result<bool, Error> {
         if self.lighting.as_ref() == Some(&scene.lighting) {
+            return Ok(false);
+        }
+        self.lighting = None;
+        self.sums = None;
+        self.per_batch = 0;
+        self.emission = self.settings.emission(scene, report)?;
+        self.lighting = Some(scene.lighting.clone());
+        Ok(true)
+    }
+
+    /// The passes, and the tables that they need.
+    fn add_passes(
+        &self,
+        plan: &mut Plan,
+        tables: &mut Tables,
+        scene: &SceneTables,
+        irradiance: Range,
+    ) -> Result<PhotonPasses, ExecutorError> {
+        let maps = &self.maps;
+        let bindings = [
+            tables.named_part(plan, "grids", maps, |maps| &maps.maps.grids),
+            tables.named_part(plan, "groups", maps, |maps| &maps.patches),
+            tables.named_part(plan, "group_areas", maps, |maps| &maps.patch_areas),
+            tables.named_part(plan, "cell_start", maps, |maps| &maps.cell_start),
+            tables.named_part(plan, "cells", maps, |maps| &maps.cells_of_elements),
+            tables.named_part(plan, "element_areas", maps, |maps| &maps.element_areas),
+            ("irradiance", irradiance),
+        ];
+        let targets = PhotonTargets {
+            cells: maps.areas().len() as u32,
+            groups: maps.patch_areas.len() as u32,
+            elements: maps.element_areas.len() as u32,
+            batches: self.settings.photons(self.seed).batches,
+        };
+        let capacity = self.emission.elements.len().next_power_of_two();
+        PhotonPasses::add(plan, scene, &bindings, targets, capacity)
+    }
+
+    /// Traces: all photons, with nothing read back, or until the device says that the error is reached.
+    fn trace(
+        &mut self,
+        passes: &PhotonPasses,
+        scene: &Scene,
+        executor: &mut (dyn Executor + 'static),
+        report: &dyn Fn(usize, usize) -> Proceed,
+    ) -> Result<(), Error> {
+        passes.start(executor, &self.emission)?;
+        self.per_batch = 0;
+        self.sums = None;
+        if self.emission.is_dark() {
             return Ok(());
         }
-        run_phase(observer, Phase::PHOTONS, |report| self.trace(scene, report))
-    }
-
-    fn trace(&mut self, scene: &Scene, report: &(dyn Fn(usize, usize) -> Proceed + Sync)) -> Result<(), Error> {
-        // The adaptive light elements are a small part of the work.
-        let elements = |done: usize, total: usize| report(done, 10 * total);
-        let emission = Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &elements)?;
-        self.element_bytes = emission.bytes();
-        let settings = PhotonSettings {
-            error: self.settings.error,
-            most_photons: self.settings.most_photons,
-            seed: self.seed,
-            ..PhotonSettings::default()
-        };
-        let mut tracer = Tracer::new(scene, &emission, &self.maps, settings)?;
-        let progress = |round: &Round| report(per_mille_done(round, &settings), 1000);
-        let finished = match &mut self.passes {
-            Some(passes) => {
-                passes.load(scene, &emission)?;
-                tracer.run_with(&progress, |p| passes.trace(p).map_err(Error::from))?
+        let settings = self.settings.photons(self.seed);
+        let targets = [self.maps.areas().len() as u32, self.maps.patch_areas.len() as u32];
+        let mut error = f64::INFINITY;
+        loop {
+            let count = settings.next_round(self.per_batch, error);
+            if count == 0 {
+                return Ok(());
             }
-            None => tracer.run(&progress)?,
-        };
-        if !finished {
-            return Err(Error::Cancelled);
+            passes.trace(executor, &settings.params(scene, &self.emission, self.per_batch, count, targets))?;
+            self.per_batch += u64::from(count);
+            if settings.error > 0.0 {
+                error = passes.relative_error(executor)?;
+            }
+            let photons = self.per_batch * u64::from(settings.batches);
+            if report(per_mille_done(photons, error, &settings), 1000).is_break() {
+                return Err(Error::Cancelled);
+            }
         }
-        self.estimate = tracer.estimate();
-        self.lighting = Some(scene.lighting.clone());
-        Ok(())
     }
 
-    /// Indirect irradiance of the elements, W/m².
-    pub fn element_irradiance(&self, mesh: &PatchMesh) -> Vec<Vec4> {
-        self.maps.means(&self.maps.elements, mesh.elements.len(), &self.estimate.irradiance)
+    /// Mean flux of a photon, W.
+    fn mean_flux(&self) -> f32 {
+        let photons = self.per_batch * u64::from(self.settings.photons(self.seed).batches);
+        (self.emission.power / photons.max(1) as f64) as f32
+    }
+
+    /// Takes the sums over from the device; waits.
+    fn count(&mut self, passes: &PhotonPasses, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        if self.sums.is_some() {
+            return Ok(());
+        }
+        let (flux, tallies) = passes.words(executor)?;
+        let batches = self.settings.photons(self.seed).batches;
+        let (cells, areas) = (self.maps.areas().len(), self.maps.patch_areas.clone());
+        let sums = Sums::from_words(flux, tallies, cells, areas, batches).map_err(Error::Photons)?;
+        self.estimate = sums.estimate(self.maps.areas(), self.emission.power, self.per_batch);
+        self.sums = Some(sums);
+        Ok(())
     }
 
     /// Indirect irradiance of the patches, W/m².
     pub fn patch_light(&self, mesh: &PatchMesh) -> Vec<PatchLight> {
-        let means = self.maps.means(&self.maps.patches, mesh.patches.len(), &self.estimate.irradiance);
+        let means = self.maps.patch_means(mesh.patches.len(), &self.estimate.irradiance);
         let mut light = Vec::with_capacity(means.len());
-        for (k, (patch, mean)) in mesh.patches.iter().zip(means).enumerate() {
+        for (k, (patch, irradiance)) in mesh.patches.iter().zip(means).enumerate() {
             let error = self.estimate.error.get(k).copied().unwrap_or(0.0);
-            light.push(PatchLight { patch: *patch, irradiance: mean.truncate(), error });
+            light.push(PatchLight { patch: *patch, irradiance, error });
         }
         light
     }
 
-    /// What was traced, and its error.
+    /// What was traced, and its error; as of when it was counted last.
     pub fn round(&self) -> Round {
         self.estimate.round
     }
@@ -222,9 +328,9 @@ impl FirstShot {
 
     /// Bytes of the maps and of the light elements.
     pub fn bytes(&self) -> [(&'static str, u64); 2] {
-        // Flux, area, element, patch.
-        let cell = (size_of::<[f32; 3]>() + size_of::<f32>() + 2 * size_of::<u32>()) as u64;
-        [("maps", self.maps.maps.len() as u64 * cell), ("light elements", self.element_bytes)]
+        // Three channels of 64 bits, area, element, patch.
+        let cell = (3 * size_of::<u64>() + size_of::<f32>() + 2 * size_of::<u32>()) as u64;
+        [("maps", self.maps.maps.len() as u64 * cell), ("light elements", self.emission.bytes())]
     }
 
     /// Indirect irradiance at points, W/m²: the mean over rays of `ρ (H_d + H)` at what they meet, H of the illumination maps,
@@ -264,9 +370,9 @@ fn gather(maps: &PatchMaps, estimate: &Estimate, scene: &Scene, index: u32, poin
 }
 
 /// How much of the photons is done, of 1,000: what the error or the greatest number allows.
-fn per_mille_done(round: &Round, settings: &PhotonSettings) -> usize {
-    let by_error = (settings.error / round.error).powi(2);
-    let by_count = round.photons as f64 / settings.most_photons as f64;
+fn per_mille_done(photons: u64, error: f64, settings: &PhotonSettings) -> usize {
+    let by_error = (settings.error / error).powi(2);
+    let by_count = photons as f64 / settings.most_photons as f64;
     (1000.0 * (0.1 + 0.9 * by_error.max(by_count).min(1.0))) as usize
 }
 
@@ -274,8 +380,10 @@ fn per_mille_done(round: &Round, settings: &PhotonSettings) -> usize {
 pub struct FirstShotMethod {
     bake: Arc<Bake>,
     shot: FirstShot,
-    scene: Scene,
-    irradiance: Option<runtime::plan::BufferId>,
+    passes: Option<PhotonPasses>,
+    /// Whether the sums of the loaded plan are those of the lighting.
+    is_traced: bool,
+    start: Option<PassId>,
     host_ms: f64,
 }
 
@@ -293,44 +401,73 @@ impl FirstShotMethod {
         if bake.settings.receivers == ReceiverKind::Patches {
             return Err(Error::FirstShotReceivers);
         }
-        let tracing = same_device(device)?;
-        let mut shot = run_phase(with.observer, Phase::MAPS, |_| {
-            FirstShot::new(&bake.scene, &bake.mesh, *settings, bake.settings.seed, tracing)
-        })?;
-        shot.solve(&bake.scene, with.observer)?;
-        let round = shot.round();
-        with.observer.note(&format!(
-            "{} photons, {} registered, relative error {:.2} %",
-            round.photons,
-            round.registered,
-            100.0 * round.error
-        ));
-        let scene = bake.scene.clone();
-        Ok(Self { bake, shot, scene, irradiance: None, host_ms: 0.0 })
+        let seed = bake.settings.seed;
+        let mut shot = FirstShot::new(&bake.scene, &bake.mesh, *settings, seed, with.observer)?;
+        if let Some(executor) = same_device(device)? {
+            run_phase(with.observer, Phase::PHOTONS, |report| {
+                trace_for_bake(&mut shot, &bake.scene, executor, report)
+            })?;
+            let round = shot.round();
+            with.observer.note(&format!(
+                "{} photons, {} registered, relative error {:.2} %",
+                round.photons,
+                round.registered,
+                100.0 * round.error
+            ));
+        }
+        Ok(Self { bake, shot, passes: None, is_traced: false, start: None, host_ms: 0.0 })
     }
 
-    /// The photons.
+    /// The photons; what they have found is that of the last frame once [`Method::count`] was called after it.
     pub fn shot(&self) -> &FirstShot {
         &self.shot
     }
 }
 
-/// The same device once more, for tables of its own; nothing for native code and for a caller's device.
+/// The same device once more, for a plan of its own; nothing for a caller's device.
 fn same_device(executor: &dyn Executor) -> Result<Option<Box<dyn Executor>>, Error> {
-    match executor.device().index {
+    let device = executor.device();
+    match device.index {
         Some(index) => Ok(Some(open(&DeviceChoice::Index(index))?.0)),
+        None if device.kind == DeviceKind::Native => Ok(Some(Box::new(Cpu::new()))),
         None => Ok(None),
     }
 }
 
+/// Traces for the lights of the bake, in a plan that has nothing else.
+fn trace_for_bake(
+    shot: &mut FirstShot,
+    scene: &Scene,
+    mut executor: Box<dyn Executor>,
+    report: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<(), Error> {
+    // The adaptive light elements are a small part of the work.
+    shot.set_lighting(scene, &|done, total| report(done, 10 * total))?;
+    let (mut plan, mut tables) = (Plan::new(), Tables::new());
+    let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
+    let irradiance = plan.storage("element irradiance", rgb_bytes(shot.maps.element_areas.len()));
+    let passes = shot.add_passes(&mut plan, &mut tables, &scene_tables, irradiance.into())?;
+    let executor = executor.as_mut();
+    executor.load(plan)?;
+    tables.upload(executor)?;
+    scene_tables.set_lights(executor, &scene.lighting.lights)?;
+    scene_tables.set_distributions(executor, &scene.lighting.distributions)?;
+    scene_tables.set_sky_and_emission(executor, scene)?;
+    shot.trace(&passes, scene, executor, report)?;
+    shot.count(&passes, executor)
+}
+
 impl Method for FirstShotMethod {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
-        self.irradiance = Some(frame.elements.irradiance.buffer);
-        Ok(frame.start_from_source()?)
+        let irradiance = frame.elements.irradiance;
+        self.passes = Some(self.shot.add_passes(&mut frame.plan, &mut frame.tables, &frame.scene, irradiance)?);
+        let before = passes_so_far(frame).len();
+        frame.start_from_source()?;
+        self.start = passes_so_far(frame).get(before).copied();
+        Ok(())
     }
 
-    fn set_albedo(&mut self, albedo: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
-        albedo.give_to(&mut self.scene);
+    fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {
         self.shot.lighting = None;
         Ok(())
     }
@@ -339,28 +476,59 @@ impl Method for FirstShotMethod {
         true
     }
 
-    fn before_frame(&mut self, input: &FrameInput, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+    fn set_lighting(&mut self, scene: &Scene) -> Result<bool, Error> {
         let start = Instant::now();
-        self.scene.set_lighting(input.lighting.clone())?;
-        self.shot.solve(&self.scene, &Silent)?;
+        if self.shot.set_lighting(scene, &go_on)? {
+            self.is_traced = false;
+        }
         self.host_ms = start.elapsed().as_secs_f64() * 1e3;
-        if let Some(buffer) = self.irradiance {
-            executor.upload(buffer, &self.shot.element_irradiance(&self.bake.mesh))?;
+        Ok(self.passes.is_some_and(|passes| passes.fits(&self.shot.emission)))
+    }
+
+    fn start(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        self.is_traced = false;
+        if let (Some(passes), Some(sums)) = (&self.passes, &self.shot.sums) {
+            passes.restore(executor, sums)?;
+            self.is_traced = true;
         }
         Ok(())
+    }
+
+    fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Option<Result<Vec<PassTime>, Error>> {
+        Some(self.submit_photons(executor))
+    }
+
+    fn count(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+        match self.passes.filter(|_| self.is_traced) {
+            Some(passes) => self.shot.count(&passes, executor),
+            None => Ok(()),
+        }
     }
 
     fn report(&self) -> MethodReport {
         MethodReport {
             bytes: bytes(self.shot.bytes()),
             host_ms: self.host_ms,
-            photons: Some(self.shot.round()),
+            photons: self.shot.sums.is_some().then(|| self.shot.round()),
             ..MethodReport::default()
         }
     }
 
     fn as_any(&self) -> &dyn std::any::Any {
         self
+    }
+}
+
+impl FirstShotMethod {
+    fn submit_photons(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<Vec<PassTime>, Error> {
+        let Some(passes) = self.passes else { return Ok(Vec::new()) };
+        if !self.is_traced {
+            self.shot.trace(&passes, &self.bake.scene, executor, &go_on)?;
+            self.is_traced = true;
+        }
+        passes.resolve(executor, self.shot.mean_flux())?;
+        executor.submit_passes(self.start.as_slice())?;
+        Ok(vec![PassTime { name: "method".into(), milliseconds: self.host_ms }])
     }
 }
 

@@ -1,92 +1,146 @@
-//! Recipe of `firstshot`: photons by the kernels of a device, one start and one segment, run until no photon is left.
+//! Recipe of `firstshot`: photons of a device, registered there, and what follows from their sums. Nothing is read back but
+//! a pair of numbers for some 64 groups, where the error decides how many photons there are.
 
-use firstshot::{Emission, Photon, PhotonHit, PhotonParams};
-use glam::Vec3;
+use firstshot::kernel::judge::JUDGED;
+use firstshot::{
+    AliasEntry, Element, Emission, JudgeParams, PhotonParams, ResolveParams, Sums, flux_words, relative_error,
+    tally_words,
+};
+use glam::Vec2;
 use gpu_kernels::table;
-use scene::{NONE, Scene};
 
 use super::scene::SceneTables;
-use super::{Named, Tables, add_pass};
+use super::{Bindings, Named, add_pass};
 use crate::executor::{Executor, ExecutorError};
-use crate::plan::{BufferId, PassId, Plan, Range};
+use crate::plan::{BufferId, PassId, Plan};
 
-/// Photons of one dispatch: what the tracer asks for in a round.
-pub const MOST_PHOTONS: u32 = 1 << 18;
-/// Segments after which a photon is given up; at the greatest reflectance one in 10¹¹ has more.
-const MOST_SEGMENTS: usize = 512;
-
-/// The passes and their tables on a device of their own.
-pub struct PhotonPasses {
-    executor: Box<dyn Executor>,
-    loaded: Option<Loaded>,
+/// What photons are registered on, and what it becomes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PhotonTargets {
+    /// Number of cells.
+    pub cells: u32,
+    /// Number of groups of cells.
+    pub groups: u32,
+    /// Number of elements, which own cells.
+    pub elements: u32,
+    /// Independent batches.
+    pub batches: u32,
 }
 
-#[derive(Clone, Copy)]
-struct Loaded {
-    start: PassId,
-    segment: PassId,
-    hits: BufferId,
+/// The passes, and the buffers that change.
+#[derive(Clone, Copy, Debug)]
+pub struct PhotonPasses {
+    trace: PassId,
+    judge: PassId,
+    resolve: PassId,
+    alias: BufferId,
+    elements: BufferId,
+    flux: BufferId,
+    tallies: BufferId,
+    judged: BufferId,
+    targets: PhotonTargets,
+    capacity: usize,
 }
 
 impl PhotonPasses {
-    /// No plan yet.
-    pub fn new(executor: Box<dyn Executor>) -> Self {
-        Self { executor, loaded: None }
-    }
-
-    /// Makes the plan and uploads the scene and what photons start from.
+    /// Adds the passes to a plan, with room for `capacity` elements that photons start from. `maps` are the bindings `grids`,
+    /// `groups`, `group_areas`, `cell_start`, `cells`, `element_areas`, and `irradiance`, where that of the elements goes.
     ///
     /// # Errors
-    /// What the device says: a scene too large for it, say.
-    pub fn load(&mut self, scene: &Scene, emission: &Emission) -> Result<(), ExecutorError> {
-        if emission.is_dark() {
-            return Ok(());
-        }
-        let mut plan = Plan::new();
-        let mut tables = Tables::new();
-        let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
-        let photons = plan.storage("photons", u64::from(MOST_PHOTONS) * size_of::<Photon>() as u64);
-        let hits = plan.storage("photon hits", u64::from(MOST_PHOTONS) * size_of::<PhotonHit>() as u64);
-        let own: [Named; 4] = [
-            tables.named(&mut plan, "alias", emission.alias.clone()),
-            tables.named(&mut plan, "elements", emission.elements.clone()),
-            ("photons", Range::from(photons)),
-            ("photon_hits", Range::from(hits)),
+    /// Buffers that are missing or too short.
+    pub fn add(
+        plan: &mut Plan,
+        scene: &SceneTables,
+        maps: Bindings,
+        targets: PhotonTargets,
+        capacity: usize,
+    ) -> Result<Self, ExecutorError> {
+        let PhotonTargets { cells, groups, elements: count, batches } = targets;
+        let mut words = |name: &str, count: usize| plan.storage(name, 4 * count as u64);
+        let flux = words("flux", flux_words(cells as usize));
+        let tallies = words("tallies", tally_words(groups as usize, batches));
+        let blocks = groups.div_ceil(JUDGED);
+        let judged = plan.storage("judged", u64::from(blocks) * size_of::<Vec2>() as u64);
+        let alias = plan.storage("alias", (capacity * size_of::<AliasEntry>()) as u64);
+        let elements = plan.storage("photon sources", (capacity * size_of::<Element>()) as u64);
+        let changing: [Named; 5] = [
+            ("flux", flux.into()),
+            ("tallies", tallies.into()),
+            ("judged", judged.into()),
+            ("alias", alias.into()),
+            ("elements", elements.into()),
         ];
-        let params = PhotonParams { count: MOST_PHOTONS, per_batch: 1, ..PhotonParams::default() };
-        let shared = scene_tables.bindings();
-        let start = add_pass(&mut plan, "start", &table::FIRSTSHOT_START, &own, shared, &params, MOST_PHOTONS)?;
-        let segment = add_pass(&mut plan, "segment", &table::FIRSTSHOT_SEGMENT, &own, shared, &params, MOST_PHOTONS)?;
-        let executor = self.executor.as_mut();
-        executor.load(plan)?;
-        tables.upload(executor)?;
-        scene_tables.set_lights(executor, &scene.lighting.lights)?;
-        scene_tables.set_sky_and_emission(executor, scene)?;
-        self.loaded = Some(Loaded { start, segment, hits });
-        Ok(())
+        let own: Vec<Named> = changing.iter().chain(maps).copied().collect();
+        let photons = PhotonParams { count: 1, per_batch: 1, ..PhotonParams::default() };
+        let trace = add_pass(plan, "method", &table::FIRSTSHOT_TRACE, &own, scene.bindings(), &photons, 1)?;
+        let p = JudgeParams { count: blocks, group_count: groups, batches };
+        let judge = add_pass(plan, "method", &table::FIRSTSHOT_JUDGE, &own, &[], &p, blocks)?;
+        let p = ResolveParams { count, mean_flux: 0.0 };
+        let resolve = add_pass(plan, "method", &table::FIRSTSHOT_RESOLVE, &own, &[], &p, count)?;
+        Ok(Self { trace, judge, resolve, alias, elements, flux, tallies, judged, targets, capacity })
     }
 
-    /// Where the photons of a dispatch of at most [`MOST_PHOTONS`] hit, segment by segment.
+    /// Whether there is room for what photons start from.
+    pub fn fits(&self, emission: &Emission) -> bool {
+        emission.elements.len() <= self.capacity
+    }
+
+    /// Puts what photons start from on the device and forgets what was registered.
     ///
     /// # Errors
-    /// More photons than that, and what the device says.
-    pub fn trace(&mut self, p: &PhotonParams) -> Result<Vec<PhotonHit>, ExecutorError> {
-        let Some(Loaded { start, segment, hits }) = self.loaded else { return Ok(Vec::new()) };
-        for pass in [start, segment] {
-            self.executor.push(pass, p)?;
-            self.executor.set_elements(pass, p.count)?;
-        }
-        self.executor.run_passes(&[start])?;
-        let mut all: Vec<PhotonHit> = Vec::new();
-        for _ in 0..MOST_SEGMENTS {
-            self.executor.run_passes(&[segment])?;
-            let found: Vec<PhotonHit> = self.executor.download_table(hits)?;
-            let before = all.len();
-            all.extend(found[..p.count as usize].iter().filter(|hit| hit.flux != Vec3::ZERO).copied());
-            if all[before..].iter().all(|hit| hit.triangle == NONE) {
-                break;
-            }
-        }
-        Ok(all)
+    /// More than there is room for; what the device says.
+    pub fn start(&self, executor: &mut (dyn Executor + 'static), emission: &Emission) -> Result<(), ExecutorError> {
+        executor.upload(self.alias, &emission.alias)?;
+        executor.upload(self.elements, &emission.elements)?;
+        executor.clear(self.flux)?;
+        executor.clear(self.tallies)
+    }
+
+    /// Puts sums on the device that were found before.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn restore(&self, executor: &mut (dyn Executor + 'static), sums: &Sums) -> Result<(), ExecutorError> {
+        let (flux, tallies) = sums.words();
+        executor.upload(self.flux, &flux)?;
+        executor.upload(self.tallies, &tallies)
+    }
+
+    /// Submits a dispatch of photons; waits for nothing.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn trace(&self, executor: &mut (dyn Executor + 'static), p: &PhotonParams) -> Result<(), ExecutorError> {
+        executor.push(self.trace, p)?;
+        executor.set_elements(self.trace, p.count)?;
+        executor.submit_passes(&[self.trace])
+    }
+
+    /// The relative error of what was registered; waits for it.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn relative_error(&self, executor: &mut (dyn Executor + 'static)) -> Result<f64, ExecutorError> {
+        executor.submit_passes(&[self.judge])?;
+        let judged: Vec<Vec2> = executor.download_table(self.judged)?;
+        Ok(relative_error(judged.into_iter()))
+    }
+
+    /// Submits the irradiance of the elements from what was registered, with the mean flux of a photon, W; waits for nothing.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn resolve(&self, executor: &mut (dyn Executor + 'static), mean_flux: f32) -> Result<(), ExecutorError> {
+        let p = ResolveParams { count: self.targets.elements, mean_flux };
+        executor.push(self.resolve, &p)?;
+        executor.submit_passes(&[self.resolve])
+    }
+
+    /// The words of the sums, of flux and of tallies, for [`Sums::from_words`]; waits.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn words(&self, executor: &mut (dyn Executor + 'static)) -> Result<(Vec<u32>, Vec<u32>), ExecutorError> {
+        Ok((executor.download_table(self.flux)?, executor.download_table(self.tallies)?))
     }
 }
