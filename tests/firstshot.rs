@@ -325,7 +325,13 @@ fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64) -> (Vec<Vec4>, 
     renderer.update_light(&lighting, &camera).unwrap();
     let bytes = downloaded.load(Ordering::Relaxed) - before;
     let light = renderer.download(renderer.irradiance().elements).unwrap();
-    (light, bytes, renderer.counted_report().unwrap().photons.unwrap())
+    let round = renderer.counted_report().unwrap().photons.unwrap();
+    // Without any light there are no photons.
+    lighting.emission.fill(Vec3::ZERO);
+    renderer.update_light(&lighting, &camera).unwrap();
+    let dark = renderer.download(renderer.irradiance().elements).unwrap();
+    assert!(dark.iter().all(|h| *h == Vec4::ZERO));
+    (light, bytes, round)
 }
 
 fn small() -> Setup {

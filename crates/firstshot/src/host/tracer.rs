@@ -73,6 +73,8 @@ const FIRST_ROUND: u64 = 1 << 9;
 pub const MOST_ROUND: u32 = 1 << 18;
 
 impl PhotonSettings {
+    /// Refuses settings that no run can have.
+    ///
     /// # Errors
     /// [`Error::Setting`], and [`Error::TooMany`] for more photons than sums have room for.
     pub fn check(&self) -> Result<(), Error> {
@@ -110,7 +112,8 @@ impl PhotonSettings {
         missing.min(before).min(room).max(1).min(left) as u32
     }
 
-    /// The dispatch of the next `count` photons of each batch, after so many of each, for cells and groups of these numbers.
+    /// The dispatch of the next `count` photons of each batch, after so many of each; `targets` are the numbers of cells and of
+    /// groups.
     pub fn params(
         &self,
         scene: &Scene,
