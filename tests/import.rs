@@ -238,6 +238,34 @@ fn lights_come_in_metres_and_absolute_units() {
 }
 
 #[test]
+fn a_medium_is_read_written_and_checked() {
+    let with = |medium: &str, more: &str| {
+        let toml = format!("version = 1\nmesh = \"a.obj\"\nmetres_per_unit = 0.01\n[medium]\n{medium}\n{more}");
+        let files: [(&str, &[u8]); 3] =
+            [("a.obj", QUAD.as_bytes()), ("a.mtl", b"newmtl m\n"), ("s.toml", toml.as_bytes())];
+        folder(&files)
+    };
+    let lamp = "[[light]]\ntype = \"point\"\nposition = [0, 0, 3]\nintensity = [4, 5, 6]\n";
+    let of = |folder: &TempDir| load(&folder.path().join("s.toml"));
+    let scene = of(&with("absorption = [0.5, 0, 2]", lamp)).unwrap();
+    // By the metre, whatever the unit of the mesh.
+    assert_eq!(scene.scene.geometry.absorption, Vec3::new(0.5, 0.0, 2.0));
+    assert!(scene.warnings.iter().all(|warning| !warning.contains("medium")), "{:?}", scene.warnings);
+    let out = TempDir::new().expect("a temporary folder");
+    let again = load(&write_scene(&scene, out.path()).unwrap()).unwrap();
+    assert_eq!(again.scene.geometry.absorption, scene.scene.geometry.absorption);
+    let air = of(&with("absorption = [0, 0, 0]", lamp)).unwrap();
+    assert!(!air.scene.has_medium() && air.content_hash != scene.content_hash);
+    let sunny = of(&with("absorption = [1, 1, 1]", "[sky]\nradiance = [1, 1, 1]\n")).unwrap();
+    assert!(sunny.warnings.iter().any(|warning| warning.contains("medium")), "{:?}", sunny.warnings);
+    for wrong in ["absorption = [-0.1, 0, 0]", "absorption = [0, nan, 0]", "absorption = [0, 0, 1e9]", "scattering = 1"]
+    {
+        let message = of(&with(wrong, lamp)).err().unwrap().to_string();
+        assert!(message.contains("s.toml"), "{wrong}: {message}");
+    }
+}
+
+#[test]
 fn the_middle_of_a_sky_map_is_minus_z_and_its_top_is_up() {
     let (width, height) = (16u32, 8u32);
     let mark = |column: u32, row: u32| {

@@ -267,6 +267,7 @@ pub fn small_scene() -> Scene {
         sky_map: r.colors(32),
         distributions,
         ray_offset: None,
+        absorption: Vec3::ZERO,
     })
     .expect("the scene of the tests is sound")
 }

@@ -134,6 +134,7 @@ fn with_panels(scene: &Scene) -> Result<Option<Scene>, Error> {
         sky_map: scene.lighting.sky_map.to_vec(),
         distributions: scene.lighting.distributions.to_vec(),
         ray_offset: None,
+        absorption: scene.geometry.absorption,
     };
     for Light { position, color, edge_a, edge_b, .. } in panels {
         let material = parts.materials.len() as u32;

@@ -256,6 +256,9 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
     for light in &scene.scene.lighting.lights {
         text.push_str(&light_table(light, name, v));
     }
+    if scene.scene.has_medium() {
+        let _ = write!(text, "\n[medium]\nabsorption = {}\n", v(scene.scene.geometry.absorption));
+    }
     let sky = &scene.scene.lighting.sky;
     if sky.radiance.max_element() > 0.0 {
         let _ = write!(text, "\n[sky]\nradiance = {}\n", v(sky.radiance));

@@ -172,6 +172,7 @@ impl Bake {
         settings: &BakeSettings,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
+        check_medium(scene)?;
         let density = density_of(scene, settings, observer)?;
         let cut = cut_scene(scene, &density, settings)?;
         let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, &mut rays, observer)?;
@@ -205,6 +206,7 @@ impl<'a> PatchBake<'a> {
         rays: &mut RowRays,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
+        check_medium(scene)?;
         check_receivers(settings)?;
         let triangles = scene.geometry.triangles.len();
         if settings.patches == PatchKind::Polygon && triangles > MOST_PATCHES {
@@ -413,6 +415,11 @@ fn place(
 }
 
 /// Only voxels have a lookup between patches.
+/// Refuses a medium: light between patches, to receivers and to pixels would go through it as if it were air.
+fn check_medium(scene: &Scene) -> Result<(), Error> {
+    if scene.has_medium() { Err(Error::Medium) } else { Ok(()) }
+}
+
 fn check_receivers(settings: &BakeSettings) -> Result<(), Error> {
     if settings.receivers == ReceiverKind::Patches && !settings.patches.has_voxels() {
         return Err(Error::PatchesAsReceivers { patches: settings.patches.name() });

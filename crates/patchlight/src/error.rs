@@ -23,6 +23,12 @@ pub enum Error {
     /// Rows that frames sample.
     #[error("temporal radiosity: {0}")]
     Temporal(transport::Error),
+    /// A medium between surfaces, of which form factors know nothing.
+    #[error(
+        "the medium of the scene absorbs light between surfaces, of which form factors know nothing; path trace the scene, trace \
+         photons through it without a bake (firstshot::Tracer), or leave the medium out"
+    )]
+    Medium,
     /// Receivers that photons do not serve.
     #[error("photons light receivers on the mesh or at the pixels, not the patches themselves; choose other receivers")]
     FirstShotReceivers,

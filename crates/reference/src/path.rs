@@ -4,7 +4,8 @@
 //! to one emissive triangle and to one direction of the sky map, then one cosine-weighted ray; emitters and sky map are
 //! weighted by the balance heuristic (Veach and Guibas 1995), Russian roulette ends dark paths. Every vertex is also connected
 //! with a point in parallel light, so that rooms lit through an opening have little noise. Rectangle lights are no geometry:
-//! only shadow rays and the camera see them.
+//! only shadow rays and the camera see them. A medium between surfaces absorbs `1 − e^(−σ d)` of the light on each segment of d m,
+//! that to the camera included.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::ops::ControlFlow;
@@ -235,7 +236,7 @@ impl<'a> PathTracer<'a> {
         let point = surface_point(&self.geometry, hit, direction);
         let shared = Shared { settings: *settings, sun: None };
         let light = self.gather(point, &shared, &mut Sampler::new(stream, 0, settings.seed));
-        let albedo = self.geometry.albedo(hit.triangle, hit.u, hit.v);
+        let albedo = self.geometry.albedo(hit.triangle, hit.u, hit.v) * self.scene.transmittance(hit.t);
         Reflected { radiance: albedo * (light.direct + light.indirect), is_back }
     }
 
@@ -285,17 +286,19 @@ impl<'a> PathTracer<'a> {
                 light_seen = Some(light.color);
             }
         }
+        let left = self.scene.transmittance(nearest);
         if let Some(direct) = light_seen {
-            return Gathered { direct, indirect: Vec3::ZERO };
+            return Gathered { direct: direct * left, indirect: Vec3::ZERO };
         }
         if hit.is_miss() {
             let direct = sky_radiance(&self.lights.sky, self.lights.sky_map, direction);
-            return Gathered { direct, indirect: Vec3::ZERO };
+            return Gathered { direct: direct * left, indirect: Vec3::ZERO };
         }
         let point = surface_point(&self.geometry, hit, direction);
         let albedo = self.geometry.albedo(hit.triangle, hit.u, hit.v);
         let light = self.gather(point, shared, &mut sampler);
-        Gathered { direct: self.emitted(hit, direction) + albedo * light.direct, indirect: albedo * light.indirect }
+        let direct = self.emitted(hit, direction) + albedo * light.direct;
+        Gathered { direct: direct * left, indirect: albedo * light.indirect * left }
     }
 
     /// What a ray through a random place of the pixel meets, and its unit direction.
@@ -325,7 +328,8 @@ impl<'a> PathTracer<'a> {
             }
             let direction = cosine_hemisphere(point.normal, sampler.next());
             let hit = self.scene.closest_before(origin, direction, FAR);
-            light += self.light_by_bounce(hit, direction, point.normal, settings.strategy);
+            let left = self.scene.transmittance(if hit.is_miss() { FAR } else { hit.t });
+            light += self.light_by_bounce(hit, direction, point.normal, settings.strategy) * left;
             if vertex == 0 {
                 gathered.direct = light;
             } else {
@@ -334,7 +338,7 @@ impl<'a> PathTracer<'a> {
             if hit.is_miss() || vertex == settings.bounces {
                 return gathered;
             }
-            throughput *= self.geometry.albedo(hit.triangle, hit.u, hit.v);
+            throughput *= self.geometry.albedo(hit.triangle, hit.u, hit.v) * left;
             vertex += 1;
             let chance = throughput.max_element();
             if chance <= 0.0 {
@@ -364,7 +368,8 @@ impl<'a> PathTracer<'a> {
             return Vec3::ZERO;
         }
         let cosine_density = here * there * FRAC_1_PI / (squared * squared);
-        y.flux * (cosine_density * y.density / (y.density + cosine_density))
+        let left = self.scene.transmittance(squared.sqrt());
+        y.flux * left * (cosine_density * y.density / (y.density + cosine_density))
     }
 
     /// Emitted radiance of what a ray met, from the front only.
@@ -435,7 +440,7 @@ impl<'a> PathTracer<'a> {
             if cosine > 0.0 && density > 0.0 && !self.scene.occluded(origin, direction, FAR) {
                 let weight = shadow_weight(strategy, density, cosine * FRAC_1_PI);
                 let radiance = sky_radiance(&self.lights.sky, self.lights.sky_map, direction);
-                sum += radiance * (cosine / density * weight);
+                sum += radiance * self.scene.transmittance(FAR) * (cosine / density * weight);
             }
         }
         sum * FRAC_1_PI
@@ -447,7 +452,7 @@ impl<'a> PathTracer<'a> {
         if light.kind == LIGHT_DIRECTIONAL {
             let cosine = -normal.dot(light.direction);
             if cosine > 0.0 && !self.scene.occluded(origin, -light.direction, FAR) {
-                return light.color * cosine;
+                return light.color * self.scene.transmittance(FAR) * cosine;
             }
             return Vec3::ZERO;
         }
@@ -470,7 +475,7 @@ impl<'a> PathTracer<'a> {
             share = to.dot(normal).max(0.0) * inverse * inverse * inverse * of_direction;
         }
         if share > 0.0 && share.is_finite() && !self.scene.occluded(origin, to, 1.0) {
-            light.color * share
+            light.color * self.scene.transmittance(to.length()) * share
         } else {
             Vec3::ZERO
         }
@@ -498,7 +503,8 @@ impl<'a> PathTracer<'a> {
         }
         let density = e.probability / e.area * squared / there;
         let weight = shadow_weight(strategy, density, here * FRAC_1_PI);
-        self.geometry.radiance(e.triangle, u, v) * (here / density * weight)
+        let left = self.scene.transmittance(squared.sqrt());
+        self.geometry.radiance(e.triangle, u, v) * left * (here / density * weight)
     }
 }
 

@@ -7,8 +7,8 @@ use std::f32::consts::PI;
 use glam::Vec3;
 use reference::{PathSettings, PathTracer, Picture, Strategy};
 use scene::math::luminance;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Scene, SurfacePoint};
-use support::{Builder, camera, furnace, point, trace};
+use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light};
+use support::{Builder, camera, direct, floor, furnace, point, trace};
 
 /// Relative deviations from a value: of the mean, and the greatest of an 8 × 8 block.
 fn deviations(picture: &Picture, expected: f32) -> (f32, f32) {
@@ -51,25 +51,6 @@ fn bounces_are_limited() {
         assert!((mean - expected).abs() < 5e-3 * expected.max(1e-3), "{bounces}: {mean} {expected}");
         assert!((a.direct().mean().x - 1.5).abs() < 5e-3);
     }
-}
-
-/// A floor of reflectance 0.6, 200 m wide, centre at the origin.
-fn floor() -> Builder {
-    let mut b = Builder::default();
-    let m = b.material(Vec3::splat(0.6), Vec3::ZERO);
-    b.quad(Vec3::new(-100.0, 0.0, -100.0), 200.0 * Vec3::Z, 200.0 * Vec3::X, m);
-    b
-}
-
-fn direct(scene: &Scene, points: &[SurfacePoint], samples: u32) -> Vec<Vec3> {
-    PathTracer::new(scene)
-        .irradiance(points, samples, &PathSettings::default())
-        .iter()
-        .map(|p| {
-            assert_eq!(p.indirect, Vec3::ZERO, "a floor alone reflects nothing onto itself");
-            p.direct
-        })
-        .collect()
 }
 
 #[test]

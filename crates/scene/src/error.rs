@@ -82,6 +82,12 @@ pub enum Error {
         /// The triangle.
         triangle: usize,
     },
+    /// The medium between surfaces gives light, or is no number.
+    #[error("the absorption of the medium is {value} 1/m in a channel; it must be finite and not below 0")]
+    Absorption {
+        /// The channel's value.
+        value: f32,
+    },
     /// A picture from a file that is larger than pictures can be.
     #[error("a texture has more than 32,768 texels in a row or a column, or more than 16 levels")]
     TextureSize,

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
-use scene::{Light, Material, NONE, Scene, SceneParts, Sky, Triangle, TriangleUv};
+use scene::{LIGHT_DIRECTIONAL, Light, Material, NONE, Scene, SceneParts, Sky, Triangle, TriangleUv};
 use sha2::{Digest, Sha256};
 
 use super::lights::QUANTITY_LIMIT;
@@ -148,6 +148,8 @@ pub struct Setting {
     pub sky_map: Vec<Vec4>,
     /// Distributions of luminaires.
     pub distributions: Vec<f32>,
+    /// Absorption of the medium between surfaces, 1/m.
+    pub absorption: Vec3,
     /// Tracks only; lights and view are filled in.
     pub animation: Animation,
     /// Light a mesh that has no light at all with a sun and a sky.
@@ -169,6 +171,7 @@ impl Setting {
             sky: Sky::default(),
             sky_map: Vec::new(),
             distributions: Vec::new(),
+            absorption: Vec3::ZERO,
             animation: Animation::default(),
             default_light: false,
             files: Vec::new(),
@@ -229,6 +232,9 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         light_the_dark(path, setting.default_light, &mut lights, &mut sky, &mut warnings);
     }
 
+    if setting.absorption != Vec3::ZERO {
+        warn_of_endless_light(&lights, &sky, &mut warnings);
+    }
     let parts = SceneParts {
         triangles,
         uvs,
@@ -240,6 +246,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         sky_map: setting.sky_map,
         distributions: setting.distributions,
         ray_offset: None,
+        absorption: setting.absorption,
     };
     let start = Instant::now();
     let mut content_hash = hash(&parts, &packed.hashes);
@@ -270,6 +277,17 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
         lightmap_uvs,
         timings,
     })
+}
+
+/// Warns of light that a medium without end takes as a whole.
+fn warn_of_endless_light(lights: &[Light], sky: &Sky, warnings: &mut Vec<String>) {
+    if sky.radiance.max_element() > 0.0 || lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
+        warnings.push(
+            "the medium has no end: it absorbs all light of directional lights and of the sky; use point, spot or rect lights, or \
+             emission, or leave the medium out"
+                .to_owned(),
+        );
+    }
 }
 
 /// Adds a sun and a sky to a scene in which nothing shines, or warns of it. No triangle shines.
@@ -496,6 +514,9 @@ fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
     digest.update(bytemuck::bytes_of(&parts.sky));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.sky_map));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.distributions));
+    if parts.absorption != Vec3::ZERO {
+        digest.update(bytemuck::bytes_of(&parts.absorption));
+    }
     digest.finalize().into()
 }
 

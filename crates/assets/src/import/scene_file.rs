@@ -13,6 +13,9 @@ use super::lights::{self, Fault, Mounting};
 use super::luminaire::Luminaires;
 use super::{ImportError, Keyframe, LoadOptions, LoadedScene, Target, Track, View};
 
+/// Most absorption of a medium, 1/m: nothing is seen through a tenth of a millimetre.
+const MOST_ABSORPTION: f32 = 1e6;
+
 #[derive(Deserialize)]
 struct VersionOnly {
     version: Option<Spanned<toml::Value>>,
@@ -28,6 +31,7 @@ struct SceneTable {
     exposure_stops: Option<Spanned<f32>>,
     camera: Option<Spanned<CameraTable>>,
     sky: Option<Spanned<SkyTable>>,
+    medium: Option<Spanned<MediumTable>>,
     #[serde(default)]
     light: Vec<Spanned<LightTable>>,
     #[serde(default)]
@@ -48,6 +52,12 @@ struct CameraTable {
 struct SkyTable {
     radiance: Option<[f32; 3]>,
     map: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MediumTable {
+    absorption: [f32; 3],
 }
 
 #[derive(Deserialize)]
@@ -174,6 +184,14 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
     }
     if let Some(sky) = &table.sky {
         read_sky(&text, sky, &mut setting, options, &mut warnings)?;
+    }
+    if let Some(medium) = &table.medium {
+        setting.absorption = Vec3::from(medium.as_ref().absorption);
+        let is_possible = |a: f32| (0.0..=MOST_ABSORPTION).contains(&a);
+        if !medium.as_ref().absorption.into_iter().all(is_possible) {
+            let reason = format!("must be three numbers from 0 to {MOST_ABSORPTION} 1/m");
+            return Err(text.value(medium.span(), "absorption", reason));
+        }
     }
     for track in &table.animation {
         let built = build_track(track.as_ref(), &setting.lights, setting.metres_per_unit);

@@ -38,6 +38,28 @@ impl Builder {
         self.quad(high, -z, -y, material).quad(high, -x, -z, material).quad(high, -y, -x, material)
     }
 
+    /// A sphere round the origin with its fronts inwards: each side of a cube cut `divisions` times along both edges.
+    pub fn sphere_inwards(&mut self, radius: f32, divisions: u32, material: u32) -> &mut Self {
+        let on_sphere = |axis: usize, side: f32, i: u32, j: u32| {
+            let place = |k: u32| 2.0 * k as f32 / divisions as f32 - 1.0;
+            let mut at = [0.0; 3];
+            (at[axis], at[(axis + 1) % 3], at[(axis + 2) % 3]) = (side, place(i), place(j));
+            Vec3::from(at).normalize() * radius
+        };
+        for k in 0..6 * divisions * divisions {
+            let (face, i, j) = (k / (divisions * divisions), k / divisions % divisions, k % divisions);
+            let (axis, side) = ((face / 2) as usize, if face.is_multiple_of(2) { 1.0 } else { -1.0 });
+            let at = |di: u32, dj: u32| on_sphere(axis, side, i + di, j + dj);
+            for [a, b, c] in [[at(0, 0), at(1, 0), at(1, 1)], [at(0, 0), at(1, 1), at(0, 1)]] {
+                let is_outwards = (b - a).cross(c - a).dot(a) > 0.0;
+                let (edge_a, edge_b) = if is_outwards { (c - a, b - a) } else { (b - a, c - a) };
+                self.parts.triangles.push(Triangle { corner: a, edge_a, edge_b, material, ..Triangle::default() });
+                self.parts.uvs.push(TriangleUv::default());
+            }
+        }
+        self
+    }
+
     pub fn light(&mut self, light: Light) -> &mut Self {
         self.parts.lights.push(light);
         self
@@ -112,4 +134,24 @@ pub fn trace(scene: &Scene, camera: &Camera, settings: PathSettings, samples: u3
 
 pub fn point(position: Vec3, normal: Vec3) -> SurfacePoint {
     SurfacePoint { position, patch: NONE, normal, weight: 1.0 }
+}
+
+/// A floor of reflectance 0.6, 200 m wide, centre at the origin.
+pub fn floor() -> Builder {
+    let mut b = Builder::default();
+    let m = b.material(Vec3::splat(0.6), Vec3::ZERO);
+    b.quad(Vec3::new(-100.0, 0.0, -100.0), 200.0 * Vec3::Z, 200.0 * Vec3::X, m);
+    b
+}
+
+/// Direct irradiance of points, W/m²; none of it may be indirect.
+pub fn direct(scene: &Scene, points: &[SurfacePoint], samples: u32) -> Vec<Vec3> {
+    PathTracer::new(scene)
+        .irradiance(points, samples, &PathSettings::default())
+        .iter()
+        .map(|p| {
+            assert_eq!(p.indirect, Vec3::ZERO, "a floor alone reflects nothing onto itself");
+            p.direct
+        })
+        .collect()
 }

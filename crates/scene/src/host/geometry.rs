@@ -48,6 +48,9 @@ pub struct Geometry {
     /// four times that of the box of the triangles' middles without the outermost 2.5 % at either end
     /// of each axis. Never below 2⁻¹⁸ of the greatest coordinate, of which single precision keeps 2⁻²⁴.
     pub ray_offset: f32,
+    /// Absorption of the medium between surfaces, 1/m; 0 for air. No file of tables has it: what is baked knows no medium.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub absorption: Vec3,
     #[cfg_attr(feature = "serde", serde(skip))]
     wide: WideBvh,
 }
@@ -93,7 +96,7 @@ impl Geometry {
     /// # Errors
     /// [`Error::HierarchyDepth`].
     pub(super) fn of_leaves(parts: SceneParts, nodes: Vec<BvhNode>) -> Result<Self, Error> {
-        let SceneParts { triangles, uvs, materials, textures, texels, .. } = parts;
+        let SceneParts { triangles, uvs, materials, textures, texels, absorption, .. } = parts;
         let depth = hierarchy::depth(&nodes);
         let too_deep = Error::HierarchyDepth { depth, limit: STACK_SIZE };
         if depth > STACK_SIZE {
@@ -112,6 +115,7 @@ impl Geometry {
             nodes,
             bounds: (low, high),
             ray_offset,
+            absorption,
             wide,
         })
     }

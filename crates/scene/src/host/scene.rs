@@ -15,6 +15,7 @@ use crate::Visibility;
 use crate::error::Error;
 use crate::kernel::GeometryTables;
 use crate::kernel::light::{Lights, direct_irradiance};
+use crate::kernel::medium::transmittance;
 use crate::types::*;
 
 /// What a scene is made of: the input of [`Scene::new`].
@@ -40,6 +41,8 @@ pub struct SceneParts {
     pub distributions: Vec<f32>,
     /// Distance by which rays start above a surface, m; `None` for [`Geometry::ray_offset`]'s rule.
     pub ray_offset: Option<f32>,
+    /// Absorption of the medium between surfaces, 1/m; 0 for air.
+    pub absorption: Vec3,
 }
 
 /// Geometry under lights, ready for rays. A clone shares the geometry.
@@ -155,6 +158,16 @@ impl Scene {
         self.lighting.has_sky()
     }
 
+    /// Whether a medium between surfaces absorbs light.
+    pub fn has_medium(&self) -> bool {
+        self.geometry.absorption != Vec3::ZERO
+    }
+
+    /// Share of light that is left after a way of `distance` m ([`crate::kernel::medium::transmittance`]).
+    pub fn transmittance(&self, distance: f32) -> Vec3 {
+        transmittance(self.geometry.absorption, distance)
+    }
+
     /// [`Geometry::diagonal`].
     pub fn diagonal(&self) -> f32 {
         self.geometry.diagonal()
@@ -232,6 +245,9 @@ pub(super) fn check(parts: &SceneParts) -> Result<(), Error> {
         return Err(Error::TableLength { name: "texels", expected: 2 * texels, found: parts.texels.len() });
     }
     check_sky_map(&parts.sky, parts.sky_map.len())?;
+    if let Some(&value) = parts.absorption.to_array().iter().find(|a| !(a.is_finite() && **a >= 0.0)) {
+        return Err(Error::Absorption { value });
+    }
     for (triangle, t) in parts.triangles.iter().enumerate() {
         if t.material as usize >= parts.materials.len() {
             return Err(Error::MaterialIndex { triangle, material: t.material, count: parts.materials.len() });
