@@ -169,8 +169,13 @@ fn points_of_cell(scene: &Scene, maps: &IlluminationMaps, triangle: u32, wanted:
 
 #[test]
 fn photons_agree_with_the_path_tracer() {
-    for name in ["cornell", "atrium"] {
-        let loaded = procedural::build(name).unwrap();
+    for (name, is_filled) in [("cornell", false), ("cornell", true), ("atrium", false)] {
+        let mut loaded = procedural::build(name).unwrap();
+        if is_filled {
+            // A third to nearly all of the light is absorbed on a way across.
+            let absorption = Vec3::new(0.5, 1.0, 3.0) / loaded.scene.diagonal();
+            Arc::get_mut(&mut loaded.scene.geometry).expect("one owner").absorption = absorption;
+        }
         let scene = &loaded.scene;
         let maps = IlluminationMaps::new(scene, 0.05 * scene.diagonal()).unwrap();
         let emission = first_shot(scene);
@@ -315,7 +320,8 @@ fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64) -> (Vec<Vec4>, 
     let executor = Limited::new(inner, u64::MAX);
     let downloaded = executor.downloaded();
     let loaded = procedural::build("cornell").unwrap();
-    let method = MethodSettings::FirstShot(FirstShotSettings { error, most_photons: 1 << 19 });
+    let method =
+        MethodSettings::FirstShot(FirstShotSettings { error, most_photons: 1 << 19, ..FirstShotSettings::default() });
     let mut renderer = Setup { method, ..small() }.load(&loaded, bake, Box::new(executor)).unwrap();
     let camera = loaded.view.camera(16, 9);
     let mut lighting = loaded.scene.lighting.clone();

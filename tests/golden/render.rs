@@ -158,7 +158,7 @@ impl Method {
     /// None for path tracing.
     fn settings(self) -> Option<MethodSettings> {
         let local = CameraSettings { slots: 96, budget: 16, ..CameraSettings::DEFAULT };
-        let photons = FirstShotSettings { error: 0.2, most_photons: 1 << 16 };
+        let photons = FirstShotSettings { error: 0.2, most_photons: 1 << 16, ..FirstShotSettings::default() };
         Some(match self {
             Self::Classic => MethodSettings::Classic,
             Self::MultibounceDense => MethodSettings::Multibounce(Codec::Dense),

@@ -208,7 +208,11 @@ impl<'a> Frames<'a> {
             MethodSettings::Feedback(FeedbackSettings::default()),
             MethodSettings::Temporal(TemporalSettings::default()),
             MethodSettings::Local(slots),
-            MethodSettings::FirstShot(FirstShotSettings { error: 0.3, most_photons: 1 << 14 }),
+            MethodSettings::FirstShot(FirstShotSettings {
+                error: 0.3,
+                most_photons: 1 << 14,
+                ..FirstShotSettings::default()
+            }),
         ];
         let method = methods[(self.random(1) * methods.len() as f32) as usize % methods.len()];
         match self.renderer.set_method(method, &Silent) {

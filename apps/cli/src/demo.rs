@@ -100,7 +100,11 @@ const METHODS: [Method; 6] = [
         name: "firstshot",
         title: "First shot",
         purpose: "no form factors between patches: photons from where light falls first, until the error that is asked for",
-        settings: MethodSettings::FirstShot(FirstShotSettings { error: PHOTON_ERROR, most_photons: 1 << 24 }),
+        settings: MethodSettings::FirstShot(FirstShotSettings {
+            error: PHOTON_ERROR,
+            most_photons: 1 << 24,
+            ..FirstShotSettings::DEFAULT
+        }),
     },
 ];
 
@@ -354,6 +358,7 @@ impl Show<'_> {
             patches: Some(self.bake.mesh.patches.len()),
             receivers: Some(self.bake.receivers.points.len()),
             photons: photons.map(|photons| PhotonCounts::of(&photons.shot().round())),
+            links: None,
             frames: self.effort.frames,
             seed: self.common.seed,
             light_update: None,

@@ -127,7 +127,11 @@ fn bench_firstshot_compares_both_ways_to_shoot() {
     let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
     let rows = summary["rows"].as_array().unwrap();
-    assert_eq!((rows.len(), summary["rates"].as_array().unwrap().len()), (5, 2));
+    assert_eq!((rows.len(), summary["rates"].as_array().unwrap().len()), (9, 2));
+    // Direct light at corners, and six tables, each of which takes more shadow rays.
+    let direct: Vec<u64> =
+        summary["direct_light"].as_array().unwrap().iter().map(|d| d["shadow_rays"].as_u64().unwrap()).collect();
+    assert!(direct.len() == 7 && direct[0] > 0 && direct[2..].iter().any(|&rays| rays > direct[0]), "{summary}");
     for row in rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key}: {row}"));
         assert!(number("error") <= 0.05 && number("photons") > 0.0 && number("registered") > 0.0);

@@ -10,9 +10,11 @@ mod tracer;
 
 pub use alias::alias_table;
 pub use emission::{Emission, Texels};
-pub use light_elements::{LightElement, LightElementSettings, light_elements};
+pub use light_elements::{
+    CornerLight, LightElement, LightElementSettings, LightElements, Subdivision, corner_light, light_elements,
+};
 pub use maps::IlluminationMaps;
 pub use sums::{Sums, flux_words, group_areas, register_photons, relative_error, tally_words};
 pub use trace::{PhotonScene, trace_photons};
-pub use tracer::{Estimate, MOST_ROUND, PhotonAccumulator, PhotonSettings, Round, Sequences, Tracer};
+pub use tracer::{Cubic, Estimate, MOST_ROUND, PhotonAccumulator, PhotonSettings, Round, Sequences, Tracer};
 pub use transport::Proceed;

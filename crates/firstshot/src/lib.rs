@@ -23,8 +23,10 @@
 //!
 //! With shadow rays from the start points (`is_exact`) a photon's flux is that of the light there, `h(x)/h_linear(x)`, and H has
 //! no bias from the table, but for spots of light that all four points of an element and of the one around it miss;
-//! without them the table is the light, as in Kopylov's method. [`Emission::classical`] sends all photons from the
-//! lights, in the same code.
+//! without them the table is the light, as in Kopylov's method. What else is printed there can be chosen: his algorithm 1
+//! ([`Subdivision::Kopylov`]), Cardano's formula ([`Cubic::Cardano`]), the brightest texel ([`Texels::Bound`]).
+//! [`Emission::classical`] sends all photons from the lights, in the same code. A medium between surfaces absorbs: a segment of
+//! d m leaves `e^(−σ d)` of the light.
 //!
 //! The error is known from independent batches, `√(Σ A σ² / Σ A H²)`; [`Tracer::run`] goes on until it is what was asked for.
 //! Numbers come from Sobol's sequence with Owen's scrambling or from a hash. Sums are integers in fixed point, in units of 2⁻²⁰

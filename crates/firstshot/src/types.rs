@@ -70,6 +70,8 @@ pub const FLAG_DIRECT: u32 = 1 << 16;
 
 /// Most photons of a run: more may overflow the sums ([`crate::kernel::fixed`]).
 pub const MOST_PHOTONS: u64 = 1 << 33;
+/// [`PhotonParams::flags`]: start points are found by Cardano's formula (Kopylov), else by Newton's method.
+pub const FLAG_CARDANO: u32 = 4;
 
 /// Settings of a dispatch of photons: of every batch the same numbers of its sequence.
 #[repr(C)]
@@ -95,14 +97,14 @@ pub struct PhotonParams {
     pub seed: u32,
     /// Any of the `FLAG_` constants.
     pub flags: u32,
-    /// Distance by which rays start above a surface, m.
-    pub ray_offset: f32,
     /// Number of cells that hits are registered on.
     pub cell_count: u32,
     /// Number of groups of cells, whose light is judged.
     pub group_count: u32,
-    /// Keeps the size a multiple of 16.
-    pub reserved: [u32; 3],
+    /// Absorption of the medium between surfaces, 1/m.
+    pub absorption: Vec3,
+    /// Distance by which rays start above a surface, m.
+    pub ray_offset: f32,
 }
 const _: () = assert!(size_of::<PhotonParams>() == 80);
 
@@ -171,7 +173,7 @@ pub const HIT_INDIRECT: u32 = 4;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct PhotonHit {
-    /// Flux that arrives, over the mean flux of a photon; zero where there was no photon.
+    /// Flux that arrives, after what the medium has absorbed, over the mean flux of a photon; zero where there was no photon.
     pub flux: Vec3,
     /// The triangle, or [`scene::NONE`] where the photon left the scene.
     pub triangle: u32,

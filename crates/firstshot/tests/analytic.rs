@@ -9,21 +9,8 @@ use firstshot::{
 };
 use glam::{DVec3, Vec2, Vec3};
 use scene::math::luminance;
-use scene::{
-    LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, TriangleUv,
-};
+use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, TriangleUv};
 use support::*;
-
-const COLOR: Vec3 = Vec3::new(3.0, 2.0, 1.0);
-
-fn plate(albedo: f32, lights: Vec<Light>) -> Scene {
-    let ground = quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, 0);
-    scene(ground.to_vec(), vec![grey(albedo)], lights)
-}
-
-fn bulb(position: Vec3) -> Light {
-    Light { kind: LIGHT_POINT, position, color: COLOR, ..Light::default() }
-}
 
 /// Solid angle of a square of half edge a at height h over its middle.
 fn solid_angle(a: f64, h: f64) -> f64 {
@@ -87,7 +74,7 @@ fn parallel_light_and_spots_have_their_power() {
 #[test]
 fn light_elements_have_the_light_of_the_lamp_and_cover_the_plate() {
     let scene = plate(0.5, vec![bulb(Vec3::new(0.3, 0.5, 0.2))]);
-    let elements = light_elements(&scene, &LightElementSettings::default(), &go_on).unwrap();
+    let elements = light_elements(&scene, &LightElementSettings::default(), &go_on).unwrap().elements;
     let area: f32 = elements.iter().map(|p| p.area).sum();
     assert!((area - 4.0).abs() < 1e-4, "{area}");
     for p in &elements {
@@ -108,7 +95,7 @@ fn edges_of_shadows_are_refined() {
     let settings = LightElementSettings::default();
     let on_plate = |settings: &LightElementSettings| -> f64 {
         let geometry = scene.tables();
-        let elements = light_elements(&scene, settings, &go_on).unwrap();
+        let elements = light_elements(&scene, settings, &go_on).unwrap().elements;
         let on_plate = elements.iter().filter(|p| geometry.position(p.triangle, 0.2, 0.2).y == 0.0);
         on_plate.map(|p| f64::from(p.mean() * p.area)).sum()
     };

@@ -6,69 +6,11 @@ use std::ops::ControlFlow;
 
 use firstshot::{
     Emission, Error, IlluminationMaps, LightElementSettings, MOST_PHOTONS, PhotonAccumulator, PhotonHit, PhotonScene,
-    PhotonSettings, Sequences, Texels, Tracer, light_elements, trace_photons,
+    PhotonSettings, Sequences, Subdivision, Texels, Tracer, light_elements, trace_photons,
 };
-use glam::{Vec2, Vec3};
-use scene::{
-    LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, Triangle, TriangleUv,
-};
+use glam::Vec3;
+use scene::{Light, Scene, Triangle};
 use support::*;
-
-fn lights() -> Vec<Light> {
-    let base = Light { position: Vec3::new(0.4, 0.8, 0.6), color: Vec3::new(1.0, 0.8, 0.5), ..Light::default() };
-    let down = Vec3::new(0.3, -0.9, 0.1).normalize();
-    vec![
-        Light { kind: LIGHT_POINT, ..base },
-        Light { kind: LIGHT_SPOT, direction: down, cos_inner: 0.9, cos_outer: 0.7, ..base },
-        Light { kind: LIGHT_DIRECTIONAL, direction: down, ..base },
-    ]
-}
-
-/// A room with a window and a board in it, a texture on the floor, holes in the board.
-fn room_with_a_window(lights: Vec<Light>) -> Scene {
-    let mut triangles = room(Vec3::ZERO, Vec3::ONE, [0, 1, 2, 0, 0, 0]);
-    triangles.remove(6);
-    triangles.extend(quad(Vec3::new(0.2, 0.35, 0.3), Vec3::new(0.4, 0.1, 0.0), Vec3::Z * 0.4, 3));
-    let color = |r, g, b| Material { albedo: Vec3::new(r, g, b), ..Material::default() };
-    let materials = vec![
-        color(0.7, 0.7, 0.7),
-        color(0.8, 0.2, 0.1),
-        Material { albedo_texture: 0, ..Material::default() },
-        Material { albedo_texture: 0, mask_texture: 0, ..Material::default() },
-    ];
-    // Bright and dark squares, half of the texels holes.
-    let texel = |k: u32| {
-        let bright = (k + k / 8).is_multiple_of(2);
-        let value = if bright { 55_000u32 } else { 9000 };
-        [value | (value << 16), (value / 2) | if bright { 0xffff_0000 } else { 0 }]
-    };
-    let uv = TriangleUv { corner: Vec2::ZERO, corner_a: Vec2::X, corner_b: Vec2::Y };
-    Scene::new(SceneParts {
-        uvs: vec![uv; triangles.len()],
-        triangles,
-        materials,
-        textures: vec![Texture { offset: 0, width: 8, height: 8, levels: 1 }],
-        texels: (0..64).flat_map(texel).collect(),
-        lights,
-        ..SceneParts::default()
-    })
-    .unwrap()
-}
-
-/// Greatest deviation of two estimates in standard errors, and the relative difference of the light of all cells.
-fn deviation(maps: &IlluminationMaps, a: &firstshot::Estimate, b: &firstshot::Estimate) -> (f64, f64) {
-    let (mut squares, mut cells, mut light) = (0.0, 0, [0.0f64; 2]);
-    for k in 0..maps.len() {
-        let own = [a, b].map(|e| f64::from(scene::math::luminance(e.irradiance[k])));
-        let variance = f64::from(a.error[k]).powi(2) + f64::from(b.error[k]).powi(2);
-        if variance > 0.0 {
-            squares += (own[0] - own[1]).powi(2) / variance;
-            cells += 1;
-        }
-        (0..2).for_each(|n| light[n] += own[n] * f64::from(maps.areas()[k]));
-    }
-    ((squares / f64::from(cells)).sqrt(), light[0] / light[1] - 1.0)
-}
 
 #[test]
 fn first_shot_and_classical_photons_agree_for_every_light() {
@@ -77,16 +19,23 @@ fn first_shot_and_classical_photons_agree_for_every_light() {
         let scene = room_with_a_window(vec![light]);
         let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
         let classical = trace(&scene, &Emission::classical(&scene).unwrap(), &maps, settings);
-        for texels in [Texels::Mean, Texels::Bound] {
-            let emission =
-                Emission::first_shot(&scene, &LightElementSettings::default(), texels, true, &go_on).unwrap();
+        let ours = LightElementSettings::default();
+        let ways = [(Texels::Mean, ours), (Texels::Bound, ours), (Texels::Bound, ours.as_printed())];
+        for (texels, elements) in ways {
+            let emission = Emission::first_shot(&scene, &elements, texels, true, &go_on).unwrap();
             let found = trace(&scene, &emission, &maps, settings);
             let (sigma, all) = deviation(&maps, &found, &classical);
             // Errors from 16 batches make the deviation a little more than 1: t with 30 degrees of freedom.
-            assert!(sigma < 1.25 && all.abs() < 6e-3, "{:?} {texels:?}: {sigma} {all}", light.kind);
+            assert!(
+                sigma < 1.25 && all.abs() < 6e-3,
+                "{:?} {texels:?} {:?}: {sigma} {all}",
+                light.kind,
+                elements.subdivision
+            );
             // Photons count for more.
             let gain = classical.error.iter().sum::<f32>() / found.error.iter().sum::<f32>();
-            assert!(gain > 1.2, "{gain}");
+            let least = if elements.subdivision == Subdivision::Edges { 1.2 } else { 1.0 };
+            assert!(gain > least, "{:?}: {gain}", elements.subdivision);
         }
         // Light of another colour is noticed.
         let mut other = scene.clone();

@@ -1,6 +1,8 @@
 //! Start points have the density that is linear between the corners of their triangle.
 
-use firstshot::kernel::linear::{interpolate, invert_first, invert_section, linear_point};
+use firstshot::kernel::linear::{
+    interpolate, invert_first, invert_first_by_cardano, invert_section, linear_point, linear_point_by_cardano,
+};
 use glam::{Vec2, Vec3};
 use scene::sampling::{hash3, uniform_triangle, unit};
 
@@ -39,6 +41,40 @@ fn the_printed_cubic_has_the_same_root() {
         let cubic = u.powi(3) * (s - 3.0 * b) - 3.0 * u * u * (s - 2.0 * b) + 3.0 * u * (s - b) - alpha * s;
         assert!(cubic.abs() < 2e-6 * s, "{a} {b} {c} {alpha}: {cubic}");
     }
+}
+
+/// Greatest differences of a formula for u to Newton's root, and of the density below it to what it should be: over shares of the
+/// second corner from 0 to 1, those near a third included, where the cubic is nearly a quadratic.
+fn worst_of_cardano(formula: impl Fn(f32, f32) -> f32) -> (f32, f64) {
+    let third = 1.0f32 / 3.0;
+    let shares = (0..=1000).map(|k| k as f32 / 1000.0);
+    let near = (1..30).flat_map(|k| [third - 0.6f32.powi(k), third + 0.6f32.powi(k)]);
+    let (mut root, mut density) = (0.0f32, 0.0f64);
+    for b in shares.chain(near).filter(|b| (0.0..=1.0).contains(b)) {
+        for alpha in (0..=512).map(|k| k as f32 / 512.0) {
+            let u = formula(b, alpha);
+            assert!((0.0..=1.0).contains(&u), "{b} {alpha}: {u}");
+            root = root.max((u - (1.0 - invert_first(b, 1.0 - alpha))).abs());
+            density = density.max((1.0 - below(f64::from(b), 1.0 - f64::from(u)) - f64::from(alpha)).abs());
+        }
+    }
+    (root, density)
+}
+
+#[test]
+fn cardanos_formula_has_the_root_of_newtons_method() {
+    let (root, density) = worst_of_cardano(invert_first_by_cardano);
+    // Single precision, divided by 1 − 3b. The root is worst in the corner, where nothing lies.
+    assert!(root < 0.012 && density < 2e-3, "{root} {density}");
+    assert!(density > 1e-4, "Newton's method is better: {density}");
+    // Corners that hold nothing or all: closed forms u = 1 − ∛(1 − α), and 3u² − 2u³ = α.
+    for alpha in [0.0f32, 0.1, 0.5, 0.9, 1.0] {
+        assert!((invert_first_by_cardano(0.0, alpha) - (1.0 - (1.0 - alpha).cbrt())).abs() < 1e-6, "{alpha}");
+        let u = invert_first_by_cardano(1.0, alpha);
+        assert!((u * u * (3.0 - 2.0 * u) - alpha).abs() < 2e-6, "{alpha} {u}");
+    }
+    // Another share of the second corner is noticed.
+    assert!(worst_of_cardano(|b, alpha| invert_first_by_cardano(0.98 * b, alpha)).1 > 5e-3);
 }
 
 #[test]
@@ -122,9 +158,11 @@ fn chi_squared(sample: impl Fn(Vec3, f32, f32) -> Vec2) -> (f64, f64) {
 
 #[test]
 fn start_points_of_random_triangles_have_the_linear_density() {
-    let (sum, greatest) = chi_squared(linear_point);
-    // 15,000 degrees of freedom: ± 173 (1 σ); 60 in one triangle happens once in 10⁶.
-    assert!((sum - 15_000.0).abs() < 4.0 * 173.0 && greatest < 60.0, "{sum} {greatest}");
+    for point in [linear_point, linear_point_by_cardano] {
+        let (sum, greatest) = chi_squared(point);
+        // 15,000 degrees of freedom: ± 173 (1 σ); 60 in one triangle happens once in 10⁶.
+        assert!((sum - 15_000.0).abs() < 4.0 * 173.0 && greatest < 60.0, "{sum} {greatest}");
+    }
 }
 
 #[test]

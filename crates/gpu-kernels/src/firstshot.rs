@@ -38,7 +38,7 @@ kernels! {
         let (mut segments, mut registered) = (0, 0);
         while segment::is_under_way(&photon) {
             let met = bvh::closest_hit(&geometry, photon.origin, photon.direction, bvh::FAR);
-            let hit = segment::photon_hit(&geometry, k, &photon, met);
+            let hit = segment::photon_hit(&geometry, p, k, &photon, met);
             let to = register::registration(p, &hit, cell, group);
             sums::add_flux(flux, to.sum, hit.flux);
             sums::add_flux(flux, to.emitted, hit.flux);

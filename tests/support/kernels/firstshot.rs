@@ -4,10 +4,10 @@ use std::ops::ControlFlow;
 
 use firstshot::kernel::judge::JUDGED;
 use firstshot::{
-    Emission, FLAG_DIRECT, JudgeParams, LightElementSettings, MapGrid, PhotonParams, ResolveParams, SEQUENCE_SOBOL,
-    Texels, flux_words, tally_words,
+    Emission, FLAG_CARDANO, FLAG_DIRECT, JudgeParams, LightElementSettings, MapGrid, PhotonParams, ResolveParams,
+    SEQUENCE_SOBOL, Texels, flux_words, tally_words,
 };
-use glam::{Vec2, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 use scene::Scene;
 
 use super::{Random, Tables, buffer, call, room};
@@ -45,7 +45,8 @@ fn trace(r: &mut Random, scene: &Scene) -> (u32, Vec<u8>, Tables) {
         element_count: emission.elements.len() as u32,
         sequence: SEQUENCE_SOBOL,
         seed: 9,
-        flags: emission.flags,
+        flags: emission.flags | FLAG_CARDANO,
+        absorption: Vec3::new(0.1, 0.2, 0.3),
         ray_offset: scene.geometry.ray_offset,
         ..PhotonParams::default()
     };

@@ -1,6 +1,7 @@
 //! Options of single methods.
 
-use clap::Args;
+use clap::{Args, ValueEnum};
+use patchlight::method::firstshot::{Cubic, Sequences, StartLight, Subdivision, Texels};
 use patchlight::method::{FeedbackSettings, FirstShotSettings};
 
 use super::OperatorSettings;
@@ -23,6 +24,72 @@ pub struct MethodOptions {
     /// Most photons (firstshot).
     #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
     pub photons: u64,
+    /// How triangles are split by the light on them (firstshot): across the edges on which it bends, or as Kopylov's algorithm 1.
+    #[arg(long, value_enum, default_value_t)]
+    pub subdivision: SubdivisionChoice,
+    /// What stands for the reflectance of textured triangles in the choice of a start (firstshot): the mean texel, or the brightest,
+    /// where photons of darker ones are rejected.
+    #[arg(long, value_enum, default_value_t)]
+    pub texels: TexelChoice,
+    /// Where the light at a start comes from (firstshot): a shadow ray, or the table of the lit triangles alone, as Kopylov has it.
+    #[arg(long, value_enum, default_value_t)]
+    pub start_light: StartLightChoice,
+    /// How the cubic equation of a start is solved (firstshot): Newton's method, or Cardano's formula.
+    #[arg(long, value_enum, default_value_t)]
+    pub cubic: CubicChoice,
+    /// Numbers that photons are made of (firstshot): Sobol's points, or random ones.
+    #[arg(long, value_enum, default_value_t)]
+    pub sequence: SequenceChoice,
+}
+
+/// How triangles are split by the light on them.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SubdivisionChoice {
+    /// Across the edges on which light bends.
+    #[default]
+    Edges,
+    /// As Kopylov's algorithm 1.
+    Kopylov,
+}
+
+/// What stands for the reflectance of textured triangles.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TexelChoice {
+    /// The mean texel.
+    #[default]
+    Mean,
+    /// The brightest texel.
+    Brightest,
+}
+
+/// Where the light at a start comes from.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StartLightChoice {
+    /// A shadow ray.
+    #[default]
+    Traced,
+    /// The table of the lit triangles.
+    Table,
+}
+
+/// How the cubic equation of a start is solved.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CubicChoice {
+    /// Newton's method.
+    #[default]
+    Newton,
+    /// Cardano's formula.
+    Cardano,
+}
+
+/// Numbers that photons are made of.
+#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SequenceChoice {
+    /// Sobol's points, scrambled: quasi-random.
+    #[default]
+    Sobol,
+    /// Independent pseudo-random numbers.
+    Random,
 }
 
 /// An error that is asked for, or 0.
@@ -38,6 +105,29 @@ impl MethodOptions {
 
     /// Photons.
     pub fn first_shot(&self) -> FirstShotSettings {
-        FirstShotSettings { error: self.error, most_photons: self.photons }
+        FirstShotSettings {
+            error: self.error,
+            most_photons: self.photons,
+            subdivision: match self.subdivision {
+                SubdivisionChoice::Edges => Subdivision::Edges,
+                SubdivisionChoice::Kopylov => Subdivision::Kopylov,
+            },
+            texels: match self.texels {
+                TexelChoice::Mean => Texels::Mean,
+                TexelChoice::Brightest => Texels::Bound,
+            },
+            start_light: match self.start_light {
+                StartLightChoice::Traced => StartLight::Traced,
+                StartLightChoice::Table => StartLight::Table,
+            },
+            cubic: match self.cubic {
+                CubicChoice::Newton => Cubic::Newton,
+                CubicChoice::Cardano => Cubic::Cardano,
+            },
+            sequences: match self.sequence {
+                SequenceChoice::Sobol => Sequences::Sobol,
+                SequenceChoice::Random => Sequences::Random,
+            },
+        }
     }
 }

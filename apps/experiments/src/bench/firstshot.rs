@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use firstshot::kernel::segment::reflect;
 use firstshot::kernel::start::{Sources, start_photon};
 use firstshot::{
-    Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonParams, PhotonScene,
-    PhotonSettings, Round, Sequences, Texels, Tracer, trace_photons,
+    Emission, Estimate, IlluminationMaps, PhotonAccumulator, PhotonParams, PhotonScene, PhotonSettings, Round, Tracer,
+    corner_light, trace_photons,
 };
 use glam::Vec3;
 use obvhs::BvhBuildParams;
@@ -20,6 +20,8 @@ use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use obvhs::ray::RayHit;
 use obvhs::rt_triangle::RtTriangle;
+use patchlight::method::FirstShotSettings;
+use patchlight::method::firstshot::{Cubic, Sequences, StartLight, Subdivision, Texels};
 use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
 use scene::math::{luminance, sin_cos_2pi};
@@ -50,21 +52,29 @@ const RATE_PHOTONS: u32 = 1 << 17;
 const RATE_ROUNDS: usize = 3;
 
 /// A way to shoot.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Way {
-    Exact,
-    Table,
-    Classical,
+#[derive(Clone, Copy)]
+struct Way {
+    name: &'static str,
+    /// First shot; without, photons start from the lights.
+    first_shot: Option<FirstShotSettings>,
 }
 
-impl Way {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Exact => "first shot",
-            Self::Table => "first shot, table alone",
-            Self::Classical => "from the lights",
-        }
-    }
+/// Photons from the lights.
+const CLASSICAL: Way = Way { name: "from the lights", first_shot: None };
+
+/// First shot, and what Kopylov prints one by one and all together.
+fn first_shots() -> [Way; 6] {
+    let ours = FirstShotSettings::default();
+    let way = |name, settings| Way { name, first_shot: Some(settings) };
+    let subdivision = Subdivision::Kopylov;
+    [
+        way("first shot", ours),
+        way("first shot, table alone", FirstShotSettings { start_light: StartLight::Table, ..ours }),
+        way("first shot, subdivision as printed", FirstShotSettings { subdivision, ..ours }),
+        way("first shot, Cardano's formula", FirstShotSettings { cubic: Cubic::Cardano, ..ours }),
+        way("first shot, brightest texel", FirstShotSettings { texels: Texels::Bound, ..ours }),
+        way("first shot, all as printed", FirstShotSettings::as_printed()),
+    ]
 }
 
 /// One run to the error.
@@ -105,6 +115,17 @@ struct Rate {
     ratio: f64,
 }
 
+/// Direct light of point-like lights: at the corners of triangles, or the table of light elements.
+#[derive(Clone, Serialize)]
+struct DirectLight {
+    scene: String,
+    what: &'static str,
+    /// Light elements, or triangles.
+    parts: usize,
+    shadow_rays: u64,
+    seconds: f64,
+}
+
 #[derive(Serialize)]
 struct Results<'a> {
     name: &'static str,
@@ -112,38 +133,58 @@ struct Results<'a> {
     seed: u32,
     rows: &'a [Row],
     rates: &'a [Rate],
+    direct_light: &'a [DirectLight],
+}
+
+/// What the scenes gave so far.
+#[derive(Default)]
+struct Measured {
+    rows: Vec<Row>,
+    rates: Vec<Rate>,
+    direct_light: Vec<DirectLight>,
+}
+
+impl Measured {
+    fn tables(&self) -> [Table; 3] {
+        [table(&self.rows), direct_table(&self.direct_light), rate_table(&self.rates)]
+    }
+
+    fn markdown(&self) -> String {
+        self.tables().map(|table| table.markdown()).join("\n")
+    }
 }
 
 /// All that a scene gave.
 struct Run {
     row: Row,
     estimate: Estimate,
+    /// Shadow rays of the table of light elements.
+    shadow_rays: u64,
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let Setup { out, machine, scenes, .. } = Setup::new(common, args, "firstshot", &SCENES, &[])?;
-    let mut rows = Vec::new();
-    let mut rates = Vec::new();
-    let results = |rows: &[Row], rates: &[Rate]| {
-        output::json(&Results { name: "firstshot", machine: &machine, seed: common.seed, rows, rates })
+    let mut measured = Measured::default();
+    let results = |measured: &Measured| {
+        let Measured { rows, rates, direct_light } = measured;
+        output::json(&Results { name: "firstshot", machine: &machine, seed: common.seed, rows, rates, direct_light })
     };
     for scene in scenes {
-        measure(common, args, scene, &mut rows, &mut rates)?;
-        output::write_text(&out.join("summary.json"), &results(&rows, &rates))?;
-        let section = section(&rows, &rates);
+        measure(common, args, scene, &mut measured)?;
+        output::write_text(&out.join("summary.json"), &results(&measured))?;
+        let section = section(&measured);
         for (plot, name) in section.plots.iter().zip(["error-photons.svg", "error-seconds.svg"]) {
             output::write_text(&out.join(name), &plot.svg())?;
         }
         let report = page("Patchlight: first shot", &introduction(&machine), [&section]);
         output::write_text(&out.join("report.html"), &report)?;
-        let markdown = format!("{}\n{}", table(&rows).markdown(), rate_table(&rates).markdown());
-        output::write_text(&out.join("report.md"), &markdown)?;
+        output::write_text(&out.join("report.md"), &measured.markdown())?;
     }
     if common.json {
-        say!("{}", results(&rows, &rates));
+        say!("{}", results(&measured));
     } else {
         introduction(&machine).iter().for_each(|line| say!("{line}\n"));
-        say!("{}\n{}", table(&rows).markdown(), rate_table(&rates).markdown());
+        say!("{}", measured.markdown());
         say!("{} shows the same with curves", out.join("report.html").display());
     }
     Ok(())
@@ -157,12 +198,12 @@ fn introduction(machine: &Machine) -> Vec<String> {
              the indirect irradiance of {COUNT} patches or about (cells of a voxel that face one way), √(Σ A σ² / Σ A H²) by independent batches."
         ),
         "First shot starts reflected photons from light elements, the parts of triangles that lights fall on, with a shadow ray each; by \
-         the table alone without. Seconds are those of the table of light elements, and of tracing with accumulation."
+         the table alone without. What is as printed is Kopylov's algorithm 1, Cardano's formula, the brightest texel, and no shadow ray. Seconds are those of the table of light elements, and of tracing with accumulation."
             .to_owned(),
     ]
 }
 
-fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates: &mut Vec<Rate>) -> Result<(), Error> {
+fn measure(common: &Common, args: &Bench, name: &str, measured: &mut Measured) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let mut loaded = output::import(name, &progress)?;
     loaded.scene.lighting.lights = lamps(&loaded);
@@ -172,29 +213,43 @@ fn measure(common: &Common, args: &Bench, name: &str, rows: &mut Vec<Row>, rates
     let count = args.counts.first().copied().unwrap_or(COUNT) as usize;
     let maps = progress.phase("maps", |_| VoxelMaps::new(scene, count))?;
 
+    measured.direct_light.push(direct_at_corners(&loaded));
     let mut reference: Option<Run> = None;
-    let ways = [
-        (Way::Classical, Sequences::Sobol),
-        (Way::Classical, Sequences::Random),
-        (Way::Exact, Sequences::Sobol),
-        (Way::Exact, Sequences::Random),
-        (Way::Table, Sequences::Sobol),
-    ];
-    for (way, sequences) in ways {
+    let [ours, others @ ..] = first_shots();
+    let both = [CLASSICAL, ours].into_iter().flat_map(|way| [(way, Sequences::Sobol), (way, Sequences::Random)]);
+    for (way, sequences) in both.chain(others.into_iter().map(|way| (way, Sequences::Sobol))) {
         let mut run = one_run(common, args, &loaded, &maps, way, sequences, &progress)?;
         if let Some(reference) = &reference {
             let (difference, expected) = difference(&maps, &run.estimate, &reference.estimate);
             (run.row.difference, run.row.expected_difference) = (Some(difference), Some(expected));
         }
-        rows.push(run.row.clone());
-        if way == Way::Classical && sequences == Sequences::Sobol {
+        measured.rows.push(run.row.clone());
+        if way.first_shot.is_some() && sequences == Sequences::Sobol {
+            let Row { scene, elements, table_s, .. } = run.row.clone();
+            let (what, shadow_rays) = (way.name, run.shadow_rays);
+            measured.direct_light.push(DirectLight { scene, what, parts: elements, shadow_rays, seconds: table_s });
+        }
+        if way.first_shot.is_none() && sequences == Sequences::Sobol {
             reference = Some(run);
         }
     }
-    for way in [Way::Exact, Way::Table] {
-        rates.push(progress.phase("rays", |_| rate(common, scene, &maps, way))?);
+    for way in [ours, others[0]] {
+        measured.rates.push(progress.phase("rays", |_| rate(common, scene, &maps, way))?);
     }
     Ok(())
+}
+
+/// Direct light of the lights at the corners of the triangles.
+fn direct_at_corners(loaded: &LoadedScene) -> DirectLight {
+    let start = Instant::now();
+    let light = corner_light(&loaded.scene);
+    DirectLight {
+        scene: loaded.name.clone(),
+        what: "direct light at corners",
+        parts: light.irradiance.len(),
+        shadow_rays: light.shadow_rays,
+        seconds: start.elapsed().as_secs_f64(),
+    }
 }
 
 /// Illumination maps whose cells make patches: those of a voxel whose normals are nearest to the same direction of an axis.
@@ -304,14 +359,13 @@ fn one_run(
         error: args.error * BEYOND,
         most_photons: args.photons,
         sequences,
-        seed: common.seed,
-        ..PhotonSettings::default()
+        ..way.first_shot.unwrap_or_default().photons(common.seed)
     };
     let mut tracer = Tracer::new(scene, &emission, maps, PhotonSettings { error: args.error, ..settings })?;
     let curve = Curve::default();
     // To the error that is asked for, which is timed, then on.
     let start = Instant::now();
-    let finished = progress.phase(way.name(), |report| tracer.run(&|round| curve.add(round, args.error, report)));
+    let finished = progress.phase(way.name, |report| tracer.run(&|round| curve.add(round, args.error, report)));
     let trace_s = start.elapsed().as_secs_f64();
     let reached = tracer.round();
     tracer.set_error(settings.error)?;
@@ -323,7 +377,7 @@ fn one_run(
     let row = Row {
         scene: loaded.name.clone(),
         triangles: scene.geometry.triangles.len(),
-        method: way.name(),
+        method: way.name,
         sequence: if sequences == Sequences::Sobol { "Sobol" } else { "random" },
         error: reached.error,
         photons: reached.photons,
@@ -336,7 +390,7 @@ fn one_run(
         expected_difference: None,
         curve: curve.points.into_inner(),
     };
-    Ok(Run { row, estimate: tracer.estimate() })
+    Ok(Run { row, estimate: tracer.estimate(), shadow_rays: emission.shadow_rays })
 }
 
 /// Photons and relative error after each round.
@@ -356,10 +410,9 @@ impl Curve {
 
 fn emission(scene: &Scene, way: Way) -> Result<Emission, Error> {
     let go_on = |_, _| if is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    Ok(match way {
-        Way::Classical => Emission::classical(scene)?,
-        Way::Exact => Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, &go_on)?,
-        Way::Table => Emission::first_shot(scene, &LightElementSettings::table_alone(), Texels::Mean, false, &go_on)?,
+    Ok(match way.first_shot {
+        None => Emission::classical(scene)?,
+        Some(settings) => settings.emission(scene, &go_on)?,
     })
 }
 
@@ -422,7 +475,7 @@ fn rate(common: &Common, scene: &Scene, maps: &VoxelMaps, way: Way) -> Result<Ra
     let scene = format!("{} triangles", scene.geometry.triangles.len());
     Ok(Rate {
         scene,
-        method: way.name(),
+        method: way.name,
         segments,
         photon_segments_m_s: ours,
         obvhs_closest_m_s: theirs,
@@ -448,7 +501,8 @@ fn photon_rays(scene: &Scene, emission: &Emission, p: &PhotonParams) -> Vec<(Vec
     (0..p.count).into_par_iter().flat_map_iter(path).collect()
 }
 
-fn section(rows: &[Row], rates: &[Rate]) -> Section {
+fn section(measured: &Measured) -> Section {
+    let rows = &measured.rows;
     let plot = |title: &str, x: &str, value: &dyn Fn(&Row, f64) -> f64| Plot {
         title: title.to_owned(),
         unit: "error, %".to_owned(),
@@ -469,8 +523,7 @@ fn section(rows: &[Row], rates: &[Rate]) -> Section {
     };
     Section {
         title: "Photons to an error".to_owned(),
-
-        tables: vec![table(rows), rate_table(rates)],
+        tables: measured.tables().to_vec(),
         plots: vec![
             plot("Error over photons", "photons", &|_, n| n),
             plot("Error over time, the table of light elements included", "seconds", &|row, n| {
@@ -501,7 +554,7 @@ fn table(rows: &[Row]) -> Table {
     ];
     let line = |row: &Row| {
         let same = |r: &&Row| (&r.scene, r.sequence, r.triangles) == (&row.scene, row.sequence, row.triangles);
-        let lights = rows.iter().filter(same).find(|r| r.method == Way::Classical.name());
+        let lights = rows.iter().filter(same).find(|r| r.method == CLASSICAL.name);
         let gain = |of: &dyn Fn(&Row) -> f64| {
             lights.filter(|r| r.method != row.method).map(|r| format!("{:.2}", of(r) / of(row))).unwrap_or_default()
         };
@@ -527,6 +580,30 @@ fn table(rows: &[Row]) -> Table {
                    photons from the lights with Sobol's points at the end of the curves, and what both errors let expect."
         .to_owned();
     Table { caption, head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(line).collect() }
+}
+
+/// Shadow rays and time of the tables, and of direct light at corners.
+fn direct_table(all: &[DirectLight]) -> Table {
+    let head = ["scene", "direct light", "parts", "shadow rays", "s", "rays ×", "time ×"];
+    let line = |found: &DirectLight| {
+        let corners = all.iter().rfind(|d| d.scene == found.scene && d.what == "direct light at corners");
+        let over = |of: &dyn Fn(&DirectLight) -> f64| {
+            corners.map(|corners| format!("{:.2}", of(found) / of(corners))).unwrap_or_default()
+        };
+        vec![
+            found.scene.clone(),
+            found.what.to_owned(),
+            found.parts.to_string(),
+            found.shadow_rays.to_string(),
+            significant(found.seconds),
+            over(&|d| d.shadow_rays as f64),
+            over(&|d| d.seconds),
+        ]
+    };
+    let caption = "Direct light of the lamps at the corners of all triangles, and the tables of light elements: shadow rays, seconds, and \
+                   how many times those at corners."
+        .to_owned();
+    Table { caption, head: head.map(str::to_owned).to_vec(), rows: all.iter().map(line).collect() }
 }
 
 fn rate_table(rates: &[Rate]) -> Table {

@@ -53,6 +53,8 @@ pub struct Emission {
     pub flags: u32,
     /// The box that parallel light and the sky enter through, m.
     pub bounds: (Vec3, Vec3),
+    /// Shadow rays that found the light elements; 0 where they were known.
+    pub shadow_rays: u64,
 }
 
 /// Elements with the luminance of their power, W.
@@ -74,7 +76,7 @@ impl Elements {
         let (elements, powers): (Vec<Element>, Vec<f64>) = self.0.into_iter().unzip();
         let alias = alias_table(&powers);
         let power = powers.iter().sum();
-        Ok(Emission { elements, alias, power, flags, bounds: entry_box(scene) })
+        Ok(Emission { elements, alias, power, flags, bounds: entry_box(scene), shadow_rays: 0 })
     }
 }
 
@@ -102,7 +104,8 @@ impl Emission {
         progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
     ) -> Result<Self, Error> {
         let light_elements = light_elements(scene, settings, progress)?;
-        Self::of_light_elements(scene, &light_elements, texels, is_exact)
+        let emission = Self::of_light_elements(scene, &light_elements.elements, texels, is_exact)?;
+        Ok(Self { shadow_rays: light_elements.shadow_rays, ..emission })
     }
 
     /// First shot from light elements that are known.
@@ -137,6 +140,8 @@ impl Emission {
             let color = luminance(light.color);
             match light.kind {
                 LIGHT_RECT => {}
+                // A medium without end takes all light from infinity.
+                LIGHT_DIRECTIONAL if scene.has_medium() => {}
                 LIGHT_DIRECTIONAL => {
                     let power = color * area_across(bounds.0, bounds.1, light.direction);
                     elements.add(Element { kind: ELEMENT_BEAM, scale: 1.0 / power, ..element }, f64::from(power));
@@ -220,7 +225,7 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
         let element = Element { kind: ELEMENT_RECT, triangle: NONE, light: k as u32, ..Element::default() };
         elements.add(Element { scale: 1.0 / radiance, ..element }, f64::from(PI * light.area * radiance));
     }
-    if scene.has_sky() {
+    if scene.has_sky() && !scene.has_medium() {
         let (low, high) = entry_box(scene);
         let lights = scene.all_lights();
         let (rows, columns) = SKY_PARTS;

@@ -14,6 +14,7 @@ use scene::{LIGHT_RECT, Occluder, Scene};
 
 use super::Proceed;
 use crate::error::{Error, check_setting};
+use crate::kernel::start::{share_left, way_of};
 
 /// Corners are moved to the middle of their triangle by this share: on the very edge a neighbour would shade them.
 const INWARDS: f32 = 1e-3;
@@ -24,9 +25,24 @@ const AROUND: f32 = 0.25;
 /// Shadow rays that neighbours share.
 const LOOKS: usize = 4;
 
+/// How triangles are split into light elements.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Subdivision {
+    /// Across the edges on which light bends. Elements that matter are split to look for shadows, and joined again where there
+    /// are none.
+    #[default]
+    Edges,
+    /// Algorithm 1 as Kopylov prints it: an element whose middle has the mean of its corners is not split. Without an obtuse angle
+    /// it is split into three at its middle; else at the middle of its longest edge, into two, or into four at those of all
+    /// edges where light bends more along both cuts than in the middle.
+    Kopylov,
+}
+
 /// How finely light on triangles is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightElementSettings {
+    /// How triangles are split.
+    pub subdivision: Subdivision,
     /// An element is split unless the light in its middle is the mean of that at its corners, within this share of
     /// the greatest.
     pub tolerance: f32,
@@ -46,7 +62,14 @@ impl Default for LightElementSettings {
     /// 5 %, 10 splits, 2¹⁸ elements, 1/32 of the diagonal, 8 neighbours: for start points that look for their light
     /// themselves.
     fn default() -> Self {
-        Self { tolerance: 0.05, depth: 10, elements: 1 << 18, longest: 1.0 / 32.0, neighbours: 8 }
+        Self {
+            subdivision: Subdivision::Edges,
+            tolerance: 0.05,
+            depth: 10,
+            elements: 1 << 18,
+            longest: 1.0 / 32.0,
+            neighbours: 8,
+        }
     }
 }
 
@@ -54,6 +77,11 @@ impl LightElementSettings {
     /// For photons that take the table's light as it is (Kopylov): 2¹⁷ elements, nothing shared.
     pub fn table_alone() -> Self {
         Self { elements: 1 << 17, longest: 1.0 / 128.0, neighbours: 1, ..Self::default() }
+    }
+
+    /// The same split as algorithm 1 of Kopylov has it: twice as many splits in a row, of which every other one halves edges.
+    pub fn as_printed(self) -> Self {
+        Self { subdivision: Subdivision::Kopylov, depth: 2 * self.depth, ..self }
     }
 }
 
@@ -110,6 +138,8 @@ struct Side<'a> {
     area: f32,
     /// What was in the way last.
     last: Cell<Occluder>,
+    /// Shadow rays so far.
+    rays: Cell<u64>,
 }
 
 impl<'a> Side<'a> {
@@ -128,7 +158,16 @@ impl<'a> Side<'a> {
         let towards = unoccluded(lamp, &scene.lighting.distributions, centre, front).to_light.dot(front);
         (towards != 0.0 && towards.is_finite()).then(|| {
             let normal = if towards > 0.0 { front } else { -front };
-            Self { scene, triangle, light, normal, edges: (t.edge_a, t.edge_b), area, last: Cell::default() }
+            Self {
+                scene,
+                triangle,
+                light,
+                normal,
+                edges: (t.edge_a, t.edge_b),
+                area,
+                last: Cell::default(),
+                rays: Cell::default(),
+            }
         })
     }
 
@@ -141,14 +180,19 @@ impl<'a> Side<'a> {
         self.scene.tables().normal(self.triangle).dot(self.normal) < 0.0
     }
 
-    /// Where a ray from shares (u, v) starts, and what light there would be, were nothing in the way.
+    /// Where a ray from shares (u, v) starts, and what light there would be, were nothing but the medium in the way: of several
+    /// colours that a medium parts, the luminance.
     #[inline]
     fn arrival(&self, at: Vec2) -> (Vec3, Arrival) {
         let origin =
             self.scene.tables().position(self.triangle, at.x, at.y) + self.normal * self.scene.geometry.ray_offset;
         let lighting = &self.scene.lighting;
         let light = &lighting.lights[self.light as usize];
-        (origin, unoccluded(light, &lighting.distributions, origin, self.normal))
+        let mut arrival = unoccluded(light, &lighting.distributions, origin, self.normal);
+        if self.scene.has_medium() {
+            arrival.share *= share_left(light.color, self.scene.transmittance(way_of(&arrival)));
+        }
+        (origin, arrival)
     }
 
     /// Irradiance over the light's colour at shares (u, v).
@@ -158,7 +202,11 @@ impl<'a> Side<'a> {
     }
 
     fn is_lit(&self, origin: Vec3, arrival: &Arrival) -> bool {
-        arrival.share > 0.0 && !self.scene.occluded_again(origin, arrival.to_light, arrival.t_max, &self.last)
+        if arrival.share <= 0.0 {
+            return false;
+        }
+        self.rays.set(self.rays.get() + 1);
+        !self.scene.occluded_again(origin, arrival.to_light, arrival.t_max, &self.last)
     }
 
     /// The same at a corner of an element, which may lie on the edge of the triangle.
@@ -248,6 +296,41 @@ impl<'a> Side<'a> {
     }
 }
 
+impl Side<'_> {
+    /// The children of an element by Kopylov's algorithm 1, two, three or four.
+    fn split_as_printed(&self, element: &LightElement, children: &mut Vec<Cut>) {
+        let (c, v) = (element.corners, element.values);
+        let mut add =
+            |corners, values| children.push(self.element(corners, values, AROUND * element.top(), element.albedo));
+        let squared = self.edges_squared(&c);
+        let obtuse = (0..3).find(|&k| squared[k] > squared[(k + 1) % 3] + squared[(k + 2) % 3]);
+        // A is the corner with the obtuse angle, of the longest edge BC.
+        let Some(a) = obtuse else {
+            let d = (c[0] + c[1] + c[2]) / 3.0;
+            (0..3).for_each(|k| add([c[k], c[(k + 1) % 3], d], [v[k], v[(k + 1) % 3], element.middle]));
+            return;
+        };
+        let b = (a + 1) % 3;
+        let end = (a + 2) % 3;
+        let e = (c[b] + c[end]) * 0.5;
+        let light_e = self.light_at_corner(e);
+        let in_middle = (element.middle - element.mean()).abs();
+        let along_edge = (light_e - 0.5 * (v[b] + v[end])).abs();
+        let along_cut = (element.middle - 0.5 * (v[a] + light_e)).abs();
+        if along_edge > in_middle && along_cut > in_middle {
+            let (f, g) = ((c[a] + c[b]) * 0.5, (c[a] + c[end]) * 0.5);
+            let (light_f, light_g) = (self.light_at_corner(f), self.light_at_corner(g));
+            add([c[a], f, g], [v[a], light_f, light_g]);
+            add([c[b], e, f], [v[b], light_e, light_f]);
+            add([c[end], g, e], [v[end], light_g, light_e]);
+            add([f, e, g], [light_f, light_e, light_g]);
+        } else {
+            add([c[a], c[b], e], [v[a], v[b], light_e]);
+            add([c[a], e, c[end]], [v[a], light_e, v[end]]);
+        }
+    }
+}
+
 impl LightElement {
     /// The greatest known light, over the light's colour.
     pub fn top(&self) -> f32 {
@@ -299,6 +382,23 @@ impl Refining<'_, '_> {
         }
         is_whole && is_even
     }
+
+    /// The same as Kopylov prints it: an element is a leaf when its middle has the mean of its corners, or when it is too small.
+    fn refine_as_printed(&self, cut: Cut, levels: u32, leaves: &mut Vec<LightElement>) {
+        let Cut { element, potential } = cut;
+        let is_small = potential <= self.least && !self.side.is_longer(&element.corners, self.longest);
+        if levels == 0 || is_small || element.is_linear(self.tolerance) {
+            if element.top().max(element.around) > 0.0 {
+                leaves.push(element);
+            }
+            return;
+        }
+        let mut children = Vec::with_capacity(4);
+        self.side.split_as_printed(&element, &mut children);
+        for child in children {
+            self.refine_as_printed(child, levels - 1, leaves);
+        }
+    }
 }
 
 /// What is needed of a triangle for each light.
@@ -344,13 +444,14 @@ impl Group {
     }
 
     /// Asks the members in the middles of equal shares of the power; `last` is what was in the way of a group before.
-    fn look(&mut self, scene: &Scene, light: u32, last: &Cell<Occluder>) {
+    fn look(&mut self, scene: &Scene, light: u32, last: &Cell<Occluder>, rays: &Cell<u64>) {
         let all = self.power.last().copied().unwrap_or(0.0);
         let is_seen = |member: usize| {
             Side::new(scene, self.members[member].0, light).is_some_and(|side| {
                 side.last.swap(last);
                 let is_seen = side.light_at(Vec2::splat(1.0 / 3.0)) > 0.0;
                 side.last.swap(last);
+                rays.set(rays.get() + side.rays.get());
                 is_seen
             })
         };
@@ -376,7 +477,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Elements of light `n` on a block.
-    fn elements(&self, n: usize, block: Range<usize>) -> Vec<LightElement> {
+    fn elements(&self, n: usize, block: Range<usize>) -> LightElements {
         let Self { scene, settings, wholes, least, .. } = *self;
         let (light, longest) = (self.lights[n], settings.longest * scene.diagonal());
         let color = scene.lighting.lights[light as usize].color;
@@ -402,15 +503,23 @@ impl Search<'_> {
         let refined = |(side, albedo, least): (Side, Vec3, f32)| {
             let mut leaves = Vec::new();
             let refining = Refining { side: &side, tolerance: settings.tolerance, least, longest };
-            refining.refine(side.whole(albedo), settings.depth, &mut leaves);
+            match settings.subdivision {
+                Subdivision::Edges => {
+                    refining.refine(side.whole(albedo), settings.depth, &mut leaves);
+                }
+                Subdivision::Kopylov => refining.refine_as_printed(side.whole(albedo), settings.depth, &mut leaves),
+            }
             let of_texture = |leaf: &mut LightElement| leaf.albedo = mean_albedo(scene, leaf);
             leaves.iter_mut().filter(|leaf| leaf.corners != WHOLE).for_each(of_texture);
-            leaves
+            LightElements { elements: leaves, shadow_rays: side.rays.get() }
         };
-        let mut found = large.into_par_iter().map(refined).collect::<Vec<_>>().concat();
+        let LightElements { elements: mut found, mut shadow_rays } =
+            LightElements::of(&large.into_par_iter().map(refined).collect::<Vec<_>>());
         for (is_back, mut groups) in [false, true].into_iter().zip(groups) {
             let last = Cell::default();
-            groups.iter_mut().for_each(|group| group.look(scene, light, &last));
+            let rays = Cell::default();
+            groups.iter_mut().for_each(|group| group.look(scene, light, &last, &rays));
+            shadow_rays += rays.get();
             let seen: Vec<f32> = groups.iter().map(|group| group.seen).collect();
             let at = |k: usize| seen.get(k).copied().unwrap_or(0.0);
             for (k, group) in groups.into_iter().enumerate() {
@@ -441,7 +550,7 @@ impl Search<'_> {
             }
         }
         found.sort_by_key(|element| element.triangle);
-        found
+        LightElements { elements: found, shadow_rays }
     }
 }
 
@@ -451,10 +560,68 @@ fn mean_albedo(scene: &Scene, element: &LightElement) -> Vec3 {
     scene.filtered_albedo(element.triangle, scene.tables().position(element.triangle, at.x, at.y), element.area)
 }
 
+/// Light elements of a scene.
+#[derive(Clone, Debug, Default)]
+pub struct LightElements {
+    /// The elements, light by light, in the order of the triangles.
+    pub elements: Vec<LightElement>,
+    /// Shadow rays that found them.
+    pub shadow_rays: u64,
+}
+
+impl LightElements {
+    /// Parts one after the other.
+    fn of(parts: &[Self]) -> Self {
+        let mut all = Self::default();
+        for part in parts {
+            all.elements.extend_from_slice(&part.elements);
+            all.shadow_rays += part.shadow_rays;
+        }
+        all
+    }
+}
+
+/// Direct light of point-like lights at the corners of triangles.
+#[derive(Clone, Debug, Default)]
+pub struct CornerLight {
+    /// Irradiance of the three corners of each triangle, on the side that each light falls on, W/m².
+    pub irradiance: Vec<[Vec3; 3]>,
+    /// Shadow rays that found it.
+    pub shadow_rays: u64,
+}
+
+/// Direct light of all point-like lights at the corners of all triangles, with nothing split: what a program without photons
+/// finds, and what Kopylov compares the time of the table to.
+pub fn corner_light(scene: &Scene) -> CornerLight {
+    let lights = point_like_lights(scene);
+    let of_triangle = |triangle: usize| {
+        let mut irradiance = [Vec3::ZERO; 3];
+        let mut rays = 0;
+        for side in lights.iter().filter_map(|&light| Side::new(scene, triangle as u32, light)) {
+            let color = scene.lighting.lights[side.light as usize].color;
+            irradiance.iter_mut().zip(WHOLE).for_each(|(sum, at)| *sum += color * side.light_at_corner(at));
+            rays += side.rays.get();
+        }
+        (irradiance, rays)
+    };
+    let (irradiance, rays): (Vec<[Vec3; 3]>, Vec<u64>) =
+        (0..scene.geometry.triangles.len()).into_par_iter().map(of_triangle).unzip();
+    CornerLight { irradiance, shadow_rays: rays.iter().sum() }
+}
+
+/// Lights that are not areas, and shine.
+fn point_like_lights(scene: &Scene) -> Vec<u32> {
+    let shines = |&k: &u32| {
+        let light = &scene.lighting.lights[k as usize];
+        light.kind != LIGHT_RECT && luminance(light.color) > 0.0
+    };
+    (0..scene.lighting.lights.len() as u32).filter(shines).collect()
+}
+
 /// The elements that each point-like light falls on, light by light, in the order of the triangles. Elements on which
 /// all is dark are there only where light fell on the element that they were split from, or on neighbours.
 ///
-/// Kopylov's algorithm 1: an element is split until the light in its middle is the mean of that at its corners; edges
+/// As [`LightElementSettings::subdivision`] says, an element is split until the light in its middle is the mean of that at its corners; edges
 /// of shadows are split down to the limits. Triangles that are small already share shadow rays with their neighbours.
 ///
 /// # Errors
@@ -463,17 +630,13 @@ pub fn light_elements(
     scene: &Scene,
     settings: &LightElementSettings,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
-) -> Result<Vec<LightElement>, Error> {
-    let LightElementSettings { tolerance, depth: _, elements, longest, neighbours } = *settings;
+) -> Result<LightElements, Error> {
+    let LightElementSettings { subdivision: _, tolerance, depth: _, elements, longest, neighbours } = *settings;
     check_setting("tolerance", f64::from(tolerance), "positive", tolerance > 0.0)?;
     check_setting("elements", f64::from(elements), "at least 1", elements > 0)?;
     check_setting("longest", f64::from(longest), "positive", longest > 0.0)?;
     check_setting("neighbours", f64::from(neighbours), "at least 1", neighbours > 0)?;
-    let shines = |&k: &u32| {
-        let light = &scene.lighting.lights[k as usize];
-        light.kind != LIGHT_RECT && luminance(light.color) > 0.0
-    };
-    let lights: Vec<u32> = (0..scene.lighting.lights.len() as u32).filter(shines).collect();
+    let lights = point_like_lights(scene);
     let triangles = scene.geometry.triangles.len();
     let wholes: Vec<Whole> = (0..triangles).into_par_iter().map(|t| Whole::new(scene, t)).collect();
 
@@ -506,6 +669,6 @@ pub fn light_elements(
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         if progress(done, total).is_break() { Err(Error::Cancelled { done, total }) } else { Ok(found) }
     };
-    let found: Vec<Vec<LightElement>> = (0..total).into_par_iter().map(task).collect::<Result<_, Error>>()?;
-    Ok(found.concat())
+    let found: Vec<LightElements> = (0..total).into_par_iter().map(task).collect::<Result<_, Error>>()?;
+    Ok(LightElements::of(&found))
 }

@@ -74,7 +74,7 @@ pub fn trace_photons<T: Send>(
             let mut photon = start_from(geometry, &scene.sources, p, element, k, occluded);
             while is_under_way(&photon) {
                 let hit = closest_hit(geometry, photon.origin, photon.direction, FAR);
-                see(&mut own, &photon_hit(geometry, k, &photon, hit));
+                see(&mut own, &photon_hit(geometry, p, k, &photon, hit));
                 photon = reflect(geometry, p, k, &photon, hit);
             }
         }

@@ -35,6 +35,16 @@ pub enum Sequences {
     Sobol,
 }
 
+/// How the cubic equation of a start point is solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cubic {
+    /// Newton's method, kept in its bracket: to single precision.
+    #[default]
+    Newton,
+    /// Cardano's formula (Kopylov): to 1.5·10⁻³ of the density.
+    Cardano,
+}
+
 /// How many photons, of what numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonSettings {
@@ -47,6 +57,8 @@ pub struct PhotonSettings {
     pub batches: u32,
     /// Numbers that photons are made of.
     pub sequences: Sequences,
+    /// How start points are found on light elements.
+    pub cubic: Cubic,
     /// Also registers light that comes straight from area lights and the sky; else indirect light only.
     pub with_direct: bool,
     /// Changes every random number.
@@ -61,6 +73,7 @@ impl Default for PhotonSettings {
             most_photons: 1 << 26,
             batches: 8,
             sequences: Sequences::default(),
+            cubic: Cubic::default(),
             with_direct: false,
             seed: 0,
         }
@@ -135,11 +148,13 @@ impl PhotonSettings {
                 Sequences::Sobol => SEQUENCE_SOBOL,
             },
             seed: self.seed,
-            flags: emission.flags | if self.with_direct { FLAG_DIRECT } else { 0 },
-            ray_offset: scene.geometry.ray_offset,
+            flags: emission.flags
+                | if self.with_direct { FLAG_DIRECT } else { 0 }
+                | if self.cubic == Cubic::Cardano { FLAG_CARDANO } else { 0 },
             cell_count: targets[0],
             group_count: targets[1],
-            reserved: [0; 3],
+            absorption: scene.geometry.absorption,
+            ray_offset: scene.geometry.ray_offset,
         }
     }
 }
@@ -166,7 +181,8 @@ pub struct Estimate {
     pub error: Vec<f32>,
     /// The last round.
     pub round: Round,
-    /// Power that photons left their elements with, W: reflected light of point-like lights, emitted light of areas.
+    /// Power that photons left their elements with, W: reflected light of point-like lights, emitted light of areas; less what a
+    /// medium absorbs on the first segments.
     pub emitted: DVec3,
     /// Power that left the scene, W.
     pub escaped: DVec3,

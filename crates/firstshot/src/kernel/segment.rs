@@ -1,6 +1,8 @@
 //! A segment of a photon: where it lands, and how it goes on.
 
 use glam::Vec3;
+use scene::kernel::bvh::FAR;
+use scene::kernel::medium::transmittance;
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, unit};
 use scene::{GeometryTables, Hit, NONE};
@@ -17,9 +19,15 @@ pub fn is_under_way(photon: &Photon) -> bool {
     photon.flux != Vec3::ZERO && photon.segments < MOST_SEGMENTS
 }
 
+/// Flux of a photon at what it met: what the medium has left of it.
+#[inline]
+fn arriving(p: &PhotonParams, photon: &Photon, hit: Hit) -> Vec3 {
+    photon.flux * transmittance(p.absorption, if hit.triangle == NONE { FAR } else { hit.t })
+}
+
 /// The hit of photon `k` of a dispatch at what its segment met.
 #[inline]
-pub fn photon_hit(g: &GeometryTables, k: u32, photon: &Photon, hit: Hit) -> PhotonHit {
+pub fn photon_hit(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hit: Hit) -> PhotonHit {
     let mut info = if photon.reflections > 0 { HIT_INDIRECT } else { 0 };
     if photon.segments == 0 {
         info |= HIT_FIRST;
@@ -27,11 +35,11 @@ pub fn photon_hit(g: &GeometryTables, k: u32, photon: &Photon, hit: Hit) -> Phot
     if hit.triangle != NONE && g.normal(hit.triangle).dot(photon.direction) > 0.0 {
         info |= HIT_BACK;
     }
-    PhotonHit { flux: photon.flux, triangle: hit.triangle, u: hit.u, v: hit.v, photon: k, info }
+    PhotonHit { flux: arriving(p, photon, hit), triangle: hit.triangle, u: hit.u, v: hit.v, photon: k, info }
 }
 
-/// The photon after what it met: it survives with the chance `lum(ρ∘Φ)/lum(Φ)`, so its luminance stays, and leaves the side
-/// that it met with a cosine-weighted direction. Its flux is zero where it does not survive.
+/// The photon after what it met: it survives with the chance `lum(ρ∘T∘Φ)/lum(Φ)`, T what the medium has left, so its luminance
+/// stays, and leaves the side that it met with a cosine-weighted direction. Its flux is zero where it does not survive.
 #[inline]
 pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hit: Hit) -> Photon {
     let mut next = *photon;
@@ -39,7 +47,7 @@ pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hi
     if hit.triangle == NONE {
         return next;
     }
-    let flux = photon.flux * g.albedo(hit.triangle, hit.u, hit.v);
+    let flux = arriving(p, photon, hit) * g.albedo(hit.triangle, hit.u, hit.v);
     let (left, before) = (luminance(flux), luminance(photon.flux));
     let (survival, way) = Sequence::of(p, k).reflection(photon.segments);
     if left <= 0.0 || unit(survival) * before >= left {

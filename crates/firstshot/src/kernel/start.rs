@@ -3,12 +3,13 @@
 use core::f32::consts::TAU;
 
 use glam::{Vec3, Vec4};
-use scene::kernel::light::{luminaire_share, sky_radiance, spot_falloff, unoccluded};
+use scene::kernel::light::{Arrival, luminaire_share, sky_radiance, spot_falloff, unoccluded};
+use scene::kernel::medium::transmittance;
 use scene::math::{abs, luminance, sin_cos_2pi, sqrt};
 use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit, wide_product};
 use scene::{GeometryTables, LIGHT_LUMINAIRE, LIGHT_SPOT, Light, Sky};
 
-use super::linear::{interpolate, linear_point};
+use super::linear::{interpolate, linear_point, linear_point_by_cardano};
 use super::sequence::{Sequence, StartWords};
 use crate::types::*;
 
@@ -80,8 +81,21 @@ fn on_sphere(axis: Vec3, z: f32, azimuth: f32) -> Vec3 {
     a * (r * c) + b * (r * s) + axis * z
 }
 
+/// Length of the way to a light, m.
+#[inline]
+pub fn way_of(arrival: &Arrival) -> f32 {
+    arrival.to_light.length() * arrival.t_max
+}
+
+/// Share of a light's luminance that is left where `left` of each channel is.
+#[inline]
+pub fn share_left(color: Vec3, left: Vec3) -> f32 {
+    let whole = luminance(color);
+    if whole > 0.0 { luminance(color * left) / whole } else { 0.0 }
+}
+
 /// A photon of light that falls on a light element, reflected there:
-/// `flux = ρ(x)∘color · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour.
+/// `flux = ρ(x)∘color∘T · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour, T what the medium has left of it.
 #[inline]
 fn start_on_light_element(
     g: &GeometryTables,
@@ -91,7 +105,11 @@ fn start_on_light_element(
     w: &StartWords,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> Photon {
-    let at = linear_point(e.values, unit(w.place.0), unit(w.place.1));
+    let at = if p.flags & FLAG_CARDANO != 0 {
+        linear_point_by_cardano(e.values, unit(w.place.0), unit(w.place.1))
+    } else {
+        linear_point(e.values, unit(w.place.0), unit(w.place.1))
+    };
     let place = e.corner + e.edge_a * at.x + e.edge_b * at.y;
     let front = g.normal(e.triangle);
     let normal = if e.is_back == 1 { -front } else { front };
@@ -110,15 +128,20 @@ fn start_on_light_element(
             flux *= 1.0 / chance;
         }
     }
+    let arrival = unoccluded(&light, sources.distributions, origin, normal);
+    let left = transmittance(p.absorption, way_of(&arrival));
     if p.flags & FLAG_EXACT != 0 {
-        let arrival = unoccluded(&light, sources.distributions, origin, normal);
         let density = interpolate(e.values, at);
         let lit = arrival.share > 0.0 && density > 0.0 && flux != Vec3::ZERO;
         if lit && !occluded(origin, arrival.to_light, arrival.t_max) {
-            flux *= arrival.share / density;
+            flux *= left * (arrival.share / density);
         } else {
             flux = Vec3::ZERO;
         }
+    } else {
+        // The table holds the luminance of what is left; its colour is that at the start.
+        let mean = share_left(light.color, left);
+        flux = if mean > 0.0 { flux * left * (1.0 / mean) } else { Vec3::ZERO };
     }
     let direction = cosine_hemisphere(normal, (unit(w.way.0), unit(w.way.1)));
     Photon { origin, reflections: 1, direction, segments: 0, flux, reserved: 0 }

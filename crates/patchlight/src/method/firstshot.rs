@@ -5,9 +5,10 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
+pub use ::firstshot::{Cubic, Sequences, Subdivision, Texels};
 use ::firstshot::{
     Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Proceed, Round,
-    Sums, Texels, group_areas,
+    Sums, group_areas,
 };
 use glam::{Vec2, Vec3, Vec4};
 use patches::PatchMesh;
@@ -35,7 +36,7 @@ use crate::observe::run_phase;
 /// Rays of a point whose light is gathered exactly.
 const POINT_RAYS: u32 = 4096;
 
-/// How much is traced.
+/// How much is traced, and from where.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstShotSettings {
     /// Relative error of the irradiance of the patches at which photons are enough: it is asked for after each round of photons.
@@ -43,9 +44,59 @@ pub struct FirstShotSettings {
     pub error: f64,
     /// Most photons.
     pub most_photons: u64,
+    /// How triangles are split into light elements.
+    pub subdivision: Subdivision,
+    /// What stands for the reflectance of textured light elements.
+    pub texels: Texels,
+    /// What is known of the light at a start point.
+    pub start_light: StartLight,
+    /// How start points are found on light elements.
+    pub cubic: Cubic,
+    /// Numbers that photons are made of.
+    pub sequences: Sequences,
+}
+
+/// What is known of the light at a start point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StartLight {
+    /// A shadow ray tells it: no bias from the table of light elements.
+    #[default]
+    Traced,
+    /// The table of light elements, as it is (Kopylov).
+    Table,
+}
+
+impl Default for FirstShotSettings {
+    /// [`FirstShotSettings::DEFAULT`].
+    fn default() -> Self {
+        Self::DEFAULT
+    }
 }
 
 impl FirstShotSettings {
+    /// 5 %, at most 2²⁶ photons, and everything else as is best.
+    pub const DEFAULT: Self = Self {
+        error: 0.05,
+        most_photons: 1 << 26,
+        subdivision: Subdivision::Edges,
+        texels: Texels::Mean,
+        start_light: StartLight::Traced,
+        cubic: Cubic::Newton,
+        sequences: Sequences::Sobol,
+    };
+
+    /// As Kopylov prints the method.
+    pub fn as_printed() -> Self {
+        Self {
+            subdivision: Subdivision::Kopylov,
+            texels: Texels::Bound,
+            start_light: StartLight::Table,
+            cubic: Cubic::Cardano,
+            sequences: Sequences::Sobol,
+            ..Self::default()
+        }
+    }
+
     /// What the lights fall on, and the distribution over it.
     ///
     /// # Errors
@@ -55,20 +106,25 @@ impl FirstShotSettings {
         scene: &Scene,
         progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
     ) -> Result<Emission, ::firstshot::Error> {
-        Emission::first_shot(scene, &LightElementSettings::default(), Texels::Mean, true, progress)
+        let is_exact = self.start_light == StartLight::Traced;
+        let own = if is_exact { LightElementSettings::default() } else { LightElementSettings::table_alone() };
+        let elements = match self.subdivision {
+            Subdivision::Edges => own,
+            Subdivision::Kopylov => own.as_printed(),
+        };
+        Emission::first_shot(scene, &elements, self.texels, is_exact, progress)
     }
 
     /// How photons are traced.
     pub fn photons(&self, seed: u32) -> PhotonSettings {
-        let Self { error, most_photons } = *self;
-        PhotonSettings { error, most_photons, seed, ..PhotonSettings::default() }
-    }
-}
-
-impl Default for FirstShotSettings {
-    /// 5 %, at most 2²⁶ photons.
-    fn default() -> Self {
-        Self { error: 0.05, most_photons: PhotonSettings::default().most_photons }
+        PhotonSettings {
+            error: self.error,
+            most_photons: self.most_photons,
+            sequences: self.sequences,
+            cubic: self.cubic,
+            seed,
+            ..PhotonSettings::default()
+        }
     }
 }
 
