@@ -11,7 +11,7 @@ use patches::PatchKind;
 use patches::{PatchSize, SubdivideSettings, subdivide};
 use patchlight::method::FeedbackSettings;
 use patchlight::method::multibounce::Multibounce;
-use patchlight::method::solved::{Samples, Solver};
+use patchlight::method::solved::{Links, Samples, Solver};
 use patchlight::operator::{Codec, Decode, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{Estimator, MethodSettings, Pictures, ReceiverKind, Renderer};
@@ -143,6 +143,7 @@ fn with_triangles(scene: &Scene, keep: impl Fn(u32) -> bool) -> Scene {
         sky_map: scene.lighting.sky_map.to_vec(),
         distributions: scene.lighting.distributions.to_vec(),
         ray_offset: None,
+        absorption: scene.geometry.absorption,
     })
     .unwrap()
 }
@@ -196,6 +197,8 @@ fn classic_solvers_render_the_picture_of_all_bounces() {
         (Solver::Shooting, 1e-3),
         (Solver::StochasticJacobi(samples), 0.01),
         (Solver::RandomWalks(samples), 0.01),
+        // Form factors of its own, exact but for shadow rays, in place of hemispheres of rays.
+        (Solver::Hierarchical(Links::default()), 0.02),
     ] {
         let error = indirect_error(&picture(MethodSettings::Solved(solver), None), &exact);
         println!("{solver:?}: {error:.2e}");

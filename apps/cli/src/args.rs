@@ -13,7 +13,7 @@ use clap::{ArgMatches, Args, CommandFactory as _, FromArgMatches as _, Parser, S
 use temporal::{Blend, MOST_SAMPLES, Settings};
 
 use experiments::args::{
-    Animate, Bench, CameraPath, Common, FocusChoice, Patches, parse_focus, parse_metres, parse_size,
+    Animate, Bench, CameraPath, Common, FocusChoice, Patches, parse_epsilon, parse_focus, parse_metres, parse_size,
 };
 
 use assets::procedural;
@@ -26,7 +26,7 @@ use super::world::{Merge, World};
 use patches::PatchKind;
 use patchlight::MethodSettings;
 use patchlight::method::TemporalSettings;
-use patchlight::method::solved::{Samples, Solver};
+use patchlight::method::solved::{Links, Samples, Solver};
 use patchlight::method::temporal::{RowKind, Sampled};
 
 pub use bake::{BakeOptions, OperatorSettings};
@@ -370,11 +370,13 @@ pub enum ClassicSolver {
     StochasticJacobi,
     /// Walks of light by chance.
     RandomWalks,
+    /// Links between parts of polygons, as large as their light lets them be (with --patches polygon).
+    Hierarchical,
 }
 
 impl ClassicSolver {
     /// The method of the solver.
-    pub fn method(self, count: u32, seed: u32) -> MethodSettings {
+    pub fn method(self, count: u32, link_error: f64, seed: u32) -> MethodSettings {
         let samples = Samples { count, seed };
         MethodSettings::Solved(match self {
             Self::Jacobi => return MethodSettings::Classic,
@@ -383,6 +385,7 @@ impl ClassicSolver {
             Self::Lu => Solver::Lu,
             Self::StochasticJacobi => Solver::StochasticJacobi(samples),
             Self::RandomWalks => Solver::RandomWalks(samples),
+            Self::Hierarchical => Solver::Hierarchical(Links { error: link_error, seed }),
         })
     }
 }
@@ -433,6 +436,9 @@ pub struct Render {
     /// Samples that the light is cut into by --solver stochastic-jacobi and random-walks.
     #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..=1 << 30))]
     pub solver_samples: u32,
+    /// Most light that a link of --solver hierarchical carries before it is split, as a share of the emitted power.
+    #[arg(long, default_value_t = Links::default().error, value_parser = parse_epsilon)]
+    pub link_error: f64,
     /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
     #[arg(long, value_enum, default_value_t)]
     pub decode: Decoding,

@@ -21,12 +21,13 @@ use experiments::progress::{Progress, interruptible, is_cancelled};
 use experiments::report::significant;
 use experiments::say;
 use experiments::sequence::{Movement, Sequence, Shot, light_update_ms};
-use experiments::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
+use experiments::summary::{LightUpdate, LinkCounts, PassTimes, PhotonCounts, Summary};
 use experiments::worst_blocks::worst_blocks;
 use patchlight::debug::DebugPicture;
 use patchlight::memory::{check_free, peak_memory_bytes};
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
+use patchlight::method::solved::{LinkCount, Solved};
 use patchlight::operator::{Build, Codec, Decode, OperatorKey, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{
@@ -232,6 +233,10 @@ impl Job<'_> {
             if args.frames == 1 {
                 photons::write_files(photons.shot(), &renderer.bake().scene, &renderer.bake().mesh, self.out)?;
             }
+        }
+        if let Some(solved) = renderer.method().as_any().downcast_ref::<Solved>() {
+            let LinkCount { links, leaves } = solved.link_count();
+            summary.links = (leaves > 0).then(|| LinkCounts { links, leaves, passes: solved.iterations() });
         }
         let points = match self.data.filter(|d| !d.points.is_empty()) {
             None => None,
@@ -455,7 +460,7 @@ fn method_settings(args: &Render, exposure_stops: f32, seed: u32) -> MethodSetti
         Method::Temporal => MethodSettings::Temporal(args.temporal.settings(seed)),
         Method::Local => MethodSettings::Local(args.local.options(exposure_stops)),
         Method::Firstshot => MethodSettings::FirstShot(args.methods.first_shot()),
-        Method::Classic => args.solver.method(args.solver_samples, seed),
+        Method::Classic => args.solver.method(args.solver_samples, args.link_error, seed),
         Method::Path => MethodSettings::Classic,
     }
 }
@@ -530,6 +535,9 @@ fn print(s: &Summary) {
             p.registered,
             100.0 * p.relative_error
         );
+    }
+    if let Some(LinkCounts { links, leaves, passes }) = s.links {
+        say!("{:14} {links} between {leaves} parts, gathered over {passes} times", "links");
     }
     if let Some(decode) = s.decode {
         say!("{:14} {decode}", "decode");

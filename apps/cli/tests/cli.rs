@@ -33,12 +33,70 @@ fn help_and_version_succeed_and_wrong_usage_is_2() {
 }
 
 #[test]
+fn hierarchical_radiosity_counts_its_links_and_needs_outlines() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let mut arguments = vec!["render", "cornell", "--solver", "hierarchical", "--json", "--out", out];
+    arguments.extend(SMALL);
+    let polygons: Vec<&str> = [&arguments[..], &["--patches", "polygon"]].concat();
+    let summary: serde_json::Value = serde_json::from_str(&succeeds(&polygons)).unwrap();
+    let count = |key: &str| summary["links"][key].as_u64().unwrap();
+    assert!(count("leaves") > 32 && count("links") > 100 && count("passes") > 2, "{summary}");
+    let coarse: serde_json::Value =
+        serde_json::from_str(&succeeds(&[&polygons[..], &["--link-error", "0.01"]].concat())).unwrap();
+    assert!(coarse["links"]["links"].as_u64().unwrap() < count("links"), "{coarse}");
+    let message = fails(1, &[&arguments[..], &["--patches", "cluster"]].concat());
+    assert!(message.contains("outlines"), "{message}");
+}
+
+#[test]
+fn photons_of_the_printed_method_are_others_and_as_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let photons = |options: &[&str]| {
+        let own = ["render", "atrium:2000", "--method", "firstshot", "--error", "0.2", "--json", "--out", out];
+        let summary: serde_json::Value =
+            serde_json::from_str(&succeeds(&[&own[..], &SMALL, options].concat())).unwrap();
+        assert!(summary["photons"]["relative_error"].as_f64().unwrap() <= 0.2, "{summary}");
+        summary["photons"].clone()
+    };
+    let ours = photons(&[]);
+    for option in [
+        ["--subdivision", "kopylov"],
+        ["--texels", "brightest"],
+        ["--start-light", "table"],
+        ["--cubic", "cardano"],
+        ["--sequence", "random"],
+    ] {
+        assert_ne!(photons(&option), ours, "{option:?}");
+    }
+}
+
+#[test]
 fn a_scene_that_is_not_there_is_named() {
     let message = fails(1, &["render", "no/such/scene.toml", "--quiet"]);
     assert!(message.contains("no/such/scene.toml"), "{message}");
     fails(1, &["info", "no/such/scene.obj"]);
     let message = fails(1, &["scene", "castle"]);
     assert!(message.contains("castle") && message.contains("atrium"), "{message}");
+}
+
+#[test]
+fn a_medium_is_path_traced_and_refused_by_name_where_form_factors_are_needed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    std::fs::write(path("a.obj"), "mtllib a.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nusemtl m\nf 1 2 3\n").unwrap();
+    std::fs::write(path("a.mtl"), "newmtl m\nKd 0.5 0.5 0.5\n").unwrap();
+    let lamp = "[[light]]\ntype = \"point\"\nposition = [0, 0, 1]\nintensity = [1, 1, 1]\n";
+    let medium = "[medium]\nabsorption = [0.1, 0.2, 0.3]\n";
+    std::fs::write(path("fog.toml"), format!("version = 1\nmesh = \"a.obj\"\n{lamp}{medium}")).unwrap();
+    let (scene, out) = (path("fog.toml"), path("out"));
+    for method in ["classic", "tiles", "firstshot"] {
+        let own = ["render", &scene, "--method", method, "--out", &out];
+        let message = fails(1, &[&own[..], &SMALL].concat());
+        assert!(message.contains("medium") && message.contains("path trace"), "{method}: {message}");
+    }
+    succeeds(&["render", &scene, "--method", "path", "--out", &out, "--size", "32x24", "--spp", "2", "--quiet"]);
 }
 
 #[test]

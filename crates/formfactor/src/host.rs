@@ -5,6 +5,7 @@ mod balance;
 mod contour;
 mod estimate;
 mod file;
+mod hierarchical;
 mod monte_carlo;
 mod reciprocal;
 mod solve;
@@ -17,6 +18,7 @@ pub use estimate::{
     AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, SkyBin, form_factor_blocks, form_factors,
 };
 pub use file::{RowFile, RowFileWriter};
+pub use hierarchical::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 pub use monte_carlo::{Samples, random_walks, stochastic_jacobi};
 pub use reciprocal::{Reciprocal, reciprocal};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};

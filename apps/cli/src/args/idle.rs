@@ -59,8 +59,17 @@ const RULES: &[Rule<Render>] = &[
                 && matches!(args.solver, ClassicSolver::StochasticJacobi | ClassicSolver::RandomWalks)
         },
     },
+    Rule {
+        options: &["link_error"],
+        whom: "--method classic with --solver hierarchical",
+        suits: |args, _| args.method == Method::Classic && args.solver == ClassicSolver::Hierarchical,
+    },
     of_method!(Feedback, "feedback", ["products", "plain"]),
-    of_method!(Firstshot, "firstshot", ["error", "photons"]),
+    of_method!(
+        Firstshot,
+        "firstshot",
+        ["error", "photons", "subdivision", "texels", "start_light", "cubic", "sequence"]
+    ),
     of_method!(Multibounce, "multibounce", ["codec"]),
     Rule {
         options: &["epsilon"],
@@ -344,7 +353,7 @@ mod tests {
     #[test]
     fn options_that_cannot_apply_are_named() {
         // Those that classic radiosity ignores.
-        let classic: [&[&str]; 19] = [
+        let classic: [&[&str]; 25] = [
             &["--samples", "16"],
             &["--blend", "0.5"],
             &["--refresh", "4"],
@@ -358,10 +367,16 @@ mod tests {
             &["--plain"],
             &["--error", "0.1"],
             &["--photons", "1000"],
+            &["--subdivision", "kopylov"],
+            &["--texels", "brightest"],
+            &["--start-light", "table"],
+            &["--cubic", "cardano"],
+            &["--sequence", "random"],
             &["--epsilon", "0.1"],
             &["--resume"],
             &["--codec", "bc1"],
             &["--solver-samples", "9"],
+            &["--link-error", "0.1"],
             &["--animate", "sun"],
             &["--path", "fly"],
         ];
@@ -408,7 +423,18 @@ mod tests {
                 "--build-on",
                 "host",
             ],
-            &["--method", "firstshot", "--error", "0.1", "--photons", "1000"],
+            &[
+                "--method",
+                "firstshot",
+                "--error",
+                "0.1",
+                "--photons",
+                "1000",
+                "--cubic",
+                "cardano",
+                "--sequence",
+                "random",
+            ],
             &["--method", "path", "--resume", "--spp", "4"],
             &["--focus", "camera", "--patches", "cluster"],
             &["--receiver-edge", "0.1", "--rays", "64", "--debug", "--errors", "--direct", "sampled"],

@@ -435,7 +435,7 @@ impl Estimator for Contour {
 }
 
 /// Both polygons without what lies behind the other's plane.
-fn cut(receiver: &Polygon, source: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
+pub(super) fn cut(receiver: &Polygon, source: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
     let r = receiver.clip(source.centroid, source.normal);
     if r.is_none() {
         return (None, None);

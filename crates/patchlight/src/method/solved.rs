@@ -5,11 +5,13 @@ use std::time::Instant;
 
 pub use formfactor::Samples;
 use formfactor::{
-    Dense, Reciprocal, Solution, Stop, gauss_seidel, lu, random_walks, reciprocal, shoot, stochastic_jacobi,
+    Dense, HierarchicalScene, HierarchicalSettings, HierarchicalSolution, Reciprocal, Solution, Stop, gauss_seidel,
+    hierarchical, lu, random_walks, reciprocal, shoot, stochastic_jacobi,
 };
-use glam::Vec4;
+use glam::{Vec2, Vec2Swizzles, Vec3, Vec4};
 use runtime::executor::{Executor, PassTime};
 use runtime::plan::{BufferId, PassId};
+use scene::Hit;
 
 use super::{Method, MethodReport, bytes};
 use crate::albedo::Albedo;
@@ -21,7 +23,7 @@ use crate::frame::FramePlan;
 const TOLERANCE: f32 = 1e-4;
 
 /// How `B = E + ρ∘(F B)` is solved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solver {
     /// Gathering in place, [`gauss_seidel`].
     GaussSeidel,
@@ -33,6 +35,24 @@ pub enum Solver {
     StochasticJacobi(Samples),
     /// Walks by chance, [`random_walks`].
     RandomWalks(Samples),
+    /// Links between parts of any size, [`hierarchical`]; of patches with outlines.
+    Hierarchical(Links),
+}
+
+/// Links of hierarchical radiosity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Links {
+    /// Most power that a link carries unsplit, as a share of the emitted power.
+    pub error: f64,
+    /// Changes every shadow ray.
+    pub seed: u32,
+}
+
+impl Default for Links {
+    /// A hundred thousandth of the power.
+    fn default() -> Self {
+        Self { error: 1e-5, seed: 0 }
+    }
 }
 
 impl Solver {
@@ -43,7 +63,7 @@ impl Solver {
             Self::GaussSeidel | Self::Shooting => 4.0 * pairs,
             // With the system and its factors, double precision.
             Self::Lu => 20.0 * pairs,
-            Self::StochasticJacobi(_) | Self::RandomWalks(_) => 0.0,
+            Self::StochasticJacobi(_) | Self::RandomWalks(_) | Self::Hierarchical(_) => 0.0,
         }
     }
 }
@@ -55,6 +75,108 @@ enum Factors {
     /// Reciprocal, with the areas for which they are, m².
     DenseReciprocal(Dense, Vec<f32>),
     Sparse(Reciprocal),
+    /// None: links find their own.
+    Sides(Sides, Links),
+}
+
+/// Triangle sides with patches, between whose parts links are.
+struct Sides {
+    bake: Arc<Bake>,
+    /// Corners of the sides, m.
+    corners: Vec<[Vec3; 3]>,
+    /// Triangle of each side, and whether it is the front.
+    triangles: Vec<(u32, bool)>,
+    /// Side of each patch.
+    of_patch: Vec<u32>,
+}
+
+/// Shadow rays of a link.
+const SHADOW_RAYS: u32 = 16;
+
+impl Sides {
+    fn new(bake: &Arc<Bake>) -> Result<Self, Error> {
+        let mesh = &bake.mesh;
+        if mesh.polygons.len() != mesh.patches.len() {
+            return Err(formfactor::Error::NoOutlines { estimator: "hierarchical radiosity" }.into());
+        }
+        let geometry = bake.scene.tables();
+        let mut sides =
+            Self { bake: Arc::clone(bake), corners: Vec::new(), triangles: Vec::new(), of_patch: Vec::new() };
+        for patch in &mesh.patches {
+            let is_front = geometry.normal(patch.triangle).dot(patch.normal) > 0.0;
+            // Patches are in the order of triangles and sides.
+            if sides.triangles.last() != Some(&(patch.triangle, is_front)) {
+                let (a, b, c) = (
+                    geometry.position(patch.triangle, 0.0, 0.0),
+                    geometry.position(patch.triangle, 1.0, 0.0),
+                    geometry.position(patch.triangle, 0.0, 1.0),
+                );
+                let is_turned = ((b - a).cross(c - a).dot(patch.normal)) < 0.0;
+                sides.corners.push(if is_turned { [a, c, b] } else { [a, b, c] });
+                sides.triangles.push((patch.triangle, is_front));
+            }
+            sides.of_patch.push(sides.triangles.len() as u32 - 1);
+        }
+        Ok(sides)
+    }
+
+    /// Shares of the edges of a triangle, from shares of the edges of a side, and back.
+    fn turned(&self, side: usize, at: Vec2) -> Vec2 {
+        let [_, b, _] = self.corners[side];
+        let triangle = self.triangles[side].0;
+        let is_turned = b != self.bake.scene.tables().position(triangle, 1.0, 0.0);
+        if is_turned { at.yx() } else { at }
+    }
+
+    /// Exitance and irradiance of the patches, and how many passes that took.
+    fn solve(&self, source: &[Vec4], albedo: &[Vec4], links: Links) -> Result<(Solution, LinkCount), Error> {
+        let Bake { scene, mesh, .. } = &*self.bake;
+        let light = |side: usize, at: Vec2| {
+            let (triangle, is_front) = self.triangles[side];
+            let at = self.turned(side, at);
+            let patch = mesh.element_on_side(&Hit { triangle, u: at.x, v: at.y, t: 0.0 }, is_front) as usize;
+            let value = |table: &[Vec4]| table.get(patch).map_or(Vec3::ZERO, |value| value.truncate());
+            (value(source), value(albedo))
+        };
+        let area: f32 = mesh.patches.iter().map(|patch| patch.area).sum();
+        let settings = HierarchicalSettings {
+            error: links.error as f32,
+            least_area: area / mesh.patches.len().max(1) as f32,
+            shadow_rays: SHADOW_RAYS,
+            tolerance: TOLERANCE,
+            seed: links.seed,
+        };
+        let input = HierarchicalScene {
+            triangles: &self.corners,
+            visibility: scene,
+            ray_offset: scene.geometry.ray_offset,
+            light: &light,
+        };
+        let found = hierarchical(&input, &settings)?;
+        let mut solution = Solution { iterations: found.passes, ..Solution::default() };
+        for (k, side) in self.of_patch.iter().enumerate() {
+            let own = &mesh.points[mesh.offsets[k] as usize..mesh.offsets[k + 1] as usize];
+            let triangle = self.triangles[*side as usize].0;
+            let mut irradiance = Vec4::ZERO;
+            for point in own {
+                let (u, v) = scene.shares(triangle, point.position);
+                let at = self.turned(*side as usize, Vec2::new(u, v));
+                irradiance += (found.irradiance(*side as usize, at) * point.weight).extend(0.0);
+            }
+            solution.irradiance.push(irradiance);
+            solution.exitance.push(source[k] + albedo[k] * irradiance);
+        }
+        Ok((solution, LinkCount { links: found.links, leaves: found.leaves }))
+    }
+}
+
+/// What hierarchical radiosity holds after a solution.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkCount {
+    /// Links between parts.
+    pub links: usize,
+    /// Parts that are not split further.
+    pub leaves: usize,
 }
 
 /// A solver between the stages of a frame.
@@ -65,6 +187,7 @@ pub struct Solved {
     buffers: Option<[BufferId; 2]>,
     bounce: Option<PassId>,
     iterations: u32,
+    link_count: LinkCount,
 }
 
 impl Solved {
@@ -82,14 +205,18 @@ impl Solved {
                 Factors::DenseReciprocal(factors.to_dense(), area)
             }
             Solver::StochasticJacobi(_) | Solver::RandomWalks(_) => Factors::Sparse(both_ways()?),
+            Solver::Hierarchical(links) => Factors::Sides(Sides::new(bake)?, links),
         };
-        Ok(Self { albedo: bake.mesh.albedo.clone(), solver, factors, buffers: None, bounce: None, iterations: 0 })
+        let albedo = bake.mesh.albedo.clone();
+        let link_count = LinkCount::default();
+        Ok(Self { albedo, solver, factors, buffers: None, bounce: None, iterations: 0, link_count })
     }
 
-    fn solve(&self, source: &[Vec4]) -> Result<Solution, Error> {
+    fn solve(&self, source: &[Vec4]) -> Result<(Solution, LinkCount), Error> {
         let albedo = &self.albedo;
         let stop = Stop::Tolerance(TOLERANCE);
-        Ok(match (&self.factors, self.solver) {
+        let solution = match (&self.factors, self.solver) {
+            (Factors::Sides(sides, links), _) => return sides.solve(source, albedo, *links),
             (Factors::Dense(factors), Solver::Lu) => lu(factors, source, albedo)?,
             (Factors::Dense(factors), _) => gauss_seidel(factors, source, albedo, stop)?,
             (Factors::DenseReciprocal(factors, area), _) => {
@@ -104,10 +231,16 @@ impl Solved {
                 let samples = if let Solver::RandomWalks(samples) = solver { samples } else { Samples::default() };
                 random_walks(factors, area, source, albedo, samples)?
             }
-        })
+        };
+        Ok((solution, LinkCount::default()))
     }
 
-    /// Sweeps, shots, iterations or steps of the last frame.
+    /// Links of the last frame; none but for [`Solver::Hierarchical`].
+    pub fn link_count(&self) -> LinkCount {
+        self.link_count
+    }
+
+    /// Sweeps, shots, iterations, steps or passes of the last frame.
     pub fn iterations(&self) -> u32 {
         self.iterations
     }
@@ -116,7 +249,8 @@ impl Solved {
         let Some([source, irradiance]) = self.buffers else { return Ok(Vec::new()) };
         let source: Vec<Vec4> = executor.download_table(source)?;
         let start = Instant::now();
-        let solution = self.solve(&source)?;
+        let (solution, link_count) = self.solve(&source)?;
+        self.link_count = link_count;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         self.iterations = solution.iterations;
         executor.upload(irradiance, &solution.irradiance)?;
@@ -150,6 +284,7 @@ impl Method for Solved {
         let matrix = match &self.factors {
             Factors::Dense(factors) | Factors::DenseReciprocal(factors, _) => size_of_val(&factors.values[..]) as u64,
             Factors::Sparse(reciprocal) => transport::LinearOperator::bytes(&reciprocal.factors),
+            Factors::Sides(..) => (self.link_count.links * HierarchicalSolution::LINK_BYTES) as u64,
         };
         MethodReport { bytes: bytes([("form_factors", matrix)]), ..MethodReport::default() }
     }
