@@ -73,8 +73,6 @@ const FIGURES: &[Figure] = &[
 struct Study<'a> {
     common: &'a Common,
     args: &'a Bench,
-    /// The figure.
-    name: &'static str,
     loaded: &'a LoadedScene,
     /// Patches.
     counts: Vec<u32>,
@@ -142,7 +140,6 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         let study = Study {
             common,
             args,
-            name: figure.name,
             loaded: &loaded,
             counts: counts.clone(),
             out: &out,
