@@ -234,7 +234,12 @@ impl<'a> PatchBake<'a> {
         };
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
-            None => run_phase(observer, Phase::BOUNCES, |_| enough_bounces(&form_factors.factors, &mesh.albedo))?,
+            None => run_phase(observer, Phase::BOUNCES, |_| {
+                if settings.variant == Variant::Thesis {
+                    check_growth(&form_factors.factors, &mesh.albedo)?;
+                }
+                enough_bounces(&form_factors.factors, &mesh.albedo)
+            })?,
         };
         let bake = Bake {
             scene: scene.clone(),
@@ -464,6 +469,16 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
         ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     }
+}
+
+/// Rows of printed form factors may sum to more than 1, and light may grow.
+fn check_growth(factors: &Csr, albedo: &[Vec4]) -> Result<(), Error> {
+    let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
+    let residual = jacobi(factors, &source, albedo, Stop::Bounces(MOST_BOUNCES))?.residual;
+    if residual.is_finite() && residual < TOLERANCE {
+        return Ok(());
+    }
+    Err(Error::Printed { needs: "a number of bounces here, for with all of them their light grows without end" })
 }
 
 /// Bounces until a uniform source changes no patch by more than the tolerance, and a fourth more for sources that are
