@@ -362,6 +362,58 @@ fn bench_spread_shows_jumps_and_flicker_of_naive_ways() {
 }
 
 #[test]
+fn bench_thesis_measures_what_is_printed_beside_ours() {
+    let listed = succeeds(&["bench", "thesis"]);
+    let message = fails(1, &["bench", "thesis", "9.9"]);
+    let folder = tempfile::tempdir().unwrap();
+    for (figure, scene, files) in [
+        ("3.2", "cornell", &["logarithmic.svg", "linear.svg"][..]),
+        ("3.3", "cornell", &["errors.png"]),
+        ("3.10", "cornell", &["bounces.svg"]),
+        ("3.11", "cornell", &["bytes.svg"]),
+        ("4.12", "atrium:3000", &["time.svg", "work.svg", "visible.svg"]),
+        ("5.3", "cornell", &["pictures.png"]),
+        ("5.4", "cornell", &["pictures.png"]),
+    ] {
+        assert!(listed.contains(&format!("{figure} ")) && message.contains(figure), "{listed} {message}");
+        let out = folder.path().join(figure);
+        let mut arguments = vec!["bench", "thesis", figure, scene, "--out", out.to_str().unwrap(), "--quiet"];
+        arguments.extend(["--counts", "60,120", "--size", "64x48", "--spp", "8", "--sub-frames", "1", "--rays", "64"]);
+        arguments.extend(["--receiver-rays", "32", "--device", "cpu"]);
+        let markdown = succeeds(&arguments);
+        assert!(markdown.contains(&format!("## Figure {figure}, {}", scene.split(':').next().unwrap())), "{markdown}");
+        let text = std::fs::read_to_string(out.join("summary.json")).unwrap();
+        let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let name = scene.split(':').next().unwrap();
+        let rows = summary["scenes"][name].as_array().unwrap();
+        assert!(rows.len() > 1, "{text}");
+        for file in files {
+            assert!(out.join(format!("{name}-{file}")).exists(), "{figure} {file}");
+        }
+        let of = |key: &str, what: &str| rows.iter().find(|row| row[key] == what).unwrap();
+        match figure {
+            "3.3" => {
+                let mse = |settings: &str, order: &str| {
+                    let is_it = |row: &&serde_json::Value| row["settings"] == settings && row["order"] == order;
+                    rows.iter().find(is_it).unwrap()["block_mse"].as_f64().unwrap()
+                };
+                assert!(mse("as printed", "listing 3.1") > mse("ours", "projected logarithms"), "{text}");
+            }
+            // What is printed is a sum over the points of a voxel.
+            "5.3" | "5.4" => {
+                let brightness = |what: &str| of("what", what)["brightness"].as_f64().unwrap();
+                assert!(brightness("as printed") > 1.5 * brightness("ours, patches receive"), "{text}");
+            }
+            "4.12" => {
+                let last = rows.last().unwrap();
+                assert!(last["last_drift"].as_f64().unwrap() > 1e-4, "{text}");
+            }
+            _ => {}
+        }
+    }
+}
+
+#[test]
 fn bench_report_gives_what_is_committed() {
     let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
     let folder = tempfile::tempdir().unwrap();

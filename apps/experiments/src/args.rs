@@ -7,8 +7,8 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use multibounce::BlockCodec;
 use patches::{Focus, PatchKind};
-use patchlight::BakeSettings;
 use patchlight::method::FirstShotSettings;
+use patchlight::{BakeSettings, Variant};
 
 use runtime::executor::DeviceChoice;
 
@@ -86,6 +86,26 @@ impl Patches {
             Self::Cluster => PatchKind::Cluster,
             Self::Voxel => PatchKind::Voxel,
             Self::Axis => PatchKind::Axis,
+        }
+    }
+}
+
+/// Which form of the equations of patches is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum VariantChoice {
+    /// Ours.
+    #[default]
+    Corrected,
+    /// As the thesis prints them, for comparison.
+    Thesis,
+}
+
+impl VariantChoice {
+    /// The form.
+    pub fn variant(self) -> Variant {
+        match self {
+            Self::Corrected => Variant::Corrected,
+            Self::Thesis => Variant::Thesis,
         }
     }
 }
@@ -168,6 +188,8 @@ pub enum Experiment {
     Frame,
     /// What is in view by tiles and sampled, beside every opponent: time, memory, pictures, points, jumps of the lights.
     Table3,
+    /// A figure of the thesis, as printed beside ours: `thesis 5.3 [SCENES]`; `thesis` alone lists them.
+    Thesis,
     /// docs/experiments.md and its plots from docs/data.
     Report,
     /// Every experiment, one after the other.
@@ -180,10 +202,10 @@ pub struct Bench {
     /// The experiment.
     #[arg(value_enum)]
     pub name: Experiment,
-    /// Scene files or built-in scenes [default: clean rooms stripes blinds clutter window corridor, frame office,
+    /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window corridor, frame office,
     /// table3 cornell atrium, others cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, table3 and spread 2000, curves 1000,2000,4000,8000 (frame)
+    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, table3 and spread 2000, thesis by figure, curves 1000,2000,4000,8000 (frame)
     /// and 1000,2000,4000,10000,20000 (clean), others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
@@ -222,7 +244,7 @@ pub struct Bench {
     /// Folder where references are kept (clean) [default: patchlight/references in the user's cache folder].
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
-    /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean and table3 240x135, others 480x360].
+    /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean, table3 and thesis 240x135, others 480x360].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
     /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
@@ -272,7 +294,7 @@ impl Bench {
     pub fn size(&self) -> (u32, u32) {
         self.size.unwrap_or(match self.name {
             Experiment::Frame => (960, 540),
-            Experiment::Clean | Experiment::Table3 => (240, 135),
+            Experiment::Clean | Experiment::Table3 | Experiment::Thesis => (240, 135),
             _ => (480, 360),
         })
     }

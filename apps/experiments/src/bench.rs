@@ -13,6 +13,7 @@ mod rows;
 mod spread;
 mod table3;
 mod temporal;
+mod thesis;
 mod truth;
 
 use std::path::{Path, PathBuf};
@@ -102,7 +103,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     if args.references == Some(None) && args.name != Experiment::Clean {
         return Err(Error::NoReferenceFolder);
     }
-    if args.name != Experiment::Report {
+    if args.name != Experiment::Report && !(args.name == Experiment::Thesis && args.scenes.is_empty()) {
         output::check_out(&common.out)?;
     }
     match args.name {
@@ -115,6 +116,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Frame => frame::run(common, args),
         Experiment::Table3 => table3::run(common, args),
         Experiment::Report => proof::run(common, args),
+        Experiment::Thesis => thesis::run(common, args),
         Experiment::All => all::run(common, args),
         Experiment::Firstshot => {
             common.native_only("bench firstshot")?;

@@ -150,6 +150,14 @@ pub enum Error {
         /// Where they were looked for.
         folder: PathBuf,
     },
+    /// A figure that is not measured.
+    #[error("there is no figure `{name}` to measure; choose one of {known}")]
+    NoFigure {
+        /// The name.
+        name: String,
+        /// Those that there are.
+        known: String,
+    },
     /// References that are looked for nowhere.
     #[error("--references needs a folder here; only `bench clean --references` makes references by itself")]
     NoReferenceFolder,

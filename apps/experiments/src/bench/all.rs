@@ -24,11 +24,26 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         if is_cancelled() {
             return Err(Error::Cancelled);
         }
+        if name == Experiment::Thesis {
+            thesis_figures(common, args, &folder)?;
+            continue;
+        }
         let title = name.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
         progress.note(&format!("bench {title}"));
         let common = Common { out: Some(folder.join(&title)), ..common.clone() };
         let args = if args.quick { smallest(name, args, &folder) } else { Bench { name, ..args.clone() } };
         super::run(&common, &args)?;
+    }
+    Ok(())
+}
+
+/// Every figure of the thesis.
+fn thesis_figures(common: &Common, args: &Bench, folder: &Path) -> Result<(), Error> {
+    for figure in super::thesis::names() {
+        let common = Common { out: Some(folder.join(format!("thesis-{figure}"))), ..common.clone() };
+        let own = if args.quick { smallest(Experiment::Thesis, args, folder) } else { args.clone() };
+        let scenes = [&[figure.to_owned()], &own.scenes[..]].concat();
+        super::run(&common, &Bench { name: Experiment::Thesis, scenes, ..own })?;
     }
     Ok(())
 }
