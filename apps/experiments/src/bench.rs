@@ -1,16 +1,23 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
 mod all;
+mod claims;
 mod clean;
+mod contest;
 mod firstshot;
 mod frame;
+mod leaks;
 mod lights;
 mod local;
+mod materials;
 mod operator;
 mod patches;
 mod proof;
 mod rows;
+mod scaling;
 mod spread;
+mod step;
+mod study;
 mod table3;
 mod temporal;
 mod thesis;
@@ -114,7 +121,11 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Spread => spread::run(common, args),
         Experiment::Local => local::run(common, args),
         Experiment::Frame => frame::run(common, args),
-        Experiment::Table3 => table3::run(common, args),
+        Experiment::Table3 => study::run::<table3::Table3>(common, args),
+        Experiment::Leaks => study::run::<leaks::Leaks>(common, args),
+        Experiment::Step => study::run::<step::Step>(common, args),
+        Experiment::Materials => study::run::<materials::Materials>(common, args),
+        Experiment::Scaling => study::run::<scaling::Scaling>(common, args),
         Experiment::Report => proof::run(common, args),
         Experiment::Thesis => thesis::run(common, args),
         Experiment::All => all::run(common, args),

@@ -29,12 +29,16 @@ pub enum Error {
         why: String,
     },
     /// Data of the report are not what they should be.
-    #[error("{}: not data of the report ({why}); measure again with `patchlight bench table3`, or mend the file", path.display())]
+    #[error(
+        "{}: not data of the report ({why}); measure again with `patchlight bench {experiment}`, or mend the file", path.display()
+    )]
     Data {
         /// The file.
         path: PathBuf,
         /// What is wrong.
         why: String,
+        /// What makes it.
+        experiment: &'static str,
     },
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]

@@ -1,6 +1,6 @@
 //! `bench all`: every experiment, one after the other, each in a folder of its own.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::ValueEnum as _;
 
@@ -52,7 +52,7 @@ fn thesis_figures(common: &Common, args: &Bench, folder: &Path) -> Result<(), Er
 pub fn smallest(name: Experiment, args: &Bench, folder: &Path) -> Bench {
     let scene = match name {
         Experiment::Firstshot | Experiment::Frame | Experiment::Local => SMALL_HALL,
-        Experiment::Clean => "rooms:wall=0.1",
+        Experiment::Clean | Experiment::Leaks => "rooms:wall=0.1",
         _ => SMALL_SCENE,
     };
     let counts = match name {
@@ -70,7 +70,7 @@ pub fn smallest(name: Experiment, args: &Bench, folder: &Path) -> Bench {
         error: 0.05,
         densities: vec![1.0],
         paths: (name == Experiment::Clean).then_some(32),
-        cache: (name == Experiment::Clean).then(|| PathBuf::from(folder).join("references")),
+        cache: matches!(name, Experiment::Clean | Experiment::Leaks).then(|| folder.join("references")),
         size: Some((96, 64)),
         spp: 16,
         sub_frames: 1,
