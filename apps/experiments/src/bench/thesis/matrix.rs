@@ -17,7 +17,6 @@ use crate::error::Error;
 use crate::measure::own_light;
 use crate::output;
 use crate::report::{Plot, Series, Table, significant};
-use ::patches::PatchKind;
 use patchlight::operator::measure::{exact_product, relative_error};
 use patchlight::operator::{Codec, PatchOperator, SymmetricFactors};
 use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind};
@@ -51,7 +50,6 @@ impl Subject {
     pub fn new(study: &Study, count: u32) -> Result<Self, Error> {
         let scene = &study.loaded.scene;
         let settings = BakeSettings {
-            patches: PatchKind::suited(scene.geometry.triangles.len(), count as usize),
             patch_count: count as usize,
             estimator: Estimator::Hemisphere { rays: study.args.rays },
             receivers: ReceiverKind::Pixels,
