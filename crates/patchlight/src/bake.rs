@@ -210,8 +210,8 @@ impl<'a> PatchBake<'a> {
         rays: &mut RowRays,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
-        check_receivers(settings)?;
         check_variant(settings)?;
+        check_receivers(settings)?;
         let triangles = scene.geometry.triangles.len();
         if settings.patches == PatchKind::Polygon && triangles > MOST_PATCHES {
             return Err(too_many(triangles, triangles));
