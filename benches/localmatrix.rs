@@ -9,7 +9,7 @@ use std::hint::black_box;
 use benches::{SEED, exitance, stream_gb_s};
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput};
 use glam::{Vec3, Vec4};
-use localmatrix::{Entering, Error, Form, Local, LocalMatrix, LocalSettings, Surface, Table, View};
+use localmatrix::{Entering, Error, Local, LocalMatrix, LocalSettings, Surface, Table, View};
 use scene::sampling::{hash3, unit};
 
 /// Bytes of a read that no cache holds.
@@ -35,7 +35,7 @@ fn row(patch: u32, patches: u32) -> Row {
 /// A matrix with so many free slots, and the rows of patches that may enter.
 fn filled(slots: usize, free: usize) -> Result<(LocalMatrix, Vec<Row>), Error> {
     let rows: Vec<Row> = (0..slots as u32).map(|i| row(i, slots as u32)).collect();
-    let mut matrix = LocalMatrix::new(slots, Form::Exact)?;
+    let mut matrix = LocalMatrix::new(slots)?;
     let there: Vec<Entering> = (0..(slots - free) as u32).map(|patch| entering(patch, &rows)).collect();
     there.chunks(128).try_for_each(|some| matrix.add(some))?;
     Ok((matrix, rows))

@@ -13,7 +13,7 @@ use criterion::{BenchmarkId, Criterion, Throughput};
 use formfactor::{Hemisphere, Patch, Proceed, Surfaces, form_factor_blocks};
 use glam::{Vec3, Vec4};
 use patches::{
-    AxisWeights, ClusterSettings, Density, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
+    ClusterSettings, Density, Grid, LitSampler, Lookup, LookupSettings, Member, Nearest, PatchSet, Sample,
     SampleSettings, ViewSettings, VolumeSettings, VolumeSize, VoxelVolume, axis_patches, cluster_patches,
     sample_voxels, view_clusters,
 };
@@ -101,10 +101,10 @@ fn voxel_steps(table: &mut Table, scene: &Scene, size: u32) -> Result<(), Box<dy
     let grid = Grid::for_count(scene, Vec3::ONE, size as usize / 2, |grid| Ok(grid.len()))?;
     let settings = SampleSettings { points: FACE_RAYS, ..SampleSettings::default() };
     let sampled = sample_voxels(scene, &grid, &settings, &|_: &Sample| true)?;
-    let set = axis_patches(&grid, sampled.clone(), AxisWeights::Squared)?;
+    let set = axis_patches(&grid, sampled.clone())?;
     let patches = set.len();
     table.time("sample_voxels", |_| patches, || sample_voxels(scene, &grid, &settings, &|_: &Sample| true))?;
-    let settings = ClusterSettings { max_patches: CLUSTERS, ..ClusterSettings::default() };
+    let settings = ClusterSettings { max_patches: CLUSTERS };
     let no_rows = |_: &[Member], _: &[Member]| 0.0;
     table.time(
         "cluster_patches",

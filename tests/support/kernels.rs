@@ -23,7 +23,9 @@ use gpu_kernels::table::{
     MULTIBOUNCE_BLOCKS_GATHER_BC7, MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
 };
 use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
-use patches::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, VolumeParams, Weight, WeightParams};
+use patches::{
+    EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, RULE_WALLS, VolumeParams, Weight, WeightParams,
+};
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
@@ -774,7 +776,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 })
                 .collect();
             let n = 500;
-            let p = LookupParams { shape, plane_limit: 0.5, walls: 1, count: n as u32, first_cell: 0 };
+            let p = LookupParams { shape, plane_limit: 0.5, rule: RULE_WALLS, count: n as u32, first_cell: 0 };
             let tables = vec![
                 buffer("cells", &cells),
                 buffer("offsets", &offsets),

@@ -131,6 +131,8 @@ pub enum Command {
         local      work, time and memory of the matrix round a camera on three paths, its pictures beside full radiosity\n  \
         table3     what is in view by tiles and sampled, beside DDGI, LPV, baked volumes and path tracing: time, memory, pictures,\n             \
         points, jumps of the lights\n  \
+        thesis     figures of the thesis, as printed beside ours: bench thesis 5.3 cornell; bench thesis lists them
+  \
         report     docs/experiments.md and its plots from docs/data (another folder than docs: --out)\n  \
         all        every experiment, one after the other; with --quick in minutes\n  \
         firstshot  photons and time to an error, first shot against photons from the lights")]

@@ -25,6 +25,7 @@ use patchlight::method::FeedbackSettings;
 use patchlight::operator::{Build, BuildOn, Codec, OperatorKey};
 use patchlight::{
     BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
+    Variant,
 };
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::Scene;
@@ -508,5 +509,6 @@ fn in_words(settings: &BakeSettings) -> String {
         Some(edge) => format!("{} patches of voxels of {edge} m", settings.patches.name()),
         None => format!("about {} {} patches", settings.patch_count, settings.patches.name()),
     };
-    format!("{patches}, {estimator}, {receivers}, seed {}", settings.seed)
+    let printed = if settings.variant == Variant::Thesis { " as the thesis prints them" } else { "" };
+    format!("{patches}{printed}, {estimator}, {receivers}, seed {}", settings.seed)
 }

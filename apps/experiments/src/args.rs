@@ -7,8 +7,8 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use multibounce::BlockCodec;
 use patches::{Focus, PatchKind};
-use patchlight::BakeSettings;
 use patchlight::method::FirstShotSettings;
+use patchlight::{BakeSettings, Variant};
 
 use runtime::executor::DeviceChoice;
 
@@ -90,6 +90,26 @@ impl Patches {
     }
 }
 
+/// Which form of the equations of patches is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum VariantChoice {
+    /// Ours.
+    #[default]
+    Corrected,
+    /// As the thesis prints them, for comparison.
+    Thesis,
+}
+
+impl VariantChoice {
+    /// The form.
+    pub fn variant(self) -> Variant {
+        match self {
+            Self::Corrected => Variant::Corrected,
+            Self::Thesis => Variant::Thesis,
+        }
+    }
+}
+
 /// Times at which a camera that moves is asked where it is.
 const EYES: u16 = 9;
 
@@ -166,8 +186,18 @@ pub enum Experiment {
     /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for those in
     /// view; where the time goes, and how far from the bandwidth that is.
     Frame,
-    /// What is in view by tiles and sampled, beside every opponent: time, memory, pictures, points, jumps of the lights.
+    /// What is in view by tiles and sampled, beside every baseline and opponent: time, memory, pictures, points.
     Table3,
+    /// A figure of the thesis, as printed beside ours: `thesis 5.3 [SCENES]`; `thesis` alone lists them.
+    Thesis,
+    /// Light behind walls, for every kind of method, in scenes with thin walls.
+    Leaks,
+    /// Frames until a jump of the lights is followed, and noise at rest, for every kind of method.
+    Step,
+    /// Errors over albedo, with colours and textures, for every kind of method.
+    Materials,
+    /// Light updates and memory over patches, receivers, triangles, lights and pixels.
+    Scaling,
     /// docs/experiments.md and its plots from docs/data.
     Report,
     /// Every experiment, one after the other.
@@ -180,15 +210,15 @@ pub struct Bench {
     /// The experiment.
     #[arg(value_enum)]
     pub name: Experiment,
-    /// Scene files or built-in scenes [default: clean rooms stripes blinds clutter window corridor, frame office,
-    /// table3 cornell atrium, others cornell atrium].
+    /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window corridor, leaks rooms corridor blinds
+    /// clutter, frame and scaling office, materials cornell, table3 and step cornell office, others cornell atrium].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, table3 and spread 2000, curves 1000,2000,4000,8000 (frame)
-    /// and 1000,2000,4000,10000,20000 (clean), others 10000].
+    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, scaling 500,1000,2000,4000, leaks,
+    /// materials, spread, step and table3 2000, thesis by figure, curves 1000,2000,4000,10000,20000 (clean), others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Where patches and receivers stand close: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what the camera sees
-    /// round it, or what is given (clean, frame, local, table3, temporal).
+    /// round it, or what is given (clean, frame, leaks, local, materials, scaling, step, table3, temporal).
     #[arg(long, default_value = "auto", value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus)]
     pub focus: FocusChoice,
     /// Relative errors (Frobenius) of compressed operators.
@@ -219,10 +249,12 @@ pub struct Bench {
     /// Paths a pixel of references that are made (clean) [default: 2048 with --references; else those at hand are taken].
     #[arg(long, value_parser = clap::value_parser!(u32).range(16..=1_000_000))]
     pub paths: Option<u32>,
-    /// Folder where references are kept (clean) [default: patchlight/references in the user's cache folder].
+    /// Folder where references are kept (clean, leaks) [default: clean patchlight/references in the user's cache folder, leaks
+    /// OUT/references].
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
-    /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean and table3 240x135, others 480x360].
+    /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean, leaks,
+    /// materials, scaling, step, table3 and thesis 240x135, others 480x360].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
     /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
@@ -231,7 +263,8 @@ pub struct Bench {
     /// Sub-frames of a picture.
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub sub_frames: u32,
-    /// Frames whose times give the median, or whose mean is judged (clean) [default: frame 30, clean 16, table3 9, others 3].
+    /// Frames whose times give the median, or whose mean is judged (clean) [default: frame 30, clean 16, table3 9,
+    /// scaling 5, others 3].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub frames: Option<u32>,
     /// Rays a row of the form factors.
@@ -246,25 +279,29 @@ pub struct Bench {
     /// Relative errors (Frobenius) of the same, compressed.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03", value_parser = parse_epsilon)]
     pub receiver_epsilons: Vec<f64>,
-    /// Distances between probes, m; shares of 8 m in scenes that are smaller (table3).
+    /// Distances between probes, m; shares of 8 m in scenes that are smaller (table3; the least of leaks, materials, scaling, step).
     #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = parse_density)]
     pub spacings: Vec<f32>,
-    /// Rays of each probe in a frame (table3).
+    /// Rays of each probe in a frame (table3; the least of leaks, materials, scaling, step).
     #[arg(long, value_delimiter = ',', default_value = "144,288", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub probe_rays: Vec<u32>,
-    /// Light updates over patches, receivers, triangles (of the atrium) and lights, instead of one size (frame); errors over
-    /// 1,000 to 20,000 patches (clean).
+    /// Errors over 1,000 to 20,000 patches, instead of one number (clean).
     #[arg(long)]
     pub curves: bool,
     /// Continue an interrupted experiment in the same folder: what OUT/summary.json has is not measured again (patches).
     #[arg(long)]
     pub resume: bool,
-    /// The smallest setting of everything, whatever other options say: to see that it works (all, table3).
+    /// The smallest setting of everything, whatever other options say: to see that it works (all, leaks, materials, scaling,
+    /// step, table3).
     #[arg(long)]
     pub quick: bool,
-    /// What else is to be known of the machine, to be kept with the numbers (table3).
+    /// What else is to be known of the machine, to be kept with the numbers (leaks, materials, scaling, step, table3).
     #[arg(long, value_name = "TEXT")]
     pub note: Option<String>,
+    /// Folder of documents where the numbers are kept, as FOLDER/data/NAME.json, and pictures, for `bench report` (leaks,
+    /// materials, scaling, step, table3).
+    #[arg(long, value_name = "FOLDER")]
+    pub docs: Option<PathBuf>,
 }
 
 impl Bench {
@@ -272,7 +309,13 @@ impl Bench {
     pub fn size(&self) -> (u32, u32) {
         self.size.unwrap_or(match self.name {
             Experiment::Frame => (960, 540),
-            Experiment::Clean | Experiment::Table3 => (240, 135),
+            Experiment::Clean
+            | Experiment::Table3
+            | Experiment::Leaks
+            | Experiment::Step
+            | Experiment::Materials
+            | Experiment::Scaling
+            | Experiment::Thesis => (240, 135),
             _ => (480, 360),
         })
     }
@@ -283,6 +326,7 @@ impl Bench {
             Experiment::Frame => 30,
             Experiment::Clean => 16,
             Experiment::Table3 => 9,
+            Experiment::Scaling => 5,
             _ => 3,
         })
     }

@@ -1,18 +1,26 @@
 //! `patchlight bench`: experiments as Markdown on standard output, summary.json, SVG plots and report.html.
 
 mod all;
+mod claims;
 mod clean;
+mod contest;
 mod firstshot;
 mod frame;
+mod leaks;
 mod lights;
 mod local;
+mod materials;
 mod operator;
 mod patches;
 mod proof;
 mod rows;
+mod scaling;
 mod spread;
+mod step;
+mod study;
 mod table3;
 mod temporal;
+mod thesis;
 mod truth;
 
 use std::path::{Path, PathBuf};
@@ -102,7 +110,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     if args.references == Some(None) && args.name != Experiment::Clean {
         return Err(Error::NoReferenceFolder);
     }
-    if args.name != Experiment::Report {
+    if args.name != Experiment::Report && !(args.name == Experiment::Thesis && args.scenes.is_empty()) {
         output::check_out(&common.out)?;
     }
     match args.name {
@@ -113,8 +121,13 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Spread => spread::run(common, args),
         Experiment::Local => local::run(common, args),
         Experiment::Frame => frame::run(common, args),
-        Experiment::Table3 => table3::run(common, args),
+        Experiment::Table3 => study::run::<table3::Table3>(common, args),
+        Experiment::Leaks => study::run::<leaks::Leaks>(common, args),
+        Experiment::Step => study::run::<step::Step>(common, args),
+        Experiment::Materials => study::run::<materials::Materials>(common, args),
+        Experiment::Scaling => study::run::<scaling::Scaling>(common, args),
         Experiment::Report => proof::run(common, args),
+        Experiment::Thesis => thesis::run(common, args),
         Experiment::All => all::run(common, args),
         Experiment::Firstshot => {
             common.native_only("bench firstshot")?;

@@ -29,12 +29,16 @@ pub enum Error {
         why: String,
     },
     /// Data of the report are not what they should be.
-    #[error("{}: not data of the report ({why}); measure again with `patchlight bench table3`, or mend the file", path.display())]
+    #[error(
+        "{}: not data of the report ({why}); measure again with `patchlight bench {experiment}`, or mend the file", path.display()
+    )]
     Data {
         /// The file.
         path: PathBuf,
         /// What is wrong.
         why: String,
+        /// What makes it.
+        experiment: &'static str,
     },
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
@@ -149,6 +153,14 @@ pub enum Error {
         scenes: Vec<String>,
         /// Where they were looked for.
         folder: PathBuf,
+    },
+    /// A figure that is not measured.
+    #[error("there is no figure `{name}` to measure; choose one of {known}")]
+    NoFigure {
+        /// The name.
+        name: String,
+        /// Those that there are.
+        known: String,
     },
     /// References that are looked for nowhere.
     #[error("--references needs a folder here; only `bench clean --references` makes references by itself")]

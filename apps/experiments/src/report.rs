@@ -307,7 +307,10 @@ fn frame_graph(g: &FrameGraph) -> Markup {
 const MOST_MARKS: usize = 6;
 
 /// Colours of lines, over again when they are used up.
-const COLORS: [&str; 8] = ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633"];
+const COLORS: [&str; 12] = [
+    "#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633", "#7755cc", "#77aa99",
+    "#996622", "#dd99bb",
+];
 /// Height of a plot, and room at its left, its bottom and its top.
 const HEIGHT: f64 = 240.0;
 const LEFT: f64 = 60.0;

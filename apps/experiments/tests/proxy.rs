@@ -45,7 +45,7 @@ fn a_furnace_of_voxels_has_the_light_of_its_smaller_walls() {
             }
         }
         for lookup in [ProxyLookup::Face, ProxyLookup::Bilinear] {
-            let found = proxy.irradiance_at(&points, lookup).unwrap();
+            let found = proxy.irradiance_at(&points, lookup);
             let mean = found.iter().map(|h| h.x).sum::<f32>() / found.len() as f32;
             // Direct light and rows are estimates of some rays each.
             assert!((mean / expected - 1.0).abs() < 0.03, "{count}: {mean} {expected}");
@@ -66,7 +66,7 @@ fn a_lamp_inside_of_the_ceilings_voxels_lights_the_proxy() {
     let floor = [point(vec3(0.4, 0.0, 0.15), Vec3::Y)];
     let light = |loaded: &LoadedScene| {
         let proxy = bake(loaded, 150).unwrap();
-        proxy.irradiance_at(&floor, ProxyLookup::Face).unwrap()[0]
+        proxy.irradiance_at(&floor, ProxyLookup::Face)[0]
     };
     assert!(light(&loaded).min_element() > 0.01);
     loaded.scene.lighting.lights.clear();
@@ -77,4 +77,17 @@ fn a_lamp_inside_of_the_ceilings_voxels_lights_the_proxy() {
 fn settings_that_make_no_sense_are_refused() {
     let loaded = procedural::build("furnace").unwrap();
     assert!(bake(&loaded, 0).is_err());
+}
+
+#[test]
+fn a_point_that_no_face_serves_is_dark() {
+    // Slats thinner than voxels: no face that light comes to looks down there.
+    let loaded = procedural::build("blinds").unwrap();
+    let proxy = bake(&loaded, 500).unwrap();
+    let down = point(vec3(1.332_359_3, 2.7, 3.973_906_8), Vec3::NEG_Y);
+    let nowhere = point(down.position, Vec3::ZERO);
+    for lookup in [ProxyLookup::Face, ProxyLookup::Bilinear] {
+        assert!(proxy.irradiance_at(&[down, nowhere], lookup).iter().all(|h| h.is_finite()));
+        assert_eq!(proxy.irradiance_at(&[nowhere], lookup), [Vec3::ZERO]);
+    }
 }

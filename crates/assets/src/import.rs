@@ -69,6 +69,7 @@ pub struct Dropped {
 }
 
 /// A scene ready for every method, with what a picture of it needs.
+#[derive(Clone)]
 pub struct LoadedScene {
     /// Name: the file's stem, or that of the built-in scene.
     pub name: String,

@@ -10,8 +10,8 @@ use patches::{
 };
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
-use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv, find_sides};
-use transport::LinearOperator as _;
+use scene::{Material, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides};
+use transport::{LinearOperator as _, Variant};
 
 /// The inside of a box, scaled, turned and moved, with a lid or without, and a tilted sheet in it that both sides see.
 fn room(scale: f32, rotation: Quat, lid: bool) -> Scene {
@@ -215,7 +215,7 @@ fn same_bytes_for_any_thread_count() {
             let estimators: [&dyn Estimator; 4] = [
                 &Hemisphere { rays: 256 },
                 &AreaToArea { samples: 64, sky_rays: 32 },
-                &PointToPoint { sky_rays: 32 },
+                &PointToPoint { sky_rays: 32, ..Default::default() },
                 &Contour { shadow_rays: 4, sky_rays: 32 },
             ];
             let mut all = Vec::new();
@@ -236,6 +236,42 @@ fn same_bytes_for_any_thread_count() {
 }
 
 #[test]
+fn points_by_hand() {
+    // Two points that face each other 2 m apart, the other turned by 60°: s cos 0° cos 60° / (π r²).
+    let patches =
+        [Patch { centroid: Vec3::Y * 2.0, area: 0.5, normal: Vec3::new(0.75f32.sqrt(), -0.5, 0.0), triangle: 0 }];
+    let points = [SurfacePoint { position: Vec3::ZERO, patch: 0, normal: Vec3::Y, weight: 1.0 }];
+    let scene = |blocked: bool| {
+        let height = if blocked { 1.0 } else { 3.0 };
+        let corner = Vec3::new(-1.0, height, -1.0);
+        let triangle = Triangle { corner, edge_a: Vec3::X * 9.0, edge_b: Vec3::Z * 9.0, ..Triangle::default() };
+        let (triangles, uvs) = (vec![triangle], vec![TriangleUv::default()]);
+        Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..<_>::default() }).unwrap()
+    };
+    let factor = |variant: Variant, blocked: bool| {
+        let scene = scene(blocked);
+        let surfaces = Surfaces {
+            patches: &patches,
+            polygons: &[],
+            row_polygons: &[],
+            points: &points,
+            offsets: &[0, 1],
+            visibility: &scene,
+            owner: Box::new(|_, _| scene::NONE),
+            ray_offset: 1e-4,
+            seed: 0,
+        };
+        form_factors(&PointToPoint { variant, sky_rays: 1 }, &surfaces, &go).unwrap().factors.values[0]
+    };
+    let pi = core::f32::consts::PI;
+    let printed = 0.5 * 0.5 / (pi * 4.0);
+    assert!((factor(Variant::Thesis, false) - printed).abs() < 1e-6);
+    assert!((factor(Variant::Corrected, false) - 0.5 * 0.5 / (pi * 4.0 + 0.5)).abs() < 1e-6);
+    assert!((factor(Variant::Corrected, false) - printed).abs() > 1e-4);
+    assert_eq!(factor(Variant::Thesis, true), 0.0);
+}
+
+#[test]
 fn estimators_agree_with_occlusion() {
     let scene = room(1.0, Quat::IDENTITY, false);
     let settings = SubdivideSettings { size: PatchSize::Count(60), points: 256, ..SubdivideSettings::default() };
@@ -248,7 +284,7 @@ fn estimators_agree_with_occlusion() {
     };
     let area = form_factors(&AreaToArea { samples: 2048, sky_rays: 64 }, &surfaces, &go).unwrap();
     let contour = form_factors(&Contour { shadow_rays: 1024, sky_rays: 64 }, &surfaces, &go).unwrap();
-    let points = form_factors(&PointToPoint { sky_rays: 64 }, &surfaces, &go).unwrap();
+    let points = form_factors(&PointToPoint { sky_rays: 64, ..Default::default() }, &surfaces, &go).unwrap();
     println!("from rays: area {:.4}, contour {:.4}, points {:.4}", worst(&area), worst(&contour), worst(&points));
     assert!(worst(&area) < 0.01 && worst(&contour) < 0.01 && worst(&points) < 0.15);
     // Without the sheet's shadow they do not agree.

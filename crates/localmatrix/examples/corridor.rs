@@ -2,7 +2,7 @@
 //! making it anew in every step, and how far it is from that in the end.
 
 use glam::Vec3;
-use localmatrix::{Entering, Form, LocalMatrix, choose, distance_to_path};
+use localmatrix::{Entering, LocalMatrix, choose, distance_to_path};
 
 const PATCHES: u32 = 400;
 const SLOTS: usize = 96;
@@ -18,7 +18,7 @@ fn main() -> Result<(), localmatrix::Error> {
         let factors = &rows[patch as usize];
         Entering { patch, area: 1.0, albedo: Vec3::splat(0.7), factors }
     };
-    let mut matrix = LocalMatrix::new(SLOTS, Form::Exact)?;
+    let mut matrix = LocalMatrix::new(SLOTS)?;
     let path = (0..200).chain((0..200).rev()).map(|step| step as f32 * 2.0);
     let (mut steps, mut moved) = (0u64, 0);
     for x in path {

@@ -7,6 +7,7 @@ mod cut;
 mod forest;
 mod local;
 mod matrix;
+mod printed;
 mod store;
 mod table;
 mod world;
@@ -16,7 +17,8 @@ pub use choice::{Choice, choose, distance_to_path};
 pub use cut::View;
 pub use forest::Forest;
 pub use local::{Changes, Local, LocalSettings, Step};
-pub use matrix::{Entering, Form, LocalMatrix, MOST_SLOTS, Update};
+pub use matrix::{Entering, LocalMatrix, MOST_SLOTS, Update};
+pub use printed::PrintedMatrix;
 pub use store::{
     BakeError, BakeFile, BakeWriter, LitPoint, Mapped, Part, Record, Source, Store, StoreState, WorldHead,
     beginning_of, block_range, is_begun_as_bake, join, parent_record,

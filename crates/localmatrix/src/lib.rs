@@ -28,11 +28,11 @@
 //!
 //! ```
 //! use glam::{Vec3, Vec4};
-//! use localmatrix::{Entering, Form, LocalMatrix};
+//! use localmatrix::{Entering, LocalMatrix};
 //!
 //! // Two plates that see each other by half, one twice as large.
 //! let albedo = Vec3::splat(0.5);
-//! let mut matrix = LocalMatrix::new(8, Form::Exact)?;
+//! let mut matrix = LocalMatrix::new(8)?;
 //! matrix.add(&[Entering { patch: 7, area: 1.0, albedo, factors: &[(9, 0.5)] }])?;
 //! matrix.add(&[Entering { patch: 9, area: 2.0, albedo, factors: &[(7, 0.25)] }])?;
 //!
@@ -46,7 +46,8 @@
 //! # Ok::<(), localmatrix::Error>(())
 //! ```
 //!
-//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's own.
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's own,
+//! [`PrintedMatrix`] has what is printed.
 // The kernel build has `core` only: what needs `alloc` needs the feature `std`.
 #[cfg(any(feature = "std", test))]
 #[macro_use]

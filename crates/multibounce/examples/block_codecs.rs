@@ -24,7 +24,8 @@ fn main() -> Result<(), Error> {
     println!("{:10} {:5} {:>9} {:>10} {:>10}", "order", "codec", "bytes/n²", "error", "MSE");
     for codec in BlockCodec::ALL {
         for (name, order) in &orders {
-            let settings = BlockSettings { codec, companding: Companding::Sqrt, outliers: 0.05, tile: 64 };
+            let settings =
+                BlockSettings { codec, companding: Companding::Sqrt, outliers: 0.05, tile: 64, ..<_>::default() };
             let matrix = BlockMatrix::encode(N, &rows, order.clone(), settings, &|_, _| ControlFlow::Continue(()))?;
             let (report, bytes) = (matrix.report(), matrix.bytes_by_part().total() as f64 / (N * N) as f64);
             println!("{name:10} {codec:<5?} {bytes:9.3} {:9.4}% {:10.2e}", 100.0 * report.frobenius, report.mse);

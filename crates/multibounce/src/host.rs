@@ -13,7 +13,7 @@ mod tree;
 pub use blocks::{BlockBytes, BlockCodec, BlockMatrix, BlockReport, BlockSettings, Companding, picture};
 pub use energy::spectral_radius;
 pub use feedback::{Acceleration, spectral_range};
-pub use order::{MatrixRows, PROJECTED_DIMENSIONS, greedy_order, projected_order};
+pub use order::{MatrixRows, PROJECTED_DIMENSIONS, greedy_order, printed_order, projected_order};
 pub use outliers::Outliers;
 pub use solve::{Factors, all_bounces, all_bounces_lu, some_bounces};
 pub use stored::{StoredOperator, Workspace, all_bounces_stored, some_bounces_stored};

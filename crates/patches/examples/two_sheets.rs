@@ -1,7 +1,7 @@
 //! Two sheets with a centimetre between them, in voxels of half a metre: samples and patches of all four sides.
 
 use glam::Vec3;
-use patches::{AxisWeights, Grid, Sample, SampleSettings, axis_patches, sample_voxels};
+use patches::{Grid, Sample, SampleSettings, axis_patches, sample_voxels};
 use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let settings = SampleSettings { layers, ..SampleSettings::default() };
         let samples = sample_voxels(&scene, &grid, &settings, &|_: &Sample| true)?;
         let area = samples.report.sample_area;
-        let set = axis_patches(&grid, samples, AxisWeights::Squared)?;
+        let set = axis_patches(&grid, samples)?;
         println!(
             "{layers} surface(s) a ray: {} voxels, {} samples, {} patches, {area:.4} m² of 4 m²",
             grid.len(),

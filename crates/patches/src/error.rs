@@ -83,6 +83,12 @@ pub enum Error {
         /// The kind of patches.
         patches: &'static str,
     },
+    /// Patches that the thesis does not make.
+    #[error("{patches} patches have no printed form: choose voxel or axis patches, or the corrected form")]
+    PrintedKind {
+        /// The kind of patches.
+        patches: &'static str,
+    },
     /// The caller's estimator of the receivers' rows failed, or was cancelled.
     #[error(transparent)]
     Rows(Box<dyn std::error::Error + Send + Sync>),

@@ -16,6 +16,7 @@ mod mesh;
 mod nearest;
 mod patch_set;
 mod placement;
+mod printed;
 mod sample;
 mod subdivide;
 mod test_lights;
@@ -24,8 +25,8 @@ mod visibility;
 mod volume;
 mod weights;
 
-pub use axis::{AxisWeights, axis_patches};
-pub use cluster::{ClusterMetric, ClusterSettings, cluster_patches};
+pub use axis::axis_patches;
+pub use cluster::{ClusterSettings, cluster_patches};
 pub use cut::cut_at_feet;
 pub use focus::{Density, Focus};
 pub use grid::{CLIPPED_TRIANGLE_LIMIT, Grid, VOXEL_LIMIT};
@@ -37,6 +38,10 @@ pub use mesh::{Columns, MOST_PATCHES, MeshSettings, PatchKind, PatchMesh, lit_sa
 pub use nearest::Nearest;
 pub use patch_set::PatchSet;
 pub use placement::{AddRows, MeshReceivers, Placing};
+pub use printed::{
+    PRINTED_PATCHES, PointRows, PrintedPatches, RowsOfPoints, printed_axis_patches, printed_cluster_patches,
+    printed_samples,
+};
 pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,

@@ -11,7 +11,7 @@
 //! position, normal, reflectance ρ and the first exitance E ([`kernel::gather`]):
 //! [`axis_patches`] makes at most six a voxel, `w = n_axis²` on the side the normal points to;
 //! [`cluster_patches`] merges the closest pair of clusters until `max_patches` a voxel are left, by
-//! `M(i,j) = (1 + |c_i − c_j|)(2 − n_i·n_j)(1 + √Σ_k((F_ik − F_jk)² + (F_ki − F_kj)²))`.
+//! `M(i,j) = (1 + |x_i − x_j|/d)(2 − n_i·n_j)` with the voxel's diagonal d.
 //! [`view_clusters`] needs no voxels: it splits equal-area samples of the whole scene top-down, where what they see varies
 //! most, and [`Nearest`] finds the patch of any place. A [`PatchSet`] may also be put together by other means. [`Lookup`] gives a value between
 //! patches: `h(x, n) = Σ w_j h_j / Σ w_j`, trilinear over 2×2×2 voxels times `max(0, n·n_j)²`, without those off the plane
@@ -25,12 +25,14 @@
 //! Lengths are metres, areas m², reflectance linear Rec.709. Each step runs on all cores, voxel by voxel, and gives the
 //! same bytes for any number of threads.
 //!
-//! Source: A. S. Shcherbakov, thesis, MSU 2025, 5.1 to 5.9, cited as \[T\]. Where the printed formulas lose energy or depend
-//! on the unit of length they are options named `Thesis`.
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, 5.1 to 5.9, cited as \[T\]. What is printed there is not normalised, and is
+//! kept beside for comparison: [`printed_samples`], [`printed_cluster_patches`] with the metric
+//! `M(i,j) = (1 + |c_i − c_j|)(2 − n_i·n_j)(1 + √Σ_k((F_ik − F_jk)² + (F_ki − F_kj)²))` of colours, normals, rows and columns of
+//! F, [`printed_axis_patches`], [`PatchMesh::printed`] with its sums, [`LookupSettings::Thesis`].
 //!
 //! ```
 //! use glam::{Vec3, Vec4};
-//! use patches::{AxisWeights, Grid, Lookup, LookupSettings, Sample, SampleSettings, axis_patches, sample_voxels};
+//! use patches::{Grid, Lookup, LookupSettings, Sample, SampleSettings, axis_patches, sample_voxels};
 //! use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
 //!
 //! let triangle = |a: Vec3, b: Vec3, c: Vec3| Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
@@ -42,7 +44,7 @@
 //! })?;
 //! let upper = |s: &Sample| s.normal.y > 0.0;
 //! let patches = |grid: &Grid| {
-//!     axis_patches(grid, sample_voxels(&scene, grid, &SampleSettings::default(), &upper)?, AxisWeights::Squared)
+//!     axis_patches(grid, sample_voxels(&scene, grid, &SampleSettings::default(), &upper)?)
 //! };
 //! // Voxels of the size that gives about 16 patches.
 //! let grid = Grid::for_count(&scene, Vec3::ONE, 16, |grid| Ok(patches(grid)?.len()))?;

@@ -90,6 +90,14 @@ const _: () = assert!(size_of::<LookupPatch>() == 32);
 /// Marks a voxel without patches, or without a probe; the other bits are the nearest one that has.
 pub const EMPTY_CELL: u32 = 1 << 31;
 
+/// A lookup by the distance from the point's plane alone: [`LookupParams::rule`].
+pub const RULE_PLANES: u32 = 0;
+/// Besides, patches behind a wall (a patch across the point's plane, in the voxel of the point or of the other patch) do not
+/// count.
+pub const RULE_WALLS: u32 = 1;
+/// Sums over the patches of each voxel as printed, [T 5.3]: no means.
+pub const RULE_THESIS: u32 = 2;
+
 /// Settings of the lookup.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -99,9 +107,8 @@ pub struct LookupParams {
     /// A patch counts less the farther it lies from the plane of the point that asks, and (almost) nothing from this
     /// distance on, in voxel edges along the normal.
     pub plane_limit: f32,
-    /// 1: patches behind a wall (a patch across the point's plane, in the voxel of the point or of the other patch) do not
-    /// count.
-    pub walls: u32,
+    /// What counts: [`RULE_PLANES`], [`RULE_WALLS`] or [`RULE_THESIS`].
+    pub rule: u32,
     /// Points of a dispatch; the body does not ask.
     pub count: u32,
     /// Where the grid's voxels begin among the cells: 0, or further on in tables that several lookups share.

@@ -4,8 +4,8 @@ mod support;
 
 use glam::{Vec3, Vec4};
 use patches::{
-    AxisWeights, ClusterSettings, Error, Grid, Lookup, LookupSettings, Member, PatchSet, Sample, SampleSet,
-    SampleSettings, axis_patches, cluster_patches, sample_voxels,
+    ClusterSettings, Error, Grid, Lookup, LookupSettings, Member, PatchSet, Sample, SampleSet, SampleSettings,
+    axis_patches, cluster_patches, sample_voxels,
 };
 use scene::Scene;
 use scene::sampling::{hash3, unit};
@@ -21,7 +21,7 @@ fn sampled(scene: &Scene, edge: f32) -> (Grid, SampleSet) {
 fn clusters(grid: &Grid, samples: SampleSet, group: impl Fn(&Sample) -> bool + Sync) -> PatchSet {
     let points = samples.samples.clone();
     let of = |m: &[Member]| group(&points[m[0].sample as usize]);
-    let settings = ClusterSettings { max_patches: 12, ..ClusterSettings::default() };
+    let settings = ClusterSettings { max_patches: 12 };
     cluster_patches(grid, samples, &settings, &|a, b| if of(a) == of(b) { 0.0 } else { 1e6 }).unwrap()
 }
 
@@ -38,10 +38,10 @@ fn a_constant_stays_constant_for_every_point_and_normal() {
     let scene = atrium().scene(1.0);
     let (grid, samples) = sampled(&scene, 0.8);
     let room = Vec3::splat(2.0);
-    for set in
-        [axis_patches(&grid, samples.clone(), AxisWeights::Squared).unwrap(), clusters(&grid, samples, |_| false)]
-    {
-        for settings in [LookupSettings::default(), LookupSettings::THESIS] {
+    for set in [axis_patches(&grid, samples.clone()).unwrap(), clusters(&grid, samples, |_| false)] {
+        let planes = LookupSettings::Mean { plane_limit: f32::INFINITY, walls: false };
+        for (settings, is_mean) in [(LookupSettings::default(), true), (planes, true), (LookupSettings::Thesis, false)]
+        {
             let table = Lookup::new(&grid, &set, settings).unwrap();
             let constant = Vec4::new(0.3, 7.0, 1e-3, 1.0);
             let mut values = vec![constant; set.len()];
@@ -50,7 +50,7 @@ fn a_constant_stays_constant_for_every_point_and_normal() {
                 let found = table.at(values, x, n).unwrap();
                 ((found - constant) / constant).abs().max_element() < 1e-5
             };
-            assert!((0..10_000).all(|k| is_constant(&values, k)));
+            assert_eq!((0..10_000).all(|k| is_constant(&values, k)), is_mean);
             values[set.len() / 3] *= 1.01;
             assert!(!(0..10_000).all(|k| is_constant(&values, k)));
         }
@@ -63,7 +63,7 @@ fn a_linear_field_on_a_floor_is_followed() {
     mesh.quad(Vec3::ZERO, Vec3::Z * 8.0, Vec3::X * 8.0);
     let scene = mesh.scene(1.0);
     let (grid, samples) = sampled(&scene, 0.5);
-    let set = axis_patches(&grid, samples, AxisWeights::Squared).unwrap();
+    let set = axis_patches(&grid, samples).unwrap();
     let values: Vec<Vec4> = set.patches.iter().map(|p| p.position.extend(1.0)).collect();
     let table = Lookup::new(&grid, &set, LookupSettings::default()).unwrap();
     let mut worst = 0.0f32;
@@ -103,7 +103,7 @@ fn rooms_on_both_sides_of_a_thin_wall_stay_separate() {
         let samples = sample_voxels(&scene, &grid, &settings, &inside).unwrap();
         let set = clusters(&grid, samples, in_first);
         let kept = leak(&grid, &set, LookupSettings::default(), in_first);
-        let printed = leak(&grid, &set, LookupSettings::THESIS, in_first);
+        let printed = leak(&grid, &set, LookupSettings::Thesis, in_first);
         println!("edge {edge} m: greatest leak {kept:e}, as printed {printed:e}");
         assert!(kept < 1e-4, "{kept}");
         assert!(printed > 0.1, "{printed}");
@@ -121,7 +121,7 @@ fn a_floor_below_does_not_shine_on_the_one_above() {
     let is_upper = |s: &Sample| s.position.y > 0.3;
     let set = clusters(&grid, samples, is_upper);
     let kept = leak(&grid, &set, LookupSettings::default(), is_upper);
-    let printed = leak(&grid, &set, LookupSettings::THESIS, is_upper);
+    let printed = leak(&grid, &set, LookupSettings::Thesis, is_upper);
     assert!(kept < 1e-4 && printed > 0.1, "{kept} {printed}");
 }
 
@@ -131,7 +131,7 @@ fn sides_of_a_sheet_do_not_mix() {
     mesh.quad(Vec3::ZERO, Vec3::new(3.0, 0.4, 0.0), Vec3::new(0.0, 0.9, 2.0));
     let scene = mesh.scene(1.0);
     let (grid, samples) = sampled(&scene, 0.6);
-    let set = axis_patches(&grid, samples, AxisWeights::Squared).unwrap();
+    let set = axis_patches(&grid, samples).unwrap();
     let is_upper = |s: &Sample| s.normal.y > 0.0;
     assert!(leak(&grid, &set, LookupSettings::default(), is_upper) < 1e-5);
     assert!(leak(&grid, &set, LookupSettings::default(), |s| s.position.x > 1.5) > 0.1);
@@ -147,7 +147,7 @@ fn places_without_light_are_dark_and_make_no_others_so() {
     let is_lit = |s: &Sample| s.normal.y > 0.0 && (s.position.x < 3.0 || s.position.x > 5.0);
     let patches = |keep: &(dyn Fn(&Sample) -> bool + Sync)| {
         let samples = sample_voxels(&scene, &grid, &SampleSettings::default(), &|s: &Sample| keep(s)).unwrap();
-        axis_patches(&grid, samples, AxisWeights::Squared).unwrap()
+        axis_patches(&grid, samples).unwrap()
     };
     let (lit, dark) = (patches(&is_lit), patches(&|s| !is_lit(s)));
     let settings = LookupSettings::default();
@@ -177,9 +177,9 @@ fn places_without_light_are_dark_and_make_no_others_so() {
 fn wrong_input_is_refused() {
     let scene = two_rooms().scene(1.0);
     let (grid, samples) = sampled(&scene, 1.0);
-    let mut set = axis_patches(&grid, samples, AxisWeights::Squared).unwrap();
+    let mut set = axis_patches(&grid, samples).unwrap();
     for plane_limit in [0.0, -1.0, f32::NAN] {
-        let settings = LookupSettings { plane_limit, ..LookupSettings::default() };
+        let settings = LookupSettings::Mean { plane_limit, walls: true };
         assert!(matches!(Lookup::new(&grid, &set, settings), Err(Error::Setting { .. })));
     }
     let table = Lookup::new(&grid, &set, LookupSettings::default()).unwrap();

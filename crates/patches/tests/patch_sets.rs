@@ -5,8 +5,8 @@ mod support;
 use glam::{DVec3, Vec3, Vec4};
 use patches::kernel::gather::gather_mean;
 use patches::{
-    AxisWeights, ClusterMetric, ClusterSettings, Error, Grid, Member, PatchSet, Sample, SampleSet, SampleSettings,
-    axis_patches, cluster_patches, sample_voxels,
+    ClusterSettings, Error, Grid, Member, PatchSet, Sample, SampleSet, SampleSettings, axis_patches, cluster_patches,
+    sample_voxels,
 };
 use scene::sampling::{hash3, unit as unit_random};
 use scene::{DirectParams, LIGHT_POINT, Light, Scene};
@@ -54,16 +54,12 @@ fn axis_patches_keep_the_area_and_are_six_a_voxel_at_most() {
     let scene = atrium().scene(1.0);
     let (grid, samples) = sampled(&scene, 0.9);
     let whole: f64 = samples.samples.iter().map(|s| f64::from(s.area)).sum();
-    let set = axis_patches(&grid, samples.clone(), AxisWeights::Squared).unwrap();
+    let set = axis_patches(&grid, samples).unwrap();
     check(&grid, &set);
     assert!((area(&set) / whole - 1.0).abs() < 1e-5);
     for voxel in set.patches.chunk_by(|a, b| a.voxel == b.voxel) {
         assert!(voxel.len() <= 6);
     }
-    // The printed weights count slanted surfaces up to √3 times.
-    let printed = axis_patches(&grid, samples, AxisWeights::Thesis).unwrap();
-    check(&grid, &printed);
-    assert!(area(&printed) > 1.005 * whole && area(&printed) < 1.74 * whole, "{} of {whole}", area(&printed));
 }
 
 #[test]
@@ -73,7 +69,7 @@ fn clusters_keep_the_area_and_never_hold_opposite_samples() {
         let (grid, samples) = sampled(&scene, 1.5 * scale);
         let whole: f64 = samples.samples.iter().map(|s| f64::from(s.area)).sum();
         for max_patches in [1, 6] {
-            let settings = ClusterSettings { max_patches, ..ClusterSettings::default() };
+            let settings = ClusterSettings { max_patches };
             let set = cluster_patches(&grid, samples.clone(), &settings, &no_rows).unwrap();
             check(&grid, &set);
             assert!((area(&set) / whole - 1.0).abs() < 1e-5);
@@ -94,17 +90,17 @@ fn clusters_keep_the_area_and_never_hold_opposite_samples() {
 }
 
 #[test]
-fn clusters_are_the_same_in_any_unit_but_not_by_the_printed_metric() {
-    let groups = |scale: f32, metric: ClusterMetric| {
+fn clusters_are_the_same_in_any_unit() {
+    let groups = |scale: f32, max_patches: u32| {
         let scene = atrium().scene(scale);
         let (grid, samples) = sampled(&scene, 1.5 * scale);
-        let settings = ClusterSettings { max_patches: 5, metric };
+        let settings = ClusterSettings { max_patches };
         let set = cluster_patches(&grid, samples, &settings, &no_rows).unwrap();
         (set.offsets, set.members.iter().map(|m| m.sample).collect::<Vec<_>>())
     };
     // A power of two: no value is rounded otherwise.
-    assert_eq!(groups(1.0, ClusterMetric::Scaled), groups(1024.0, ClusterMetric::Scaled));
-    assert_ne!(groups(1.0, ClusterMetric::Thesis), groups(1024.0, ClusterMetric::Thesis));
+    assert_eq!(groups(1.0, 5), groups(1024.0, 5));
+    assert_ne!(groups(1.0, 5), groups(1024.0, 6));
 }
 
 /// The greedy merging, written down as it is defined: all pairs, always.
@@ -157,7 +153,7 @@ fn merging_takes_the_closest_pair_every_time() {
     let unit = f64::from(grid.shape.edges.length());
     let mut compared = 0;
     for most in [4, 9] {
-        let settings = ClusterSettings { max_patches: most, ..ClusterSettings::default() };
+        let settings = ClusterSettings { max_patches: most };
         let fast = cluster_patches(&grid, set.clone(), &settings, &no_rows).unwrap();
         for slot in 0..grid.len() {
             let range = set.range(slot);
@@ -178,7 +174,7 @@ fn merging_takes_the_closest_pair_every_time() {
 }
 
 #[test]
-fn the_row_term_separates_what_sees_different_things() {
+fn a_term_of_the_caller_separates_what_sees_different_things() {
     let scene = two_rooms().scene(1.0);
     let (grid, samples) = sampled(&scene, 0.9);
     // Rooms as rows: samples of different rooms see nothing in common. A sample on the wall belongs to the room it faces.
@@ -188,7 +184,7 @@ fn the_row_term_separates_what_sees_different_things() {
         s.position.x + 0.01 * s.normal.x > 2.0
     };
     let rows = |a: &[Member], b: &[Member]| if room(&a[0]) == room(&b[0]) { 0.0 } else { 1e6 };
-    let settings = ClusterSettings { max_patches: 8, ..ClusterSettings::default() };
+    let settings = ClusterSettings { max_patches: 8 };
     let mixed = |set: &PatchSet| {
         (0..set.len()).filter(|&i| set.members_of(i).iter().any(|m| room(m) != room(&set.members_of(i)[0]))).count()
     };
@@ -208,7 +204,7 @@ fn slivers_go_to_a_like_neighbour() {
     let grid = Grid::new(&scene, Vec3::splat(4.0)).unwrap();
     let set = sample_voxels(&scene, &grid, &SampleSettings::default(), &|s: &Sample| s.normal.y > 0.0).unwrap();
     assert!(set.samples.iter().any(|s| s.normal.x < -0.05));
-    let set = axis_patches(&grid, set, AxisWeights::Squared).unwrap();
+    let set = axis_patches(&grid, set).unwrap();
     assert_eq!(set.len(), 1);
     let members = set.members_of(0);
     assert!(members.windows(2).all(|m| m[0].sample < m[1].sample), "a sample is named once");
@@ -221,7 +217,7 @@ fn any_number_of_threads_gives_the_same_patches() {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
             let (grid, samples) = sampled(&scene, 1.1);
             let clusters = cluster_patches(&grid, samples.clone(), &ClusterSettings::default(), &no_rows).unwrap();
-            (axis_patches(&grid, samples, AxisWeights::Squared).unwrap(), clusters)
+            (axis_patches(&grid, samples).unwrap(), clusters)
         })
     };
     let (one, two) = (run(1), run(2));
@@ -233,7 +229,7 @@ fn any_number_of_threads_gives_the_same_patches() {
 fn gathered_means_are_those_of_the_samples() {
     let scene = atrium().scene(1.0);
     let (grid, samples) = sampled(&scene, 1.1);
-    let set = axis_patches(&grid, samples, AxisWeights::Squared).unwrap();
+    let set = axis_patches(&grid, samples).unwrap();
     let values: Vec<Vec4> = set.samples.iter().map(|s| s.position.extend(1.0)).collect();
     let means = set.gather(&values).unwrap();
     for (i, patch) in set.patches.iter().enumerate() {
@@ -255,7 +251,7 @@ fn direct_light_gathered_over_the_patches_keeps_its_power() {
     let geometry = scene.tables();
     let front = |s: &Sample| geometry.normal(s.triangle).dot(s.normal) > 0.0;
     let set = sample_voxels(&scene, &grid, &SampleSettings::default(), &front).unwrap();
-    let set = axis_patches(&grid, set, AxisWeights::Squared).unwrap();
+    let set = axis_patches(&grid, set).unwrap();
     let points = set.surface_points();
     let p = DirectParams {
         count: points.len() as u32,
@@ -309,8 +305,8 @@ fn wrong_tables_are_refused() {
     let scene = two_rooms().scene(1.0);
     let (_, samples) = sampled(&scene, 1.0);
     let (other, _) = sampled(&scene, 0.4);
-    assert!(matches!(axis_patches(&other, samples.clone(), AxisWeights::Squared), Err(Error::Length { .. })));
-    let none = ClusterSettings { max_patches: 0, ..ClusterSettings::default() };
+    assert!(matches!(axis_patches(&other, samples.clone()), Err(Error::Length { .. })));
+    let none = ClusterSettings { max_patches: 0 };
     let (grid, _) = sampled(&scene, 1.0);
     assert!(matches!(cluster_patches(&grid, samples, &none, &no_rows), Err(Error::Setting { .. })));
 }

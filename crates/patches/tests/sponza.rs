@@ -7,8 +7,8 @@ use std::time::Instant;
 
 use glam::{Vec3, Vec4};
 use patches::{
-    AreaRule, AxisWeights, ClusterSettings, Grid, Lookup, LookupSettings, Sample, SampleSettings, axis_patches,
-    cluster_patches, sample_voxels,
+    AreaRule, ClusterSettings, Grid, Lookup, LookupSettings, Sample, SampleSettings, axis_patches, cluster_patches,
+    sample_voxels,
 };
 use support::Mesh;
 
@@ -64,7 +64,7 @@ fn sponza_is_cut_sampled_and_clustered_in_seconds() {
         assert!((projected.sample_area / r.sample_area - 1.0).abs() < 0.03);
 
         let start = Instant::now();
-        let axis = axis_patches(&grid, set.clone(), AxisWeights::Squared).unwrap();
+        let axis = axis_patches(&grid, set.clone()).unwrap();
         println!("  axis: {} patches, {:.1} MB, {:.2?}", axis.len(), axis.bytes() as f64 * 1e-6, start.elapsed());
         let start = Instant::now();
         let clusters = cluster_patches(&grid, set, &ClusterSettings::default(), &|_, _| 0.0).unwrap();

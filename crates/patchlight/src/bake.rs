@@ -13,7 +13,7 @@ use runtime::executor::Executor;
 use scene::sampling::hash3;
 use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
 use serde::{Deserialize, Serialize};
-use transport::{Csr, HitCounts, Observer, Phase};
+use transport::{Csr, HitCounts, Observer, Phase, Variant};
 
 use crate::energy::EnergyCheck;
 use crate::error::Error;
@@ -21,6 +21,7 @@ use crate::form_factors::{ElementRows, Estimator, FormFactors, RowRays};
 use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
 use crate::operator::BakedOperator;
+use crate::printed;
 
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
@@ -55,6 +56,9 @@ pub enum ReceiverKind {
 pub struct BakeSettings {
     /// What patches are.
     pub patches: PatchKind,
+    /// Whether voxel and axis patches, their form factors, first exitance and light at points are as printed. Printed ones need
+    /// [`Estimator::Point`] and [`ReceiverKind::Patches`].
+    pub variant: Variant,
     /// About how many patches.
     pub patch_count: usize,
     /// Where people look: samples, patches and receivers are shared out by how much of the light that a place sends can get
@@ -92,6 +96,7 @@ impl Default for BakeSettings {
     fn default() -> Self {
         Self {
             patches: PatchKind::default(),
+            variant: Variant::Corrected,
             patch_count: 4000,
             focus: Focus::default(),
             voxel_size: None,
@@ -123,7 +128,7 @@ pub struct Bake {
     pub receivers: MeshReceivers,
     /// How densely patches and receivers stand.
     pub density: Density,
-    /// What is known of its errors; none for a bake without patches.
+    /// What is known of its errors; none for a bake without patches, or of printed ones, whose light has no scale.
     pub energy: Option<EnergyCheck>,
     /// How direct light is measured at the samples.
     pub direct: DirectParams,
@@ -207,21 +212,36 @@ impl<'a> PatchBake<'a> {
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
         check_medium(scene)?;
+        check_variant(settings)?;
         check_receivers(settings)?;
         let triangles = scene.geometry.triangles.len();
         if settings.patches == PatchKind::Polygon && triangles > MOST_PATCHES {
             return Err(too_many(triangles, triangles));
         }
-        let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings))?;
-        if mesh.patches.len() > MOST_PATCHES {
-            return Err(too_many(triangles, mesh.patches.len()));
-        }
-        let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
-            FormFactors::estimate_by(scene, &mesh, (settings.estimator, settings.seed), rays, report)
-        })?;
+        let (sampler, mesh, form_factors) = match settings.variant {
+            Variant::Corrected => {
+                let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings))?;
+                if mesh.patches.len() > MOST_PATCHES {
+                    return Err(too_many(triangles, mesh.patches.len()));
+                }
+                let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
+                    FormFactors::estimate_by(scene, &mesh, (settings.estimator, settings.seed), rays, report)
+                })?;
+                (sampler, mesh, form_factors)
+            }
+            Variant::Thesis => {
+                let (mesh, form_factors) = printed::patches(scene, &mesh_settings(settings), observer)?;
+                (None, mesh, form_factors)
+            }
+        };
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
-            None => run_phase(observer, Phase::BOUNCES, |_| enough_bounces(&form_factors.factors, &mesh.albedo))?,
+            None => run_phase(observer, Phase::BOUNCES, |_| {
+                if settings.variant == Variant::Thesis {
+                    check_growth(&form_factors.factors, &mesh.albedo)?;
+                }
+                enough_bounces(&form_factors.factors, &mesh.albedo)
+            })?,
         };
         let bake = Bake {
             scene: scene.clone(),
@@ -297,7 +317,9 @@ impl<'a> PatchBake<'a> {
             receivers.interpolation.points.len()
         ));
         let mut bake = Bake { receivers, settings, ..bake };
-        bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
+        if settings.variant == Variant::Corrected {
+            bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
+        }
         if let Some(energy) = &bake.energy {
             observer.note(&format!("energy: {}", energy.in_words()));
         }
@@ -335,15 +357,18 @@ fn make_mesh<'a>(
     settings: &BakeSettings,
 ) -> Result<(Option<LitSampler<'a>>, PatchMesh), Error> {
     let sampler = lit_sampler(scene, settings.patch_count, density, settings.seed)?;
-    let made = MeshSettings {
+    let mesh = PatchMesh::new(scene, sampler.as_ref(), &mesh_settings(settings))?;
+    Ok((sampler, mesh))
+}
+
+fn mesh_settings(settings: &BakeSettings) -> MeshSettings {
+    MeshSettings {
         kind: settings.patches,
         count: settings.patch_count,
         voxel_size: settings.voxel_size,
         samples: settings.samples,
         seed: settings.seed,
-    };
-    let mesh = PatchMesh::new(scene, sampler.as_ref(), &made)?;
-    Ok((sampler, mesh))
+    }
 }
 
 /// How direct light is measured at the samples of a mesh.
@@ -427,6 +452,22 @@ fn check_receivers(settings: &BakeSettings) -> Result<(), Error> {
     Ok(())
 }
 
+/// Printed patches have printed form factors, and are what receives.
+fn check_variant(settings: &BakeSettings) -> Result<(), Error> {
+    let needs = |what: &'static str| Err(Error::Printed { needs: what });
+    match settings.variant {
+        Variant::Corrected => Ok(()),
+        Variant::Thesis if !settings.patches.has_voxels() => {
+            Err(patches::Error::PrintedKind { patches: settings.patches.name() }.into())
+        }
+        Variant::Thesis if settings.estimator != Estimator::Point => needs("form factors of points, (5.1)"),
+        Variant::Thesis if settings.receivers != ReceiverKind::Patches => {
+            needs("the patches themselves as receivers, (5.3)")
+        }
+        Variant::Thesis => Ok(()),
+    }
+}
+
 /// Direct-light settings that follow from the scene.
 pub fn direct_params(scene: &Scene) -> DirectParams {
     DirectParams {
@@ -435,6 +476,16 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
         ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     }
+}
+
+/// Rows of printed form factors may sum to more than 1, and light may grow.
+fn check_growth(factors: &Csr, albedo: &[Vec4]) -> Result<(), Error> {
+    let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
+    let residual = jacobi(factors, &source, albedo, Stop::Bounces(MOST_BOUNCES))?.residual;
+    if residual.is_finite() && residual < TOLERANCE {
+        return Ok(());
+    }
+    Err(Error::Printed { needs: "a number of bounces here, for with all of them their light grows without end" })
 }
 
 /// Bounces until a uniform source changes no patch by more than the tolerance, and a fourth more for sources that are

@@ -149,6 +149,12 @@ pub enum Error {
         /// How many there may be.
         limit: u64,
     },
+    /// Settings that do not suit printed patches.
+    #[error("patches as printed need {needs}; choose that, or the corrected form")]
+    Printed {
+        /// What they need.
+        needs: &'static str,
+    },
     /// Patches that are not bound to voxels cannot be receivers.
     #[error(
         "only voxel and axis patches can be receivers themselves, {patches} patches cannot; choose those, or receivers on the mesh"

@@ -2,7 +2,7 @@
 
 use ::localmatrix::kernel::{BLOCK, KEPT, compact, count, start};
 use ::localmatrix::{FadeParams, LevelParams, SlotParams, UpdateParams};
-use ::patches::{EMPTY_CELL, LookupParams, LookupPatch};
+use ::patches::{EMPTY_CELL, LookupParams, LookupPatch, RULE_WALLS};
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::CountParams;
 
@@ -128,7 +128,7 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                     let (position, direction) = (r.vector(), r.direction());
                     entries.push(LookupPatch { position, patch, direction, reserved: 0 });
                 }
-                let outdoors = LookupParams { shape, plane_limit: 0.5, walls: 1, count: merged, first_cell };
+                let outdoors = LookupParams { shape, plane_limit: 0.5, rule: RULE_WALLS, count: merged, first_cell };
                 lookups.extend([outdoors, if level == 0 { outdoors } else { LookupParams::default() }]);
             }
             let mut points = points_in_space(r, leaves as usize);

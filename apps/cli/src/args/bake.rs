@@ -3,7 +3,7 @@
 use clap::Args;
 
 use assets::import::{Animation, LoadedScene};
-use experiments::args::{parse_epsilon, parse_metres};
+use experiments::args::{VariantChoice, parse_epsilon, parse_metres};
 use patchlight::method::FeedbackSettings;
 use patchlight::operator::Codec;
 use patchlight::{BakeSettings, Estimator, ReceiverKind};
@@ -32,6 +32,10 @@ pub struct BakeOptions {
     /// distance gives].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
     pub most_receivers: Option<u32>,
+    /// Which form of the equations voxel and axis patches, their form factors, first exitance and light at points have. With
+    /// thesis, form factors are those of points and the patches receive.
+    #[arg(long, value_enum, default_value_t)]
+    pub variant: VariantChoice,
     /// Estimator of the form factors.
     #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
     pub form_factors: FormFactors,
@@ -57,7 +61,9 @@ impl BakeOptions {
             focus: self.patches.focus.unwrap_or_default().focus(loaded, animation),
             patch_count: self.patches.count(),
             voxel_size: self.patches.voxel_size,
+            variant: self.variant.variant(),
             estimator: match self.form_factors {
+                _ if self.variant == VariantChoice::Thesis => Estimator::Point,
                 FormFactors::Hemisphere => Estimator::Hemisphere { rays: self.rays },
                 FormFactors::Contour => Estimator::Contour,
                 FormFactors::Area => Estimator::Area,
@@ -68,6 +74,7 @@ impl BakeOptions {
                 Bounces::Count(k) => Some(k),
             },
             receivers: match self.receivers {
+                _ if self.variant == VariantChoice::Thesis => ReceiverKind::Patches,
                 ReceiverPlaces::Mesh => ReceiverKind::Mesh,
                 ReceiverPlaces::Pixels => ReceiverKind::Pixels,
                 ReceiverPlaces::Patches => ReceiverKind::Patches,

@@ -3,7 +3,7 @@
 use clap::ArgMatches;
 use clap::parser::ValueSource;
 
-use experiments::args::Patches;
+use experiments::args::{Patches, VariantChoice};
 use experiments::progress::Progress;
 
 use super::super::bake::Bake;
@@ -125,7 +125,7 @@ const RULES: &[Rule<Render>] = &[
         suits: |args, input| input != Input::World && args.method != Method::Path,
     },
     Rule {
-        options: &["patches", "patch_count", "voxel_size", "form_factors", "receivers", "receiver_rays"],
+        options: &["patches", "patch_count", "voxel_size", "variant", "form_factors", "receivers", "receiver_rays"],
         whom: "scenes, not bakes, by methods other than path",
         suits: makes_patches,
     },
@@ -145,6 +145,11 @@ const RULES: &[Rule<Render>] = &[
         options: &["receiver_edge", "most_receivers"],
         whom: "scenes, not bakes, by methods other than path, with --receivers mesh",
         suits: |args, input| makes_patches(args, input) && args.bake.receivers == ReceiverPlaces::Mesh,
+    },
+    Rule {
+        options: &["form_factors", "rays", "receivers", "receiver_rays"],
+        whom: "--variant corrected",
+        suits: |args, _| args.bake.variant == VariantChoice::Corrected,
     },
 ];
 
@@ -187,6 +192,11 @@ const BAKE_RULES: &[Rule<Bake>] = &[
         whom: "--receivers mesh",
         suits: |args, _| args.bake.receivers == ReceiverPlaces::Mesh,
     },
+    Rule {
+        options: &["form_factors", "rays", "receivers", "receiver_rays"],
+        whom: "--variant corrected",
+        suits: |args, _| args.bake.variant == VariantChoice::Corrected,
+    },
 ];
 
 /// The same for `view`.
@@ -199,6 +209,7 @@ const VIEW_RULES: &[Rule<View>] = &[
             "patches",
             "patch_count",
             "voxel_size",
+            "variant",
             "form_factors",
             "receivers",
             "receiver_rays",
@@ -227,6 +238,11 @@ const VIEW_RULES: &[Rule<View>] = &[
         options: &["receiver_edge", "most_receivers"],
         whom: "scenes, not bakes, with --receivers mesh",
         suits: |args, input| input == Input::Scene && args.bake.receivers == ReceiverPlaces::Mesh,
+    },
+    Rule {
+        options: &["form_factors", "rays", "receivers", "receiver_rays"],
+        whom: "--variant corrected",
+        suits: |args, _| args.bake.variant == VariantChoice::Corrected,
     },
 ];
 
@@ -334,6 +350,7 @@ mod tests {
             let found = idle_of(Input::Bake, &[&["--method", "tiles"], options].concat());
             assert_eq!(found, [options[0]], "{options:?}");
         }
+        assert_eq!(idle_of(Input::Bake, &["--variant", "thesis"]), ["--variant"]);
         let free = ["--method", "tiles", "--epsilon", "0.1", "--errors", "--debug", "--reference", "x"];
         assert!(idle_of(Input::Bake, &free).is_empty());
         assert!(idle_of(Input::Bake, &["--method", "path", "--bounces", "3", "--seed", "3"]).is_empty());
@@ -401,6 +418,7 @@ mod tests {
             assert_eq!(idle(&[&["--method", "path"], options].concat()), [options[0]], "{options:?}");
         }
         assert_eq!(idle(&["--patches", "axis", "--focus", "0,0,0,1,1,1"]), ["--focus"]);
+        assert_eq!(idle(&["--patches", "axis", "--variant", "thesis", "--receiver-rays", "64"]), ["--receiver-rays"]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `bench all`: every experiment, one after the other, each in a folder of its own.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::ValueEnum as _;
 
@@ -24,6 +24,10 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         if is_cancelled() {
             return Err(Error::Cancelled);
         }
+        if name == Experiment::Thesis {
+            thesis_figures(common, args, &folder)?;
+            continue;
+        }
         let title = name.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
         progress.note(&format!("bench {title}"));
         let common = Common { out: Some(folder.join(&title)), ..common.clone() };
@@ -33,11 +37,22 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     Ok(())
 }
 
+/// Every figure of the thesis.
+fn thesis_figures(common: &Common, args: &Bench, folder: &Path) -> Result<(), Error> {
+    for figure in super::thesis::names() {
+        let common = Common { out: Some(folder.join(format!("thesis-{figure}"))), ..common.clone() };
+        let own = if args.quick { smallest(Experiment::Thesis, args, folder) } else { args.clone() };
+        let scenes = [&[figure.to_owned()], &own.scenes[..]].concat();
+        super::run(&common, &Bench { name: Experiment::Thesis, scenes, ..own })?;
+    }
+    Ok(())
+}
+
 /// The smallest setting of an experiment; references that it makes are kept in the folder.
 pub fn smallest(name: Experiment, args: &Bench, folder: &Path) -> Bench {
     let scene = match name {
         Experiment::Firstshot | Experiment::Frame | Experiment::Local => SMALL_HALL,
-        Experiment::Clean => "rooms:wall=0.1",
+        Experiment::Clean | Experiment::Leaks => "rooms:wall=0.1",
         _ => SMALL_SCENE,
     };
     let counts = match name {
@@ -55,7 +70,7 @@ pub fn smallest(name: Experiment, args: &Bench, folder: &Path) -> Bench {
         error: 0.05,
         densities: vec![1.0],
         paths: (name == Experiment::Clean).then_some(32),
-        cache: (name == Experiment::Clean).then(|| PathBuf::from(folder).join("references")),
+        cache: matches!(name, Experiment::Clean | Experiment::Leaks).then(|| folder.join("references")),
         size: Some((96, 64)),
         spp: 16,
         sub_frames: 1,

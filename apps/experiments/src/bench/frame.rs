@@ -1,6 +1,5 @@
 //! `bench frame`: whole light updates, from "a light has moved" to irradiance at every visible point.
 
-mod curves;
 mod floors;
 
 use std::collections::BTreeMap;
@@ -65,9 +64,6 @@ impl Event {
 /// A measurement.
 #[derive(Clone, Serialize)]
 struct Row {
-    /// The curve that it is a point of.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    curve: Option<&'static str>,
     scene: String,
     method: String,
     event: &'static str,
@@ -108,8 +104,7 @@ struct Results<'a> {
 }
 
 pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
-    let Setup { out, machine, scenes, counts } =
-        Setup::new(common, args, "frame", &SCENES, if args.curves { &curves::COUNTS } else { &[COUNT] })?;
+    let Setup { out, machine, scenes, counts } = Setup::new(common, args, "frame", &SCENES, &[COUNT])?;
     let mut rows: Vec<Row> = Vec::new();
     let results = |rows: &[Row]| {
         output::json(&Results {
@@ -133,10 +128,6 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         let progress = Progress::new(common.quiet);
         let loaded = output::import(scene, &progress)?;
         let measuring = Measuring { common, args, loaded: &loaded, progress: &progress };
-        if args.curves {
-            curves::measure(&measuring, &counts, &mut keep)?;
-            continue;
-        }
         for &count in &counts {
             measuring.measure(count as usize, &mut keep)?;
         }
@@ -271,7 +262,6 @@ impl Measuring<'_> {
             work.insert("mark", floors::of_pixels(args.size()));
         }
         Ok(Row {
-            curve: None,
             scene: loaded.name.clone(),
             method: method.to_owned(),
             event,
@@ -318,8 +308,7 @@ fn tables(machine: &Machine, operations_g: f64, rows: &[Row]) -> Vec<Table> {
             .iter()
             .map(|row| {
                 let update = &row.light_update;
-                let event = row.curve.map_or(row.event.to_owned(), |curve| format!("{}, over {curve}", row.event));
-                let texts = [row.scene.clone(), row.method.clone(), event, row.receivers_updated.to_owned()];
+                let texts = [row.scene.clone(), row.method.clone(), row.event.to_owned(), row.receivers_updated.to_owned()];
                 let passes = PASSES.map(|pass| row.passes.get(pass).copied().unwrap_or(0.0));
                 // A sum of nothing may be a negative zero.
                 let numbers = [update.median_ms, update.max_ms].into_iter().chain(passes).map(|ms| ms + 0.0);
@@ -368,7 +357,6 @@ fn write_report(machine: &Machine, operations_g: f64, rows: &[Row], out: &Path) 
         title: "Light updates".to_owned(),
 
         tables: tables(machine, operations_g, rows),
-        plots: curves::plots(rows),
         ..Section::default()
     };
     output::write_text(&out.join("report.html"), &page("Patchlight: light updates", &[], [&section]))

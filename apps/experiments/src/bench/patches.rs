@@ -346,7 +346,7 @@ impl Experiment<'_> {
             let errors = compare_pictures(&picture, &truth.pictures.indirect, scale, None)?;
             let points = match truth.points.is_empty() {
                 true => None,
-                false => Some(compare_points(&proxy.irradiance_at(&truth.points, lookup)?, &truth.point_indirect)?),
+                false => Some(compare_points(&proxy.irradiance_at(&truth.points, lookup), &truth.point_indirect)?),
             };
             self.add(Row {
                 scene: self.loaded.name.clone(),

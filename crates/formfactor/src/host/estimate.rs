@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use scene::sampling::{frame, hash3, sobol2};
 use scene::{NONE, SurfacePoint};
-use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, check_length, quadrant_of};
+use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, Variant, check_length, quadrant_of};
 
 use super::area;
 use super::contour;
@@ -94,9 +94,11 @@ pub struct AreaToArea {
 }
 
 /// One ray from each point of the row to each centre: `F_ij = s_j cosθ_i cosθ_j V / (π r² + s_j)`, the disc form that stays
-/// below 1 when the patches touch.
+/// below 1 when the patches touch; as printed, [T 5.5] (5.1), `s_j cosθ_i cosθ_j V / (π r²)`, which does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointToPoint {
+    /// Which of the two.
+    pub variant: Variant,
     /// Rays a row to the sky.
     pub sky_rays: u32,
 }
@@ -125,7 +127,7 @@ impl Default for AreaToArea {
 
 impl Default for PointToPoint {
     fn default() -> Self {
-        Self { sky_rays: 256 }
+        Self { variant: Variant::Corrected, sky_rays: 256 }
     }
 }
 
@@ -370,7 +372,8 @@ impl Estimator for PointToPoint {
                     return 0.0;
                 }
                 let area = f64::from(patch.area);
-                area * cos_here * cos_there / (squared * (core::f64::consts::PI * squared + area))
+                let disc = if self.variant == Variant::Thesis { 0.0 } else { area };
+                area * cos_here * cos_there / (squared * (core::f64::consts::PI * squared + disc))
             });
         }
         (sky_factor(s, row, self.sky_rays), 0.0)

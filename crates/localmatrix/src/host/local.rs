@@ -11,7 +11,7 @@ use transport::LinearOperator;
 use super::assembly::{Row, assemble};
 use super::cut::{Chooser, Replacement, View};
 use super::forest::Forest;
-use super::matrix::{Entering, Form, LocalMatrix};
+use super::matrix::{Entering, LocalMatrix};
 use super::world::{NO_NODE, Node, World};
 use crate::error::Error;
 use crate::kernel::{fade, is_some, mean, spread};
@@ -44,8 +44,6 @@ pub struct LocalSettings {
     pub tolerance: f32,
     /// Rows that are asked for ahead, at most.
     pub wanted: usize,
-    /// How nodes enter and leave.
-    pub form: Form,
 }
 
 impl Default for LocalSettings {
@@ -59,7 +57,6 @@ impl Default for LocalSettings {
             display_white: f32::INFINITY,
             tolerance: 1e-5,
             wanted: 1024,
-            form: Form::Exact,
         }
     }
 }
@@ -183,7 +180,7 @@ impl Local {
         let area = leaf_area.iter().map(|&a| f64::from(a)).sum::<f64>() / leaf_area.len().max(1) as f64;
         Ok(Self {
             settings,
-            matrix: LocalMatrix::new(settings.slots, settings.form)?,
+            matrix: LocalMatrix::new(settings.slots)?,
             near: NEAR * scene::math::sqrt(area as f32).max(f32::MIN_POSITIVE),
             forest,
             leaf_area,

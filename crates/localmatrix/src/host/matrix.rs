@@ -16,17 +16,6 @@ use crate::kernel::gather;
 /// Most slots: three times their square is counted in 32 bits.
 pub const MOST_SLOTS: usize = 32_768;
 
-/// How a patch is bordered.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Form {
-    /// As it is: T is that of the patches, however they came.
-    #[default]
-    Exact,
-    /// To the first order of the new patch, `s = 1`, and without taking anything away when it leaves, as [T 4] prints it: light that
-    /// passes the patch twice is left out, and what passed it stays.
-    Thesis,
-}
-
 /// A patch that enters.
 #[derive(Clone, Copy, Debug)]
 pub struct Entering<'a> {
@@ -68,7 +57,6 @@ pub struct Update {
 /// The operator of all bounces between some patches, see the [crate's documentation](crate).
 #[derive(Clone, Debug)]
 pub struct LocalMatrix {
-    form: Form,
     contents: Vec<Slot>,
     slots: HashMap<u32, u32>,
     /// `√a` of each slot, m; 1 where it is free.
@@ -112,12 +100,11 @@ impl LocalMatrix {
     ///
     /// # Errors
     /// [`transport::Error::Setting`] for no slots or more than [`MOST_SLOTS`].
-    pub fn new(slots: usize, form: Form) -> Result<Self, Error> {
+    pub fn new(slots: usize) -> Result<Self, Error> {
         if !(1..=MOST_SLOTS).contains(&slots) {
             return Err(transport::Error::Setting { name: "slots", value: slots as f64, rule: "1 to 32768" }.into());
         }
         Ok(Self {
-            form,
             contents: vec![Slot::Free; slots],
             slots: HashMap::new(),
             sqrt_area: vec![1.0; slots],
@@ -260,7 +247,7 @@ impl LocalMatrix {
         Ok(())
     }
 
-    /// Takes patches out, ghosts or not: T is then that of the others. [`Form::Thesis`] only forgets their rows and columns.
+    /// Takes patches out, ghosts or not: T is then that of the others.
     ///
     /// # Errors
     /// [`Error::NotThere`].
@@ -420,16 +407,14 @@ impl LocalMatrix {
             // Rows of W P½, and P½ Σ, by L⁻¹ with L Lᵀ = I − P½ Σ P½.
             let mut rows = Mat::from_fn(k, n, |j, i| rho[j] * wide[(i, j)]);
             let mut right = Mat::from_fn(k, k, |a, b| rho[a] * corner[(a, b)]);
-            if self.form == Form::Exact {
-                let identity = |a, b| if a == b { 1.0 } else { 0.0 };
-                let system = Mat::from_fn(k, k, |a, b| identity(a, b) - rho[a] * corner[(a, b)] * rho[b]);
-                let factor = system.llt(Side::Lower).map_err(|error| {
-                    let faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index } = error;
-                    Error::Singular { patch: new[index].patch }
-                })?;
-                solve_lower_triangular_in_place(factor.L(), rows.as_mut(), parallel);
-                solve_lower_triangular_in_place(factor.L(), right.as_mut(), parallel);
-            }
+            let identity = |a, b| if a == b { 1.0 } else { 0.0 };
+            let system = Mat::from_fn(k, k, |a, b| identity(a, b) - rho[a] * corner[(a, b)] * rho[b]);
+            let factor = system.llt(Side::Lower).map_err(|error| {
+                let faer::linalg::cholesky::llt::factor::LltError::NonPositivePivot { index } = error;
+                Error::Singular { patch: new[index].patch }
+            })?;
+            solve_lower_triangular_in_place(factor.L(), rows.as_mut(), parallel);
+            solve_lower_triangular_in_place(factor.L(), right.as_mut(), parallel);
             made.push((rows, right, wide, corner));
         }
         let mut vectors = Vec::new();
@@ -437,10 +422,8 @@ impl LocalMatrix {
             let plane = &mut self.state[c * slots * slots..(c + 1) * slots * slots];
             let mut state = MatMut::from_column_major_slice_mut(plane, slots, slots).submatrix_mut(0, 0, n, n);
             matmul(state.as_mut(), Accum::Add, rows.transpose(), rows.as_ref(), 1.0, parallel);
-            if self.form == Form::Exact {
-                matmul(wide.as_mut(), Accum::Add, rows.transpose(), right.as_ref(), 1.0, parallel);
-                matmul(corner.as_mut(), Accum::Add, right.transpose(), right.as_ref(), 1.0, parallel);
-            }
+            matmul(wide.as_mut(), Accum::Add, rows.transpose(), right.as_ref(), 1.0, parallel);
+            matmul(corner.as_mut(), Accum::Add, right.transpose(), right.as_ref(), 1.0, parallel);
             write_border(state, &free, &wide, &corner);
             if self.record.is_some() {
                 vectors.push(rows);
@@ -472,16 +455,14 @@ impl LocalMatrix {
             let rho: Vec<f32> = which.iter().map(|&slot| scene::math::sqrt(self.albedo[c][slot])).collect();
             let plane = &mut self.state[c * slots * slots..(c + 1) * slots * slots];
             let mut state = MatMut::from_column_major_slice_mut(plane, slots, slots).submatrix_mut(0, 0, n, n);
-            if self.form == Form::Exact {
-                let identity = |a, b| if a == b { 1.0 } else { 0.0 };
-                let system = Mat::from_fn(k, k, |a, b| identity(a, b) + rho[a] * state[(which[a], which[b])] * rho[b]);
-                let Ok(factor) = system.llt(Side::Lower) else { return Err(self.no_inverse(which[0])) };
-                let mut rows = Mat::from_fn(k, n, |j, i| rho[j] * state[(i, which[j])]);
-                solve_lower_triangular_in_place(factor.L(), rows.as_mut(), parallel);
-                matmul(state.as_mut(), Accum::Add, rows.transpose(), rows.as_ref(), -1.0, parallel);
-                if self.record.is_some() {
-                    vectors.push(rows);
-                }
+            let identity = |a, b| if a == b { 1.0 } else { 0.0 };
+            let system = Mat::from_fn(k, k, |a, b| identity(a, b) + rho[a] * state[(which[a], which[b])] * rho[b]);
+            let Ok(factor) = system.llt(Side::Lower) else { return Err(self.no_inverse(which[0])) };
+            let mut rows = Mat::from_fn(k, n, |j, i| rho[j] * state[(i, which[j])]);
+            solve_lower_triangular_in_place(factor.L(), rows.as_mut(), parallel);
+            matmul(state.as_mut(), Accum::Add, rows.transpose(), rows.as_ref(), -1.0, parallel);
+            if self.record.is_some() {
+                vectors.push(rows);
             }
             for &slot in which {
                 for i in 0..n {
@@ -489,7 +470,7 @@ impl LocalMatrix {
                 }
             }
         }
-        self.keep(-1.0, if self.form == Form::Exact { k } else { 0 }, &vectors, which);
+        self.keep(-1.0, k, &vectors, which);
         let mut factors = MatMut::from_column_major_slice_mut(&mut self.factors, slots, slots);
         for &slot in which {
             for i in 0..n {
@@ -525,5 +506,34 @@ fn write_border(mut matrix: MatMut<f32>, slots: &[usize], outer: &Mat<f32>, inne
         for (b, &column) in slots.iter().enumerate() {
             matrix[(row, column)] = inner[(a, b)];
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// n patches of 1 m² that all send each other f, of reflectance ρ: T = f / (1 − n ρ f) between any two.
+    #[test]
+    fn refreshing_takes_errors_out() {
+        let (n, f, rho) = (24usize, 0.04f32, 0.7f32);
+        let factors: Vec<(u32, f32)> = (0..n as u32).map(|j| (j, f)).collect();
+        let one = |patch| Entering { patch, area: 1.0, albedo: Vec3::splat(rho), factors: &factors };
+        let mut matrix = LocalMatrix::new(n).unwrap();
+        matrix.add(&(0..n as u32).map(one).collect::<Vec<_>>()).unwrap();
+        let expected = f / (1.0 - n as f32 * rho * f);
+        let error = |matrix: &LocalMatrix| matrix.state.iter().map(|x| (x / expected - 1.0).abs()).fold(0.0, f32::max);
+        assert!(error(&matrix) < 1e-5, "{}", error(&matrix));
+        for i in 0..n {
+            for j in 0..=i {
+                let wrong = 1.0 + 0.05 * ((i * 7 + j * 3) % 11) as f32 / 11.0;
+                for (a, b) in [(i, j), (j, i)].into_iter().take(if i == j { 1 } else { 2 }) {
+                    (0..3).for_each(|c| matrix.state[c * n * n + a * n + b] *= wrong);
+                }
+            }
+        }
+        assert!(error(&matrix) > 0.01);
+        let found: Vec<f32> = (0..6).map(|_| matrix.refresh(n)).collect();
+        assert!(error(&matrix) < 1e-5 && found[0] > 1e-3 && found[5] < 1e-5, "{} {found:?}", error(&matrix));
     }
 }

@@ -10,26 +10,17 @@ use super::patch_set::PatchSet;
 use super::sample::SampleSet;
 use crate::error::Error;
 
-/// How a sample is shared over the axes, each on the side that its normal n points to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum AxisWeights {
-    /// `w = n_axis²`: the weights of a sample sum to 1.
-    #[default]
-    Squared,
-    /// `w = max(0, n·e)`, as printed [T 5.9]: they sum to up to √3, and so do the areas.
-    Thesis,
-}
-
 /// Parts of a sample below this are left to its other axes: rounding of a normal makes no patch.
-const LEAST_PART: f32 = 1e-6;
+pub(super) const LEAST_PART: f32 = 1e-6;
 
 /// One patch for each of the six axis directions that samples of a voxel look to [T 5.9]: area Σ w s, the rest means
-/// weighted by w s. Slivers (under 1 % of the voxel's mean patch) go to the nearest patch of the voxel with a like normal.
+/// weighted by w s, with `w = n_axis²` on the side that the normal n points to, so that the weights of a sample sum to 1
+/// (printed: `max(0, n·e)`, [`printed_axis_patches`](super::printed_axis_patches)). Slivers (under 1 % of the voxel's mean patch) go to the nearest patch of the voxel with a like normal.
 /// On all cores, linear in the number of samples.
 ///
 /// # Errors
 /// [`Error::Length`] for samples of another grid, and what [`PatchSet::from_groups`] refuses.
-pub fn axis_patches(grid: &Grid, set: SampleSet, weights: AxisWeights) -> Result<PatchSet, Error> {
+pub fn axis_patches(grid: &Grid, set: SampleSet) -> Result<PatchSet, Error> {
     check_voxels(grid, &set)?;
     let voxels = (0..grid.len())
         .into_par_iter()
@@ -38,10 +29,7 @@ pub fn axis_patches(grid: &Grid, set: SampleSet, weights: AxisWeights) -> Result
             for index in set.range(slot) {
                 let sample = &set.samples[index];
                 for (axis, n) in sample.normal.to_array().into_iter().enumerate() {
-                    let weight = match weights {
-                        AxisWeights::Squared => n * n,
-                        AxisWeights::Thesis => n.abs(),
-                    };
+                    let weight = n * n;
                     if weight > LEAST_PART {
                         groups[2 * axis + usize::from(n < 0.0)].push(index as u32, sample, weight);
                     }

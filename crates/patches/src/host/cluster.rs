@@ -11,39 +11,28 @@ use super::sample::SampleSet;
 use crate::error::Error;
 use crate::types::{Member, Sample};
 
-/// In what unit the metric takes distances.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ClusterMetric {
-    /// In diagonals of a voxel, so that a scene in other units has the same clusters.
-    #[default]
-    Scaled,
-    /// In metres, as printed [T 5.7].
-    Thesis,
-}
-
 /// Settings of [`cluster_patches`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClusterSettings {
     /// Patches of a voxel at most, unless the rest may not be merged.
     pub max_patches: u32,
-    /// The unit of distances.
-    pub metric: ClusterMetric,
 }
 
 impl Default for ClusterSettings {
     fn default() -> Self {
-        Self { max_patches: 4, metric: ClusterMetric::Scaled }
+        Self { max_patches: 4 }
     }
 }
 
-/// Merges the samples of each voxel, always the closest pair of clusters, until `max_patches` are left [T 5.7]. The metric
-/// is `M(i,j) = (1 + |c_i − c_j|)(2 − n_i·n_j)(1 + row(i,j))` with the clusters' mean positions c and mean unit normals n.
+/// Merges the samples of each voxel, always the closest pair of clusters, until `max_patches` are left, as [T 5.7] does. The metric
+/// is `M(i,j) = (1 + |x_i − x_j|/d)(2 − n_i·n_j)(1 + row(i,j))` with the clusters' mean positions x, the voxel's diagonal d, so that
+/// a scene in other units has the same clusters, and mean unit normals n (printed: colours in the place of positions,
+/// [`printed_cluster_patches`](super::printed_cluster_patches)).
 /// Clusters that hold samples with `n_i·n_j < 0` are never merged, so more may be left. Slivers (under 1 % of the voxel's
 /// mean patch) then go to the nearest cluster with a like normal that they may be merged with.
 ///
-/// `row_distance` gives the row term of two clusters, ≥ 0: `√Σ_k((F_ik − F_jk)² + (F_ki − F_kj)²)` in the thesis, where the
-/// row of a cluster is the mean of its members' rows by area and its column their sum. Members name samples of `set`; their
-/// weight is 1. Give `&|_, _| 0.0` where no rows are known.
+/// `row_distance` gives the row term of two clusters, ≥ 0, by what else keeps them apart. Members name samples of `set`; their
+/// weight is 1. Give `&|_, _| 0.0` where nothing does.
 ///
 /// Voxels are independent, on all cores, so memory is that of one voxel a core. n samples of a voxel cost about n²
 /// evaluations of the metric (n³ at worst: whenever a cluster's nearest is merged away, it looks for another); the row
@@ -62,10 +51,7 @@ pub fn cluster_patches(
     if settings.max_patches == 0 {
         return Err(Error::Setting { name: "max_patches", value: 0.0, rule: "at least 1" });
     }
-    let unit = match settings.metric {
-        ClusterMetric::Scaled => f64::from(grid.shape.edges.length()),
-        ClusterMetric::Thesis => 1.0,
-    };
+    let unit = f64::from(grid.shape.edges.length());
     let voxels: Result<Vec<_>, Error> = (0..grid.len())
         .into_par_iter()
         .map(|slot| {

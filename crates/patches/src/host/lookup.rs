@@ -10,25 +10,42 @@ use super::grid::Grid;
 use super::patch_set::PatchSet;
 use crate::error::Error;
 use crate::kernel::lookup::lookup;
-use crate::types::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, VirtualPatch};
+use crate::types::{
+    EMPTY_CELL, GridShape, LookupParams, LookupPatch, RULE_PLANES, RULE_THESIS, RULE_WALLS, VirtualPatch,
+};
 
-/// What keeps light from leaking through the lookup.
+/// How values between patches are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LookupSettings {
-    /// Distance from the point's plane from which on patches do not count, in voxel edges along the normal.
-    pub plane_limit: f32,
-    /// Whether patches behind a wall do not count.
-    pub walls: bool,
+pub enum LookupSettings {
+    /// Means, into which little leaks.
+    Mean {
+        /// Distance from the point's plane from which on patches do not count, in voxel edges along the normal.
+        plane_limit: f32,
+        /// Whether patches behind a wall do not count.
+        walls: bool,
+    },
+    /// Sums over the patches of a voxel, whatever stands between, as printed: (5.3) and [T 5.8], see
+    /// [`lookup_printed`](crate::kernel::lookup::lookup_printed).
+    Thesis,
 }
 
 impl LookupSettings {
-    /// As printed [T 5.3]: neither.
-    pub const THESIS: Self = Self { plane_limit: f32::INFINITY, walls: false };
+    /// Rule and limit for the kernel, which divides by the limit and squares it.
+    fn rule(self) -> Result<(u32, f32), Error> {
+        match self {
+            Self::Mean { plane_limit: limit, .. } if limit.is_nan() || limit <= 0.0 => {
+                Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" })
+            }
+            Self::Mean { plane_limit, walls: true } => Ok((RULE_WALLS, plane_limit.min(1e15))),
+            Self::Mean { plane_limit, walls: false } => Ok((RULE_PLANES, plane_limit.min(1e15))),
+            Self::Thesis => Ok((RULE_THESIS, 1.0)),
+        }
+    }
 }
 
 impl Default for LookupSettings {
     fn default() -> Self {
-        Self { plane_limit: 0.5, walls: true }
+        Self::Mean { plane_limit: 0.5, walls: true }
     }
 }
 
@@ -79,10 +96,7 @@ impl Lookup {
         (dark_count, dark): (usize, impl Fn(usize) -> VirtualPatch + Sync),
         settings: LookupSettings,
     ) -> Result<Self, Error> {
-        let limit = settings.plane_limit;
-        if limit.is_nan() || limit <= 0.0 {
-            return Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" });
-        }
+        let (rule, limit) = settings.rule()?;
         if count == 0 {
             return Err(Error::NoSamples);
         }
@@ -119,14 +133,7 @@ impl Lookup {
         }
         offsets.push(entries.len() as u32);
         fill_empty(&mut cells, full, counts);
-        // The kernel divides by the limit: infinity as a number that it can square.
-        let params = LookupParams {
-            shape: *shape,
-            plane_limit: limit.min(1e15),
-            walls: u32::from(settings.walls),
-            count: 0,
-            first_cell: 0,
-        };
+        let params = LookupParams { shape: *shape, plane_limit: limit, rule, count: 0, first_cell: 0 };
         Ok(Self { params, cells, offsets, entries, values })
     }
 

@@ -212,10 +212,10 @@ fn check_groups(samples: &[Sample], offsets: &[u32], members: &[Member]) -> Resu
             let rule = "below the number of samples";
             return Err(Error::Value { name: "members.sample", index, value: f64::from(member.sample), rule });
         }
-        // [T 5.9]'s printed weights of a sample sum to up to √3, and one patch may get them all.
-        if !(member.weight > 0.0 && member.weight <= 1.7321) {
+        // Squared cosines of a sample sum to 1 but for rounding, and one patch may get them all.
+        if !(member.weight > 0.0 && member.weight <= 1.001) {
             let value = f64::from(member.weight);
-            return Err(Error::Value { name: "members.weight", index, value, rule: "in (0, √3]" });
+            return Err(Error::Value { name: "members.weight", index, value, rule: "in (0, 1]" });
         }
     }
     Ok(())

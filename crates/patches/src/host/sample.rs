@@ -29,8 +29,8 @@ pub enum AreaRule {
     /// `s = h_u h_v / k · |n·d|` for k rays in direction d from a face of h_u by h_v: as `n_x² + n_y² + n_z² = 1`, Σ s
     /// tends to the area of what the rays meet. Triangles that no ray met have none.
     Projected,
-    /// The thesis's printed rule: the area of the whole triangle over all samples on that side of it, in whatever voxel.
-    /// Triangles that no ray met are lost.
+    /// As printed [T 5.4]: the area of the whole triangle over all of its samples, in whatever voxel and from whichever side
+    /// they were seen; their normal is that of the triangle's front. Triangles that no ray met are lost.
     Thesis,
 }
 
@@ -375,14 +375,14 @@ fn nearest(met: &[Met], point: Vec3, passes: impl Fn(&Met) -> bool) -> Option<us
 
 /// [`AreaRule::Thesis`].
 fn whole_triangle_areas(scene: &Scene, samples: &mut [Sample]) {
-    let is_back = |s: &Sample| usize::from(scene.tables().normal(s.triangle).dot(s.normal) < 0.0);
-    let mut counts = std::vec![[0u32; 2]; scene.geometry.triangles.len()];
+    let mut counts = std::vec![0u32; scene.geometry.triangles.len()];
     for s in samples.iter() {
-        counts[s.triangle as usize][is_back(s)] += 1;
+        counts[s.triangle as usize] += 1;
     }
     for s in samples.iter_mut() {
         let t = &scene.geometry.triangles[s.triangle as usize];
         let whole = 0.5 * t.edge_a.cross(t.edge_b).length();
-        s.area = whole / counts[s.triangle as usize][is_back(s)] as f32;
+        s.area = whole / counts[s.triangle as usize] as f32;
+        s.normal = scene.tables().normal(s.triangle);
     }
 }

@@ -3,7 +3,7 @@
 use glam::{UVec3, Vec3, Vec4};
 use scene::math::{abs, floor};
 
-use crate::types::{EMPTY_CELL, LookupParams, LookupPatch};
+use crate::types::{EMPTY_CELL, LookupParams, LookupPatch, RULE_THESIS, RULE_WALLS};
 
 /// Weight of a patch that faces the point but lies off its plane or behind a wall, against one that does not: such patches
 /// count only where there are no others.
@@ -19,7 +19,7 @@ const WALL_DEPTH: f32 = 1e-4;
 /// shifted by half a voxel along n [T 5.3], so that the voxel that holds x is always one of them.
 ///
 /// `w = trilinear · max(0, n·n_j)² · (1 − (d/limit)²)²` with `d = |(c_j − x)·n|`, the distance of the patch from the
-/// point's plane in voxels, so that floors above and below do not count. With `walls`, neither do patches behind a patch
+/// point's plane in voxels, so that floors above and below do not count. With [`RULE_WALLS`], neither do patches behind a patch
 /// that stands across (`|n·n_w| < ½`), has x in front of it, and lies in the voxel of x or of the patch. Both, and patches
 /// that look away, keep 10⁻⁶ and 10⁻¹² of the weight, so that they count where there is nothing else; where all eight
 /// voxels are empty the patches of the nearest voxel are taken. As the weights sum to 1 after the division, a constant in
@@ -38,37 +38,33 @@ pub fn lookup(
     x: Vec3,
     n: Vec3,
 ) -> Vec4 {
+    if p.rule == RULE_THESIS {
+        return lookup_printed(p, cells, offsets, entries, values, x, n);
+    }
     let place = p.shape.in_voxels(x) + n * 0.5 - 0.5;
     let low = Vec3::new(floor(place.x), floor(place.y), floor(place.z));
     let share = place - low;
-    let counts = Vec3::new(p.shape.count_x as f32, p.shape.count_y as f32, p.shape.count_z as f32);
     let own = cells[(p.first_cell + p.shape.voxel_at(p.shape.nearest_coordinates(x))) as usize];
     let mut sum = Vec4::ZERO;
     let mut total = 0.0;
     for corner in 0..8u32 {
-        let step = Vec3::new((corner & 1) as f32, (corner >> 1 & 1) as f32, (corner >> 2) as f32);
-        let c = low + step;
-        let inside = c.x >= 0.0 && c.y >= 0.0 && c.z >= 0.0 && c.x < counts.x && c.y < counts.y && c.z < counts.z;
-        if inside {
-            let cell =
-                cells[(p.first_cell + p.shape.voxel_at(UVec3::new(c.x as u32, c.y as u32, c.z as u32))) as usize];
-            if cell & EMPTY_CELL == 0 {
-                let t = (Vec3::ONE - step) * (Vec3::ONE - share) + step * share;
-                let trilinear = t.x * t.y * t.z;
-                for k in offsets[cell as usize]..offsets[cell as usize + 1] {
-                    let entry = entries[k as usize];
-                    let mut visibility = plane_visibility(p, &entry, x, n);
-                    if visibility > 0.0 && p.walls != 0 {
-                        let hidden = is_behind_wall(p, offsets, entries, cell, &entry, x, n)
-                            || (own != cell
-                                && own & EMPTY_CELL == 0
-                                && is_behind_wall(p, offsets, entries, own, &entry, x, n));
-                        visibility = if hidden { 0.0 } else { visibility };
-                    }
-                    let weight = trilinear * patch_weight(&entry, visibility, n);
-                    sum += values[entry.patch as usize] * weight;
-                    total += weight;
+        let step = corner_step(corner);
+        let cell = cell_at(p, cells, low + step);
+        if cell & EMPTY_CELL == 0 {
+            let trilinear = trilinear_weight(step, share);
+            for k in offsets[cell as usize]..offsets[cell as usize + 1] {
+                let entry = entries[k as usize];
+                let mut visibility = plane_visibility(p, &entry, x, n);
+                if visibility > 0.0 && p.rule == RULE_WALLS {
+                    let hidden = is_behind_wall(p, offsets, entries, cell, &entry, x, n)
+                        || (own != cell
+                            && own & EMPTY_CELL == 0
+                            && is_behind_wall(p, offsets, entries, own, &entry, x, n));
+                    visibility = if hidden { 0.0 } else { visibility };
                 }
+                let weight = trilinear * patch_weight(&entry, visibility, n);
+                sum += values[entry.patch as usize] * weight;
+                total += weight;
             }
         }
     }
@@ -85,6 +81,72 @@ pub fn lookup(
         }
     }
     sum * (1.0 / total)
+}
+
+/// The value at a surface point as printed [T 5.3]: over the 2×2×2 voxels about x, `Σ w_v l_v / Σ w_v` with the weights w of trilinear
+/// filtering, where `l_v = Σ_j h_j max(0, n_j·n)` is the sum, no mean, over the patches of voxel v (5.3). Voxels in which no
+/// patch looks the point's way do not count; 0 where none does. Shapes as in [`lookup`].
+#[inline]
+pub fn lookup_printed(
+    p: &LookupParams,
+    cells: &[u32],
+    offsets: &[u32],
+    entries: &[LookupPatch],
+    values: &[Vec4],
+    x: Vec3,
+    n: Vec3,
+) -> Vec4 {
+    let place = p.shape.in_voxels(x) - 0.5;
+    let low = Vec3::new(floor(place.x), floor(place.y), floor(place.z));
+    let mut sum = Vec4::ZERO;
+    let mut total = 0.0;
+    for corner in 0..8u32 {
+        let step = corner_step(corner);
+        let cell = cell_at(p, cells, low + step);
+        if cell & EMPTY_CELL == 0 {
+            let mut lighting = Vec4::ZERO;
+            let mut facing = 0.0;
+            for k in offsets[cell as usize]..offsets[cell as usize + 1] {
+                let entry = entries[k as usize];
+                let cosine = n.dot(entry.direction);
+                if cosine > 0.0 {
+                    lighting += values[entry.patch as usize] * cosine;
+                    facing += cosine;
+                }
+            }
+            if facing > 0.0 {
+                let trilinear = trilinear_weight(step, place - low);
+                sum += lighting * trilinear;
+                total += trilinear;
+            }
+        }
+    }
+    if total > 0.0 { sum * (1.0 / total) } else { Vec4::ZERO }
+}
+
+/// One of the eight corners of a cube of edge 1.
+#[inline]
+fn corner_step(corner: u32) -> Vec3 {
+    Vec3::new((corner & 1) as f32, (corner >> 1 & 1) as f32, (corner >> 2) as f32)
+}
+
+/// Weight of a corner for a place at these shares of the cube's edges.
+#[inline]
+fn trilinear_weight(step: Vec3, share: Vec3) -> f32 {
+    let t = (Vec3::ONE - step) * (Vec3::ONE - share) + step * share;
+    t.x * t.y * t.z
+}
+
+/// The word of the voxel with these coordinates; [`EMPTY_CELL`] outside of the grid.
+#[inline]
+fn cell_at(p: &LookupParams, cells: &[u32], c: Vec3) -> u32 {
+    let counts = Vec3::new(p.shape.count_x as f32, p.shape.count_y as f32, p.shape.count_z as f32);
+    let inside = c.x >= 0.0 && c.y >= 0.0 && c.z >= 0.0 && c.x < counts.x && c.y < counts.y && c.z < counts.z;
+    if inside {
+        cells[(p.first_cell + p.shape.voxel_at(UVec3::new(c.x as u32, c.y as u32, c.z as u32))) as usize]
+    } else {
+        EMPTY_CELL
+    }
 }
 
 /// Visibility by planes: 1 for a patch in the plane of the point, 0 from the limit on or for one that faces away.

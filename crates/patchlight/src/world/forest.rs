@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{UVec3, Vec3};
 use localmatrix::{LitPoint, NO_NODE, Node};
 use patches::{
-    AxisWeights, Density, Grid, GridShape, LookupPatch, PatchSet, SampleSet, SampleSettings, axis_patches, lit_sampler,
+    Density, Grid, GridShape, LookupPatch, PatchSet, SampleSet, SampleSettings, axis_patches, lit_sampler,
     sample_voxels,
 };
 use rayon::prelude::*;
@@ -337,9 +337,9 @@ fn drafts(
             Err(error) => return Err(error.into()),
         };
         let lit: Vec<bool> = set.samples.par_iter().map(|s| sampler.is_lit(s, settings.seed)).collect();
-        let made = axis_patches(&part, only(&set, &lit, true), AxisWeights::Squared)?;
+        let made = axis_patches(&part, only(&set, &lit, true))?;
         drafts.par_extend((0..made.len()).into_par_iter().map(|k| draft(scene, &made, k, settings.seed)));
-        let unlit = axis_patches(&part, only(&set, &lit, false), AxisWeights::Squared)?;
+        let unlit = axis_patches(&part, only(&set, &lit, false))?;
         dark.extend(unlit.patches.iter().map(|p| DarkPatch { voxel: p.voxel, position: p.position, normal: p.normal }));
         check_memory("patches", memory_limit)?;
         if report(slots.end, grid.len()).is_break() {

@@ -121,7 +121,7 @@ pub fn operations_g() -> f64 {
 /// The floor of each pass, the time in which its bytes are read and its operations made, and the time that it took.
 pub fn table(machine: &Machine, operations_g: f64, rows: &[Row]) -> Table {
     let mut lines = Vec::new();
-    for row in rows.iter().filter(|row| row.curve.is_none()) {
+    for row in rows {
         for pass in PASSES {
             let (Some(work), Some(&ms)) = (row.work.get(pass), row.passes.get(pass)) else { continue };
             if ms <= 0.0 {

@@ -10,7 +10,7 @@ use block_compression::{BC6HSettings, BC7Settings, CompressionVariant};
 use glam::{UVec2, UVec4, Vec3, Vec4};
 use half::f16;
 use rayon::prelude::*;
-use transport::{Permutation, check_length};
+use transport::{Permutation, Variant, check_length};
 
 use super::{BlockCodec, BlockMatrix, BlockReport, BlockSettings, decode_texel, params, unpack};
 use crate::error::Error;
@@ -56,7 +56,14 @@ impl BlockMatrix {
             permutation: order,
             report: BlockReport { row_scaled_up: 1.0, row_scaled_down: 1.0, ..BlockReport::default() },
         };
-        let source = Source { n, rows, order: &matrix.permutation, norm, threshold: extremes.threshold * norm };
+        let source = Source {
+            n,
+            rows,
+            order: &matrix.permutation,
+            norm,
+            threshold: extremes.threshold * norm,
+            filling: settings.filling,
+        };
         let params = params(n, &settings);
         let all: Vec<usize> = (0..n.div_ceil(settings.tile)).collect();
         let encoded = in_parallel(&all, progress, |t| source.encode(t, &settings, &params))?;
@@ -102,7 +109,7 @@ impl BlockMatrix {
         check(n, order, &settings)?;
         let extremes = find_extremes(n, rows, settings.outliers)?;
         let norm = norm(&extremes);
-        let source = Source { n, rows, order, norm, threshold: extremes.threshold * norm };
+        let source = Source { n, rows, order, norm, threshold: extremes.threshold * norm, filling: settings.filling };
         let params = params(n, &settings);
         let chosen: Vec<usize> = (0..n.div_ceil(settings.tile)).step_by(step.max(1)).collect();
         let encoded = in_parallel(&chosen, progress, |t| source.encode(t, &settings, &params).in_blocks)?;
@@ -194,6 +201,8 @@ struct Source<'a> {
     norm: f32,
     /// Entries above it, after that factor, are outliers.
     threshold: f32,
+    /// What stands in the place of outliers.
+    filling: Variant,
 }
 
 /// A row of tiles.
@@ -264,7 +273,7 @@ impl Source<'_> {
     }
 
     /// The values with the mean of their block in place of outliers and of what lies beyond the matrix, so that these bend
-    /// no palette; and the greatest that is left of each tile.
+    /// no palette, or as printed with zeros there; and the greatest that is left of each tile.
     fn fill(&self, values: &[Vec3], rows: usize, width: usize, tile: usize) -> (Vec<Vec3>, Vec<Vec4>) {
         let mut filled = values.to_vec();
         let mut scales = vec![Vec4::ZERO; self.n.div_ceil(tile)];
@@ -281,7 +290,10 @@ impl Source<'_> {
                     let scale = &mut scales[j / tile];
                     *scale = scale.max(values[i * width + j].extend(0.0));
                 }
-                let mean = sum / count.max(1) as f32;
+                let mean = match self.filling {
+                    Variant::Corrected => sum / count.max(1) as f32,
+                    Variant::Thesis => Vec3::ZERO,
+                };
                 for (i, j) in (0..EDGE * EDGE).map(at).filter(|&p| !counts(p)) {
                     filled[i * width + j] = mean;
                 }

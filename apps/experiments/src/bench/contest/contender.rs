@@ -1,4 +1,4 @@
-//! What `bench table3` compares: each way to find indirect light as a frame needs it, from lights that moved to irradiance at
+//! What takes part in experiments: each way to find indirect light as a frame needs it, from lights that moved to irradiance at
 //! what is seen.
 
 use std::ops::ControlFlow;
@@ -9,15 +9,17 @@ use cpu_time::ProcessTime;
 use glam::{Vec3, Vec4};
 use reference::denoise::{DenoiseSettings, Guides, denoise};
 use reference::{
-    Accumulation, Ddgi, DdgiSettings, IrradianceVolume, Lpv, LpvSettings, PathSettings, PathTracer, Picture, Strategy,
-    ViewedPoint, VolumeSettings,
+    Accumulation, Ddgi, DdgiSettings, IrradianceVolume, Lpv, LpvSettings, PathSettings, PathTracer, Picture,
+    ProxyLookup, Strategy, ViewedPoint, VolumeSettings,
 };
 use scene::sampling::hash3;
-use scene::{Lighting, Scene, SurfacePoint};
+use scene::{Lighting, NONE, Scene, SurfacePoint};
 
 use super::View;
+use crate::bench::load;
 use crate::error::Error;
 use crate::progress::{Progress, interruptible};
+use crate::proxy::{ProxyRadiosity, ProxySettings};
 use patchlight::{Bake, MethodSettings, Pictures, ReceiverUpdate, RenderSettings, Renderer};
 
 /// What sets the paths of an opponent apart from those of the reference.
@@ -103,7 +105,7 @@ impl<'a> OwnPatches<'a> {
             ..RenderSettings::default()
         };
         let start = Instant::now();
-        let renderer = super::load(view.common, bake, &settings, &Progress::new(true))?;
+        let renderer = load(view.common, bake, &settings, &Progress::new(true))?;
         let build_s = bake_s + start.elapsed().as_secs_f64();
         Ok(Self { view, name, renderer, build_s, patches: bake.mesh.patches.len() })
     }
@@ -217,6 +219,26 @@ impl Volume for IrradianceVolume {
     }
 }
 
+impl Volume for ProxyRadiosity<'_> {
+    fn update(&mut self, lighting: &Lighting, _: u32) -> Result<(), Error> {
+        Self::update(self, lighting)
+    }
+
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
+        let point = |p: &ViewedPoint| SurfacePoint { position: p.position, patch: NONE, normal: p.normal, weight: 1.0 };
+        let points: Vec<SurfacePoint> = points.iter().map(point).collect();
+        Self::irradiance_at(self, &points, ProxyLookup::Bilinear)
+    }
+
+    fn bytes(&self) -> u64 {
+        Self::bytes(self)
+    }
+
+    fn size(&self) -> String {
+        format!("{} faces of {:.3} m", self.patch_count(), self.edge())
+    }
+}
+
 /// A volume as a contender.
 pub struct Volumetric<'a, V> {
     view: &'a View<'a>,
@@ -260,6 +282,16 @@ impl<'a> Volumetric<'a, IrradianceVolume> {
         let build_s = start.elapsed().as_secs_f64();
         let name = format!("irradiance volume {:.2} m, L{}", volume.spacing().max_element(), settings.bands);
         Ok(Self { view, family: "irradiance volume", name, volume, build_s, remembers: false })
+    }
+}
+
+impl<'a> Volumetric<'a, ProxyRadiosity<'a>> {
+    pub fn voxel_proxy(view: &'a View<'a>, settings: ProxySettings, progress: &Progress) -> Result<Self, Error> {
+        let start = Instant::now();
+        let volume = ProxyRadiosity::bake(&view.loaded.scene, settings, progress)?;
+        let build_s = start.elapsed().as_secs_f64();
+        let name = "voxel proxy".to_owned();
+        Ok(Self { view, family: "voxel proxy", name, volume, build_s, remembers: false })
     }
 }
 

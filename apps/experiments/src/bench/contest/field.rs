@@ -1,0 +1,188 @@
+//! Who takes part: the project's own methods, its classic baselines on the same patches, and opponents.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use reference::{DdgiSettings, LpvSettings, Spacing, VolumeSettings};
+
+use super::View;
+use super::contender::{Contender, OwnPatches, Paths, Volumetric};
+use crate::error::Error;
+use crate::progress::Progress;
+use crate::proxy::ProxySettings;
+use patchlight::method::solved::Samples;
+use patchlight::method::{Solver, TemporalSettings};
+use patchlight::operator::Codec;
+use patchlight::{Bake, BakeSettings, MethodSettings};
+
+/// Kinds of the project's own methods.
+pub const OWN: [&str; 2] = ["tiles 1 %", "temporal"];
+/// Relative error of the compressed operator.
+const EPSILON: f64 = 0.01;
+/// Samples of Monte Carlo radiosity for each patch.
+const SAMPLES: u32 = 100;
+/// Rays to area lights from each point of the proxy's faces.
+const PROXY_RAYS: u32 = 16;
+/// Scenes that are smaller need no nested grids for light that is propagated, m.
+const ONE_GRID: f32 = 40.0;
+/// Cells along the longest axis of grids of light that is propagated.
+const CELLS: [u32; 2] = [16, 32];
+/// Light updates of a trial; the last one counts.
+const TRIALS: u32 = 3;
+/// Probes of which the memory is that of the project's own methods are at most as many as take so many times their time.
+const MOST_TIME: f64 = 10.0;
+/// Least and most probes of a grid that is chosen by time or memory.
+const PROBES: (f64, f64) = (8.0, 32_768.0);
+/// Paths a pixel in pictures that are denoised, beside those at equal time, are so many times as many.
+const MORE_PATHS: u32 = 8;
+
+/// A list of contenders.
+pub type Contenders<'a> = Vec<Box<dyn Contender + 'a>>;
+
+/// What contenders of a view are made of.
+pub struct Field<'a> {
+    view: &'a View<'a>,
+    bake: Arc<Bake>,
+    bake_s: f64,
+    progress: &'a Progress,
+}
+
+impl<'a> Field<'a> {
+    /// Bakes the patches that the project's own methods and the classic baselines share.
+    pub fn new(view: &'a View<'a>, settings: &BakeSettings, progress: &'a Progress) -> Result<Self, Error> {
+        let start = Instant::now();
+        let bake = Arc::new(Bake::build(&view.loaded.scene, settings, progress)?);
+        Ok(Self { bake_s: start.elapsed().as_secs_f64(), ..Self::of_bake(view, &bake, progress) })
+    }
+
+    /// With a bake that is there.
+    pub fn of_bake(view: &'a View<'a>, bake: &Arc<Bake>, progress: &'a Progress) -> Self {
+        Self { view, bake: Arc::clone(bake), bake_s: 0.0, progress }
+    }
+
+    /// The bake of the patches.
+    pub fn bake(&self) -> &Arc<Bake> {
+        &self.bake
+    }
+
+    /// Everybody: DDGI at all spacings and numbers of rays, at equal time and at the nearest memory; paths at equal time and more.
+    pub fn all(&self) -> Result<Contenders<'a>, Error> {
+        let View { args, .. } = *self.view;
+        let mut list = self.patches()?;
+        list.push(self.radiosity("dense product", MethodSettings::Multibounce(Codec::Dense))?);
+        list.push(self.voxel_proxy()?);
+        let own_ms = self.trial(list[0].as_mut())?;
+        let own_bytes = list[0].bytes();
+        for &metres in &args.spacings {
+            for &rays in &args.probe_rays {
+                list.push(Box::new(Volumetric::ddgi(self.view, self.probes(self.metres(metres), rays), "")?));
+            }
+        }
+        self.add_equal_probes(own_ms, own_bytes, &mut list)?;
+        for cells in CELLS {
+            list.push(self.propagation(cells)?);
+        }
+        for bands in [1, 2] {
+            list.push(self.baked_volume(bands)?);
+        }
+        let one_ms = self.trial(&mut Paths::new(self.view, 1, false)?)?;
+        let equal = ((own_ms / one_ms) as u32).max(1);
+        for samples in [equal, MORE_PATHS * equal] {
+            for is_denoised in [false, true] {
+                list.push(Box::new(Paths::new(self.view, samples, is_denoised)?));
+            }
+        }
+        Ok(list)
+    }
+
+    /// One of each kind, each with another name of its kind: DDGI at the finest spacing and the fewest rays that are asked for.
+    pub fn one_of_each(&self) -> Result<Contenders<'a>, Error> {
+        let mut list = self.patches()?;
+        list.push(self.voxel_proxy()?);
+        let rays = self.view.args.probe_rays.iter().copied().min().unwrap_or(DdgiSettings::default().rays);
+        list.push(Box::new(Volumetric::ddgi(self.view, self.probes(self.metres(self.finest()), rays), "")?));
+        list.push(self.propagation(CELLS[0])?);
+        list.push(self.baked_volume(2)?);
+        list.push(Box::new(Paths::new(self.view, 1, true)?));
+        Ok(list)
+    }
+
+    /// What needs a bake: the project's own methods, then gathering with sparse rows and Monte Carlo radiosity.
+    pub fn patches(&self) -> Result<Contenders<'a>, Error> {
+        let samples = Samples { count: SAMPLES * self.bake.mesh.patches.len() as u32, seed: self.view.common.seed };
+        let methods = [
+            (OWN[0], MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON })),
+            (OWN[1], MethodSettings::Temporal(TemporalSettings::default())),
+            ("gathering", MethodSettings::Classic),
+            ("Monte Carlo", MethodSettings::Solved(Solver::StochasticJacobi(samples))),
+        ];
+        methods.into_iter().map(|(name, method)| self.radiosity(name, method)).collect()
+    }
+
+    fn radiosity(&self, name: &'static str, method: MethodSettings) -> Result<Box<dyn Contender + 'a>, Error> {
+        Ok(Box::new(OwnPatches::new(self.view, &self.bake, self.bake_s, name, method)?))
+    }
+
+    /// As many faces as there are patches.
+    fn voxel_proxy(&self) -> Result<Box<dyn Contender + 'a>, Error> {
+        let View { common, args, .. } = *self.view;
+        let patch_count = self.bake.mesh.patches.len();
+        let settings = ProxySettings { patch_count, rays: args.rays, point_rays: PROXY_RAYS, seed: common.seed };
+        Ok(Box::new(Volumetric::voxel_proxy(self.view, settings, self.progress)?))
+    }
+
+    fn probes(&self, spacing: Spacing, rays: u32) -> DdgiSettings {
+        let View { common, two_sided, .. } = *self.view;
+        DdgiSettings { spacing, rays, two_sided, seed: common.seed, ..DdgiSettings::default() }
+    }
+
+    fn metres(&self, metres: f32) -> Spacing {
+        Spacing::Metres(metres * self.view.share())
+    }
+
+    /// The finest spacing that is asked for, m.
+    fn finest(&self) -> f32 {
+        self.view.args.spacings.iter().copied().fold(f32::INFINITY, f32::min)
+    }
+
+    /// As many probes as take the time of the project's own methods, and as many as fill their memory.
+    fn add_equal_probes(&self, own_ms: f64, own_bytes: u64, list: &mut Contenders<'a>) -> Result<(), Error> {
+        let Some(&rays) = self.view.args.probe_rays.first() else { return Ok(()) };
+        let mut trial = Volumetric::ddgi(self.view, self.probes(self.metres(self.finest()), rays), "")?;
+        let ms = self.trial(&mut trial)?.max(1e-3);
+        let probes = trial.probe_count() as f64;
+        let by_time = probes * own_ms / ms;
+        let by_memory = probes * own_bytes as f64 / trial.bytes().max(1) as f64;
+        let most = if self.view.args.quick { by_time } else { MOST_TIME * by_time };
+        for (count, label) in [(by_time, ", time of tiles"), (by_memory.min(most), ", towards memory of tiles")] {
+            let count = count.clamp(PROBES.0, PROBES.1) as u32;
+            list.push(Box::new(Volumetric::ddgi(self.view, self.probes(Spacing::Probes(count), rays), label)?));
+        }
+        Ok(())
+    }
+
+    fn propagation(&self, cells: u32) -> Result<Box<dyn Contender + 'a>, Error> {
+        let View { two_sided, .. } = *self.view;
+        let eye = self.view.camera.eye;
+        let cascades = if self.view.longest() < ONE_GRID { 1 } else { 3 };
+        let settings = LpvSettings { cells, cascades, eye, steps: 2 * cells, two_sided, ..LpvSettings::default() };
+        Ok(Box::new(Volumetric::lpv(self.view, settings)?))
+    }
+
+    fn baked_volume(&self, bands: u32) -> Result<Box<dyn Contender + 'a>, Error> {
+        let View { common, two_sided, .. } = *self.view;
+        let spacing = self.metres(self.finest());
+        let settings = VolumeSettings { spacing, bands, two_sided, seed: common.seed, ..VolumeSettings::default() };
+        Ok(Box::new(Volumetric::baked(self.view, settings)?))
+    }
+
+    /// Processor time of a light update after others, ms. Lights move in between: what rests is kept, and takes no time.
+    fn trial(&self, contender: &mut dyn Contender) -> Result<f64, Error> {
+        let mut last = 0.0;
+        for (number, lighting) in (0..).zip(self.view.moving(TRIALS)) {
+            last = contender.frame(&lighting, number)?.update.processor;
+            super::cancelled()?;
+        }
+        Ok(last)
+    }
+}

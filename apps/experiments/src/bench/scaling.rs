@@ -1,0 +1,272 @@
+//! `bench scaling`: time of a light update and memory of every kind of method over patches, receivers, triangles, lights and
+//! pixels, one at a time.
+
+use glam::Vec3;
+use scene::math::sin_cos_2pi;
+use scene::sampling::{hash3, unit};
+use scene::{LIGHT_POINT, Light, Lighting};
+use serde::{Deserialize, Serialize};
+
+use super::contest::field::{Contenders, Field};
+use super::contest::{UpdateTimes, View, Who, lightings_of, take_turns};
+use super::study::{Measured, Place, SceneRows, Study};
+use super::suited_settings;
+use crate::args::Bench;
+use crate::error::Error;
+use crate::output;
+use crate::report::{Plot, Section, Series, Table, significant};
+use assets::import::LoadedScene;
+use patchlight::BakeSettings;
+use patchlight::renderer::with_lights;
+
+/// Patches of the axis over them, unless some are asked for.
+const COUNTS: [u32; 4] = [500, 1000, 2000, 4000];
+/// Scenes of the axis over triangles.
+const SCENES: [&str; 3] = ["atrium:10000", "atrium:50000", "atrium:250000"];
+/// The same at the smallest setting.
+const SMALL_SCENES: [&str; 2] = ["atrium:3000", "atrium:6000"];
+/// Lamps of the axis over lights.
+const LAMPS: [u32; 4] = [1, 4, 16, 64];
+/// Lines of the pictures of the axis over pixels; twice as many pixels in a line, about.
+const LINES: [u32; 4] = [68, 135, 270, 540];
+/// The lamps stand in this middle part of the scene, and move by this part of it in a frame.
+const INNER: f32 = 0.8;
+const STEP: f32 = 0.01;
+
+/// What one of the axes is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Axis {
+    Patches,
+    Receivers,
+    Triangles,
+    Lights,
+    Pixels,
+}
+
+impl Axis {
+    const ALL: [Self; 5] = [Self::Patches, Self::Receivers, Self::Triangles, Self::Lights, Self::Pixels];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Patches => "patches",
+            Self::Receivers => "receivers",
+            Self::Triangles => "triangles",
+            Self::Lights => "lights",
+            Self::Pixels => "pixels",
+        }
+    }
+}
+
+/// A point of an axis.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    pub axis: Axis,
+    /// So many of them.
+    pub value: u64,
+    #[serde(flatten)]
+    pub who: Who,
+    #[serde(flatten)]
+    pub times: UpdateTimes,
+}
+
+/// The experiment.
+pub struct Scaling;
+
+impl Study for Scaling {
+    type Row = Row;
+    const NAME: &'static str = "scaling";
+    const TITLE: &'static str = "How light updates grow";
+    const ABOUT: &'static str = "Processor time of a whole light update with the lookup of all pixels where that can be told \
+        apart, and memory, over one size at a time: patches and receivers (methods that have them), triangles (of the atrium), \
+        lamps that all move, and pixels. Receivers are updated where they are in view. Turns as in the first experiment.";
+    const SCENES: &'static [&'static str] = &["office"];
+    const PATCHES: u32 = 1000;
+    const TIMED: bool = true;
+
+    fn measure(place: &Place, loaded: &LoadedScene) -> Result<Measured<Row>, Error> {
+        let Place { common, args, .. } = *place;
+        let counts = match (&args.counts[..], args.quick) {
+            ([], _) => COUNTS.to_vec(),
+            (counts, true) => counts.iter().flat_map(|&count| [count, 2 * count]).collect(),
+            (counts, false) => counts.to_vec(),
+        };
+        let mut rows = Vec::new();
+        for count in counts {
+            let settings = suited_settings(common, args, loaded, count as usize);
+            rows.extend(over_bake(place, loaded, Axis::Patches, &settings)?);
+        }
+        let settings = suited_settings(common, args, loaded, place.patches);
+        for &receiver_density in &args.densities {
+            let settings = BakeSettings { receiver_density, ..settings };
+            rows.extend(over_bake(place, loaded, Axis::Receivers, &settings)?);
+        }
+        let scenes = if args.quick { &SMALL_SCENES[..] } else { &SCENES };
+        for spec in scenes {
+            let other = output::import(spec, place.progress)?;
+            rows.extend(over_triangles(place, &other)?);
+        }
+        rows.extend(over_lights(place, loaded)?);
+        rows.extend(over_pixels(place, loaded)?);
+        Ok(Measured { rows, reference: None, figures: Vec::new(), shown: Vec::new() })
+    }
+
+    fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {
+        let of_scene = |scene: &SceneRows<Row>| {
+            let plots = Axis::ALL.into_iter().filter_map(|axis| time_plot(&scene.rows, axis));
+            Section {
+                title: scene.scene.clone(),
+                tables: Axis::ALL.into_iter().filter_map(|axis| table(&scene.rows, axis)).collect(),
+                plots: plots.collect(),
+                ..Section::default()
+            }
+        };
+        scenes.iter().map(of_scene).collect()
+    }
+}
+
+/// Rows of contenders under moving lights.
+fn rows(
+    place: &Place,
+    contenders: &mut Contenders,
+    (axis, value): (Axis, u64),
+    lightings: &[Lighting],
+) -> Result<Vec<Row>, Error> {
+    let times = take_turns(contenders, lightings, place.progress)?;
+    let row = |(contender, times): (_, _)| Row { axis, value, who: Who::of(contender), times };
+    let rows: Vec<Row> = contenders.iter().map(|contender| contender.as_ref()).zip(times).map(row).collect();
+    for row in &rows {
+        place.progress.note(&format!(
+            "{value} {}: {}: {} ms",
+            axis.name(),
+            row.who.family,
+            significant(milliseconds(row))
+        ));
+    }
+    Ok(rows)
+}
+
+/// Methods that have patches, with one bake.
+fn over_bake(place: &Place, loaded: &LoadedScene, axis: Axis, settings: &BakeSettings) -> Result<Vec<Row>, Error> {
+    let view = View::new(place.common, place.args, loaded);
+    let field = Field::new(&view, settings, place.progress)?;
+    let value = match axis {
+        Axis::Receivers => field.bake().receivers.points.len(),
+        _ => field.bake().mesh.patches.len(),
+    };
+    rows(place, &mut field.patches()?, (axis, value as u64), &view.moving(lightings_of(place.args.frames())))
+}
+
+fn over_triangles(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
+    let view = View::new(place.common, place.args, loaded);
+    let settings = suited_settings(place.common, place.args, loaded, place.patches);
+    let field = Field::new(&view, &settings, place.progress)?;
+    let value = loaded.scene.geometry.triangles.len() as u64;
+    let lightings = view.moving(lightings_of(place.args.frames()));
+    rows(place, &mut field.one_of_each()?, (Axis::Triangles, value), &lightings)
+}
+
+fn over_lights(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
+    let view = View::new(place.common, place.args, loaded);
+    let settings = suited_settings(place.common, place.args, loaded, place.patches);
+    let field = Field::new(&view, &settings, place.progress)?;
+    let frames = lightings_of(place.args.frames());
+    let mut contenders = field.one_of_each()?;
+    let mut found = Vec::new();
+    for &lamps in if place.args.quick { &LAMPS[..2] } else { &LAMPS[..] } {
+        let lightings: Vec<Lighting> = (0..frames).map(|number| lamps_of(loaded, lamps, number, frames)).collect();
+        found.extend(rows(place, &mut contenders, (Axis::Lights, u64::from(lamps)), &lightings)?);
+    }
+    Ok(found)
+}
+
+fn over_pixels(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
+    let mut found = Vec::new();
+    let lines = if place.args.quick { &LINES[..2] } else { &LINES };
+    let settings = suited_settings(place.common, place.args, loaded, place.patches);
+    let whole = View::new(place.common, place.args, loaded);
+    let baked = Field::new(&whole, &settings, place.progress)?;
+    for &height in lines {
+        let args = Bench { size: Some((height * 16 / 9, height)), ..place.args.clone() };
+        let view = View::new(place.common, &args, loaded);
+        let field = Field::of_bake(&view, baked.bake(), place.progress);
+        let value = u64::from(view.camera.width) * u64::from(view.camera.height);
+        let lightings = view.moving(lightings_of(args.frames()));
+        found.extend(rows(place, &mut field.one_of_each()?, (Axis::Pixels, value), &lightings)?);
+    }
+    Ok(found)
+}
+
+/// Point lamps all over the scene that go round in circles, as bright together as one of 1 kW/sr.
+fn lamps_of(loaded: &LoadedScene, count: u32, number: u32, frames: u32) -> Lighting {
+    let (low, high) = loaded.scene.geometry.bounds;
+    let (middle, half) = ((low + high) * 0.5, (high - low) * (0.5 * INNER));
+    let lamp = |k: u32| {
+        let place = Vec3::from_array([0, 1, 2].map(|axis| 2.0 * unit(hash3(k, axis, 0x6c61_6d70)) - 1.0));
+        let (sin, cos) = sin_cos_2pi(number as f32 / frames as f32);
+        let way = Vec3::new(cos, 0.0, sin) * STEP;
+        let color = Vec3::splat(1e3 / count as f32);
+        Light { position: middle + (place + way) * half, kind: LIGHT_POINT, color, ..Light::default() }
+    };
+    with_lights(&loaded.scene, &(0..count).map(lamp).collect::<Vec<_>>())
+}
+
+/// Processor time from lights that moved to irradiance at what is seen, ms.
+fn milliseconds(row: &Row) -> f64 {
+    row.times.processor.median_ms + row.times.processor_lookup_ms.unwrap_or(0.0)
+}
+
+/// Kinds of methods and sizes of an axis, in their order.
+fn of_axis(rows: &[Row], axis: Axis) -> (Vec<&str>, Vec<u64>) {
+    let mut families: Vec<&str> = Vec::new();
+    let mut values: Vec<u64> = Vec::new();
+    for row in rows.iter().filter(|row| row.axis == axis) {
+        if !families.contains(&row.who.family.as_str()) {
+            families.push(&row.who.family);
+        }
+        if !values.contains(&row.value) {
+            values.push(row.value);
+        }
+    }
+    (families, values)
+}
+
+fn point<'a>(rows: &'a [Row], axis: Axis, family: &str, value: u64) -> Option<&'a Row> {
+    rows.iter().find(|row| row.axis == axis && row.who.family == family && row.value == value)
+}
+
+/// Time and memory of each kind of method at each size.
+fn table(rows: &[Row], axis: Axis) -> Option<Table> {
+    let (families, values) = of_axis(rows, axis);
+    let line = |family: &&str| {
+        let cell = |value: &u64| {
+            let text = |row: &Row| format!("{} / {}", significant(milliseconds(row)), significant(row.who.megabytes()));
+            point(rows, axis, family, *value).map_or_else(|| "–".to_owned(), text)
+        };
+        std::iter::once((*family).to_owned()).chain(values.iter().map(cell)).collect()
+    };
+    let head = std::iter::once(format!("method, over {}", axis.name())).chain(values.iter().map(u64::to_string));
+    (!families.is_empty()).then(|| Table {
+        caption: format!("Over {}: ms of processor time / MB", axis.name()),
+        head: head.collect(),
+        rows: families.iter().map(line).collect(),
+    })
+}
+
+fn time_plot(rows: &[Row], axis: Axis) -> Option<Plot> {
+    let (families, values) = of_axis(rows, axis);
+    let line = |family: &&str| Series {
+        name: (*family).to_owned(),
+        points: values
+            .iter()
+            .filter_map(|&value| Some((value as f64, milliseconds(point(rows, axis, family, value)?).max(1e-3))))
+            .collect(),
+    };
+    (!families.is_empty()).then(|| Plot {
+        title: format!("A light update over {}", axis.name()),
+        unit: "ms of processor time".into(),
+        x: axis.name().into(),
+        logarithmic: true,
+        series: families.iter().map(line).collect(),
+    })
+}

@@ -1,0 +1,293 @@
+//! Experiments with contenders: scenes one after the other, what is kept of them, and their section of docs/experiments.md.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::all::smallest;
+use super::{Machine, Setup};
+use crate::args::{Bench, Common};
+use crate::date::today;
+use crate::error::Error;
+use crate::output;
+use crate::progress::Progress;
+use crate::report::{Figure, Section, Table, page};
+use assets::import::LoadedScene;
+
+/// Folders of docs: of data, of plots, of pictures.
+const DATA: &str = "data";
+const PLOTS: &str = "experiments";
+const PICTURES: &str = "pictures";
+/// Picture of a scene in which all contenders are side by side.
+pub const SIDE_BY_SIDE: &str = "side-by-side.png";
+
+/// An experiment with contenders.
+pub trait Study {
+    /// A measurement.
+    type Row: Serialize + DeserializeOwned + Clone;
+    /// What the command and the files are called.
+    const NAME: &'static str;
+    /// Heading of the section.
+    const TITLE: &'static str;
+    /// What is measured, and how to read it: a paragraph.
+    const ABOUT: &'static str;
+    /// Scenes, unless some are named.
+    const SCENES: &'static [&'static str];
+    /// Patches, unless it is said.
+    const PATCHES: u32 = 2000;
+    /// Whether light updates are timed.
+    const TIMED: bool = false;
+    /// Scenes of which docs have the picture.
+    const SHOWN: &'static [&'static str] = &[];
+
+    /// What is measured of a scene: as it is, or several of its kind.
+    ///
+    /// # Errors
+    /// What the scenes say.
+    fn variants(loaded: LoadedScene) -> Result<Vec<LoadedScene>, Error> {
+        Ok(vec![loaded])
+    }
+
+    /// Measures one of them.
+    ///
+    /// # Errors
+    /// What the contenders say.
+    fn measure(place: &Place, loaded: &LoadedScene) -> Result<Measured<Self::Row>, Error>;
+
+    /// Tables and plots.
+    fn sections(scenes: &[SceneRows<Self::Row>]) -> Vec<Section>;
+}
+
+/// How and where a scene is measured.
+pub struct Place<'a> {
+    pub common: &'a Common,
+    pub args: &'a Bench,
+    pub progress: &'a Progress,
+    /// Patches.
+    pub patches: usize,
+    /// Of the experiment.
+    pub out: &'a Path,
+    /// Of the scene.
+    pub folder: PathBuf,
+}
+
+/// What was found in a scene.
+pub struct Measured<Row> {
+    pub rows: Vec<Row>,
+    /// What it was compared with.
+    pub reference: Option<String>,
+    /// Pictures for the report.
+    pub figures: Vec<Figure>,
+    /// What [`SIDE_BY_SIDE`] shows, where there is one.
+    pub shown: Vec<String>,
+}
+
+/// The same, as it is kept.
+#[derive(Serialize, Deserialize)]
+pub struct SceneRows<Row> {
+    pub scene: String,
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub reference: Option<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub shown: Vec<String>,
+    pub rows: Vec<Row>,
+}
+
+/// What an experiment found: its summary.json, and its file in docs/data.
+#[derive(Serialize, Deserialize)]
+pub struct Record<Row> {
+    pub name: String,
+    pub version: String,
+    pub date: String,
+    machine: Machine,
+    pub device: String,
+    /// What else is to be known of the machine, as it was given.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub note: Option<String>,
+    pub seed: u32,
+    pub size: (u32, u32),
+    pub frames: u32,
+    pub patches: u32,
+    pub scenes: Vec<SceneRows<Row>>,
+}
+
+/// Runs an experiment.
+pub fn run<S: Study>(common: &Common, args: &Bench) -> Result<(), Error> {
+    let folder = output::folder_or(&common.out, &format!("bench-{}", S::NAME));
+    let smallest = if args.quick { Some(smallest(args.name, args, &folder)) } else { None };
+    let args = smallest.as_ref().unwrap_or(args);
+    let usual = S::SCENES.iter().map(|scene| (*scene).to_owned()).collect::<Vec<_>>();
+    let Setup { out, machine, counts, .. } = Setup::new(common, args, S::NAME, &[], &[S::PATCHES])?;
+    let mut record = Record {
+        name: S::NAME.to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        date: today(),
+        machine,
+        device: common.device.clone(),
+        note: args.note.clone(),
+        seed: common.seed,
+        size: args.size(),
+        frames: args.frames(),
+        patches: counts[0],
+        scenes: Vec::new(),
+    };
+    let mut figures = Vec::new();
+    for spec in if args.scenes.is_empty() { &usual } else { &args.scenes } {
+        let progress = Progress::new(common.quiet);
+        for loaded in S::variants(output::import(spec, &progress)?)? {
+            let folder = out.join(file_name(&loaded.name));
+            output::make_folder(&folder)?;
+            let place = Place { common, args, progress: &progress, patches: counts[0] as usize, out: &out, folder };
+            let Measured { rows, reference, figures: own, shown } = S::measure(&place, &loaded)?;
+            record.scenes.push(SceneRows { scene: loaded.name.clone(), reference, shown, rows });
+            if !own.is_empty() {
+                figures.push(Section { title: loaded.name.clone(), figures: own, ..Section::default() });
+            }
+            // What is known is kept when the rest fails or is stopped.
+            output::write_text(&out.join("summary.json"), &output::json(&record))?;
+            write_report::<S>(&out, &record, &figures)?;
+        }
+    }
+    if let Some(docs) = &args.docs {
+        keep_in_docs::<S>(docs, &out, &record)?;
+    }
+    if common.json {
+        say!("{}", output::json(&record));
+    } else {
+        let sections = S::sections(&record.scenes);
+        sections.iter().flat_map(|section| &section.tables).for_each(|table| say!("{}", table.markdown()));
+        say!("{} shows the same", out.join("report.html").display());
+    }
+    Ok(())
+}
+
+fn write_report<S: Study>(out: &Path, record: &Record<S::Row>, figures: &[Section]) -> Result<(), Error> {
+    let introduction = [record.sentence::<S>(), S::ABOUT.to_owned()];
+    let title = format!("Patchlight: {}", S::TITLE.to_lowercase());
+    let sections = S::sections(&record.scenes);
+    output::write_text(&out.join("report.html"), &page(&title, &introduction, sections.iter().chain(figures)))
+}
+
+/// Writes what `bench report` reads, and the pictures that it links.
+fn keep_in_docs<S: Study>(docs: &Path, out: &Path, record: &Record<S::Row>) -> Result<(), Error> {
+    output::make_folder(&docs.join(DATA))?;
+    output::make_folder(&docs.join(PICTURES))?;
+    output::write_text(&data_file::<S>(docs), &output::json(record))?;
+    for scene in record.scenes.iter().filter(|scene| is_shown::<S>(scene)) {
+        let from = out.join(file_name(&scene.scene)).join(SIDE_BY_SIDE);
+        let to = docs.join(PICTURES).join(picture_name::<S>(&scene.scene));
+        std::fs::copy(&from, &to).map_err(|source| Error::Write { path: to, source })?;
+    }
+    Ok(())
+}
+
+/// Where docs have the data of an experiment.
+pub fn data_file<S: Study>(docs: &Path) -> PathBuf {
+    docs.join(DATA).join(format!("{}.json", S::NAME))
+}
+
+fn is_shown<S: Study>(scene: &SceneRows<S::Row>) -> bool {
+    !scene.shown.is_empty() && S::SHOWN.iter().any(|shown| scene.scene == *shown || *shown == "*")
+}
+
+fn picture_name<S: Study>(scene: &str) -> String {
+    format!("{}-{}.png", S::NAME, file_name(scene))
+}
+
+/// A name of a file for a scene or a method.
+pub fn file_name(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' }).collect()
+}
+
+/// The section of an experiment in docs/experiments.md; its plots are written beside it.
+///
+/// # Errors
+/// Data that are not there, or not those of the experiment.
+pub fn document<S: Study>(docs: &Path) -> Result<(Record<S::Row>, String), Error> {
+    let record: Record<S::Row> = read(&data_file::<S>(docs), S::NAME)?;
+    // Writing into a string cannot fail.
+    let mut text =
+        format!("## {}\n\n`patchlight bench {}`. {}\n\n{}\n", S::TITLE, S::NAME, record.sentence::<S>(), S::ABOUT);
+    let referenced = record.scenes.iter().filter_map(|scene| Some((&scene.scene, scene.reference.as_ref()?)));
+    for (number, (scene, reference)) in referenced.enumerate() {
+        let gap = if number == 0 { "\n" } else { "" };
+        let _ = writeln!(text, "{gap}- {scene}: compared with {reference}.");
+    }
+    for section in S::sections(&record.scenes) {
+        let _ = write!(text, "\n### {}\n", section.title);
+        for line in &section.text {
+            let _ = write!(text, "\n{line}\n");
+        }
+        for table in &section.tables {
+            let _ = write!(text, "\n{}", table.markdown());
+        }
+        for (number, plot) in section.plots.iter().enumerate() {
+            let name = plot_name::<S>(&section.title, number);
+            output::write_text(&docs.join(PLOTS).join(&name), &plot.svg())?;
+            let _ = write!(text, "\n![{}]({PLOTS}/{name})\n", plot.title);
+        }
+    }
+    for scene in record.scenes.iter().filter(|scene| is_shown::<S>(scene)) {
+        let _ = write!(
+            text,
+            "\n![{}: {}]({PICTURES}/{})\n\n{}, from left to right, then down: {}.\n",
+            S::TITLE,
+            scene.scene,
+            picture_name::<S>(&scene.scene),
+            scene.scene,
+            scene.shown.join("; ")
+        );
+    }
+    Ok((record, text))
+}
+
+/// A file of docs/data.
+///
+/// # Errors
+/// A file that is not there or holds something else; `experiment` is what makes it.
+pub fn read<T: DeserializeOwned>(path: &Path, experiment: &'static str) -> Result<T, Error> {
+    let text =
+        std::fs::read_to_string(path).map_err(|source| reference::Error::Read { path: path.to_owned(), source })?;
+    serde_json::from_str(&text).map_err(|e| Error::Data { path: path.to_owned(), why: e.to_string(), experiment })
+}
+
+/// A line for each method of the first scene, a column for each scene.
+pub fn over_scenes<Row>(
+    caption: &str,
+    scenes: &[SceneRows<Row>],
+    name: impl Fn(&Row) -> String,
+    cell: impl Fn(&Row) -> String,
+) -> Table {
+    let mut head = vec!["method".to_owned()];
+    head.extend(scenes.iter().map(|scene| scene.scene.clone()));
+    let line = |first: &Row| {
+        let name_of_line = name(first);
+        let of_scene = |scene: &SceneRows<Row>| {
+            let row = scene.rows.iter().find(|row| name(row) == name_of_line);
+            row.map_or_else(|| "–".to_owned(), &cell)
+        };
+        let cells: Vec<String> = scenes.iter().map(of_scene).collect();
+        [vec![name_of_line.clone()], cells].concat()
+    };
+    let rows = scenes.first().map_or(&[][..], |scene| &scene.rows).iter().map(line).collect();
+    Table { caption: caption.to_owned(), head, rows }
+}
+
+fn plot_name<S: Study>(section: &str, number: usize) -> String {
+    format!("{}-{}-{}.svg", S::NAME, file_name(&section.to_lowercase()), number + 1)
+}
+
+impl<Row> Record<Row> {
+    /// On what it was measured, and how.
+    fn sentence<S: Study>(&self) -> String {
+        let Self { version, date, machine, device, size: (width, height), patches, .. } = self;
+        let note = self.note.as_ref().map(|note| format!(" {note}")).unwrap_or_default();
+        let medians = if S::TIMED { format!(", medians of {} light updates", self.frames) } else { String::new() };
+        format!(
+            "Version {version}, {date}. {} Device `{device}`.{note} {patches} patches, {width} × {height} pixels{medians}.",
+            machine.sentence()
+        )
+    }
+}

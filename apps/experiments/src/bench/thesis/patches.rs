@@ -1,0 +1,183 @@
+//! Figures 5.3 and 5.4: light by printed patches beside ours, a voxelised proxy and the reference.
+
+use std::sync::Arc;
+
+use reference::metrics::{compare_pictures, indirect_scale};
+use reference::{Picture, PictureFile as _, ProxyLookup, scale_to_stops};
+use serde::Serialize;
+
+use super::super::load;
+use super::super::truth::Truth;
+use super::{Outcome, Study, beside};
+use crate::error::Error;
+use crate::output;
+use crate::progress::interruptible;
+use crate::proxy::{ProxyRadiosity, ProxySettings};
+use crate::report::{Table, significant};
+use ::patches::PatchKind;
+use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind, RenderSettings, Variant};
+
+/// Bounces: those of printed form factors need not end.
+const BOUNCES: u32 = 3;
+
+/// A way to find the light.
+#[derive(Serialize)]
+struct Row {
+    what: &'static str,
+    patches: usize,
+    /// Bytes of the form factors between them.
+    factor_bytes: Option<u64>,
+    /// Least and greatest sum of a row of F with what sees no geometry; 1 would be right.
+    row_sums: Option<(f32, f32)>,
+    /// Mean of the picture over that of the reference.
+    brightness: f64,
+    /// Median error of blocks, and SSIM, as it is.
+    block_median: f64,
+    ssim: f64,
+    /// The same of the picture with the mean of the reference.
+    scaled_block_median: f64,
+    scaled_ssim: f64,
+}
+
+pub fn virtual_patches(study: &Study) -> Result<Outcome, Error> {
+    measure(study, PatchKind::Voxel)
+}
+
+pub fn axis_patches(study: &Study) -> Result<Outcome, Error> {
+    measure(study, PatchKind::Axis)
+}
+
+fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
+    let Study { args, common, loaded, progress, .. } = *study;
+    let truth = match Truth::find(args.reference_folder(), loaded)? {
+        Some(truth) => truth,
+        None => Truth::traced(loaded, &loaded.scene.lighting.lights, args.size(), args.spp, common.seed, progress)?,
+    };
+    let mut rows = Vec::new();
+    let mut pictures = Vec::new();
+    for (what, variant, receivers) in [
+        ("as printed", Variant::Thesis, ReceiverKind::Patches),
+        ("ours, patches receive", Variant::Corrected, ReceiverKind::Patches),
+        ("ours, receivers on the mesh", Variant::Corrected, ReceiverKind::Mesh),
+    ] {
+        progress.note(what);
+        let settings = BakeSettings {
+            patches: kind,
+            variant,
+            patch_count: study.counts[0] as usize,
+            estimator: match variant {
+                Variant::Corrected => Estimator::Hemisphere { rays: args.rays },
+                Variant::Thesis => Estimator::Point,
+            },
+            bounces: Some(BOUNCES),
+            receivers,
+            receiver_rays: args.receiver_rays(),
+            seed: common.seed,
+            ..BakeSettings::default()
+        };
+        let bake = Arc::new(interruptible(|| Bake::build(&loaded.scene, &settings, progress))?);
+        let render = RenderSettings { size: truth.size(), sub_frames: args.sub_frames, ..RenderSettings::default() };
+        let mut renderer = load(common, &bake, &render, progress)?;
+        let camera = loaded.view.camera(truth.size().0, truth.size().1);
+        let frame = interruptible(|| renderer.picture(&loaded.scene.lighting, &camera, 0))?;
+        let factors = &bake.form_factors.factors;
+        let sums = (0..bake.mesh.patches.len())
+            .map(|i| factors.row(i).map(|(_, f)| f).sum::<f32>() + bake.form_factors.sky_factor.get(i).unwrap_or(&0.0))
+            .fold((f32::INFINITY, 0.0f32), |(least, most), sum| (least.min(sum), most.max(sum)));
+        // Rows of elements are not patches'.
+        let row_sums = bake.form_factors.element_rows.is_none().then_some(sums);
+        let mut row = row(what, &frame.pictures.indirect, &truth)?;
+        (row.patches, row.factor_bytes, row.row_sums) =
+            (bake.mesh.patches.len(), Some(bake.form_factors.factor_bytes()), row_sums);
+        rows.push(row);
+        pictures.push(frame.pictures.indirect);
+    }
+    progress.note("voxelised proxy");
+    let settings = ProxySettings {
+        patch_count: study.counts[0] as usize,
+        rays: args.rays,
+        point_rays: BakeSettings::default().sample_rays,
+        seed: common.seed,
+    };
+    let proxy = ProxyRadiosity::bake(&loaded.scene, settings, progress)?;
+    let camera = loaded.view.camera(truth.size().0, truth.size().1);
+    let picture = proxy.indirect(&camera, args.sub_frames, ProxyLookup::Face)?;
+    rows.push(Row { patches: proxy.patch_count(), ..row("voxelised proxy", &picture, &truth)? });
+    pictures.push(picture);
+    write(study, &truth, &pictures)?;
+    Ok(Outcome {
+        rows: serde_json::to_value(&rows).unwrap_or_default(),
+        tables: vec![table(&rows, &truth)],
+        plots: Vec::new(),
+    })
+}
+
+/// Errors of a picture, as it is and with the mean of the reference.
+fn row(what: &'static str, picture: &Picture, truth: &Truth) -> Result<Row, Error> {
+    output::check_finite(0, picture)?;
+    let expected = &truth.pictures.indirect;
+    let scale = indirect_scale(expected);
+    let errors = compare_pictures(picture, expected, scale, None)?;
+    let scaled = compare_pictures(&with_mean(picture, errors.mean_ratio)?, expected, scale, None)?;
+    Ok(Row {
+        what,
+        patches: 0,
+        factor_bytes: None,
+        row_sums: None,
+        brightness: errors.mean_ratio,
+        block_median: errors.block_median_relative_error,
+        ssim: errors.ssim,
+        scaled_block_median: scaled.block_median_relative_error,
+        scaled_ssim: scaled.ssim,
+    })
+}
+
+/// A picture divided by what it is too bright.
+fn with_mean(picture: &Picture, ratio: f64) -> Result<Picture, Error> {
+    let scale = if ratio > 0.0 { (1.0 / ratio) as f32 } else { 1.0 };
+    let pixels = picture.pixels.iter().map(|pixel| *pixel * scale).collect();
+    Ok(Picture::from_pixels(picture.width, picture.height, pixels)?)
+}
+
+/// As in the thesis: the method, the reference, the proxy; between the first two ours. All have the reference's mean.
+fn write(study: &Study, truth: &Truth, pictures: &[Picture]) -> Result<(), Error> {
+    let expected = &truth.pictures.indirect;
+    let scale = indirect_scale(expected);
+    let mut shown = Vec::new();
+    for picture in pictures {
+        let ratio = compare_pictures(picture, expected, scale, None)?.mean_ratio;
+        shown.push(with_mean(picture, ratio)?);
+    }
+    let [printed, ours, _, proxy] = &shown[..] else { return Ok(()) };
+    let all = beside(&[printed, ours, expected, proxy])?;
+    all.write_png(&study.file("pictures.png"), scale_to_stops(scale))?;
+    Ok(())
+}
+
+fn table(rows: &[Row], truth: &Truth) -> Table {
+    let percent = |share: f64| format!("{} %", significant(100.0 * share));
+    let cells = |row: &Row| {
+        vec![
+            row.what.to_owned(),
+            row.patches.to_string(),
+            row.factor_bytes.map_or_else(|| "–".to_owned(), output::bytes),
+            row.row_sums.map_or_else(|| "–".to_owned(), |(least, most)| format!("{least:.2} to {most:.2}")),
+            significant(row.brightness),
+            percent(row.block_median),
+            format!("{:.4}", row.ssim),
+            percent(row.scaled_block_median),
+            format!("{:.4}", row.scaled_ssim),
+        ]
+    };
+    let heads =
+        ["form", "patches", "F", "sums of rows", "brightness", "error", "SSIM", "error, same mean", "SSIM, same mean"];
+    Table {
+        caption: format!(
+            "Indirect light of {BOUNCES} bounces beside {}. Pictures, from the left: as printed, ours (patches receive), reference, \
+             proxy; all with the mean of the reference.",
+            truth.source
+        ),
+        head: heads.map(str::to_owned).to_vec(),
+        rows: rows.iter().map(cells).collect(),
+    }
+}
