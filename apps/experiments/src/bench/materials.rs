@@ -157,6 +157,7 @@ fn with_materials(
         sky_map: scene.lighting.sky_map.to_vec(),
         distributions: scene.lighting.distributions.to_vec(),
         ray_offset: Some(scene.geometry.ray_offset),
+        absorption: scene.geometry.absorption,
     };
     change(&mut parts);
     Ok(Scene::new(parts).map_err(reference::Error::from)?)
