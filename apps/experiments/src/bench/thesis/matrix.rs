@@ -177,7 +177,7 @@ pub(super) fn histogram(study: &Study) -> Result<Outcome, Error> {
         name: h.what.into(),
         points: (0..h.by_decade.len())
             .filter(|&bin| h.by_decade[bin] > 0)
-            .map(|bin| (lower(bin), h.by_decade[bin] as f64))
+            .map(|bin| (lower(bin).log10(), (h.by_decade[bin] as f64).log10()))
             .collect(),
     };
     let linear = |h: &Histogram| Series {
@@ -186,11 +186,11 @@ pub(super) fn histogram(study: &Study) -> Result<Outcome, Error> {
             .map(|bin| ((bin as f64 + 0.5) * f64::from(h.greatest) / LINEAR_BINS as f64, h.linear[bin] as f64))
             .collect(),
     };
-    let plot = |logarithmic: bool, series| Plot {
+    let plot = |unit: &str, x: &str, series| Plot {
         title: "Entries by their value".into(),
-        unit: "entries".into(),
-        x: "value".into(),
-        logarithmic,
+        unit: unit.into(),
+        x: x.into(),
+        logarithmic: false,
         series,
     };
     Ok(Outcome {
@@ -201,8 +201,8 @@ pub(super) fn histogram(study: &Study) -> Result<Outcome, Error> {
             rows,
         }],
         plots: vec![
-            ("logarithmic", plot(true, all.iter().map(by_decade).collect())),
-            ("linear", plot(false, all.iter().map(linear).collect())),
+            ("logarithmic", plot("log₁₀ of their number", "log₁₀ of value", all.iter().map(by_decade).collect())),
+            ("linear", plot("number", "value", all.iter().map(linear).collect())),
         ],
     })
 }
