@@ -16,9 +16,9 @@ use crate::types::*;
 pub trait PhotonAccumulator: Sync {
     /// Areas of the cells, m².
     fn areas(&self) -> &[f32];
-    /// The cell that owns the place (u, v) on a side of a triangle, or [`NONE`].
+    /// The cell that owns the place (u, v) on a side of a triangle, or [`scene::NONE`].
     fn cell(&self, triangle: u32, u: f32, v: f32, is_back: bool) -> u32;
-    /// The group of each cell, or [`NONE`] for cells whose error does not count: errors are those of groups as a whole. Empty
+    /// The group of each cell, or [`scene::NONE`] for cells whose error does not count: errors are those of groups as a whole. Empty
     /// where each cell is a group.
     fn groups(&self) -> &[u32] {
         &[]
