@@ -439,12 +439,12 @@ fn place(
     })
 }
 
-/// Only voxels have a lookup between patches.
 /// Refuses a medium: light between patches, to receivers and to pixels would go through it as if it were air.
 fn check_medium(scene: &Scene) -> Result<(), Error> {
     if scene.has_medium() { Err(Error::Medium) } else { Ok(()) }
 }
 
+/// Only voxels have a lookup between patches.
 fn check_receivers(settings: &BakeSettings) -> Result<(), Error> {
     if settings.receivers == ReceiverKind::Patches && !settings.patches.has_voxels() {
         return Err(Error::PatchesAsReceivers { patches: settings.patches.name() });
