@@ -54,7 +54,7 @@ fn photons_of_the_printed_method_are_others_and_as_right() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let photons = |options: &[&str]| {
-        let own = ["render", "atrium:2000", "--method", "firstshot", "--error", "0.2", "--json", "--out", out];
+        let own = ["render", "atrium:3000", "--method", "firstshot", "--error", "0.2", "--json", "--out", out];
         let summary: serde_json::Value =
             serde_json::from_str(&succeeds(&[&own[..], &SMALL, options].concat())).unwrap();
         assert!(summary["photons"]["relative_error"].as_f64().unwrap() <= 0.2, "{summary}");
@@ -669,7 +669,8 @@ fn first_shot_writes_pictures_tables_and_maps() {
     let maps = reference::Picture::read(&out.join("maps.exr")).unwrap();
     assert!(maps.width == 1024 && maps.pixels.iter().any(|p| p.y > 0.0));
     assert!(leftovers(&out).is_empty());
-    for wrong in [["--error", "0"], ["--error", "2"], ["--error", "few"], ["--photons", "0"], ["--photons", "many"]] {
+    for wrong in [["--error", "1e-9"], ["--error", "2"], ["--error", "few"], ["--photons", "0"], ["--photons", "many"]]
+    {
         let message = fails(2, &["render", "cornell", "--method", "firstshot", wrong[0], wrong[1]]);
         assert!(message.contains(wrong[0]), "{message}");
     }
