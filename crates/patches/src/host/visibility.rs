@@ -38,8 +38,19 @@ impl From<&SurfacePoint> for SurfacePlace {
 
 /// Whether a surface lies close over a place of one with samples every `edge` m, as a poster over its wall.
 pub fn is_covered(scene: &Scene, place: SurfacePlace, edge: f32) -> bool {
+    has_cover(scene, place, COVER * edge)
+}
+
+/// Whether a surface lies over a place up to a height, m.
+fn has_cover(scene: &Scene, place: SurfacePlace, height: f32) -> bool {
     let above = |height: f32| place.position + place.normal * (scene.geometry.ray_offset + height);
-    scene.any_hit(above(0.0), above(COVER * edge))
+    scene.any_hit(above(0.0), above(height))
+}
+
+/// Whether a place of a surface with samples every `edge` m lies in a gap that is narrower than [`is_visible`] lifts it, as
+/// behind a cupboard at its wall: it would look from beyond the wall.
+pub fn is_in_gap(scene: &Scene, place: SurfacePlace, edge: f32) -> bool {
+    has_cover(scene, place, LIFT * edge)
 }
 
 /// Whether nothing stands between two places of a surface with samples every `edge` m.

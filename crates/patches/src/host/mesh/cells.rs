@@ -11,7 +11,7 @@ use transport::TriangleGrid;
 
 use crate::host::focus::Density;
 use crate::host::nearest::Nearest;
-use crate::host::visibility::{SurfacePlace, is_visible};
+use crate::host::visibility::{SurfacePlace, is_in_gap, is_visible};
 use crate::types::Sample;
 
 /// A place has no element when the nearest sample of similar normal is further, in sample edges.
@@ -24,8 +24,6 @@ const SIMILAR_ALBEDO: f32 = 0.25;
 /// What a difference of 1 in albedo counts in the choice, in sample edges: what is thin and dark has
 /// few samples, and must not shine like the bright wall beside it.
 const ALBEDO_WEIGHT: f32 = 10.0;
-/// A sample nearer than this, in sample edges, need not be visible.
-const TOUCHING: f32 = 0.2;
 /// Random walks of the reachability test of a place that sees no sample.
 const WALKS: u32 = 2;
 /// Changes their random numbers.
@@ -85,7 +83,10 @@ impl ElementSearch<'_> {
                 let similar = most_similar_samples(&self.nearest, self.samples, place, albedo);
                 // Nothing may stand between: a dark place has no element, however bright it is
                 // beyond a wall.
-                let mut chosen = similar.iter().find(|near| self.is_seen(place, near));
+                let mut chosen = None;
+                if !is_in_gap(self.scene, place, edge) {
+                    chosen = similar.iter().find(|near| self.is_seen(place, edge, near));
+                }
                 // What is small may hide from all samples of similar normal, and be lit nevertheless.
                 if chosen.is_none() && cells.len() == 1 {
                     let seed = hash3(triangle, k, WALKS_SEED);
@@ -97,9 +98,8 @@ impl ElementSearch<'_> {
         }
     }
 
-    fn is_seen(&self, place: SurfacePlace, &(sample, distance): &Near) -> bool {
-        let there = SurfacePlace::from(&self.samples[sample as usize]);
-        distance < TOUCHING || is_visible(self.scene, place, there, self.edge * self.density.edge(place.position))
+    fn is_seen(&self, place: SurfacePlace, edge: f32, near: &Near) -> bool {
+        is_visible(self.scene, place, (&self.samples[near.0 as usize]).into(), edge)
     }
 
     /// The reachability test: whether random walks from a place come to light.
