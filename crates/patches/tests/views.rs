@@ -4,10 +4,10 @@ mod support;
 
 use glam::Vec3;
 use patches::{
-    Density, Error, Focus, LitSampler, Nearest, PatchSet, PatchSize, Sample, SubdivideSettings, ViewClusters,
-    ViewSettings, cut_at_feet, subdivide, view_clusters,
+    Density, Error, Focus, LitSampler, MeshSettings, Nearest, PatchKind, PatchMesh, PatchSet, PatchSize, Sample,
+    SubdivideSettings, ViewClusters, ViewSettings, cut_at_feet, subdivide, view_clusters,
 };
-use scene::{Scene, Sky};
+use scene::{Hit, NONE, Scene, Sky};
 use support::{Mesh, atrium};
 
 /// A hall without its roof, under a sky.
@@ -215,6 +215,36 @@ fn no_sample_lies_between_a_carpet_and_its_floor() {
     // The carpet itself has samples all over.
     let on: f32 = set.samples.iter().filter(|s| (s.position.y - 0.002).abs() < 1e-4).map(|s| s.area).sum();
     assert!((on / 4.0 - 1.0).abs() < 0.05, "{on}");
+}
+
+#[test]
+fn what_lies_in_a_gap_has_no_light_of_the_other_side_of_its_wall() {
+    // A cupboard 1 mm before a wall that another one outside sees.
+    let mut mesh = Mesh::default();
+    mesh.cuboid(Vec3::new(0.001, 0.5, 1.0), Vec3::new(0.5, 1.5, 3.0), false);
+    mesh.quad(Vec3::new(-2.0, 0.0, 0.0), 2.0 * Vec3::Y, 4.0 * Vec3::Z);
+    let scene = roofless(mesh);
+    let sampler = LitSampler::new(&scene, 1 << 14, Density::default(), 1).unwrap();
+    let settings = MeshSettings { kind: PatchKind::Cluster, count: 300, voxel_size: None, samples: 24, seed: 1 };
+    let mesh = PatchMesh::new(&scene, Some(&sampler), &settings).unwrap();
+    // Elements of the sides that look outwards, of all triangles in a plane of constant x.
+    let outwards = |x: f32| {
+        let in_plane = |t: &u32| {
+            let triangle = &scene.geometry.triangles[*t as usize];
+            let middle = triangle.corner + (triangle.edge_a + triangle.edge_b) / 3.0;
+            (middle.x - x).abs() < 1e-5 && scene.tables().normal(*t).x.abs() > 0.9
+        };
+        let triangles = (0..scene.geometry.triangles.len() as u32).filter(in_plane);
+        let element = |t: u32| {
+            let hit = Hit { triangle: t, u: 0.3, v: 0.3, t: 0.0 };
+            mesh.element_on_side(&hit, scene.tables().normal(t).x < 0.0)
+        };
+        triangles.map(element).collect::<Vec<u32>>()
+    };
+    let (back, wall) = (outwards(0.001), outwards(0.0));
+    assert_eq!((back.len(), wall.len()), (2, 2));
+    assert!(wall.iter().all(|&element| element != NONE), "light comes to the outside of the wall");
+    assert_eq!(back, [NONE; 2], "the cupboard's back is dark");
 }
 
 #[test]
