@@ -55,21 +55,34 @@ pub fn reciprocal(factors: &Csr, area: &[f32]) -> Result<Reciprocal, Error> {
     }
     let transposed = transpose(factors);
     let sums: Vec<f64> = (0..n).into_par_iter().map(|i| row(factors, i).map(|(_, f)| f64::from(f)).sum()).collect();
+    let a = seen_areas(&transposed, area, &sums);
+    let mut out = merged(factors, &transposed, &a)?;
+    drop(transposed);
+    let closure = close(&mut out, &a, &sums);
+    Ok(Reciprocal { factors: out, area: a.iter().map(|&a| a as f32).collect(), closure })
+}
+
+/// Step 1 of [`reciprocal`]: areas as the rays see them, from those that are given and the sums of the rows.
+fn seen_areas(transposed: &Csr, area: &[f32], sums: &[f64]) -> Vec<f64> {
     let given: Vec<f64> = area.iter().map(|&a| f64::from(a)).collect();
     let mut a = given.clone();
     for _ in 0..STEPS {
         let next = |j: usize| {
-            let seen: f64 = row(&transposed, j).map(|(i, f)| a[i] * f64::from(f)).sum();
+            let seen: f64 = row(transposed, j).map(|(i, f)| a[i] * f64::from(f)).sum();
             let step = (a[j] * seen / sums[j].max(LEAST_SUM)).sqrt();
             step.clamp(given[j] / AREA_RANGE, given[j] * AREA_RANGE)
         };
-        a = (0..n).into_par_iter().map(next).collect();
+        a = (0..a.len()).into_par_iter().map(next).collect();
     }
+    a
+}
 
-    let merged = |i: usize| {
+/// Step 2 of [`reciprocal`]: the symmetric S for areas a, m².
+fn merged(factors: &Csr, transposed: &Csr, a: &[f64]) -> Result<Csr, Error> {
+    let both = |i: usize| {
         let weight = |j: usize| (1.0 / (1.0 / a[i] + 1.0 / a[j])) as f32;
         let mut out: Vec<(u32, f32)> = Vec::new();
-        let (mut there, mut back) = (row(factors, i).peekable(), row(&transposed, i).peekable());
+        let (mut there, mut back) = (row(factors, i).peekable(), row(transposed, i).peekable());
         loop {
             let (j, f) = match (there.peek().copied(), back.peek().copied()) {
                 (Some(t), Some(b)) if t.0 == b.0 => {
@@ -91,15 +104,19 @@ pub fn reciprocal(factors: &Csr, area: &[f32]) -> Result<Reciprocal, Error> {
         }
         out
     };
-    let rows: Vec<Vec<(u32, f32)>> = (0..n).into_par_iter().map(merged).collect();
-    let mut out = Csr::from_rows(n, &rows)?;
-    drop((rows, transposed));
+    let rows: Vec<Vec<(u32, f32)>> = (0..a.len()).into_par_iter().map(both).collect();
+    Ok(Csr::from_rows(a.len(), &rows)?)
+}
 
+/// Step 3 of [`reciprocal`]: scales the symmetric S so that rows add up to `sums`, makes it form factors again, and says how far
+/// the sums are off.
+fn close(out: &mut Csr, a: &[f64], sums: &[f64]) -> f64 {
+    let n = a.len();
     let mut x = vec![1.0f64; n];
     let mut closure = 0.0;
     for step in 0..=STEPS {
         let ratio = |i: usize| {
-            let sum: f64 = row(&out, i).map(|(j, s)| f64::from(s) * x[j]).sum::<f64>() * x[i];
+            let sum: f64 = row(out, i).map(|(j, s)| f64::from(s) * x[j]).sum::<f64>() * x[i];
             if sums[i] > LEAST_SUM && sum > 0.0 { sum / (a[i] * sums[i]) } else { 1.0 }
         };
         let ratios: Vec<f64> = (0..n).into_par_iter().map(ratio).collect();
@@ -116,7 +133,7 @@ pub fn reciprocal(factors: &Csr, area: &[f32]) -> Result<Reciprocal, Error> {
             out.values[k] = (f64::from(out.values[k]) * x[i] * x[j] / a[i]) as f32;
         }
     }
-    Ok(Reciprocal { factors: out, area: a.iter().map(|&a| a as f32).collect(), closure })
+    closure
 }
 
 /// Columns and values of a row.
