@@ -1,6 +1,6 @@
 //! Figure 4.12: the whole matrix beside the local one, as printed and ours, for a camera that moves.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 
 use glam::{Vec3, Vec4};
 use localmatrix::{Entering, LocalMatrix, PrintedMatrix, choose};
@@ -113,21 +113,14 @@ fn points(shares: &[(f64, f64)], of: fn(&(f64, f64)) -> f64) -> Vec<(f64, f64)> 
 
 /// The frames of a path; shares of the slots that are visible and lit in each.
 fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error> {
-    let (mesh, factors, light) = (&subject.bake.mesh, &subject.factors, &subject.light);
-    let n = mesh.patches.len();
-    let slots = SLOTS.min(n);
+    let (factors, light, n) = (&subject.factors, &subject.light, subject.bake.mesh.patches.len());
     let operators = subject.operators(None, study)?;
     let all = Channels::Three(operators.each_ref());
     let (whole_light, whole_s) = timed(|| Ok(exact_product(all, &factors.area, light)))?;
-    let rows: Vec<Vec<(u32, f32)>> =
-        (0..n).map(|i| factors.factors.row(i).map(|(j, f)| (j as u32, f)).collect()).collect();
-    let path = CameraPath::Fly.animation(study.loaded);
-    let mut printed = PrintedMatrix::new(slots)?;
-    let mut exact = LocalMatrix::new(slots)?;
-    let mut there: HashSet<u32> = HashSet::new();
+    let mut flight = Flight::new(subject)?;
     let mut row = Row {
         patches: n,
-        slots,
+        slots: flight.slots,
         entered: 0,
         visible: 0.0,
         lit: 0.0,
@@ -139,61 +132,31 @@ fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error
         first_drift: 0.0,
         last_drift: 0.0,
     };
+    let path = CameraPath::Fly.animation(study.loaded);
     let mut shares = Vec::new();
     for frame in 0..FRAMES {
         let view = path.at(path.duration() * frame as f32 / (FRAMES - 1) as f32).1;
-        let distance: Vec<f32> = mesh.patches.iter().map(|patch| patch.centroid.distance(view.eye)).collect();
         // The first frame makes all ready.
-        let budget = if frame == 0 { slots } else { BUDGET };
-        let choice = choose(&distance, |patch| there.contains(&patch), slots, HYSTERESIS, budget);
-        let entering: Vec<Entering> = choice
-            .enter
-            .iter()
-            .map(|&patch| Entering {
-                patch,
-                area: factors.area[patch as usize],
-                albedo: mesh.albedo[patch as usize].truncate(),
-                factors: &rows[patch as usize],
-            })
-            .collect();
-        let before = [printed.work(), exact.work()];
-        let ((), printed_s) = timed(|| {
-            choice.leave.iter().try_for_each(|&patch| printed.remove(patch))?;
-            Ok(entering.iter().try_for_each(|one| printed.add(one))?)
-        })?;
-        let ((), exact_s) = timed(|| {
-            exact.remove(&choice.leave)?;
-            Ok(exact.add(&entering)?)
-        })?;
-        choice.leave.iter().for_each(|patch| _ = there.remove(patch));
-        there.extend(&choice.enter);
-        let visible = visible(study, subject, &view.camera(PIXELS.0, PIXELS.1));
-        let mut patches: Vec<u32> = there.iter().copied().collect();
-        patches.sort_unstable();
-        let seen: Vec<u32> = patches.iter().copied().filter(|patch| visible.contains(patch)).collect();
-        let lit: Vec<u32> =
-            patches.iter().copied().filter(|&patch| light[patch as usize].truncate() != Vec3::ZERO).collect();
-        let places = Places { seen: &seen, lit: &lit, light };
-        let (ours, product_s) =
-            timed(|| places.product(slots, &|p| printed.slot(p), &|v, l, e, h| printed.product(v, l, e, h)))?;
-        let (theirs, exact_product_s) =
-            timed(|| places.product(slots, &|p| exact.slot(p), &|v, l, e, h| exact.product(v, l, e, h)))?;
-        let product = 3 * (seen.len() * lit.len()) as u64;
-        let share = |some: &[u32]| some.len() as f64 / patches.len().max(1) as f64;
-        shares.push((share(&seen), share(&lit)));
+        let changed = flight.change(view.eye, if frame == 0 { flight.slots } else { BUDGET })?;
+        let seen = flight.those_of(&visible(study, subject, &view.camera(PIXELS.0, PIXELS.1)));
+        let lit = flight.lit();
+        let (printed, exact) = flight.products(&Places { seen: &seen, lit: &lit, light })?;
         let at = |values: &[Vec4]| seen.iter().map(|&patch| values[patch as usize]).collect::<Vec<_>>();
         let (area, right) = (seen.iter().map(|&p| factors.area[p as usize]).collect::<Vec<_>>(), at(&whole_light));
-        let drift = relative_error(&ours, &theirs, &area);
+        let drift = relative_error(&printed.light, &exact.light, &area);
         if frame == 0 {
             row.first_drift = drift;
         } else {
-            row.entered += choice.enter.len();
-            row.printed.add(printed.work() - before[0] + product, printed_s + product_s);
-            row.exact.add(exact.work() - before[1] + product, exact_s + exact_product_s);
+            let product = 3 * (seen.len() * lit.len()) as u64;
+            row.entered += changed.entered;
+            row.printed.add(changed.printed.0 + product, changed.printed.1 + printed.seconds);
+            row.exact.add(changed.exact.0 + product, changed.exact.1 + exact.seconds);
         }
         row.last_drift = drift;
-        row.printed_error = row.printed_error.max(relative_error(&ours, &right, &area));
-        row.exact_error = row.exact_error.max(relative_error(&theirs, &right, &area));
+        row.printed_error = row.printed_error.max(relative_error(&printed.light, &right, &area));
+        row.exact_error = row.exact_error.max(relative_error(&exact.light, &right, &area));
+        let share = |some: &[u32]| some.len() as f64 / flight.there.len().max(1) as f64;
+        shares.push((share(&seen), share(&lit)));
         row.visible += share(&seen) / f64::from(FRAMES);
         row.lit += share(&lit) / f64::from(FRAMES);
         if is_cancelled() {
@@ -201,6 +164,99 @@ fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error
         }
     }
     Ok((row, shares))
+}
+
+/// Both matrices, and the patches in them.
+struct Flight<'a> {
+    subject: &'a Subject,
+    /// Form factors of each patch.
+    rows: Vec<Vec<(u32, f32)>>,
+    slots: usize,
+    printed: PrintedMatrix,
+    exact: LocalMatrix,
+    there: BTreeSet<u32>,
+}
+
+/// What a change took: multiplications and seconds of each matrix.
+struct Change {
+    entered: usize,
+    printed: (u64, f64),
+    exact: (u64, f64),
+}
+
+/// Irradiance of the visible patches, and how long it took.
+struct Product {
+    light: Vec<Vec4>,
+    seconds: f64,
+}
+
+impl<'a> Flight<'a> {
+    fn new(subject: &'a Subject) -> Result<Self, Error> {
+        let n = subject.bake.mesh.patches.len();
+        let row = |i: usize| subject.factors.factors.row(i).map(|(j, f)| (j as u32, f)).collect();
+        let slots = SLOTS.min(n);
+        Ok(Self {
+            subject,
+            rows: (0..n).map(row).collect(),
+            slots,
+            printed: PrintedMatrix::new(slots)?,
+            exact: LocalMatrix::new(slots)?,
+            there: BTreeSet::new(),
+        })
+    }
+
+    /// Patches near a place take the slots of those far from it, `budget` of them at most.
+    fn change(&mut self, eye: Vec3, budget: usize) -> Result<Change, Error> {
+        let Subject { bake, factors, .. } = self.subject;
+        let mesh = &bake.mesh;
+        let distance: Vec<f32> = mesh.patches.iter().map(|patch| patch.centroid.distance(eye)).collect();
+        let choice = choose(&distance, |patch| self.there.contains(&patch), self.slots, HYSTERESIS, budget);
+        let entering = |&patch: &u32| Entering {
+            patch,
+            area: factors.area[patch as usize],
+            albedo: mesh.albedo[patch as usize].truncate(),
+            factors: &self.rows[patch as usize],
+        };
+        let entering: Vec<Entering> = choice.enter.iter().map(entering).collect();
+        let before = [self.printed.work(), self.exact.work()];
+        let ((), printed_s) = timed(|| {
+            choice.leave.iter().try_for_each(|&patch| self.printed.remove(patch))?;
+            Ok(entering.iter().try_for_each(|one| self.printed.add(one))?)
+        })?;
+        let ((), exact_s) = timed(|| {
+            self.exact.remove(&choice.leave)?;
+            Ok(self.exact.add(&entering)?)
+        })?;
+        choice.leave.iter().for_each(|patch| _ = self.there.remove(patch));
+        self.there.extend(&choice.enter);
+        Ok(Change {
+            entered: choice.enter.len(),
+            printed: (self.printed.work() - before[0], printed_s),
+            exact: (self.exact.work() - before[1], exact_s),
+        })
+    }
+
+    /// Which of some patches are in the matrices.
+    fn those_of(&self, patches: &HashSet<u32>) -> Vec<u32> {
+        self.there.iter().copied().filter(|patch| patches.contains(patch)).collect()
+    }
+
+    /// Patches in the matrices that send light.
+    fn lit(&self) -> Vec<u32> {
+        let sends = |patch: &u32| self.subject.light[*patch as usize].truncate() != Vec3::ZERO;
+        self.there.iter().copied().filter(sends).collect()
+    }
+
+    /// By the printed matrix, and by ours.
+    fn products(&self, places: &Places) -> Result<(Product, Product), Error> {
+        let Self { slots, printed, exact, .. } = self;
+        let (light, seconds) =
+            timed(|| places.product(*slots, &|p| printed.slot(p), &|v, l, e, h| printed.product(v, l, e, h)))?;
+        let ours = Product { light, seconds };
+        let (light, seconds) =
+            timed(|| places.product(*slots, &|p| exact.slot(p), &|v, l, e, h| exact.product(v, l, e, h)))?;
+        Ok((ours, Product { light, seconds }))
+    }
 }
 
 /// Patches that a camera sees.
@@ -221,11 +277,11 @@ struct Places<'a> {
     light: &'a [Vec4],
 }
 
-type Product<'a> = dyn Fn(&[u32], &[u32], &[Vec4], &mut [Vec4]) -> Result<(), localmatrix::Error> + 'a;
+type Multiply<'a> = dyn Fn(&[u32], &[u32], &[Vec4], &mut [Vec4]) -> Result<(), localmatrix::Error> + 'a;
 
 impl Places<'_> {
     /// Irradiance of the visible patches by a matrix.
-    fn product(&self, slots: usize, slot: &dyn Fn(u32) -> Option<u32>, product: &Product) -> Result<Vec<Vec4>, Error> {
+    fn product(&self, slots: usize, slot: &dyn Fn(u32) -> Option<u32>, product: &Multiply) -> Result<Vec<Vec4>, Error> {
         let of = |patches: &[u32]| patches.iter().filter_map(|&patch| slot(patch)).collect::<Vec<u32>>();
         let (rows, columns) = (of(self.seen), of(self.lit));
         let (mut exitance, mut irradiance) = (vec![Vec4::ZERO; slots], vec![Vec4::ZERO; slots]);
