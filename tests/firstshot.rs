@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use assets::procedural;
+use assets::{load_or_build, procedural};
 use firstshot::{
     Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Round, Sums, Texels, Tracer,
 };
@@ -17,7 +17,8 @@ use integration_tests::vulkan;
 use multibounce::{Factors, all_bounces};
 use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use patchlight::method::FirstShotSettings;
-use patchlight::{Bake, MethodSettings};
+use patchlight::{Bake, MethodSettings, Picture};
+use reference::Accumulation;
 use reference::path::{PathSettings, PathTracer};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceKind, Executor};
@@ -27,7 +28,7 @@ use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
 use scene::math::luminance;
 use scene::sampling::{hammersley, hash3, uniform_triangle};
-use scene::{DirectParams, Hit, NONE, Scene, SurfacePoint};
+use scene::{DirectParams, Hit, LIGHT_POINT, Light, NONE, Scene, SurfacePoint};
 
 fn go_on(_: usize, _: usize) -> ControlFlow<()> {
     ControlFlow::Continue(())
@@ -169,8 +170,8 @@ fn points_of_cell(scene: &Scene, maps: &IlluminationMaps, triangle: u32, wanted:
 
 #[test]
 fn photons_agree_with_the_path_tracer() {
-    for (name, is_filled) in [("cornell", false), ("cornell", true), ("atrium", false)] {
-        let mut loaded = procedural::build(name).unwrap();
+    for (name, is_filled) in [("cornell", false), ("cornell", true), ("atrium", false), (MIRRORS, false)] {
+        let mut loaded = load_or_build(name).unwrap();
         if is_filled {
             // A third to nearly all of the light is absorbed on a way across.
             let absorption = Vec3::new(0.5, 1.0, 3.0) / loaded.scene.diagonal();
@@ -229,6 +230,9 @@ fn photons_agree_with_the_path_tracer() {
     }
 }
 
+/// A room with a mirror, a ball of glass and a pane.
+const MIRRORS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/mirrors/room.toml");
+
 /// Sums of 2048 photons in a plan of its own, traced in dispatches of so many of each batch, the error that the device states,
 /// and the irradiance of elements that own two cells each.
 fn by_kernels(
@@ -279,7 +283,11 @@ fn by_kernels(
 fn kernels_register_the_photons_of_the_host_in_every_bit() {
     let Some(vulkan) = vulkan() else { return };
     let exact = vulkan.device().kind == DeviceKind::EmulatedOnCpu;
-    let loaded = procedural::build("cornell").unwrap();
+    let mut loaded = load_or_build(MIRRORS).unwrap();
+    // Photons of it start, mirrored and refracted, on mirror and glass.
+    let position = Vec3::new(0.6, 1.7, 1.6);
+    let lamp = Light { kind: LIGHT_POINT, position, color: Vec3::new(3.0, 2.0, 1.0), ..Light::default() };
+    loaded.scene.set_lights(&[lamp]);
     let scene = &loaded.scene;
     let emission = first_shot(scene);
     let maps = IlluminationMaps::new(scene, 0.1).unwrap();
@@ -343,6 +351,59 @@ fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64) -> (Vec<Vec4>, 
     let dark = renderer.download(renderer.irradiance().elements).unwrap();
     assert!(dark.iter().all(|h| *h == Vec4::ZERO));
     (light, bytes, round)
+}
+
+/// A picture of the room with a mirror by photons, or by form factors.
+fn picture_of_mirrors(bake: &Arc<Bake>, method: MethodSettings, executor: Box<dyn Executor>) -> Picture {
+    let loaded = load_or_build(MIRRORS).unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    let mut renderer = Setup { method, ..of_mirrors() }.load(&loaded, bake, executor).unwrap();
+    renderer.update_light(&loaded.scene.lighting, &camera).unwrap();
+    renderer.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.full
+}
+
+/// Size of pictures of the room with a mirror, pixels.
+const SIZE: (u32, u32) = (40, 30);
+
+fn of_mirrors() -> Setup {
+    Setup { patch_count: 500, most_receivers: Some(3000), receiver_rays: 128, size: SIZE, seed: 3, ..Setup::default() }
+}
+
+#[test]
+fn pictures_by_photons_have_what_mirrors_and_glass_show_and_send() {
+    let loaded = load_or_build(MIRRORS).unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    let bake = of_mirrors().bake(&loaded).unwrap();
+    let photons =
+        MethodSettings::FirstShot(FirstShotSettings { error: 0.02, most_photons: 1 << 21, ..Default::default() });
+    let found = picture_of_mirrors(&bake, photons, Box::new(Cpu::new()));
+    let mut accumulation = Accumulation::new(&camera, PathSettings::default());
+    let go_on = |_, _| ControlFlow::Continue(());
+    assert!(PathTracer::new(&loaded.scene).accumulate(&camera, &mut accumulation, 512, go_on).unwrap());
+    let expected = accumulation.full();
+    // Means of squares of pixels: edges of triangles and caustics are finer than receivers.
+    let blocks = |picture: &Picture| -> Vec<f32> {
+        let mut sums = vec![0.0; (SIZE.0 * SIZE.1 / 25) as usize];
+        for (k, pixel) in (0u32..).zip(&picture.pixels) {
+            let (x, y) = (k % SIZE.0 / 5, k / SIZE.0 / 5);
+            // The lamp itself would outweigh all else.
+            sums[(y * (SIZE.0 / 5) + x) as usize] += luminance(pixel.min(Vec3::ONE)) / 25.0;
+        }
+        sums
+    };
+    let error = |picture: &Picture| {
+        let pairs = blocks(picture).into_iter().zip(blocks(&expected)).filter(|(_, b)| *b > 0.01);
+        let errors: Vec<f32> = pairs.map(|(a, b)| (a / b - 1.0).abs()).collect();
+        errors.iter().sum::<f32>() / errors.len() as f32
+    };
+    let own = error(&found);
+    let by_factors = error(&picture_of_mirrors(&bake, MethodSettings::default(), Box::new(Cpu::new())));
+    println!("photons {own:.4}, form factors {by_factors:.4}");
+    assert!(own < 0.06 && by_factors > 1.3 * own, "{own} {by_factors}");
+    let Some(vulkan) = vulkan() else { return };
+    let exact = vulkan.device().kind == DeviceKind::EmulatedOnCpu;
+    let theirs = picture_of_mirrors(&bake, photons, Box::new(vulkan));
+    assert!(!exact || found == theirs, "host and device differ");
 }
 
 fn small() -> Setup {

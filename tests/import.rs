@@ -296,6 +296,75 @@ fn the_middle_of_a_sky_map_is_minus_z_and_its_top_is_up() {
     assert!(direction(12.0, 3.5).x > 0.9 && direction(8.0, 3.5).z < -0.9 && direction(3.0, 0.0).y > 0.9);
 }
 
+#[test]
+fn mirrors_and_glass_are_read_written_and_checked() {
+    let with = |material: &str, mtl: &str| {
+        let toml = format!("version = 1\nmesh = \"a.obj\"\n[[material]]\n{material}\n");
+        folder(&[("a.obj", QUAD.as_bytes()), ("a.mtl", mtl.as_bytes()), ("s.toml", toml.as_bytes())])
+    };
+    let of = |folder: &TempDir| load(&folder.path().join("s.toml"));
+    let mtl = "newmtl m\nKd 0.2 0.2 0.2\nKs 0.5 0.6 0.7\nillum 5\n";
+    let glass = "name = \"m\"\ntransmittance = [0.3, 0.2, 0.1]\nindex_of_refraction = 1.33\npane = true";
+    let scene = of(&with(glass, mtl)).unwrap();
+    let material = scene.scene.materials[0];
+    assert_eq!((material.albedo, material.mirror), (Vec3::splat(0.2), Vec3::new(0.5, 0.6, 0.7)));
+    assert_eq!(
+        (material.transmittance, material.index_of_refraction, material.is_pane),
+        (Vec3::new(0.3, 0.2, 0.1), 1.33, 1)
+    );
+    let out = TempDir::new().expect("a temporary folder");
+    let again = load(&write_scene(&scene, out.path()).unwrap()).unwrap();
+    assert_eq!(again.scene.materials[0], material);
+    let black = of(&with(&format!("{glass}\nalbedo = [0, 0, 0]"), mtl)).unwrap();
+    assert_eq!(black.scene.materials[0].albedo, Vec3::ZERO);
+    assert_ne!(black.content_hash, scene.content_hash);
+    for (wrong, says) in [
+        ("name = \"other\"\nmirror = [1, 1, 1]", "which has m"),
+        ("name = \"m\"\nmirror = [1.1, 0, 0]", "0 to 1"),
+        ("name = \"m\"\nmirror = [0, nan, 0]", "0 to 1"),
+        ("name = \"m\"\nindex_of_refraction = 0", "0.1 to 10"),
+        ("name = \"m\"\nmirror = [0.9, 0.9, 0.9]", "material \"m\""),
+        ("mirror = [0, 0, 0]", "name"),
+    ] {
+        let message = of(&with(wrong, mtl)).err().unwrap().to_string();
+        assert!(message.contains("s.toml") && message.contains(says), "{wrong}: {message}");
+    }
+}
+
+#[test]
+fn gltf_has_mirrors_panes_and_bodies_of_glass() {
+    let optics = |material: &str| {
+        let json = format!(
+            "{{\"asset\":{{\"version\":\"2.0\"}},\"scenes\":[{{\"nodes\":[0]}}],\"nodes\":[{{\"mesh\":0}}],\
+             \"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0}},\"material\":0}}]}}],\
+             \"materials\":[{{{material}}}],\"buffers\":[{{\"byteLength\":36}}],\
+             \"bufferViews\":[{{\"buffer\":0,\"byteLength\":36}}],\
+             \"accessors\":[{{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\",\
+             \"min\":[0,0,0],\"max\":[1,1,0]}}]}}"
+        );
+        let corners: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        let bytes: Vec<u8> = corners.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let folder = folder(&[("a.glb", &glb(&json, &bytes))]);
+        let scene = loaded(&folder, "a.glb");
+        (scene.scene.materials[0], scene.warnings)
+    };
+    let smooth = "\"baseColorFactor\":[0.8,0.4,0.2,1],\"roughnessFactor\":0";
+    let clear = "\"KHR_materials_transmission\":{\"transmissionFactor\":0.75},\"KHR_materials_ior\":{\"ior\":1.33}";
+    let color = Vec3::new(0.8, 0.4, 0.2);
+    let (metal, _) = optics(&format!("\"pbrMetallicRoughness\":{{{smooth},\"metallicFactor\":1}}"));
+    assert_eq!((metal.mirror, metal.albedo), (color, Vec3::ZERO));
+    let body = |more: &str| {
+        optics(&format!("\"pbrMetallicRoughness\":{{{smooth},\"metallicFactor\":0}},\"extensions\":{{{clear}{more}}}"))
+            .0
+    };
+    let pane = body("");
+    assert_eq!((pane.transmittance, pane.albedo, pane.is_pane), (color * 0.75, color * 0.25, 1));
+    assert_eq!(pane.index_of_refraction, 1.33);
+    assert_eq!(body(",\"KHR_materials_volume\":{\"thicknessFactor\":0.1}").is_pane, 0);
+    let (rough, warnings) = optics(&format!("\"pbrMetallicRoughness\":{{}},\"extensions\":{{{clear}}}"));
+    assert!(!rough.is_specular() && warnings.iter().any(|w| w.contains("rough")), "{warnings:?}");
+}
+
 /// A GLB with one textured, masked quad under two transforms, a spot, and a camera.
 fn quad_glb() -> Vec<u8> {
     let picture = encoded(

@@ -16,7 +16,7 @@ use formfactor::kernel::view::needed;
 use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid, ViewParams};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
-use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::{CountParams, FollowParams, PixelParams, ToneMapParams};
 use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
 use gpu_kernels::table::{
     MULTIBOUNCE_BLOCKS_GATHER_BC1, MULTIBOUNCE_BLOCKS_GATHER_BC3, MULTIBOUNCE_BLOCKS_GATHER_BC6H,
@@ -26,12 +26,13 @@ use patches::kernel::volume::{CUBE_SIDES, PLANE_WORDS, SH_COEFFICIENTS};
 use patches::{
     EMPTY_CELL, GridShape, LookupParams, LookupPatch, PackedWeights, RULE_WALLS, VolumeParams, Weight, WeightParams,
 };
+use scene::kernel::specular::follow_primary;
 use scene::kernel::{bvh, camera};
 use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
     Camera, DirectParams, Distribution, EmitterGroup, Hit, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT,
-    LIGHT_SPOT, LargeParams, Light, Material, NONE, Ray, Scene, SceneParts, ShareParams, Sky, SurfacePoint, Texture,
-    Triangle, TriangleUv,
+    LIGHT_SPOT, LargeParams, Light, Material, NONE, Ray, Scene, SceneParts, ShareParams, Sky, SpecularChain,
+    SurfacePoint, Texture, Triangle, TriangleUv,
 };
 use transport::HitCounts;
 
@@ -217,7 +218,7 @@ fn view(count: u32, first_quad: u32) -> ViewParams {
     ViewParams { count, first_quad, view: VIEW, light: LIGHT }
 }
 
-/// A heap of triangles over a floor with textures, holes and emission, all kinds of lights and a sky map.
+/// A heap of triangles over a floor with textures, holes, emission, mirrors and glass, all kinds of lights and a sky map.
 pub fn small_scene() -> Scene {
     let mut r = Random(0);
     let plain = Material { albedo: Vec3::new(0.7, 0.5, 0.3), ..Material::default() };
@@ -227,6 +228,13 @@ pub fn small_scene() -> Scene {
         Material { albedo_texture: 1, mask_texture: 0, ..plain },
         Material { radiance: Vec3::new(3.0, 2.0, 1.0), ..plain },
         Material { radiance: Vec3::splat(5.0), radiance_texture: 1, ..plain },
+        Material {
+            albedo: Vec3::splat(0.3),
+            mirror: Vec3::new(0.1, 0.2, 0.3),
+            transmittance: Vec3::splat(0.4),
+            ..plain
+        },
+        Material { albedo: Vec3::ZERO, transmittance: Vec3::new(1.0, 0.9, 0.8), is_pane: 1, ..plain },
     ];
     let mut triangles = Vec::new();
     let mut add = |corner: Vec3, edge_a: Vec3, edge_b: Vec3, material: u32| {
@@ -236,7 +244,18 @@ pub fn small_scene() -> Scene {
     add(Vec3::new(2.0, 0.0, 2.0), Vec3::NEG_Z * 3.0, Vec3::NEG_X * 3.0, 0);
     for k in 0..200 {
         let (a, b) = (r.vector() - 0.5, r.vector() - 0.5);
-        add(r.vector() + Vec3::Y * 0.1, a * 0.3, b * 0.3, if k < 6 { 3 + k % 2 } else { k % 3 });
+        add(
+            r.vector() + Vec3::Y * 0.1,
+            a * 0.3,
+            b * 0.3,
+            if k < 6 {
+                3 + k % 2
+            } else if k % 5 == 0 {
+                5 + k % 2
+            } else {
+                k % 3
+            },
+        );
     }
     let mut corner = || Vec2::new(3.0 * r.unit() - 1.0, 3.0 * r.unit() - 1.0);
     let uvs =
@@ -508,6 +527,34 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
     }
 }
 
+/// What pixels show by way of mirrors and through glass.
+fn chains(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
+    let camera = Camera::look_at(Vec3::new(1.7, 1.2, 1.9), Vec3::splat(0.4), Vec3::Y, 55.0, 33, 31);
+    let count = 33 * 21;
+    let light_count = scene.lighting.lights.len() as u32;
+    let pixels = PixelParams { camera, count, seed: 5, light_count, first: 33 * 5 };
+    let ray_offset = scene.geometry.ray_offset;
+    let n = count as usize;
+    if name == "scene_follow" {
+        let p = FollowParams { pixels, count, ray_offset, ..FollowParams::default() };
+        return call(count, p, vec![room::<Hit>("hits", n), room::<SpecularChain>("chains", n)]);
+    }
+    let (tables, lights) = (scene.tables(), scene.all_lights());
+    let follow = |k: u32| follow_primary(&tables, &lights, light_count, &camera, pixels.first + k, 5, ray_offset);
+    let (hits, chains): (Vec<Hit>, Vec<SpecularChain>) = (0..count).map(follow).unzip();
+    assert!(chains.iter().filter(|chain| chain.surfaces > 0).count() > 20, "some rays go on");
+    let tables = vec![
+        buffer("hits", &hits),
+        buffer("chains", &chains),
+        buffer("albedo", &r.colors(n)),
+        buffer("direct", &r.colors(n)),
+        buffer("indirect", &r.colors(n)),
+        buffer("sum", &r.colors(n)),
+        room::<SurfacePoint>("points", n),
+    ];
+    call(count, CountParams { count }, tables)
+}
+
 /// Elements, push constants and the tables that are not the scene's.
 fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     match name {
@@ -559,6 +606,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             call(150, p, vec![buffer("points", &points), from_sky, room::<Vec4>("irradiance", 150)])
         }
         "scene_open_light" | "scene_seen_light" | "scene_add_large_light" => large_light(r, name, scene),
+        "scene_follow" | "scene_chain_surface" | "scene_chain_shade" => chains(r, name, scene),
         "scene_primary" | "scene_albedo" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);
             let camera = Camera::look_at(eye, Vec3::splat(0.4), Vec3::Y, 55.0, 33, 31);

@@ -41,10 +41,11 @@ const MOST_BYTES: usize = 1 << 20;
 const OBJ: &str = "mtllib a.mtl\nmtllib b.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0.5 1 1\nvt 0 0\nvt 1 0\nvt 1 1\n\
                    vn 0 0 1\no wall\nusemtl m\nf 1/1 2/2 3/3\nf 1/1/1 3/3/1 4\ng roof\nusemtl n\nf -1 -2 -3 -4\nl 1 2\np 3\n";
 const MTL: &str = "newmtl m\nKd 0.5 0.25 0.125\nKe 1 1 1\nmap_Kd t.png\nmap_d -s 1 1 1 t.png\nNs 10\nillum 2\n\n\
-                   newmtl n\nKd 0.9\nTr 0.25\nmap_Ke t.jpg\n";
+                   newmtl n\nKd 0.9\nTr 0.25\nmap_Ke t.jpg\n\nnewmtl g\nKs 0.5 0.6 0.7\nTf 1 1 0.9\nNi 1.4\nillum 7\n";
 const TOML: &str = "version = 1\nmesh = \"a.obj\"\nmetres_per_unit = 0.5\nexposure_stops = 1.5\n\n\
                     [camera]\neye = [0, 0, 3]\ntarget = [0.0, 0.0, 0.0]\nup = [0, 1, 0]\nvertical_fov_degrees = 40\n\n\
                     [sky]\nradiance = [1, 1, 1]\nmap = \"sky.hdr\"\n\n\
+                    [[material]]\nname = \"n\"\nmirror = [0.04, 0.03, 0.02]\nindex_of_refraction = 1.4\npane = true\n\n\
                     [[light]]\ntype = \"directional\"\ndirection = [0.0, -1.0, 0.0]\nirradiance = [1.0, 1.0, 1.0]\n\n\
                     [[light]]\ntype = \"spot\"\nposition = [0, 2, 0]\ndirection = [0, -1, 0]\nintensity = [5, 5, 5]\n\
                     inner_degrees = 20\nouter_degrees = 30\n\n\

@@ -181,6 +181,14 @@ impl Job<'_> {
         let settings = PathSettings { seed: self.subject.seed, bounces, ..PathSettings::default() };
         let saved = (args.frames == 1).then(|| out.join("accumulation.bin"));
         let mut scene = loaded.scene.clone();
+        if scene.specular_material().is_some()
+            && scene.lighting.lights.iter().any(|light| light.kind != scene::LIGHT_RECT)
+        {
+            progress.warn(
+                "what points, spots, luminaires and suns send by way of mirrors or through glass is not found by paths; give these \
+                 lights a surface (emission, rect) to see it",
+            );
+        }
         let movement = self.movement();
         let mut last = None;
         for frame in 0..args.frames {

@@ -256,6 +256,16 @@ fn settings(scene: &LoadedScene, name: &str) -> String {
     for light in &scene.scene.lighting.lights {
         text.push_str(&light_table(light, name, v));
     }
+    for (material, label) in scene.scene.materials.iter().zip(material_names(scene)).filter(|(m, _)| m.is_specular()) {
+        let _ = write!(
+            text,
+            "\n[[material]]\nname = {label:?}\nmirror = {}\ntransmittance = {}\nindex_of_refraction = {:?}\npane = {}\n",
+            v(material.mirror),
+            v(material.transmittance),
+            material.index_of_refraction,
+            material.is_pane == 1
+        );
+    }
     if scene.scene.has_medium() {
         let _ = write!(text, "\n[medium]\nabsorption = {}\n", v(scene.scene.geometry.absorption));
     }

@@ -22,6 +22,7 @@ pub(crate) mod lights;
 pub mod luminaire;
 mod mtl;
 mod obj;
+mod optics;
 pub(crate) mod pictures;
 mod scene_file;
 

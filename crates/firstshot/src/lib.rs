@@ -16,8 +16,9 @@
 //!    C the start point is at u from `u³(S − 3B) − 3u²(S − 2B) + 3u(S − B) = αS`, and v is linear on the section
 //!    ([`kernel::linear`]).
 //! 3. **Tracing** ([`Tracer`]): cosine-weighted directions, roulette with the chance `lum(ρ∘Φ)/lum(Φ)`, so all photons keep
-//!    one luminance and their colour is in the ratio of the channels. Surfaces are two-sided Lambert; holes let photons
-//!    through. Each photon hit of reflected light adds to its cell j of a [`PhotonAccumulator`] (illumination maps,
+//!    one luminance and their colour is in the ratio of the channels. Surfaces are two-sided Lambert, mirrors and clear
+//!    glass in any mixture: the same number picks, and photons that start on a specular part keep the direction of the
+//!    lamp's light. Holes let photons through. Each photon hit of reflected light adds to its cell j of a [`PhotonAccumulator`] (illumination maps,
 //!    or patches): `H_j = Φ m_j / S_j`, W/m². Light that comes straight from area lights is direct and not counted,
 //!    unless asked for.
 //!

@@ -54,6 +54,21 @@ pub struct PixelParams {
 }
 const _: () = assert!(size_of::<PixelParams>() == 80);
 
+/// Rays of pixels by way of mirrors and through glass.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct FollowParams {
+    /// As for other primary rays.
+    pub pixels: PixelParams,
+    /// Number of pixels of this dispatch.
+    pub count: u32,
+    /// Distance by which rays start above a surface, m.
+    pub ray_offset: f32,
+    /// Keeps the size a multiple of 16.
+    pub reserved: [u32; 2],
+}
+const _: () = assert!(size_of::<FollowParams>() == 96);
+
 /// Tone mapping.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -1,10 +1,12 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
-use ::scene::kernel::{bvh, camera, large, light, shade};
-use ::scene::{DirectParams, EmitterGroup, Hit, LargeParams, Light, NONE, Ray, Rgb, ShareParams, SurfacePoint};
+use ::scene::kernel::{bvh, camera, large, light, shade, specular};
+use ::scene::{
+    DirectParams, EmitterGroup, Hit, LargeParams, Light, NONE, Ray, Rgb, ShareParams, SpecularChain, SurfacePoint,
+};
 use glam::Vec3;
 
-use crate::params::{CountParams, PixelParams, ToneMapParams};
+use crate::params::{CountParams, FollowParams, PixelParams, ToneMapParams};
 
 kernels! {
     /// Nearest hit of every ray: [`bvh::closest_hit`]. One invocation per ray.
@@ -132,6 +134,53 @@ kernels! {
             indirect[i],
             sum_before,
         )
+    }
+
+    /// What every pixel's primary ray shows by way of mirrors and through glass:
+    /// [`specular::follow_primary`]. One invocation per pixel.
+    SCENE_FOLLOW = "scene_follow"(p: FollowParams) for k in 0..count {
+        geometry: GeometryTables,
+        lights: Lights,
+        hits: write [Hit],
+        chains: write [SpecularChain],
+    } each {
+        let pixels = p.pixels;
+        specular::follow_primary(
+            &geometry,
+            &lights,
+            pixels.light_count,
+            &pixels.camera,
+            pixels.first + k,
+            pixels.seed,
+            p.ray_offset,
+        )
+    }
+
+    /// The same as points to be lit, and the albedo there, times what its light is multiplied by on its
+    /// way: [`camera::surface_point`], [`specular::chain_albedo`]. One invocation per pixel.
+    SCENE_CHAIN_SURFACE = "scene_chain_surface"(p: CountParams) for k in 0..count {
+        hits: read [Hit; count],
+        chains: read [SpecularChain; count],
+        geometry: GeometryTables,
+        points: write [SurfacePoint],
+        albedo: write [Rgb],
+    } each {
+        let (hit, chain) = (hits[k as usize], chains[k as usize]);
+        let point = camera::surface_point(&geometry, hit, chain.direction);
+        (point, specular::chain_albedo(&geometry, hit, chain))
+    }
+
+    /// Adds the radiance of one sub-frame to every pixel's sum, W/m²/sr:
+    /// [`specular::add_chain_sub_frame`]. One invocation per pixel.
+    SCENE_CHAIN_SHADE = "scene_chain_shade"(p: CountParams) for k in 0..count {
+        chains: read [SpecularChain; count],
+        albedo: read [Rgb; count],
+        direct: read [Rgb; count],
+        indirect: read [Rgb; count],
+        sum: update [Rgb] as sum_before,
+    } each {
+        let i = k as usize;
+        specular::add_chain_sub_frame(chains[i], albedo[i], direct[i], indirect[i], sum_before)
     }
 
     /// Irradiance of every point from the sky, from parallel, point and spot lights and from luminaires, W/m²:

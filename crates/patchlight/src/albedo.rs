@@ -76,7 +76,7 @@ impl Albedo {
     /// # Errors
     /// [`Error::AlbedoCount`], [`Error::AlbedoValue`]; [`Error::Printed`] for printed patches, which are no means of their samples.
     pub(crate) fn new(bake: &Bake, materials: &[u32], changed: &[Option<Vec3>]) -> Result<Self, Error> {
-        check(changed, bake.scene.materials.len())?;
+        check(changed, &bake.scene.materials)?;
         if bake.settings.variant == Variant::Thesis {
             return Err(Error::Printed { needs: "the albedo that they were baked with" });
         }
@@ -118,13 +118,15 @@ impl Albedo {
     }
 }
 
-fn check(changed: &[Option<Vec3>], materials: usize) -> Result<(), Error> {
-    if changed.len() != materials {
-        return Err(Error::AlbedoCount { expected: materials, found: changed.len() });
+fn check(changed: &[Option<Vec3>], materials: &[Material]) -> Result<(), Error> {
+    if changed.len() != materials.len() {
+        return Err(Error::AlbedoCount { expected: materials.len(), found: changed.len() });
     }
     let is_wrong = |albedo: &Vec3| !(albedo.min_element() >= 0.0 && albedo.max_element() <= MOST_ALBEDO);
-    for (material, albedo) in changed.iter().enumerate() {
-        if let Some(value) = albedo.filter(|albedo| albedo.is_nan() || is_wrong(albedo)) {
+    for (material, (albedo, own)) in changed.iter().zip(materials).enumerate() {
+        let rest = Vec3::ONE - own.mirror - own.transmittance;
+        let is_wrong = |albedo: &Vec3| albedo.is_nan() || is_wrong(albedo) || albedo.cmpgt(rest).any();
+        if let Some(value) = albedo.filter(is_wrong) {
             return Err(Error::AlbedoValue { material, value });
         }
     }

@@ -234,7 +234,10 @@ pub enum Error {
         found: usize,
     },
     /// An albedo that no material has.
-    #[error("material {material} is to reflect {value}; give shares from 0 to {}", crate::albedo::MOST_ALBEDO)]
+    #[error(
+        "material {material} is to reflect {value}; give shares from 0 to {}, and no more than its mirror and transmittance leave",
+        crate::albedo::MOST_ALBEDO
+    )]
     AlbedoValue {
         /// Index of the material.
         material: usize,

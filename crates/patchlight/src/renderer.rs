@@ -20,6 +20,7 @@ use crate::debug::{DebugKind, DebugPicture, DebugView};
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
 use crate::method::{Method, MethodReport, MethodSettings, Preparation, firstshot::go_on};
+use crate::observe::warn_of_specular_materials;
 use crate::operator::{Build, Decode};
 use crate::picture::{Picture, Pictures};
 use crate::pixels::PixelGather;
@@ -799,6 +800,9 @@ fn prepare(
     observer: &dyn Observer,
 ) -> Result<Box<dyn Method>, Error> {
     let with = Preparation { bake, decode: settings.decode, build: &settings.build, eye: settings.eye, observer };
+    if !matches!(settings.method, MethodSettings::FirstShot(_)) {
+        warn_of_specular_materials(&bake.scene, observer);
+    }
     settings.method.prepare(&with, executor)
 }
 

@@ -1,7 +1,7 @@
 //! Path tracer, picture metrics and reference data: what every method of Patchlight is measured with.
 //!
-//! - `PathTracer` estimates `L = L_e + ρ/π · E` over a `scene::Scene`: two-sided Lambert surfaces with flat normals, alpha masks
-//!   passed through, emission from the front face. Every path vertex casts a shadow ray to each light, to one emissive triangle
+//! - `PathTracer` estimates `L = L_e + ρ/π · E` over a `scene::Scene`: two-sided Lambert surfaces with flat normals, mirrors and
+//!   clear glass beside, alpha masks passed through, emission from the front face. Every path vertex casts a shadow ray to each light, to one emissive triangle
 //!   and to one direction of the sky map, is connected with a point in parallel light, and goes on with a cosine-weighted ray;
 //!   the balance heuristic (Veach and Guibas 1995) weights what can be found in several ways, Russian roulette ends dark paths.
 //!   Unbiased: no clamping, no denoiser.

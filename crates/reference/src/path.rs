@@ -4,8 +4,12 @@
 //! to one emissive triangle and to one direction of the sky map, then one cosine-weighted ray; emitters and sky map are
 //! weighted by the balance heuristic (Veach and Guibas 1995), Russian roulette ends dark paths. Every vertex is also connected
 //! with a point in parallel light, so that rooms lit through an opening have little noise. Rectangle lights are no geometry:
-//! only shadow rays and the camera see them. A medium between surfaces absorbs `1 − e^(−σ d)` of the light on each segment of d m,
-//! that to the camera included.
+//! only shadow rays, the camera and what mirrors or refracts see them. A medium between surfaces absorbs `1 − e^(−σ d)` of the
+//! light on each segment of d m, that to the camera included.
+//!
+//! Where a surface mirrors or refracts, too ([`scene::kernel::specular`]), chance picks its diffuse part, what it mirrors or what goes
+//! through. A ray that is mirrored or refracted sees what shines as the camera does: no shadow ray finds that light. So the light
+//! that points, spots, luminaires and parallel lights send by way of a mirror or through glass is not found at all; photons find it.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::ops::ControlFlow;
@@ -15,6 +19,7 @@ use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::{camera_direction, surface_point};
 use scene::kernel::light::{luminaire_share, meet_rect, pick_emitter, sky_radiance, spot_falloff};
+use scene::kernel::specular::specular_parts;
 use scene::math::clamp;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle};
 use scene::{
@@ -45,7 +50,8 @@ pub enum Strategy {
 pub struct PathSettings {
     /// Changes every random number.
     pub seed: u32,
-    /// Greatest number of reflections between a light and the visible surface; 0 leaves direct light only.
+    /// Greatest number of reflections and refractions between a light and the visible surface, which may be seen in a mirror; 0
+    /// leaves direct light only.
     pub bounces: u32,
     /// How emitters and sky map are sampled.
     pub strategy: Strategy,
@@ -77,6 +83,8 @@ const GROUPS: u32 = 16;
 const BAND_ROWS: usize = 4;
 /// Vertices before Russian roulette begins.
 const SURE_VERTICES: u32 = 2;
+/// Surfaces that a path meets at most: it may be caught between mirrors that take nothing of its light.
+const MOST_VERTICES: u32 = 1 << 12;
 /// Training paths that find out where parallel light matters.
 const TRAINING_PATHS: u32 = 1 << 16;
 /// Least and greatest number of points in parallel light that one sample of a whole picture shares.
@@ -103,6 +111,16 @@ struct Shared<'g> {
 struct Gathered {
     direct: Vec3,
     indirect: Vec3,
+}
+
+/// How a path goes on from what it met.
+struct Onward {
+    /// What light that comes that way is multiplied by: the share of the part that was picked over the chance to pick it.
+    weight: Vec3,
+    /// The same for radiance alone, where it goes into another dielectric.
+    radiance_ratio: f32,
+    /// Origin and direction, or nothing where the diffuse part was picked.
+    ray: Option<(Vec3, Vec3)>,
 }
 
 /// What a ray sees of a surface.
@@ -275,30 +293,82 @@ impl<'a> PathTracer<'a> {
     /// One sample of the radiance of a pixel, split at the visible surface.
     fn pixel_sample(&self, camera: &Camera, shared: &Shared, pixel: u32, sample: u32) -> Gathered {
         let mut sampler = Sampler::new(pixel, sample, shared.settings.seed);
-        let (hit, direction) = self.camera_hit(camera, pixel, &mut sampler);
+        let (mut hit, mut direction) = self.camera_hit(camera, pixel, &mut sampler);
+        let mut origin = camera.eye;
+        let mut found = Gathered::default();
+        let mut throughput = Vec3::ONE;
+        for surface in 0..MOST_VERTICES {
+            let (radiance, distance) = self.seen(origin, hit, direction);
+            throughput *= self.scene.transmittance(distance);
+            found.direct += throughput * radiance;
+            if distance < hit.t || hit.is_miss() {
+                return found;
+            }
+            let onward = self.onward(hit, direction, &mut sampler);
+            throughput *= onward.weight * onward.radiance_ratio;
+            let Some(ray) = onward.ray else {
+                let light = self.gather(surface_point(&self.geometry, hit, direction), shared, &mut sampler);
+                found.direct += throughput * light.direct;
+                found.indirect += throughput * light.indirect;
+                return found;
+            };
+            if surface >= SURE_VERTICES && !survives(&mut throughput, &mut sampler) {
+                return found;
+            }
+            (origin, direction) = ray;
+            hit = self.scene.closest_before(origin, direction, FAR);
+        }
+        found
+    }
 
+    /// Radiance of what shines first along a ray whose hit is known, W/m²/sr, and how far off that is, m: a rectangle light before the
+    /// hit, the sky, or the emission of what was met.
+    fn seen(&self, origin: Vec3, hit: Hit, direction: Vec3) -> (Vec3, f32) {
         let mut nearest = if hit.is_miss() { FAR } else { hit.t };
-        let mut light_seen = None;
+        let mut rect = None;
         for light in self.lights.lights {
-            let t = meet_rect(light, camera.eye, direction, nearest);
+            let t = meet_rect(light, origin, direction, nearest);
             if t < nearest {
                 nearest = t;
-                light_seen = Some(light.color);
+                rect = Some(light.color);
             }
         }
-        let left = self.scene.transmittance(nearest);
-        if let Some(direct) = light_seen {
-            return Gathered { direct: direct * left, indirect: Vec3::ZERO };
-        }
-        if hit.is_miss() {
-            let direct = sky_radiance(&self.lights.sky, self.lights.sky_map, direction);
-            return Gathered { direct: direct * left, indirect: Vec3::ZERO };
-        }
-        let point = surface_point(&self.geometry, hit, direction);
+        let radiance = match rect {
+            Some(radiance) => radiance,
+            None if hit.is_miss() => sky_radiance(&self.lights.sky, self.lights.sky_map, direction),
+            None => self.emitted(hit, direction),
+        };
+        (radiance, nearest)
+    }
+
+    /// Picks one of the parts of a surface, by the greatest channel of their shares.
+    #[inline]
+    fn onward(&self, hit: Hit, direction: Vec3, sampler: &mut Sampler) -> Onward {
         let albedo = self.geometry.albedo(hit.triangle, hit.u, hit.v);
-        let light = self.gather(point, shared, &mut sampler);
-        let direct = self.emitted(hit, direction) + albedo * light.direct;
-        Gathered { direct: direct * left, indirect: albedo * light.indirect * left }
+        if !self.geometry.is_specular(hit.triangle) {
+            return Onward { weight: albedo, radiance_ratio: 1.0, ray: None };
+        }
+        let parts = specular_parts(&self.geometry, hit.triangle, direction);
+        let (diffuse, mirrored) = (albedo.max_element(), parts.mirrored.max_element());
+        let all = diffuse + mirrored + parts.refracted.max_element();
+        if all <= 0.0 {
+            return Onward { weight: Vec3::ZERO, radiance_ratio: 1.0, ray: None };
+        }
+        let chosen = sampler.next().0 * all;
+        if chosen < diffuse {
+            return Onward { weight: albedo * (all / diffuse), radiance_ratio: 1.0, ray: None };
+        }
+        let position = self.geometry.position(hit.triangle, hit.u, hit.v);
+        let above = parts.normal * self.scene.geometry.ray_offset;
+        if chosen < diffuse + mirrored {
+            let ray = Some((position + above, parts.mirror_direction));
+            return Onward { weight: parts.mirrored * (all / mirrored), radiance_ratio: 1.0, ray };
+        }
+        Onward {
+            weight: parts.refracted * (all / parts.refracted.max_element()),
+            radiance_ratio: parts.radiance_ratio,
+            ray: Some((position - above, parts.refracted_direction)),
+        }
     }
 
     /// What a ray through a random place of the pixel meets, and its unit direction.
@@ -314,6 +384,8 @@ impl<'a> PathTracer<'a> {
         let settings = &shared.settings;
         let mut gathered = Gathered::default();
         let mut throughput = Vec3::ONE;
+        // Of radiance in the dielectric about the path, over that at its start.
+        let mut ratio = 1.0;
         let mut point = start;
         let mut vertex = 0u32;
         // Density per m² with which the bounce found this vertex.
@@ -324,35 +396,46 @@ impl<'a> PathTracer<'a> {
             if let Some((_, lit)) = &shared.sun
                 && vertex < settings.bounces
             {
-                gathered.indirect += throughput * self.light_by_connection(origin, point.normal, lit, sampler);
+                gathered.indirect += throughput * ratio * self.light_by_connection(origin, point.normal, lit, sampler);
             }
-            let direction = cosine_hemisphere(point.normal, sampler.next());
-            let hit = self.scene.closest_before(origin, direction, FAR);
-            let left = self.scene.transmittance(if hit.is_miss() { FAR } else { hit.t });
+            let mut direction = cosine_hemisphere(point.normal, sampler.next());
+            let mut hit = self.scene.closest_before(origin, direction, FAR);
+            let mut left = self.scene.transmittance(if hit.is_miss() { FAR } else { hit.t });
             light += self.light_by_bounce(hit, direction, point.normal, settings.strategy) * left;
             if vertex == 0 {
                 gathered.direct = light;
             } else {
-                gathered.indirect += throughput * light;
+                gathered.indirect += throughput * ratio * light;
             }
-            if hit.is_miss() || vertex == settings.bounces {
-                return gathered;
-            }
-            throughput *= self.geometry.albedo(hit.triangle, hit.u, hit.v) * left;
-            vertex += 1;
-            let chance = throughput.max_element();
-            if chance <= 0.0 {
-                return gathered;
-            }
-            if vertex >= SURE_VERTICES && chance < 1.0 {
-                if sampler.next().0 >= chance {
+            let mut is_straight = true;
+            // Until chance picks the diffuse part of what the ray, mirrored and refracted on its way, meets.
+            loop {
+                if hit.is_miss() || vertex == settings.bounces || vertex >= MOST_VERTICES {
                     return gathered;
                 }
-                throughput *= 1.0 / chance;
+                let onward = self.onward(hit, direction, sampler);
+                throughput *= onward.weight * left;
+                ratio *= onward.radiance_ratio;
+                vertex += 1;
+                if throughput == Vec3::ZERO || vertex >= SURE_VERTICES && !survives(&mut throughput, sampler) {
+                    return gathered;
+                }
+                let Some((origin, next)) = onward.ray else { break };
+                is_straight = false;
+                direction = next;
+                hit = self.scene.closest_before(origin, direction, FAR);
+                let (radiance, distance) = self.seen(origin, hit, direction);
+                left = self.scene.transmittance(distance);
+                gathered.indirect += throughput * ratio * radiance * left;
+                if distance < hit.t {
+                    return gathered;
+                }
             }
             let cosine = direction.dot(point.normal);
             point = surface_point(&self.geometry, hit, direction);
-            arrival = cosine * -direction.dot(point.normal) * FRAC_1_PI / (hit.t * hit.t);
+            // Neither shadow rays nor connections find what a mirror shows.
+            arrival =
+                if is_straight { cosine * -direction.dot(point.normal) * FRAC_1_PI / (hit.t * hit.t) } else { 0.0 };
         }
     }
 
@@ -372,7 +455,7 @@ impl<'a> PathTracer<'a> {
         y.flux * left * (cosine_density * y.density / (y.density + cosine_density))
     }
 
-    /// Emitted radiance of what a ray met, from the front only.
+    /// Emitted radiance of what a ray met, W/m²/sr, from the front only.
     #[inline]
     fn emitted(&self, hit: Hit, direction: Vec3) -> Vec3 {
         let radiance = self.geometry.radiance(hit.triangle, hit.u, hit.v);
@@ -506,6 +589,19 @@ impl<'a> PathTracer<'a> {
         let left = self.scene.transmittance(squared.sqrt());
         self.geometry.radiance(e.triangle, u, v) * left * (here / density * weight)
     }
+}
+
+/// Russian roulette: whether a path goes on, by the greatest channel of its throughput, which it then has over.
+#[inline]
+fn survives(throughput: &mut Vec3, sampler: &mut Sampler) -> bool {
+    let chance = throughput.max_element();
+    if chance < 1.0 {
+        if sampler.next().0 >= chance {
+            return false;
+        }
+        *throughput *= 1.0 / chance;
+    }
+    true
 }
 
 /// Weight of a shadow ray: balance heuristic.

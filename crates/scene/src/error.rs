@@ -82,6 +82,17 @@ pub enum Error {
         /// The triangle.
         triangle: usize,
     },
+    /// A material reflects and transmits more light than it gets, or its optics are no numbers.
+    #[error(
+        "material {material}: {found}; diffuse reflectance, mirror and transmittance must be from 0 to 1, in each channel 1 at most \
+         together, and the index of refraction from 0.1 to 10"
+    )]
+    Reflectance {
+        /// The material.
+        material: usize,
+        /// What it has.
+        found: ReflectanceFault,
+    },
     /// The medium between surfaces gives light, or is no number.
     #[error("the absorption of the medium is {value} 1/m in a channel; it must be finite and not below 0")]
     Absorption {
@@ -124,5 +135,36 @@ pub enum Error {
         ours: (u32, u32),
         /// Width and height of the second.
         reference: (u32, u32),
+    },
+}
+
+/// What is wrong with the optics of a material.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum ReflectanceFault {
+    /// A share is below 0, or no number.
+    #[error("its {name} is {value} in a channel")]
+    Share {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        value: f32,
+    },
+    /// The shares are more than 1.
+    #[error(
+        "its diffuse reflectance {diffuse}, mirror {mirror} and transmittance {transmittance} are more than 1 together in a channel"
+    )]
+    Sum {
+        /// Diffuse reflectance of the channel, of the brightest texel where there is a texture.
+        diffuse: f32,
+        /// Mirror.
+        mirror: f32,
+        /// Transmittance.
+        transmittance: f32,
+    },
+    /// The index of refraction is none.
+    #[error("its index of refraction is {value}")]
+    Index {
+        /// Its value.
+        value: f32,
     },
 }

@@ -9,6 +9,7 @@ pub mod large;
 pub mod light;
 pub mod medium;
 pub mod shade;
+pub mod specular;
 pub mod texture;
 
 pub use bvh::{GeometryTables, Hierarchy};

@@ -43,7 +43,7 @@ pub mod types;
 #[cfg(feature = "std")]
 pub mod host;
 
-pub use error::Error;
+pub use error::{Error, ReflectanceFault};
 pub use kernel::light::Lights;
 pub use kernel::{GeometryTables, Hierarchy};
 pub use types::*;

@@ -55,11 +55,13 @@ pub struct BvhNode {
 }
 const _: () = assert!(size_of::<BvhNode>() == 32);
 
-/// A two-sided Lambert surface that may shine from its front face.
+/// A two-sided surface, that may shine from its front face: a mixture of Lambert reflection, a mirror, and the smooth boundary of a
+/// clear dielectric, which mirrors and refracts as Fresnel and Snell say ([`crate::kernel::specular`]). In each channel the three
+/// shares are 1 at most together; what is left is absorbed.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Material {
-    /// Reflectance ρ in [0, 0.95]; used where there is no albedo texture.
+    /// Diffuse reflectance ρ in [0, 0.95]; used where there is no albedo texture.
     pub albedo: Vec3,
     /// Texture that replaces `albedo`, or [`NONE`].
     pub albedo_texture: u32,
@@ -67,14 +69,30 @@ pub struct Material {
     pub radiance: Vec3,
     /// Texture that `radiance` is multiplied by, or [`NONE`].
     pub radiance_texture: u32,
+    /// Share of the light that is mirrored, the same at every angle.
+    pub mirror: Vec3,
     /// Texture whose alpha decides what is a hole, or [`NONE`].
     pub mask_texture: u32,
+    /// Share of the light that meets a clear dielectric: of it Fresnel's reflectance is mirrored, the rest goes through.
+    pub transmittance: Vec3,
     /// Alpha below this is a hole.
     pub mask_cutoff: f32,
+    /// Index of refraction of the dielectric behind the back, over that of what lies before the front.
+    pub index_of_refraction: f32,
+    /// 1 where the surface is a whole pane, both faces of which it stands for: light goes straight through.
+    pub is_pane: u32,
     /// Keeps the size a multiple of 16.
     pub reserved: [u32; 2],
 }
-const _: () = assert!(size_of::<Material>() == 64 - 16);
+const _: () = assert!(size_of::<Material>() == 80);
+
+impl Material {
+    /// Whether the surface mirrors light or lets it through.
+    #[inline]
+    pub fn is_specular(&self) -> bool {
+        self.mirror != Vec3::ZERO || self.transmittance != Vec3::ZERO
+    }
+}
 
 impl Default for Material {
     fn default() -> Self {
@@ -83,8 +101,12 @@ impl Default for Material {
             albedo_texture: NONE,
             radiance: Vec3::ZERO,
             radiance_texture: NONE,
+            mirror: Vec3::ZERO,
             mask_texture: NONE,
+            transmittance: Vec3::ZERO,
             mask_cutoff: 0.5,
+            index_of_refraction: 1.5,
+            is_pane: 0,
             reserved: [0; 2],
         }
     }
@@ -275,6 +297,26 @@ impl Hit {
         self.triangle == NONE
     }
 }
+
+/// What the ray of a pixel has been through at mirrors and clear glass, up to the surface whose diffuse part it shows; none of both
+/// where it meets that first.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SpecularChain {
+    /// What light of that surface is multiplied by on its way to the pixel; 0 where there is none.
+    pub through: Vec3,
+    /// Specular surfaces that were met.
+    pub surfaces: u32,
+    /// Radiance of what shines by itself on the way, that surface included, W/m²/sr.
+    pub shone: Vec3,
+    /// Keeps the size a multiple of 16.
+    pub reserved: u32,
+    /// Unit direction of the last segment.
+    pub direction: Vec3,
+    /// Keeps `direction` before a scalar.
+    pub reserved_b: u32,
+}
+const _: () = assert!(size_of::<SpecularChain>() == 48);
 
 /// A point of a surface at which direct light is measured.
 #[repr(C)]

@@ -68,6 +68,20 @@ fn a_small_lamp_in_a_housing_lights_the_room() {
     assert_eq!(open_shares(&room(0.0)), (0.0, 0.0));
 }
 
+#[test]
+fn walks_go_through_glass_and_not_through_mirrors() {
+    let of = |safe: Material| {
+        let mut scene = room(20.0);
+        scene.materials = vec![scene.materials[0], scene.materials[1], safe].into();
+        open_shares(&scene).1
+    };
+    let black = Material { albedo: Vec3::ZERO, ..Material::default() };
+    // The fronts look inside, where the glass is.
+    assert!(of(Material { transmittance: Vec3::ONE, index_of_refraction: 1.0 / 1.5, ..black }) > 0.95);
+    assert!(of(Material { transmittance: Vec3::ONE, is_pane: 1, ..black }) > 0.95);
+    assert_eq!(of(Material { mirror: Vec3::ONE, ..black }), 0.0);
+}
+
 /// Whether a corner is one of the room's.
 fn is_outside(corner: Vec3) -> bool {
     corner.x.abs() == 2.0 && corner.z.abs() == 2.0

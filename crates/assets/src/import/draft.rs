@@ -10,6 +10,7 @@ use scene::{LIGHT_DIRECTIONAL, Light, Material, NONE, Scene, SceneParts, Sky, Tr
 use sha2::{Digest, Sha256};
 
 use super::lights::QUANTITY_LIMIT;
+use super::optics::Optics;
 use super::pictures::{ALBEDO_LIMIT, MaskChannel, Packed, Source, pack};
 use super::{Animation, AtlasTriangle, Dropped, ImportError, LightmapUvs, LoadOptions, LoadedScene, View};
 
@@ -30,7 +31,7 @@ const COORDINATE_LIMIT: f32 = 1e9;
 pub struct MaterialDraft {
     /// Name.
     pub name: String,
-    /// Reflectance where there is no picture.
+    /// Diffuse reflectance where there is no picture.
     pub albedo: Vec3,
     /// Picture that replaces `albedo`.
     pub albedo_picture: Option<Source>,
@@ -40,6 +41,8 @@ pub struct MaterialDraft {
     pub radiance: Vec3,
     /// Picture that `radiance` is multiplied by.
     pub radiance_picture: Option<Source>,
+    /// What it mirrors and lets through.
+    pub optics: Optics,
     /// Picture that has the mask, and where in it.
     pub mask: Option<(Source, MaskChannel)>,
     /// Values below are holes.
@@ -58,10 +61,30 @@ impl MaterialDraft {
             albedo_factor: Vec3::ONE,
             radiance: Vec3::ZERO,
             radiance_picture: None,
+            optics: Optics::default(),
             mask: None,
             mask_cutoff: 0.5,
             hole: false,
         }
+    }
+
+    /// Takes what the material mirrors and lets through, and leaves what is left of the light to diffuse reflection. Returns what was
+    /// repaired.
+    pub fn set_optics(&mut self, mut optics: Optics) -> Vec<String> {
+        let mut repairs: Vec<String> = optics.repair().into_iter().collect();
+        let rest = optics.rest();
+        if optics.is_specular() && self.albedo.cmpgt(rest).any() {
+            repairs.push(format!(
+                "diffuse reflectance {} {} {} was lessened to what mirror and transmittance leave",
+                self.albedo.x, self.albedo.y, self.albedo.z
+            ));
+            self.albedo = self.albedo.min(rest);
+        }
+        if optics.is_specular() {
+            self.albedo_factor = self.albedo_factor.min(rest);
+        }
+        self.optics = optics;
+        repairs
     }
 
     /// Brings reflectance and radiance into their range, with at most one warning each.
@@ -252,7 +275,12 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     let mut content_hash = hash(&parts, &packed.hashes);
     timings.push(("hash", seconds(start)));
     let start = Instant::now();
-    let scene = Scene::new(parts).map_err(|source| ImportError::Scene { path: path.clone(), source })?;
+    let scene = Scene::new(parts).map_err(|source| match source {
+        scene::Error::Reflectance { material, found } => {
+            ImportError::Reflectance { path: path.clone(), material: mesh.materials[material].name.clone(), found }
+        }
+        source => ImportError::Scene { path: path.clone(), source },
+    })?;
     timings.push(("hierarchy", seconds(start)));
 
     let view = setting.view.or_else(|| mesh.view.map(|v| scaled(v, setting.metres_per_unit)));
@@ -345,8 +373,12 @@ fn build_material(m: &MaterialDraft, slots: &super::pictures::Slots) -> Material
         albedo_texture: slots.albedo,
         radiance: m.radiance * slots.radiance_scale,
         radiance_texture: slots.radiance,
+        mirror: m.optics.mirror,
         mask_texture: slots.mask,
+        transmittance: m.optics.transmittance,
         mask_cutoff: m.mask_cutoff,
+        index_of_refraction: m.optics.index_of_refraction,
+        is_pane: u32::from(m.optics.is_pane),
         ..Material::default()
     }
 }
@@ -507,7 +539,7 @@ fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
     }
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.triangles));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.uvs));
-    digest.update(bytemuck::cast_slice::<_, u8>(&parts.materials));
+    parts.materials.iter().for_each(|m| hash_material(&mut digest, m));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.textures));
     textures.iter().for_each(|h| digest.update(h));
     digest.update(bytemuck::cast_slice::<_, u8>(&parts.lights));
@@ -518,6 +550,22 @@ fn hash(parts: &SceneParts, textures: &[[u8; 32]]) -> [u8; 32] {
         digest.update(bytemuck::bytes_of(&parts.absorption));
     }
     digest.finalize().into()
+}
+
+/// What a material mirrors and lets through counts only where there is any: files know scenes without by this hash.
+fn hash_material(digest: &mut Sha256, m: &Material) {
+    for (color, texture) in [(m.albedo, m.albedo_texture), (m.radiance, m.radiance_texture)] {
+        digest.update(bytemuck::bytes_of(&color));
+        digest.update(texture.to_le_bytes());
+    }
+    digest.update(m.mask_texture.to_le_bytes());
+    digest.update(m.mask_cutoff.to_le_bytes());
+    digest.update([0; 8]);
+    if m.is_specular() {
+        digest.update(bytemuck::cast_slice::<_, u8>(&[m.mirror, m.transmittance]));
+        digest.update(m.index_of_refraction.to_le_bytes());
+        digest.update(m.is_pane.to_le_bytes());
+    }
 }
 
 fn hash_view(before: [u8; 32], view: &View, stops: f32) -> [u8; 32] {

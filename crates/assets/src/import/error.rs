@@ -158,6 +158,19 @@ pub enum ImportError {
         /// What is wrong.
         reason: String,
     },
+    /// A material sends more light than it gets.
+    #[error(
+        "{}: material \"{material}\": {found}; lower what it reflects diffusely, mirrors or lets through, in the mesh or by \
+         [[material]] of a scene file", path.display()
+    )]
+    Reflectance {
+        /// The file.
+        path: PathBuf,
+        /// The material.
+        material: String,
+        /// What is wrong.
+        found: scene::ReflectanceFault,
+    },
     /// The scene cannot be built from what was read.
     #[error("{}: {source}", path.display())]
     Scene {

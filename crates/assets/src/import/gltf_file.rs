@@ -15,6 +15,7 @@ use gltf::{Accessor, Document, Gltf, Node, Primitive};
 use scene::Light;
 
 use super::draft::{FileTriangle, MaterialDraft, Mesh, check_count};
+use super::optics::{GLASS, Optics};
 use super::pictures::{MaskChannel, Source, guard};
 use super::scene_file::beside;
 use super::{ImportError, LoadOptions, View, lights};
@@ -380,6 +381,30 @@ fn check_accessor(file: &File, accessor: &Accessor, place: &str) -> Result<(), I
     Ok(())
 }
 
+/// Roughness below which a surface counts as smooth.
+const SMOOTH: f32 = 0.01;
+
+/// What a material mirrors and lets through, and the share of its colour that is left to diffuse reflection: metals, and what
+/// KHR_materials_transmission says, where they are smooth. Without a volume the surface is a pane.
+fn optics(material: &gltf::Material, color: Vec3, warn: &mut impl FnMut(&str)) -> (Optics, f32) {
+    let pbr = material.pbr_metallic_roughness();
+    let clear = material.transmission().map_or(0.0, |transmission| transmission.transmission_factor());
+    if pbr.roughness_factor() >= SMOOTH {
+        if clear > 0.0 {
+            warn("lets light through a rough surface; it is read as one that lets none through");
+        }
+        return (Optics::default(), 1.0);
+    }
+    let metal = pbr.metallic_factor();
+    let optics = Optics {
+        mirror: color * metal,
+        transmittance: color * (clear * (1.0 - metal)),
+        index_of_refraction: material.ior().unwrap_or(GLASS),
+        is_pane: clear > 0.0 && material.volume().is_none_or(|volume| volume.thickness_factor() <= 0.0),
+    };
+    (optics, (1.0 - clear) * (1.0 - metal))
+}
+
 fn read_material(
     pictures: &mut Pictures,
     material: &gltf::Material,
@@ -398,12 +423,15 @@ fn read_material(
         let set = info.texture_transform().and_then(|t| t.tex_coord()).unwrap_or_else(|| info.tex_coord());
         UvRule { set, transform }
     });
+    let color = Vec3::new(r, g, b);
+    let (optics, diffuse) = optics(material, color, &mut warn);
     let mut draft = MaterialDraft {
-        albedo: Vec3::new(r, g, b),
-        albedo_factor: Vec3::new(r, g, b),
+        albedo: color * diffuse,
+        albedo_factor: color * diffuse,
         radiance: Vec3::from(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0),
         ..MaterialDraft::new(&name)
     };
+    draft.set_optics(optics).iter().for_each(|what| warn(what));
     if let Some(info) = &base {
         draft.albedo_picture = Some(pictures.read(&info.texture().source())?);
     }

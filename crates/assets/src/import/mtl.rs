@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use super::draft::MaterialDraft;
 use super::obj::line_end;
+use super::optics::{GLASS, Optics};
 use super::pictures::{MaskChannel, Source, guard};
 use super::scene_file::beside;
 
@@ -35,27 +36,52 @@ pub fn load(path: &Path, materials: &mut Vec<MaterialDraft>, warnings: &mut Vec<
     let text = canonical(path, &String::from_utf8_lossy(&bytes), warnings);
     let loaded = guard(|| tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| e.to_string()));
     match loaded {
-        Ok((loaded, _)) => materials.extend(loaded.iter().map(|m| draft(m, path))),
+        Ok((loaded, _)) => materials.extend(loaded.iter().map(|m| draft(m, path, warnings))),
         Err(e) => warnings.push(format!("material file {}: {e}; mid-grey is used", path.display())),
     }
 }
 
-fn draft(m: &tobj::Material, path: &Path) -> MaterialDraft {
+/// `illum` of a mirror, whose colour is Ks.
+const MIRROR: u8 = 5;
+/// `illum` of what refracts, without and with Fresnel's mirror.
+const REFRACTING: [u8; 2] = [6, 7];
+
+/// What a material mirrors and lets through: only its `illum` says whether it does at all.
+fn optics(m: &tobj::Material) -> Optics {
+    let none = Optics::default();
+    match m.illumination_model {
+        Some(MIRROR) => Optics { mirror: m.specular.map_or(Vec3::ZERO, Vec3::from), ..none },
+        Some(model) if REFRACTING.contains(&model) => {
+            let filter = m.unknown_param.get("Tf").and_then(|words| colour(words)).map_or(Vec3::ONE, Vec3::from);
+            // Files with this `illum` have d = 1 as often as none.
+            let clear = m.dissolve.filter(|d| *d < 1.0).map_or(1.0, |d| 1.0 - d);
+            let index_of_refraction = m.optical_density.unwrap_or(GLASS);
+            Optics { transmittance: filter * clear, index_of_refraction, ..none }
+        }
+        _ => none,
+    }
+}
+
+fn draft(m: &tobj::Material, path: &Path, warnings: &mut Vec<String>) -> MaterialDraft {
     let picture = |name: &String| Source::File(beside(path, name));
     let radiance_picture = m.unknown_param.get("map_Ke").map(picture);
     let mut radiance = m.emissive.map_or(Vec3::ZERO, Vec3::from);
     if radiance_picture.is_some() && radiance == Vec3::ZERO {
         radiance = Vec3::ONE;
     }
-    MaterialDraft {
+    let mut draft = MaterialDraft {
         albedo: m.diffuse.map_or(Vec3::splat(0.5), Vec3::from),
         albedo_picture: m.diffuse_texture.as_ref().map(picture),
         radiance,
         radiance_picture,
         mask: m.dissolve_texture.as_ref().map(|name| (picture(name), MaskChannel::AlphaOrGrey)),
-        hole: m.dissolve.is_some_and(|d| d < 0.5),
         ..MaterialDraft::new(&m.name)
+    };
+    for what in draft.set_optics(optics(m)) {
+        warnings.push(format!("material {}: {what}", m.name));
     }
+    draft.hole = draft.optics.transmittance == Vec3::ZERO && m.dissolve.is_some_and(|d| d < 0.5);
+    draft
 }
 
 /// The lines that matter, each complete: colours have three numbers, texture options are gone, `Tr` is `d`. What is left
@@ -79,18 +105,19 @@ fn canonical(path: &Path, text: &str, warnings: &mut Vec<String>) -> String {
         }
         match keyword {
             "newmtl" => out.push_str(&format!("newmtl {rest}\n")),
-            "Kd" | "Ke" => match colour(rest) {
+            "Kd" | "Ke" | "Ks" | "Tf" => match colour(rest) {
                 Some([r, g, b]) => out.push_str(&format!("{keyword} {r} {g} {b}\n")),
                 None => warn(&format!("\"{line}\" is not a colour of three finite numbers and was left out")),
             },
-            "d" | "Tr" => {
-                let value =
-                    rest.split_whitespace().last().and_then(|w| w.parse::<f32>().ok()).filter(|x| x.is_finite());
-                match value {
-                    Some(x) => out.push_str(&format!("d {}\n", if keyword == "d" { x } else { 1.0 - x })),
-                    None => warn(&format!("\"{line}\" is not a finite number and was left out")),
-                }
-            }
+            "d" | "Tr" => match last_number(rest) {
+                Some(x) => out.push_str(&format!("d {}\n", if keyword == "d" { x } else { 1.0 - x })),
+                None => warn(&format!("\"{line}\" is not a finite number and was left out")),
+            },
+            "Ni" | "illum" => match last_number(rest) {
+                Some(x) if keyword == "Ni" => out.push_str(&format!("Ni {x}\n")),
+                Some(x) if x.fract() == 0.0 && (0.0..=255.0).contains(&x) => out.push_str(&format!("illum {x}\n")),
+                _ => warn(&format!("\"{line}\" is not a number that {keyword} can have and was left out")),
+            },
             "map_Kd" | "map_d" | "map_Ke" => {
                 let (name, had_options) = strip_options(rest);
                 if had_options {
@@ -106,6 +133,11 @@ fn canonical(path: &Path, text: &str, warnings: &mut Vec<String>) -> String {
         }
     }
     out
+}
+
+/// The last word as a finite number.
+fn last_number(rest: &str) -> Option<f32> {
+    rest.split_whitespace().last().and_then(|w| w.parse::<f32>().ok()).filter(|x| x.is_finite())
 }
 
 /// Three finite numbers; one stands for all three.
@@ -156,5 +188,36 @@ mod tests {
         assert_eq!(out, "newmtl a b\nKd 0.5 0.5 0.5\nd 0.25\nmap_Kd my pic.png\n");
         assert_eq!(warnings.len(), 3, "{warnings:?}");
         assert!(warnings[0].contains("x.mtl, line 4"), "{warnings:?}");
+    }
+
+    /// Materials of lines.
+    fn read(text: &str) -> (Vec<MaterialDraft>, Vec<String>) {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("a.mtl");
+        std::fs::write(&path, text).unwrap();
+        let (mut materials, mut warnings) = (Vec::new(), Vec::new());
+        load(&path, &mut materials, &mut warnings);
+        (materials, warnings)
+    }
+
+    #[test]
+    fn only_illum_makes_mirrors_and_glass() {
+        let (plain, warnings) = read("newmtl a\nKd 0.5 0.5 0.5\nKs 0.9 0.9 0.9\nNi 1.4\nTf 1 1 1\nillum 2\n");
+        assert_eq!((plain[0].optics, &warnings[..]), (Optics::default(), &[][..]));
+        let (mirror, _) = read("newmtl a\nKd 0.1 0.1 0.1\nKs 0.9 0.8 0.7\nillum 5\n");
+        assert_eq!(mirror[0].optics, Optics { mirror: Vec3::new(0.9, 0.8, 0.7), ..Optics::default() });
+        assert_eq!(mirror[0].albedo, Vec3::splat(0.1));
+        let (glass, _) = read("newmtl a\nKd 0 0 0\nTf 1 0.5 1\nNi 1.33\nd 0.2\nillum 7\n");
+        let (found, clear) = (glass[0].optics, Vec3::new(0.8, 0.4, 0.8));
+        assert!((found.transmittance - clear).abs().max_element() < 1e-6 && found.mirror == Vec3::ZERO, "{found:?}");
+        assert_eq!((found.index_of_refraction, glass[0].hole), (1.33, false));
+        let (bright, warnings) = read("newmtl a\nKd 0.8 0.8 0.8\nKs 0.6 0.6 0.6\nillum 5\n");
+        assert!((bright[0].albedo.x - 0.4).abs() < 1e-6);
+        assert!(
+            warnings.len() == 1 && warnings[0].contains("material a") && warnings[0].contains("0.8"),
+            "{warnings:?}"
+        );
+        let (_, warnings) = read("newmtl a\nillum many\nNi\n");
+        assert_eq!(warnings.len(), 2, "{warnings:?}");
     }
 }

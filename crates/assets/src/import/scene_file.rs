@@ -4,13 +4,14 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light, Sky};
+use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light, NONE, Sky};
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::draft::{Setting, finish};
+use super::draft::{Mesh, Setting, finish};
 use super::lights::{self, Fault, Mounting};
 use super::luminaire::Luminaires;
+use super::optics::INDICES;
 use super::{ImportError, Keyframe, LoadOptions, LoadedScene, Target, Track, View};
 
 /// Most absorption of a medium, 1/m: nothing is seen through a tenth of a millimetre.
@@ -32,6 +33,8 @@ struct SceneTable {
     camera: Option<Spanned<CameraTable>>,
     sky: Option<Spanned<SkyTable>>,
     medium: Option<Spanned<MediumTable>>,
+    #[serde(default)]
+    material: Vec<Spanned<MaterialTable>>,
     #[serde(default)]
     light: Vec<Spanned<LightTable>>,
     #[serde(default)]
@@ -58,6 +61,17 @@ struct SkyTable {
 #[serde(deny_unknown_fields)]
 struct MediumTable {
     absorption: [f32; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaterialTable {
+    name: String,
+    albedo: Option<[f32; 3]>,
+    mirror: Option<[f32; 3]>,
+    transmittance: Option<[f32; 3]>,
+    index_of_refraction: Option<f32>,
+    pane: Option<bool>,
 }
 
 #[derive(Deserialize)]
@@ -204,7 +218,46 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
     let mut mesh = super::read_mesh(&mesh_path, options)?;
     warnings.append(&mut mesh.warnings);
     mesh.warnings = warnings;
+    for material in &table.material {
+        change_material(material.as_ref(), &mut mesh)
+            .map_err(|(key, reason)| text.value(material.span(), &format!("material, {key}"), reason))?;
+    }
     finish(mesh, setting, options)
+}
+
+/// Gives the materials of a name what a scene file says of them.
+fn change_material(t: &MaterialTable, mesh: &mut Mesh) -> Result<(), Fault> {
+    let share = |key: &'static str, value: Option<[f32; 3]>| match value.map(Vec3::from) {
+        Some(v) if v.to_array().into_iter().all(|x| (0.0..=1.0).contains(&x)) => Ok(Some(v)),
+        Some(v) => Err((key, format!("{v} is no share of light; give three numbers from 0 to 1"))),
+        None => Ok(None),
+    };
+    let (albedo, mirror) = (share("albedo", t.albedo)?, share("mirror", t.mirror)?);
+    let transmittance = share("transmittance", t.transmittance)?;
+    if let Some(index) = t.index_of_refraction.filter(|index| !(INDICES.0..=INDICES.1).contains(index)) {
+        let reason = format!("{index} is no index of refraction; give a number from {} to {}", INDICES.0, INDICES.1);
+        return Err(("index_of_refraction", reason));
+    }
+    let named: Vec<usize> = (0..mesh.materials.len()).filter(|&k| mesh.materials[k].name == t.name).collect();
+    if named.is_empty() {
+        let known: Vec<&str> = mesh.materials.iter().map(|m| m.name.as_str()).collect();
+        return Err(("name", format!("\"{}\" is no material of the mesh, which has {}", t.name, known.join(", "))));
+    }
+    for k in named {
+        let m = &mut mesh.materials[k];
+        if let Some(albedo) = albedo {
+            m.albedo = albedo;
+            m.albedo_picture = None;
+            if let Some(packed) = &mut mesh.packed {
+                packed.slots[k].albedo = NONE;
+            }
+        }
+        m.optics.mirror = mirror.unwrap_or(m.optics.mirror);
+        m.optics.transmittance = transmittance.unwrap_or(m.optics.transmittance);
+        m.optics.index_of_refraction = t.index_of_refraction.unwrap_or(m.optics.index_of_refraction);
+        m.optics.is_pane = t.pane.unwrap_or(m.optics.is_pane);
+    }
+    Ok(())
 }
 
 /// A path relative to the folder of a file.

@@ -174,15 +174,16 @@ impl Emission {
 }
 
 /// Emission coefficient of a light element: `S · mean(h) · lum(ρ̄∘color)`, S its area, h the light over the light's
-/// colour.
+/// colour, ρ̄ the share that goes on.
 fn lit_element(scene: &Scene, light_element: &LightElement, brightest: &Brightest, is_exact: bool) -> (Element, f64) {
     let color = scene.lighting.lights[light_element.light as usize].color;
-    let albedo = brightest.of(scene, light_element).unwrap_or(light_element.albedo);
+    let specular = scene.tables().specular_share(light_element.triangle);
+    let onward = brightest.of(scene, light_element).map_or(light_element.onward, |albedo| albedo + specular);
     let textured = scene.materials[scene.geometry.triangles[light_element.triangle as usize].material as usize]
         .albedo_texture
         != NONE;
     let least = if textured { LEAST_ALBEDO * luminance(color) } else { 0.0 };
-    let reflected = luminance(albedo * color).max(least);
+    let reflected = luminance(onward * color).max(least);
     let mut values = Vec3::from(light_element.values);
     if is_exact {
         // Of starts that may be hidden, each with a chance, the square root of the chance makes the variance least.

@@ -105,8 +105,8 @@ pub struct LightElement {
     pub around: f32,
     /// Area, m².
     pub area: f32,
-    /// Mean reflectance.
-    pub albedo: Vec3,
+    /// Mean share of the light that goes on: what is reflected, mirrored and let through.
+    pub onward: Vec3,
     /// Share of the shadow rays of its group that reach the light, which the values hold already; 1 for elements that
     /// have their own, and where none does.
     pub seen: f32,
@@ -214,20 +214,20 @@ impl<'a> Side<'a> {
         self.light_at(inwards(at))
     }
 
-    fn element(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, albedo: Vec3) -> Cut {
+    fn element(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, onward: Vec3) -> Cut {
         let (origin, arrival) = self.arrival((corners[0] + corners[1] + corners[2]) / 3.0);
         let middle = if self.is_lit(origin, &arrival) { arrival.share } else { 0.0 };
         let share = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
         let area = share * self.area;
         let (triangle, light, is_back) = (self.triangle, self.light, self.is_back());
         let element =
-            LightElement { triangle, light, is_back, corners, values, middle, around, area, albedo, seen: 1.0 };
+            LightElement { triangle, light, is_back, corners, values, middle, around, area, onward, seen: 1.0 };
         Cut { element, potential: area * arrival.share }
     }
 
     /// The triangle as an element, with this light in its corners.
-    fn whole(&self, albedo: Vec3) -> Cut {
-        self.element(WHOLE, WHOLE.map(|at| self.light_at_corner(at)), 0.0, albedo)
+    fn whole(&self, onward: Vec3) -> Cut {
+        self.element(WHOLE, WHOLE.map(|at| self.light_at_corner(at)), 0.0, onward)
     }
 
     /// Squared lengths of the edges opposite to the corners, m².
@@ -248,7 +248,7 @@ impl<'a> Side<'a> {
         let longest = (0..3).max_by(|&a, &b| squared[a].total_cmp(&squared[b])).unwrap_or(0);
         let top = element.top();
         let half = |k: usize| (c[(k + 1) % 3] + c[(k + 2) % 3]) * 0.5;
-        let mut add = |corners, values| children.push(self.element(corners, values, AROUND * top, element.albedo));
+        let mut add = |corners, values| children.push(self.element(corners, values, AROUND * top, element.onward));
         // The two children of a cut across the edge opposite to corner k.
         let mut in_two = |k: usize, at: Vec2, value: f32| {
             let (a, b) = ((k + 1) % 3, (k + 2) % 3);
@@ -301,7 +301,7 @@ impl Side<'_> {
     fn split_as_printed(&self, element: &LightElement, children: &mut Vec<Cut>) {
         let (c, v) = (element.corners, element.values);
         let mut add =
-            |corners, values| children.push(self.element(corners, values, AROUND * element.top(), element.albedo));
+            |corners, values| children.push(self.element(corners, values, AROUND * element.top(), element.onward));
         let squared = self.edges_squared(&c);
         let obtuse = (0..3).find(|&k| squared[k] > squared[(k + 1) % 3] + squared[(k + 2) % 3]);
         // A is the corner with the obtuse angle, of the longest edge BC.
@@ -406,8 +406,8 @@ impl Refining<'_, '_> {
 struct Whole {
     area: f32,
     longest_squared: f32,
-    /// Mean reflectance.
-    albedo: Vec3,
+    /// Mean share of the light that goes on.
+    onward: Vec3,
 }
 
 impl Whole {
@@ -417,8 +417,8 @@ impl Whole {
         let third = (t.edge_b - t.edge_a).length_squared();
         let longest_squared = t.edge_a.length_squared().max(t.edge_b.length_squared()).max(third);
         let middle = t.corner + (t.edge_a + t.edge_b) / 3.0;
-        let albedo = if area > 0.0 { scene.filtered_albedo(triangle as u32, middle, area) } else { Vec3::ZERO };
-        Self { area, longest_squared, albedo }
+        let onward = if area > 0.0 { mean_onward(scene, triangle as u32, middle, area) } else { Vec3::ZERO };
+        Self { area, longest_squared, onward }
     }
 }
 
@@ -485,13 +485,13 @@ impl Search<'_> {
         let mut groups = [const { Vec::<Group>::new() }; 2];
         for t in block {
             let whole = &wholes[t];
-            let (reflected, open) = (luminance(whole.albedo * color), self.open[t * self.lights.len() + n]);
+            let (reflected, open) = (luminance(whole.onward * color), self.open[t * self.lights.len() + n]);
             let power = reflected * whole.area * open.abs();
             if reflected <= 0.0 || whole.area <= 0.0 {
                 continue;
             }
             if settings.neighbours < 2 || power > least || whole.longest_squared > longest * longest {
-                large.extend(Side::new(scene, t as u32, light).map(|side| (side, whole.albedo, least / reflected)));
+                large.extend(Side::new(scene, t as u32, light).map(|side| (side, whole.onward, least / reflected)));
             } else if power > 0.0 {
                 let groups = &mut groups[usize::from(open < 0.0)];
                 if groups.last().is_none_or(|group| group.is_full(least, settings.neighbours)) {
@@ -500,16 +500,16 @@ impl Search<'_> {
                 groups.last_mut().into_iter().for_each(|group| group.add((t as u32, open.abs()), power));
             }
         }
-        let refined = |(side, albedo, least): (Side, Vec3, f32)| {
+        let refined = |(side, onward, least): (Side, Vec3, f32)| {
             let mut leaves = Vec::new();
             let refining = Refining { side: &side, tolerance: settings.tolerance, least, longest };
             match settings.subdivision {
                 Subdivision::Edges => {
-                    refining.refine(side.whole(albedo), settings.depth, &mut leaves);
+                    refining.refine(side.whole(onward), settings.depth, &mut leaves);
                 }
-                Subdivision::Kopylov => refining.refine_as_printed(side.whole(albedo), settings.depth, &mut leaves),
+                Subdivision::Kopylov => refining.refine_as_printed(side.whole(onward), settings.depth, &mut leaves),
             }
-            let of_texture = |leaf: &mut LightElement| leaf.albedo = mean_albedo(scene, leaf);
+            let of_texture = |leaf: &mut LightElement| leaf.onward = onward_of(scene, leaf);
             leaves.iter_mut().filter(|leaf| leaf.corners != WHOLE).for_each(of_texture);
             LightElements { elements: leaves, shadow_rays: side.rays.get() }
         };
@@ -528,7 +528,7 @@ impl Search<'_> {
                     continue;
                 }
                 for &(triangle, open) in &group.members {
-                    let Whole { area, albedo, .. } = wholes[triangle as usize];
+                    let Whole { area, onward, .. } = wholes[triangle as usize];
                     let Some(side) = Side::new(scene, triangle, light) else { continue };
                     let values = WHOLE.map(|at| side.arrival(inwards(at)).1.share * group.seen);
                     let (middle, around) = (open * group.seen, open * around);
@@ -543,7 +543,7 @@ impl Search<'_> {
                         middle,
                         around,
                         area,
-                        albedo,
+                        onward,
                         seen,
                     });
                 }
@@ -554,10 +554,16 @@ impl Search<'_> {
     }
 }
 
-/// Mean reflectance of an element.
-fn mean_albedo(scene: &Scene, element: &LightElement) -> Vec3 {
+/// Mean share of the light that goes on from about `area` m² of a triangle.
+fn mean_onward(scene: &Scene, triangle: u32, position: Vec3, area: f32) -> Vec3 {
+    scene.filtered_albedo(triangle, position, area) + scene.tables().specular_share(triangle)
+}
+
+/// Mean share of the light that goes on from an element.
+fn onward_of(scene: &Scene, element: &LightElement) -> Vec3 {
     let at = (element.corners[0] + element.corners[1] + element.corners[2]) / 3.0;
-    scene.filtered_albedo(element.triangle, scene.tables().position(element.triangle, at.x, at.y), element.area)
+    let position = scene.tables().position(element.triangle, at.x, at.y);
+    mean_onward(scene, element.triangle, position, element.area)
 }
 
 /// Light elements of a scene.
@@ -651,7 +657,7 @@ pub fn light_elements(
     let open: Vec<f32> = (0..triangles).into_par_iter().flat_map_iter(open).collect();
     let power = |t: usize| -> f64 {
         let of = |(&light, open): (&u32, &f32)| {
-            let reflected = luminance(wholes[t].albedo * scene.lighting.lights[light as usize].color);
+            let reflected = luminance(wholes[t].onward * scene.lighting.lights[light as usize].color);
             f64::from(reflected * wholes[t].area * open.abs())
         };
         lights.iter().zip(&open[t * lights.len()..]).map(of).sum()

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use scene::kernel::bvh::FAR;
 use scene::kernel::medium::transmittance;
+use scene::kernel::specular::specular_parts;
 use scene::math::luminance;
 use scene::sampling::{cosine_hemisphere, unit};
 use scene::{GeometryTables, Hit, NONE};
@@ -38,8 +39,10 @@ pub fn photon_hit(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon,
     PhotonHit { flux: arriving(p, photon, hit), triangle: hit.triangle, u: hit.u, v: hit.v, photon: k, info }
 }
 
-/// The photon after what it met: it survives with the chance `lum(ρ∘T∘Φ)/lum(Φ)`, T what the medium has left, so its luminance
-/// stays, and leaves the side that it met with a cosine-weighted direction. Its flux is zero where it does not survive.
+/// The photon after what it met. With T what the medium has left, ρ the albedo, m and t the shares that the surface mirrors and lets
+/// through at this angle ([`specular_parts`]), it survives with the chance `lum((ρ + m + t)∘T∘Φ)/lum(Φ)`, so its luminance stays. The
+/// same number picks one of the three, by luminance: it leaves the side that it met with a cosine-weighted direction, is mirrored,
+/// or refracted. Its flux is zero where it does not survive.
 #[inline]
 pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hit: Hit) -> Photon {
     let mut next = *photon;
@@ -47,17 +50,32 @@ pub fn reflect(g: &GeometryTables, p: &PhotonParams, k: u32, photon: &Photon, hi
     if hit.triangle == NONE {
         return next;
     }
-    let flux = arriving(p, photon, hit) * g.albedo(hit.triangle, hit.u, hit.v);
+    let arrived = arriving(p, photon, hit);
+    let flux = arrived * g.albedo(hit.triangle, hit.u, hit.v);
     let (left, before) = (luminance(flux), luminance(photon.flux));
     let (survival, way) = Sequence::of(p, k).reflection(photon.segments);
-    if left <= 0.0 || unit(survival) * before >= left {
-        return next;
+    let chosen = unit(survival) * before;
+    let position = g.position(hit.triangle, hit.u, hit.v);
+    if left > 0.0 && chosen < left {
+        let front = g.normal(hit.triangle);
+        let normal = if front.dot(photon.direction) > 0.0 { -front } else { front };
+        next.origin = position + normal * p.ray_offset;
+        next.direction = cosine_hemisphere(normal, (unit(way.0), unit(way.1)));
+        next.flux = flux * (before / left);
+    } else if g.is_specular(hit.triangle) {
+        let parts = specular_parts(g, hit.triangle, photon.direction);
+        let (mirrored, refracted) = (arrived * parts.mirrored, arrived * parts.refracted);
+        let (by_mirror, by_refraction) = (luminance(mirrored), luminance(refracted));
+        if by_mirror > 0.0 && chosen < left + by_mirror {
+            next.origin = position + parts.normal * p.ray_offset;
+            next.direction = parts.mirror_direction;
+            next.flux = mirrored * (before / by_mirror);
+        } else if by_refraction > 0.0 && chosen < left + by_mirror + by_refraction {
+            next.origin = position - parts.normal * p.ray_offset;
+            next.direction = parts.refracted_direction;
+            next.flux = refracted * (before / by_refraction);
+        }
     }
-    let front = g.normal(hit.triangle);
-    let normal = if front.dot(photon.direction) > 0.0 { -front } else { front };
-    next.origin = g.position(hit.triangle, hit.u, hit.v) + normal * p.ray_offset;
-    next.direction = cosine_hemisphere(normal, (unit(way.0), unit(way.1)));
-    next.flux = flux * (before / left);
     next.reflections = photon.reflections + 1;
     next.segments = photon.segments + 1;
     next

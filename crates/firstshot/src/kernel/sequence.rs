@@ -68,6 +68,8 @@ pub struct StartWords {
     pub way: (u32, u32),
     /// Whether it is rejected: independent of the others.
     pub rejection: u32,
+    /// Whether it is reflected diffusely, mirrored or let through: independent of the others.
+    pub part: u32,
 }
 
 impl Sequence {
@@ -98,9 +100,10 @@ impl Sequence {
     #[inline]
     pub fn start(&self) -> StartWords {
         let rejection = self.random(0x7265_6a65);
+        let part = self.random(0x7061_7274);
         if self.kind != SEQUENCE_SOBOL {
             let place = (self.random(1), self.random(2));
-            return StartWords { place, way: (self.random(3), self.random(4)), rejection };
+            return StartWords { place, way: (self.random(3), self.random(4)), rejection, part };
         }
         let scrambled = |x: u32, dimension: u32| owen_scramble(x, hash(self.key ^ hash(dimension)));
         let more = |which: u32| sobol_more(self.index, which);
@@ -108,6 +111,7 @@ impl Sequence {
             way: (scrambled(sobol2_fast(self.index).1, 1), scrambled(more(0), 2)),
             place: (scrambled(more(1), 3), scrambled(more(2), 4)),
             rejection,
+            part,
         }
     }
 

@@ -5,6 +5,7 @@ use core::f32::consts::TAU;
 use glam::{Vec3, Vec4};
 use scene::kernel::light::{Arrival, luminaire_share, sky_radiance, spot_falloff, unoccluded};
 use scene::kernel::medium::transmittance;
+use scene::kernel::specular::specular_parts;
 use scene::math::{abs, luminance, sin_cos_2pi, sqrt};
 use scene::sampling::{cosine_hemisphere, frame, uniform_triangle, unit, wide_product};
 use scene::{GeometryTables, LIGHT_LUMINAIRE, LIGHT_SPOT, Light, Sky};
@@ -94,8 +95,53 @@ pub fn share_left(color: Vec3, left: Vec3) -> f32 {
     if whole > 0.0 { luminance(color * left) / whole } else { 0.0 }
 }
 
-/// A photon of light that falls on a light element, reflected there:
-/// `flux = ρ(x)∘color∘T · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour, T what the medium has left of it.
+/// How a photon leaves a light element.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Departure {
+    /// 1 where it goes through the surface.
+    goes_through: u32,
+    /// Unit direction.
+    direction: Vec3,
+    /// Share of the light that goes on.
+    share: Vec3,
+}
+
+/// Picks how light of a colour that travels along `direction` leaves a surface, by the luminance of what is reflected diffusely,
+/// mirrored and let through. What is mirrored or let through keeps the direction of the light; the share that is picked gets the
+/// luminance of all.
+#[inline]
+fn depart(
+    g: &GeometryTables,
+    triangle: u32,
+    albedo: Vec3,
+    color: Vec3,
+    normal: Vec3,
+    direction: Vec3,
+    w: &StartWords,
+) -> Departure {
+    let diffuse = cosine_hemisphere(normal, (unit(w.way.0), unit(w.way.1)));
+    if !g.is_specular(triangle) {
+        return Departure { goes_through: 0, direction: diffuse, share: albedo };
+    }
+    let parts = specular_parts(g, triangle, direction);
+    let (reflected, mirrored) = (luminance(albedo * color), luminance(parts.mirrored * color));
+    let all = reflected + mirrored + luminance(parts.refracted * color);
+    let chosen = unit(w.part) * all;
+    if chosen < reflected {
+        return Departure { goes_through: 0, direction: diffuse, share: albedo * (all / reflected) };
+    }
+    if chosen < reflected + mirrored {
+        let share = parts.mirrored * (all / mirrored);
+        return Departure { goes_through: 0, direction: parts.mirror_direction, share };
+    }
+    let refracted = luminance(parts.refracted * color);
+    let share = if refracted > 0.0 { parts.refracted * (all / refracted) } else { Vec3::ZERO };
+    Departure { goes_through: 1, direction: parts.refracted_direction, share }
+}
+
+/// A photon of light that falls on a light element, as it leaves it:
+/// `flux = ρ(x)∘color∘T · h(x)/h_linear(x) · scale`, h the irradiance over the light's colour, T what the medium has left of it, ρ
+/// the share that goes on ([`depart`]).
 #[inline]
 fn start_on_light_element(
     g: &GeometryTables,
@@ -115,7 +161,10 @@ fn start_on_light_element(
     let normal = if e.is_back == 1 { -front } else { front };
     let origin = g.position(e.triangle, place.x, place.y) + normal * p.ray_offset;
     let light = sources.lights[e.light as usize];
-    let mut flux = g.albedo(e.triangle, place.x, place.y) * light.color * e.scale;
+    let arrival = unoccluded(&light, sources.distributions, origin, normal);
+    let travel = arrival.to_light * (-1.0 / arrival.to_light.length());
+    let departure = depart(g, e.triangle, g.albedo(e.triangle, place.x, place.y), light.color, normal, travel, w);
+    let mut flux = departure.share * light.color * e.scale;
     if g.is_hole(e.triangle, place.x, place.y) {
         flux = Vec3::ZERO;
     }
@@ -128,7 +177,6 @@ fn start_on_light_element(
             flux *= 1.0 / chance;
         }
     }
-    let arrival = unoccluded(&light, sources.distributions, origin, normal);
     let left = transmittance(p.absorption, way_of(&arrival));
     if p.flags & FLAG_EXACT != 0 {
         let density = interpolate(e.values, at);
@@ -143,8 +191,8 @@ fn start_on_light_element(
         let mean = share_left(light.color, left);
         flux = if mean > 0.0 { flux * left * (1.0 / mean) } else { Vec3::ZERO };
     }
-    let direction = cosine_hemisphere(normal, (unit(w.way.0), unit(w.way.1)));
-    Photon { origin, reflections: 1, direction, segments: 0, flux, reserved: 0 }
+    let start = if departure.goes_through == 1 { origin - normal * (2.0 * p.ray_offset) } else { origin };
+    Photon { origin: start, reflections: 1, direction: departure.direction, segments: 0, flux, reserved: 0 }
 }
 
 /// A photon of a shining surface: `flux = L · scale`, uniform over the area, cosine-weighted.

@@ -17,6 +17,7 @@ use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, PassTime, open};
 use runtime::plan::{PassId, Plan, Range};
 use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
+use runtime::recipe::formfactor::SparseTables;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
 use scene::kernel::bvh::FAR;
@@ -24,7 +25,7 @@ use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
 use scene::{DirectParams, Hit, Lighting, NONE, Scene, SurfacePoint};
-use transport::{Observer, Patch, Phase};
+use transport::{Csr, Observer, Patch, Phase, QUADRANTS};
 
 use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
 use crate::albedo::Albedo;
@@ -390,13 +391,48 @@ impl FirstShot {
     }
 
     /// Indirect irradiance at points, W/m²: the mean over rays of `ρ (H_d + H)` at what they meet, H of the illumination maps,
-    /// H_d by shadow rays.
+    /// H_d by shadow rays. Where anything mirrors light or lets it through, that of the maps' cell under the point: no ray finds what
+    /// a lamp sends by way of a mirror.
     pub fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Vec<Vec3> {
         let maps = &self.maps;
         let estimate = &self.estimate;
+        if scene.specular_material().is_some() {
+            let of_cell = |point: &SurfacePoint| {
+                let Some((hit, is_back)) = under(scene, point) else { return Vec3::ZERO };
+                let cell = maps.cell(hit.triangle, hit.u, hit.v, is_back);
+                estimate.irradiance.get(cell as usize).copied().unwrap_or(Vec3::ZERO)
+            };
+            return points.par_iter().map(of_cell).collect();
+        }
         let light = |(index, point): (usize, &SurfacePoint)| gather(maps, estimate, scene, index as u32, point, seed);
         points.par_iter().enumerate().map(light).collect()
     }
+}
+
+/// The place of a surface that a point stands on, and whether that is on its back.
+fn under(scene: &Scene, point: &SurfacePoint) -> Option<(Hit, bool)> {
+    let above = 2.0 * scene.geometry.ray_offset;
+    let hit = scene.closest_before(point.position + point.normal * above, -point.normal, 2.0 * above);
+    let is_back = || scene.tables().normal(hit.triangle).dot(point.normal) < 0.0;
+    (!hit.is_miss()).then(|| (hit, is_back()))
+}
+
+/// Rows that give each quadrant of a receiver a fourth of the irradiance of the element that it stands on.
+fn rows_of_elements(scene: &Scene, mesh: &PatchMesh, receivers: &[SurfacePoint]) -> Csr {
+    let element =
+        |point: &SurfacePoint| under(scene, point).map_or(NONE, |(hit, is_back)| mesh.element_on_side(&hit, !is_back));
+    let elements: Vec<u32> = receivers.par_iter().map(element).collect();
+    let columns = mesh.elements.len();
+    let mut rows = Csr { rows: 0, columns, row_start: vec![0], column_index: Vec::new(), values: Vec::new() };
+    for element in elements.into_iter().flat_map(|element| [element; QUADRANTS]) {
+        if (element as usize) < columns {
+            rows.column_index.push(element);
+            rows.values.push(1.0 / QUADRANTS as f32);
+        }
+        rows.rows += 1;
+        rows.row_start.push(rows.values.len() as u32);
+    }
+    rows
 }
 
 /// Indirect irradiance at a point, W/m²: see [`FirstShot::irradiance_at`].
@@ -436,6 +472,9 @@ fn per_mille_done(photons: u64, error: f64, settings: &PhotonSettings) -> usize 
 pub struct FirstShotMethod {
     bake: Arc<Bake>,
     shot: FirstShot,
+    /// From the elements to the receivers, where something mirrors light or lets it through: form factors do not know what light
+    /// comes that way, the maps do.
+    receivers: Option<Arc<Csr>>,
     passes: Option<PhotonPasses>,
     /// Whether the sums of the loaded plan are those of the lighting.
     is_traced: bool,
@@ -471,7 +510,9 @@ impl FirstShotMethod {
                 100.0 * round.error
             ));
         }
-        Ok(Self { bake, shot, passes: None, is_traced: false, start: None, host_ms: 0.0 })
+        let rows = || Arc::new(rows_of_elements(&bake.scene, &bake.mesh, &bake.receivers.points));
+        let receivers = bake.scene.specular_material().map(|_| rows());
+        Ok(Self { bake, shot, receivers, passes: None, is_traced: false, start: None, host_ms: 0.0 })
     }
 
     /// The photons; what they have found is that of the last frame once [`Method::count`] was called after it.
@@ -521,6 +562,14 @@ impl Method for FirstShotMethod {
         frame.start_from_source()?;
         self.start = passes_so_far(frame).get(before).copied();
         Ok(())
+    }
+
+    fn add_receiver_passes(&mut self, frame: &mut FramePlan) -> Result<bool, Error> {
+        let Some(rows) = &self.receivers else { return Ok(false) };
+        let rows = SparseTables::new(&mut frame.plan, &mut frame.tables, "receiver element", rows);
+        let quadrants = frame.received.range(0, rgb_bytes(QUADRANTS * frame.bake.receivers.points.len()));
+        rows.gather(&mut frame.plan, "lookup", frame.elements.irradiance, quadrants)?;
+        Ok(true)
     }
 
     fn set_albedo(&mut self, _: &Albedo, _: &mut (dyn Executor + 'static)) -> Result<(), Error> {

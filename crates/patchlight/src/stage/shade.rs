@@ -1,7 +1,7 @@
 //! Pixels: sub-frames of primary rays, direct light, indirect light from the interpolation points or from the patches about,
 //! and shading.
 
-use gpu_kernels::params::PixelParams;
+use gpu_kernels::params::{FollowParams, PixelParams};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::formfactor::interpolate;
@@ -9,7 +9,7 @@ use runtime::recipe::patches::LookupTables;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Named, rgb_bytes};
 use scene::sampling::hash3;
-use scene::{Camera, DirectParams, Hit, Rgb, SurfacePoint};
+use scene::{Camera, DirectParams, Hit, Rgb, SpecularChain, SurfacePoint};
 
 use super::bands::{Band, bands};
 use super::sky::SkyLight;
@@ -46,6 +46,8 @@ pub struct PixelSettings {
     pub direct: DirectParams,
     /// Whether direct light has a sum of its own, too.
     pub has_separate_direct: bool,
+    /// Whether primary rays go on at mirrors and through glass: in each sub-frame chance picks what a surface shows.
+    pub follows: bool,
     /// Irradiance of the interpolation points from the sky, for direct light without noise, which needs a sum of its own;
     /// without it light is sampled.
     pub smooth_sky: Option<Range>,
@@ -70,7 +72,8 @@ pub struct Shade {
     passes: Vec<PassId>,
 }
 
-/// The passes of a sub-frame: the primary rays of all bands, the albedo of what they meet, then the rest of each.
+/// The passes of a sub-frame: the primary rays of all bands, the albedo of what they meet, then the rest of each. Where rays go on
+/// at mirrors, the points that they show and the albedo there follow as primary passes.
 #[derive(Clone, Debug)]
 struct SubFrame {
     primary: Vec<PassId>,
@@ -101,12 +104,19 @@ pub struct PixelBuffers {
     pub direct: BufferId,
     /// Indirect irradiance there, W/m².
     pub indirect: BufferId,
+    /// What rays have been through before that, where they go on at mirrors and through glass.
+    pub chains: Option<BufferId>,
 }
 
 impl PixelBuffers {
     /// What the primary rays of a band meet, as a binding.
     pub fn hits_of(&self, band: Band) -> Named {
         ("hits", band.of::<Hit>(self.hits))
+    }
+
+    /// What the rays of a band have been through, as a binding, where they go on.
+    fn chains_of(&self, band: Band) -> Option<Named> {
+        self.chains.map(|chains| ("chains", band.of::<SpecularChain>(chains)))
     }
 
     /// The albedo of a band, as a binding.
@@ -140,6 +150,7 @@ pub fn add(
         binding_bytes: frame.binding_bytes(),
         direct,
         has_separate_direct: true,
+        follows: frame.bake.scene.specular_material().is_some(),
         smooth_sky,
     };
     add_pixels(&mut frame.plan, scene, indirect, &settings)
@@ -164,6 +175,7 @@ pub fn add_pixels(
         albedo: plan.storage("pixel albedo", rgb),
         direct: plan.storage("pixel direct", rgb),
         indirect: plan.storage("pixel indirect", rgb),
+        chains: settings.follows.then(|| plan.storage("chains", u64::from(count) * size_of::<SpecularChain>() as u64)),
     };
     let bands = bands(settings.size, settings.binding_bytes);
     let direct_bytes = if settings.has_separate_direct { rgb } else { 0 };
@@ -299,11 +311,27 @@ fn add_sub_frame(
     let mut primary = Vec::new();
     for &band in &shade.bands {
         let camera = PixelParams { count: band.count, first: band.first, ..PixelParams::default() };
-        let seen = [buffers.hits_of(band), buffers.points_of(band)];
-        primary.push(scene.primary(plan, "shade", &seen, &camera)?);
+        let hits = buffers.hits_of(band);
+        primary.push(match buffers.chains_of(band) {
+            None => scene.primary(plan, "shade", &[hits, buffers.points_of(band)], &camera)?,
+            Some(chains) => {
+                let follow = FollowParams { count: band.count, pixels: camera, ..FollowParams::default() };
+                scene.follow(plan, "shade", &[hits, chains], &follow)?
+            }
+        });
     }
-    let add = |&band: &Band| scene.albedo(plan, "shade", &[buffers.hits_of(band), buffers.albedo_of(band)], band.count);
-    let albedo = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
+    let mut albedo = Vec::new();
+    for &band in &shade.bands {
+        let (hits, own) = (buffers.hits_of(band), buffers.albedo_of(band));
+        match buffers.chains_of(band) {
+            None => albedo.push(scene.albedo(plan, "shade", &[hits, own], band.count)?),
+            // Points are a part of what is seen; their passes stand after those whose push constants change.
+            Some(chains) => {
+                let own = [hits, chains, buffers.points_of(band), own];
+                primary.push(scene.chain_surface(plan, "shade", &own, band.count)?);
+            }
+        }
+    }
     let add = |&band| add_band(plan, scene, shade, indirect, band);
     let bands = shade.bands.iter().map(add).collect::<Result<_, _>>()?;
     let passes = plan.all_passes().split_off(first);
@@ -333,13 +361,18 @@ fn add_band(
     let own = |indirect: Range, sum: BufferId| {
         let direct = band.of::<Rgb>(buffers.direct);
         let (hits, albedo) = (buffers.hits_of(band), buffers.albedo_of(band));
-        [hits, albedo, ("direct", direct), ("indirect", indirect), ("sum", band.of::<Rgb>(sum))]
+        let light = [hits, albedo, ("direct", direct), ("indirect", indirect), ("sum", band.of::<Rgb>(sum))];
+        light.into_iter().chain(buffers.chains_of(band)).collect::<Vec<Named>>()
     };
-    let shade_full = scene.shade(plan, "shade", &own(band.of::<Rgb>(buffers.indirect), shade.full), &camera)?;
+    let mut add = |own: &[Named]| match buffers.chains {
+        None => scene.shade(plan, "shade", own, &camera),
+        Some(_) => scene.chain_shade(plan, "shade", own, band.count),
+    };
+    let shade_full = add(&own(band.of::<Rgb>(buffers.indirect), shade.full))?;
     let mut shade_direct = None;
     if shade.settings.has_separate_direct {
         let no_light = Band { first: 0, ..band }.of::<Rgb>(shade.no_light);
-        shade_direct = Some(scene.shade(plan, "shade", &own(no_light, shade.direct), &camera)?);
+        shade_direct = Some(add(&own(no_light, shade.direct))?);
     }
     Ok(BandPasses { light, smooth, shade_full, shade_direct })
 }
@@ -413,9 +446,9 @@ impl Shade {
     }
 
     /// Whether one picture leaves what the primary rays meet to the next from the same camera: one sub-frame, whose places in
-    /// the pixels never change.
+    /// the pixels never change. Rays that go on at mirrors hold what they saw shine, which may.
     pub fn keeps_hits(&self) -> bool {
-        self.sub_frames.len() == 1 && self.smooth.is_some()
+        self.sub_frames.len() == 1 && self.smooth.is_some() && self.pixels.chains.is_none()
     }
 
     /// Those of its first sub-frame.
@@ -450,8 +483,14 @@ impl Shade {
                 if let (Some(smooth), Some(large)) = (&self.smooth, &passes.smooth) {
                     smooth.set(executor, large, *band, &camera, shot, number)?;
                 }
+                let pixels = PixelParams { first, count, ..pixels };
+                if self.pixels.chains.is_some() {
+                    let ray_offset = direct.ray_offset;
+                    executor.push(*primary, &FollowParams { pixels, count, ray_offset, ..FollowParams::default() })?;
+                    continue;
+                }
                 for pass in [*primary, passes.shade_full].into_iter().chain(passes.shade_direct) {
-                    executor.push(pass, &PixelParams { first, count, ..pixels })?;
+                    executor.push(pass, &pixels)?;
                 }
             }
         }

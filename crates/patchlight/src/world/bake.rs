@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 
 use crate::error::Error;
 use crate::memory::resident_bytes;
-use crate::observe::{Report, run_phase};
+use crate::observe::{Report, run_phase, warn_of_specular_materials};
 use transport::{Observer, Phase};
 
 use super::forest::{Extra, Forest};
@@ -100,6 +100,7 @@ pub fn bake(
     memory_limit: u64,
     observer: &dyn Observer,
 ) -> Result<BakedWorld, Error> {
+    warn_of_specular_materials(scene, observer);
     let key = settings.key();
     // What was begun is asked for first: a name that is taken should not cost minutes.
     let begun = BakeWriter::resume(path, content_hash, key, part)?;

@@ -195,6 +195,7 @@ impl Pixels {
             binding_bytes,
             direct: world_params(scene),
             has_separate_direct: false,
+            follows: scene.specular_material().is_some(),
             smooth_sky: None,
         };
         let indirect = Indirect::Patches { lookup, values: shown.into() };

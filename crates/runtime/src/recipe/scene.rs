@@ -1,6 +1,6 @@
 //! Recipes of `scene`: tables that rays need, rays themselves, direct light, primary rays, shading and tone mapping.
 
-use gpu_kernels::params::{CountParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::{CountParams, FollowParams, PixelParams, ToneMapParams};
 use gpu_kernels::table;
 use scene::{DirectParams, EmitterGroup, LargeParams, Light, MOST_EMITTER_GROUPS, Scene, ShareParams};
 
@@ -232,6 +232,50 @@ impl SceneTables {
         params: &PixelParams,
     ) -> Result<PassId, ExecutorError> {
         add_pass(plan, pass, &table::SCENE_PRIMARY, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the pass of the primary rays of a camera by way of mirrors and through glass. Bindings: `hits`, `chains`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn follow(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        params: &FollowParams,
+    ) -> Result<PassId, ExecutorError> {
+        add_pass(plan, pass, &table::SCENE_FOLLOW, bindings, &self.named, params, params.count)
+    }
+
+    /// Adds the pass of the points that these rays show, and of the albedo there. Bindings: `hits`, `chains`, `points`, `albedo`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn chain_surface(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        pixels: u32,
+    ) -> Result<PassId, ExecutorError> {
+        let count = CountParams { count: pixels };
+        add_pass(plan, pass, &table::SCENE_CHAIN_SURFACE, bindings, &self.named, &count, pixels)
+    }
+
+    /// [`Self::shade`] of what these rays show. Bindings: `chains`, `albedo`, `direct`, `indirect`, `sum`.
+    ///
+    /// # Errors
+    /// Buffers that are missing or too short.
+    pub fn chain_shade(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        bindings: Bindings,
+        pixels: u32,
+    ) -> Result<PassId, ExecutorError> {
+        let count = CountParams { count: pixels };
+        add_pass(plan, pass, &table::SCENE_CHAIN_SHADE, bindings, &self.named, &count, pixels)
     }
 
     /// Adds the pass of the albedo of what primary rays met. Bindings: `hits`, `albedo`.

@@ -3,6 +3,7 @@
 use std::cell::Cell;
 use std::mem;
 use std::sync::Arc;
+use std::vec;
 use std::vec::Vec;
 
 use glam::{Vec3, Vec4};
@@ -12,10 +13,11 @@ use super::geometry::{Geometry, Occluder, filtered_albedo, texel_count};
 use super::groups::group_emitters;
 use super::lighting::{Lighting, check_sky_map, find_emitters, set_emission};
 use crate::Visibility;
-use crate::error::Error;
+use crate::error::{Error, ReflectanceFault};
 use crate::kernel::GeometryTables;
 use crate::kernel::light::{Lights, direct_irradiance};
 use crate::kernel::medium::transmittance;
+use crate::kernel::texture::texel;
 use crate::types::*;
 
 /// What a scene is made of: the input of [`Scene::new`].
@@ -163,6 +165,16 @@ impl Scene {
         self.geometry.absorption != Vec3::ZERO
     }
 
+    /// The first material that mirrors light or lets it through, if any triangle has one.
+    pub fn specular_material(&self) -> Option<usize> {
+        if !self.materials.iter().any(Material::is_specular) {
+            return None;
+        }
+        let mut is_used = vec![false; self.materials.len()];
+        self.geometry.triangles.iter().for_each(|t| is_used[t.material as usize] = true);
+        (0..is_used.len()).find(|&material| is_used[material] && self.materials[material].is_specular())
+    }
+
     /// Share of light that is left after a way of `distance` m ([`crate::kernel::medium::transmittance`]).
     pub fn transmittance(&self, distance: f32) -> Vec3 {
         transmittance(self.geometry.absorption, distance)
@@ -240,9 +252,11 @@ pub(super) fn check(parts: &SceneParts) -> Result<(), Error> {
     if parts.uvs.len() != count {
         return Err(Error::TableLength { name: "uvs", expected: count, found: parts.uvs.len() });
     }
-    let texels: usize = parts.textures.iter().map(|t| texel_count(t.width, t.height, t.levels)).sum();
-    if parts.texels.len() < 2 * texels {
-        return Err(Error::TableLength { name: "texels", expected: 2 * texels, found: parts.texels.len() });
+    for t in &parts.textures {
+        let end = t.offset as usize + texel_count(t.width, t.height, t.levels);
+        if parts.texels.len() < 2 * end {
+            return Err(Error::TableLength { name: "texels", expected: 2 * end, found: parts.texels.len() });
+        }
     }
     check_sky_map(&parts.sky, parts.sky_map.len())?;
     if let Some(&value) = parts.absorption.to_array().iter().find(|a| !(a.is_finite() && **a >= 0.0)) {
@@ -262,6 +276,38 @@ pub(super) fn check(parts: &SceneParts) -> Result<(), Error> {
                 return Err(Error::TextureIndex { material, texture, count: parts.textures.len() });
             }
         }
+        if m.is_specular() {
+            check_reflectance(m, &parts.textures, &parts.texels)
+                .map_err(|found| Error::Reflectance { material, found })?;
+        }
+    }
+    Ok(())
+}
+
+/// What rounding may add to the shares of a material.
+const ROUNDING: f32 = 1e-5;
+
+/// Refuses a material that would send more light than it gets.
+fn check_reflectance(m: &Material, textures: &[Texture], texels: &[u32]) -> Result<(), ReflectanceFault> {
+    for (name, share) in [("mirror", m.mirror), ("transmittance", m.transmittance)] {
+        if let Some(&value) = share.to_array().iter().find(|s| !(0.0..=1.0 + ROUNDING).contains(*s)) {
+            return Err(ReflectanceFault::Share { name, value });
+        }
+    }
+    let diffuse = match textures.get(m.albedo_texture as usize) {
+        Some(t) => (0..t.width * t.height).map(|k| texel(texels, t.offset + k).truncate()).fold(Vec3::ZERO, Vec3::max),
+        None => m.albedo,
+    };
+    let sum = diffuse + m.mirror + m.transmittance;
+    if let Some(channel) = (0..3).find(|&c| sum[c].is_nan() || sum[c] > 1.0 + ROUNDING) {
+        return Err(ReflectanceFault::Sum {
+            diffuse: diffuse[channel],
+            mirror: m.mirror[channel],
+            transmittance: m.transmittance[channel],
+        });
+    }
+    if !(0.1..=10.0).contains(&m.index_of_refraction) {
+        return Err(ReflectanceFault::Index { value: m.index_of_refraction });
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::kernel::light::pick_emitter;
+use crate::kernel::specular::specular_parts;
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
 use crate::{Hit, LIGHT_DIRECTIONAL, LIGHT_RECT, Scene, SurfacePoint, Visibility};
 
@@ -40,7 +41,7 @@ const STEPS: u32 = 16;
 
 /// Chooses the sides of every triangle. [`SidePolicy::Lit`] sends 32 random walks of at most 16 diffuse reflections from
 /// each side; a side is lit if one of them leaves the scene, meets an emitter or comes to a point that sees a light or a
-/// random place of an emitter.
+/// random place of an emitter. At mirrors and glass half of the walks go on as light does.
 /// Walks go from point to point, so light on the open part of a floor does not enter a column that stands on it.
 pub fn find_sides(scene: &Scene, policy: SidePolicy) -> Vec<Sides> {
     let count = scene.geometry.triangles.len();
@@ -119,6 +120,23 @@ fn sees_emitter(scene: &Scene, point: Vec3, normal: Vec3, random: impl Fn(u32) -
         && !scene.occluded(point, to_light, 1.0)
 }
 
+/// Where a walk goes on that a specular surface mirrors or lets through, each half of the times where it does both: origin and
+/// direction. Nothing for the other half of the walks, which are reflected diffusely, and at other surfaces. Uses the random numbers
+/// 7 and 8.
+fn specular_step(scene: &Scene, hit: &Hit, direction: Vec3, random: impl Fn(u32) -> f32) -> Option<(Vec3, Vec3)> {
+    let geometry = scene.tables();
+    if !geometry.is_specular(hit.triangle) || random(7) < 0.5 {
+        return None;
+    }
+    let parts = specular_parts(&geometry, hit.triangle, direction);
+    let above = parts.normal * scene.geometry.ray_offset;
+    let position = geometry.position(hit.triangle, hit.u, hit.v);
+    match parts.refracted != Vec3::ZERO && random(8) < 0.5 {
+        true => Some((position - above, parts.refracted_direction)),
+        false => Some((position + above, parts.mirror_direction)),
+    }
+}
+
 /// Follows a walk on from its first hit.
 fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> bool {
     let geometry = scene.tables();
@@ -155,8 +173,10 @@ fn finds_light(scene: &Scene, mut hit: Hit, mut direction: Vec3, seed: u32) -> b
         if sees_emitter(scene, point, normal, random) {
             return true;
         }
-        direction = cosine_hemisphere(normal, (random(2), random(3)));
-        hit = scene.closest(point, direction);
+        let diffuse = || (point, cosine_hemisphere(normal, (random(2), random(3))));
+        let (origin, next) = specular_step(scene, &hit, direction, random).unwrap_or_else(diffuse);
+        direction = next;
+        hit = scene.closest(origin, direction);
     }
     false
 }

@@ -5,7 +5,7 @@ use std::vec::Vec;
 
 use serde::Deserialize;
 
-use super::geometry::{Geometry, texel_count};
+use super::geometry::Geometry;
 use super::hierarchy;
 use super::scene::{SceneParts, check};
 use crate::error::Error;
@@ -46,12 +46,6 @@ impl TryFrom<Tables> for Geometry {
             return Err(Error::TextureSize);
         }
         check(&parts)?;
-        for t in &parts.textures {
-            let end = t.offset as usize + texel_count(t.width, t.height, t.levels);
-            if parts.texels.len() < 2 * end {
-                return Err(Error::TableLength { name: "texels", expected: 2 * end, found: parts.texels.len() });
-            }
-        }
         if !hierarchy::is_sound(&nodes, parts.triangles.len()) {
             return Err(Error::Hierarchy);
         }

@@ -91,6 +91,19 @@ impl GeometryTables<'_> {
         texture::sample(t, self.texels, self.texture_coordinate(triangle, u, v), level).truncate()
     }
 
+    /// Whether the triangle mirrors light or lets it through.
+    #[inline]
+    pub fn is_specular(&self, triangle: u32) -> bool {
+        self.materials[self.triangles[triangle as usize].material as usize].is_specular()
+    }
+
+    /// Share of the light that the triangle mirrors or lets through, at any angle.
+    #[inline]
+    pub fn specular_share(&self, triangle: u32) -> Vec3 {
+        let material = self.materials[self.triangles[triangle as usize].material as usize];
+        material.mirror + material.transmittance
+    }
+
     /// Radiance emitted from the front at the shares (u, v), W/m²/sr.
     #[inline]
     pub fn radiance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
