@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Crates of the project that each crate may depend on directly, besides those of [`BELOW_ALL`]. The picture is that of
 /// ARCHITECTURE.md.
-const ARROWS: [(&str, &[&str]); 17] = [
+const ARROWS: [(&str, &[&str]); 18] = [
     ("scene", &[]),
     ("transport", &["scene"]),
     ("formfactor", &["scene", "transport"]),
@@ -49,6 +49,10 @@ const ARROWS: [(&str, &[&str]); 17] = [
             "gpu-kernels",
             "runtime",
         ],
+    ),
+    (
+        "one-core",
+        &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"],
     ),
     ("assets", &["scene"]),
     ("reference", &["scene"]),

@@ -73,19 +73,29 @@
 //! assert!(found.round.error <= 0.1 && found.irradiance.iter().any(|h| h.x > 0.0));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
-// The kernel build has `core` only: what needs `alloc` needs the feature `std`.
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | light elements, tables, tracing, sums, on one core |
+//! | `std`, by default | loops over all cores |
+//!
+//! Results are the same.
+// The kernel build has `core` only.
+#[cfg(any(feature = "alloc", test))]
+extern crate alloc;
 #[cfg(any(feature = "std", test))]
 extern crate std;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 pub mod kernel;
 pub mod types;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use error::Error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::*;
 pub use types::*;

@@ -4,6 +4,7 @@ mod area;
 mod balance;
 mod contour;
 mod estimate;
+#[cfg(feature = "std")]
 mod file;
 mod hierarchical;
 mod monte_carlo;
@@ -17,6 +18,7 @@ pub use contour::point_to_polygon;
 pub use estimate::{
     AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, SkyBin, form_factor_blocks, form_factors,
 };
+#[cfg(feature = "std")]
 pub use file::{RowFile, RowFileWriter};
 pub use hierarchical::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 pub use monte_carlo::{Samples, random_walks, stochastic_jacobi};

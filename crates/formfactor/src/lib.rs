@@ -11,7 +11,7 @@
 //! [`transport::HitCounts`]; [`jacobi`], [`gauss_seidel`], [`shoot`] and [`lu`] solve, [`stochastic_jacobi`] and [`random_walks`]
 //! by chance, [`hierarchical`] by links between parts of any size (Hanrahan, Salzman and Aupperle 1991); [`RowFileWriter`] takes
 //! rows to disk.
-//! The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike.
+//! The bodies in [`kernel`] run as SPIR-V and on the host alike.
 //!
 //! Sources: Goral et al. 1984; Cohen et al. 1988; Baum, Rushmeier and Winget 1989; A. S. Shcherbakov, thesis, MSU 2025, 2.2.5.
 //!
@@ -25,22 +25,30 @@
 //! assert!((point_to_polygon(DVec3::ZERO, DVec3::Z, &square) - 0.138531606).abs() < 1e-9);
 //! # Ok::<(), transport::Error>(())
 //! ```
-// The kernel build has `core` only: what needs `alloc` needs the feature `std`.
-#[cfg(any(feature = "std", test))]
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | estimators, balance, solvers, on one core |
+//! | `std`, by default | loops over all cores, SIMD, rows in files |
+//!
+//! Results are the same; those of [`lu`] to rounding.
+// The kernel build has `core` only.
+#[cfg(any(feature = "alloc", test))]
+#[macro_use]
 extern crate alloc;
 #[cfg(any(feature = "std", test))]
-#[macro_use]
 extern crate std;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 pub mod kernel;
 pub mod types;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use error::Error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::*;
 pub use types::*;

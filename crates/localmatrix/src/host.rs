@@ -19,9 +19,11 @@ pub use forest::Forest;
 pub use local::{Changes, Local, LocalSettings, Step};
 pub use matrix::{Entering, LocalMatrix, MOST_SLOTS, Update};
 pub use printed::PrintedMatrix;
+pub use store::BakeError;
+#[cfg(feature = "std")]
 pub use store::{
-    BakeError, BakeFile, BakeWriter, LitPoint, Mapped, Part, Record, Source, Store, StoreState, WorldHead,
-    beginning_of, block_range, is_begun_as_bake, join, parent_record,
+    BakeFile, BakeWriter, LitPoint, Mapped, Part, Record, Source, Store, StoreState, WorldHead, beginning_of,
+    block_range, is_begun_as_bake, join, parent_record,
 };
 pub use table::{Surface, Table};
 pub use world::{NO_NODE, Node, World};

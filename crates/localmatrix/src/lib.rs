@@ -48,20 +48,30 @@
 //!
 //! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's own,
 //! [`PrintedMatrix`] has what is printed.
-// The kernel build has `core` only: what needs `alloc` needs the feature `std`.
-#[cfg(any(feature = "std", test))]
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | the matrix, the cut, worlds in memory, on one core |
+//! | `std`, by default | loops over all cores, SIMD, worlds on disk |
+//!
+//! Results are the same to rounding: faer works in single precision by registers of other widths.
+// The kernel build has `core` only.
+#[cfg(any(feature = "alloc", test))]
 #[macro_use]
+extern crate alloc;
+#[cfg(any(feature = "std", test))]
 extern crate std;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 pub mod kernel;
 pub mod types;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use error::Error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::*;
 pub use types::{FadeParams, LevelParams, SlotParams, UpdateParams};

@@ -17,6 +17,7 @@ pub enum Error {
         limit: u64,
     },
     /// The file of an operator that does not fit into memory.
+    #[cfg(feature = "std")]
     #[error(
         "cannot {action} a file of {megabytes} MB for the operator in {}: {reason}; free some space there, or name another folder",
         folder.display()
@@ -29,7 +30,7 @@ pub enum Error {
         /// Size of the file.
         megabytes: u64,
         /// What the system says.
-        reason: std::string::String,
+        reason: alloc::string::String,
     },
     /// `I − diag(ρ) F` has no inverse: light would grow without end.
     #[error("light grows without end at patch {patch}: the rows of the form factors times the reflectance exceed 1")]

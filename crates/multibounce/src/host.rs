@@ -6,6 +6,7 @@ mod feedback;
 mod order;
 mod outliers;
 mod solve;
+#[cfg(feature = "std")]
 mod stored;
 mod tiles;
 mod tree;
@@ -16,6 +17,7 @@ pub use feedback::{Acceleration, spectral_range};
 pub use order::{MatrixRows, PROJECTED_DIMENSIONS, greedy_order, printed_order, projected_order};
 pub use outliers::Outliers;
 pub use solve::{Factors, all_bounces, all_bounces_lu, some_bounces};
+#[cfg(feature = "std")]
 pub use stored::{StoredOperator, Workspace, all_bounces_stored, some_bounces_stored};
 pub use tiles::{
     Channels, ColumnVectors, DenseSparseTables, LowRank, LowRankWorkspace, MOST_TILE_PATCHES, MOST_TILE_RECEIVERS,

@@ -12,7 +12,7 @@
 //! an order in which neighbours are alike ([`halving_order`]), for a relative error that is asked for (Frobenius); errors that
 //! are even over neighbours count more, because light adds them up. The three colour channels share what they have in common.
 //! It also stores rectangular operators of few patches and many receivers, `H_r = F_r B`: one channel for all colours, with the
-//! same product and kernels. The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike; the forms for all
+//! same product and kernels. The bodies in [`kernel`] run as SPIR-V and on the host alike; the forms for all
 //! cores give the same bits.
 //!
 //! [`BlockMatrix`] keeps a matrix in texture blocks (BC1, BC3, BC6H, BC7), 0.5 to 1 byte an RGB entry, with the greatest
@@ -46,20 +46,31 @@
 //! ```
 //!
 //! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 3; the symmetric form and the tiles are this project's own.
-// The kernel build has `core` only: what needs `alloc` needs the feature `std`.
-#[cfg(any(feature = "std", test))]
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | solvers, low rank, orders, products of all codecs, on one core |
+//! | `std`, by default | loops over all cores, SIMD, operators in files, the encoder of texture blocks |
+//! | `serde` | its tables in files |
+//!
+//! Results are the same to rounding: faer works in single precision by registers of other widths.
+// The kernel build has `core` only.
+#[cfg(any(feature = "alloc", test))]
 #[macro_use]
+extern crate alloc;
+#[cfg(any(feature = "std", test))]
 extern crate std;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 pub mod kernel;
 pub mod types;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use error::Error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::*;
 pub use types::*;

@@ -1,6 +1,6 @@
 //! What can be wrong with grids, samples, patches and receivers.
 
-use std::boxed::Box;
+use alloc::boxed::Box;
 
 /// Why virtual patches could not be made or used.
 #[derive(Debug, thiserror::Error)]
@@ -91,5 +91,5 @@ pub enum Error {
     },
     /// The caller's estimator of the receivers' rows failed, or was cancelled.
     #[error(transparent)]
-    Rows(Box<dyn std::error::Error + Send + Sync>),
+    Rows(Box<dyn core::error::Error + Send + Sync>),
 }

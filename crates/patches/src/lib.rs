@@ -15,7 +15,7 @@
 //! [`view_clusters`] needs no voxels: it splits equal-area samples of the whole scene top-down, where what they see varies
 //! most, and [`Nearest`] finds the patch of any place. A [`PatchSet`] may also be put together by other means. [`Lookup`] gives a value between
 //! patches: `h(x, n) = Σ w_j h_j / Σ w_j`, trilinear over 2×2×2 voxels times `max(0, n·n_j)²`, without those off the plane
-//! of x or behind a wall ([`kernel::lookup`], which needs no `std` and runs as SPIR-V and on the host alike).
+//! of x or behind a wall ([`kernel::lookup`], which runs as SPIR-V and on the host alike).
 //!
 //! Receivers beside the mesh, all [`scene::ReceiverSet`]s: a [`VoxelVolume`] of probes in the air gives irradiance to what
 //! moves, from ambient cubes, `E(x, n) = Σ_a n_a² cube[a, sign n_a]`, or spherical harmonics of degree 1,
@@ -58,19 +58,30 @@
 //! assert!((table.at(&values, Vec3::new(0.5, 0.0, 0.5), Vec3::Y)?.x - 0.5).abs() < 0.02);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
-// The kernel build has `core` only: what needs `alloc` needs the feature `std`.
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | patches, elements, receivers, lightmaps, on one core |
+//! | `std`, by default | loops over all cores |
+//! | `serde` | its tables in files |
+//!
+//! Results are the same.
+// The kernel build has `core` only.
+#[cfg(any(feature = "alloc", test))]
+extern crate alloc;
 #[cfg(any(feature = "std", test))]
 extern crate std;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 pub mod kernel;
 pub mod types;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use error::Error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::*;
 pub use types::*;

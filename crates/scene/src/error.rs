@@ -102,7 +102,7 @@ pub enum Error {
     /// A picture from a file that is larger than pictures can be.
     #[error("a texture has more than 32,768 texels in a row or a column, or more than 16 levels")]
     TextureSize,
-    /// A hierarchy from a file that is none.
+    /// A hierarchy from elsewhere that is none.
     #[error("the ray hierarchy names a node or a triangle that is not there")]
     Hierarchy,
     /// The hierarchy is deeper than the traversal stack of the kernels.

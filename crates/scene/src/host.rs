@@ -1,13 +1,15 @@
-//! The scene on the host: geometry with its hierarchy (built by obvhs), lighting, fast rays.
+//! The scene on the host: geometry with its hierarchy, lighting, fast rays.
 
 mod camera;
 pub mod clip;
 mod distribution;
+#[cfg(feature = "std")]
 mod file;
 mod geometry;
 mod groups;
 mod hierarchy;
 mod lighting;
+#[cfg(feature = "std")]
 pub mod memory;
 mod picture;
 mod receivers;
@@ -21,6 +23,7 @@ mod wide;
 pub(crate) use wide::WideBvh;
 
 pub use distribution::Distribution;
+#[cfg(feature = "std")]
 pub use file::{open_regular, read_regular};
 pub use geometry::{Geometry, Occluder, texel_count};
 pub use groups::MOST_EMITTER_GROUPS;

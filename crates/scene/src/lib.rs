@@ -4,8 +4,8 @@
 //! [`kernel`] are plain functions that run as SPIR-V and on the host alike: rays against the hierarchy with alpha masks
 //! ([`kernel::bvh`]), textures ([`kernel::texture`]), direct irradiance from parallel, point, spot, rectangle and mesh
 //! lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone mapping
-//! ([`kernel::shade`]). With the feature `std`, [`Geometry`] owns the tables that never change, builds the
-//! hierarchy with obvhs and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every frame.
+//! ([`kernel::shade`]). With the feature `alloc`, [`Geometry`] owns the tables that never change, builds the
+//! hierarchy and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every frame.
 //!
 //! Units: metres; irradiance and exitance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equations: `H_d = ∫ L_i cosθ dω`, `L_o = L_e + ρ/π (H_d + H)`.
@@ -25,22 +25,36 @@
 //! assert_eq!((hit.t, hit.triangle), (1.0, 0));
 //! # Ok::<(), scene::Error>(())
 //! ```
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | geometry with its hierarchy, lighting, rays, pictures, on one core |
+//! | `std`, by default | loops over all cores, hierarchies by obvhs, files |
+//! | `serde` | scenes, and plain data in general, in files |
+//!
+//! Triangles are numbered in the order of the hierarchy. Where those of both have to be the same, [`Scene::with_hierarchy`] takes one that is
+//! there.
 #![no_std]
-// Not without `std`: the kernel build has `core` only.
-#[cfg(any(feature = "std", test))]
+// The kernel build has `core` only.
+#[cfg(any(feature = "alloc", test))]
 extern crate alloc;
 #[cfg(any(feature = "std", test))]
 extern crate std;
 
+#[cfg(feature = "alloc")]
+pub mod double;
 pub mod error;
 pub mod kernel;
 pub mod math;
+#[cfg(feature = "alloc")]
+pub mod parallel;
 #[cfg(feature = "serde")]
 pub mod pod;
 pub mod sampling;
 pub mod types;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 
 pub use error::{Error, ReflectanceFault};
@@ -48,7 +62,7 @@ pub use kernel::light::Lights;
 pub use kernel::{GeometryTables, Hierarchy};
 pub use types::*;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::{
     Distribution, Geometry, Lighting, MOST_EMITTER_GROUPS, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS,
     Scene, SceneParts, SidePolicy, Sides, find_lit_sides, find_sides, is_open, scale_to_stops, sky_bin, sky_exitance,

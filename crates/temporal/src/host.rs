@@ -8,9 +8,9 @@ pub use frame::{Blend, Distribution, MOST_SAMPLES, Settings, State, change_all};
 pub use lists::{RayLists, sample_lists_all, sum_lists_all};
 pub use tables::{AliasTables, Packing, TableColumns, pack_all, sample_tables_all, scan_all, sum_tables_all};
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
-use rayon::prelude::*;
+use scene::parallel::*;
 
 use crate::error::Error;
 use crate::types::SumParams;

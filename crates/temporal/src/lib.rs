@@ -38,20 +38,30 @@
 //! ```
 //!
 //! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 6; lists, control variate and choice of w are this project's own.
-// The kernel build has `core` only: what needs `alloc` needs the feature `std`.
-#[cfg(any(feature = "std", test))]
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | distributions over rows, their tables, frames, on one core |
+//! | `std`, by default | loops over all cores |
+//!
+//! Results are the same.
+// The kernel build has `core` only.
+#[cfg(any(feature = "alloc", test))]
 #[macro_use]
+extern crate alloc;
+#[cfg(any(feature = "std", test))]
 extern crate std;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 pub mod kernel;
 pub mod types;
 
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use error::Error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::*;
 pub use types::*;

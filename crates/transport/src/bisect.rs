@@ -7,6 +7,8 @@
 use alloc::vec::Vec;
 use core::ops::Range;
 
+use scene::parallel::*;
+
 /// A part of a bisected list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part<V> {
@@ -34,7 +36,7 @@ pub fn bisect<T: Send, V: Send>(items: &mut [T], visit: impl Fn(&mut [T]) -> (V,
         level.push((0, items));
     }
     while !level.is_empty() {
-        let visited = visit_level(&mut level, &visit);
+        let visited: Vec<(V, usize)> = level.par_iter_mut().map(|(_, items)| visit(items)).collect();
         let first_below = parts.len() + level.len();
         let mut below: Vec<Open<T>> = Vec::new();
         for ((start, items), (value, middle)) in level.into_iter().zip(visited) {
@@ -50,21 +52,4 @@ pub fn bisect<T: Send, V: Send>(items: &mut [T], visit: impl Fn(&mut [T]) -> (V,
         level = below;
     }
     parts
-}
-
-#[cfg(feature = "std")]
-fn visit_level<T: Send, V: Send>(
-    level: &mut [Open<T>],
-    visit: &(impl Fn(&mut [T]) -> (V, usize) + Sync),
-) -> Vec<(V, usize)> {
-    use rayon::prelude::*;
-    level.par_iter_mut().map(|(_, items)| visit(items)).collect()
-}
-
-#[cfg(not(feature = "std"))]
-fn visit_level<T: Send, V: Send>(
-    level: &mut [Open<T>],
-    visit: &(impl Fn(&mut [T]) -> (V, usize) + Sync),
-) -> Vec<(V, usize)> {
-    level.iter_mut().map(|(_, items)| visit(items)).collect()
 }

@@ -16,9 +16,8 @@
 //! - [`Observer`], by which long work tells how far it is and asks whether to go on;
 //! - [`Error`], what can be wrong with tables and settings in any method.
 //!
-//! The bodies in [`kernel`] need no `std` and run as SPIR-V and on the host alike. The feature
-//! `alloc` adds all that needs no threads, `std` the matrices, with products on all cores that
-//! give the same bits for any number of threads.
+//! The bodies in [`kernel`] run as SPIR-V and on the host alike. Products on all cores give the same bits for any number of
+//! threads.
 //!
 //! Sources: Goral et al. 1984 (radiosity); Walker 1977, Vose 1991 (alias tables).
 //!
@@ -33,11 +32,21 @@
 //! assert_eq!(irradiance[1].x, 2.0);
 //! # Ok::<(), transport::Error>(())
 //! ```
+//!
+//! | feature | what it adds |
+//! |---|---|
+//! | none | bodies of kernels and types, with `core` only |
+//! | `alloc` | matrices, operators, orders, alias tables, progress, errors, on one core |
+//! | `std`, by default | loops over all cores, SIMD |
+//! | `serde` | its tables in files |
+//!
+//! Results are the same, but that sums of dense and half-precision rows depend on the width of the registers, as they do between
+//! processors.
 // The kernel build has `core` only.
 #[cfg(any(feature = "alloc", test))]
+#[macro_use]
 extern crate alloc;
 #[cfg(any(feature = "std", test))]
-#[macro_use]
 extern crate std;
 
 #[cfg(feature = "alloc")]
@@ -46,7 +55,7 @@ pub mod alias;
 pub mod bisect;
 #[cfg(feature = "alloc")]
 pub mod error;
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub mod host;
 pub mod kernel;
 #[cfg(feature = "alloc")]
@@ -62,7 +71,7 @@ pub mod variant;
 
 #[cfg(feature = "alloc")]
 pub use error::{Error, check_indices, check_length, check_offsets, check_setting};
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 pub use host::*;
 #[cfg(feature = "alloc")]
 pub use observer::{Observer, Phase, Proceed, Silent, Steps};

@@ -1,6 +1,9 @@
 //! Alias tables.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
+
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use transport::alias::pair_entries;
 
@@ -40,13 +43,13 @@ mod tests {
         let table = alias_table(&weights);
         let (n, total) = (weights.len() as u32, weights.iter().sum::<f64>());
         // From the table itself, and by picks.
-        let mut found = std::vec![0.0f64; weights.len()];
+        let mut found = alloc::vec![0.0f64; weights.len()];
         for (k, entry) in table.iter().enumerate() {
             let own = f64::from(entry.threshold) / 2f64.powi(32);
             found[k] += own;
             found[entry.other as usize] += 1.0 - own;
         }
-        let mut picked = std::vec![0u32; weights.len()];
+        let mut picked = alloc::vec![0u32; weights.len()];
         let picks = 1u32 << 20;
         (0..picks).for_each(|k| picked[pick(&table, n, k << 12) as usize] += 1);
         for k in 0..weights.len() {

@@ -1,12 +1,14 @@
 //! What photons start from: elements with their power, and the distribution over them.
 
-use std::f32::consts::{PI, TAU};
-use std::vec::Vec;
+use alloc::vec::Vec;
+use core::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::kernel::light::{sky_radiance, spot_falloff};
 use scene::math::{luminance, sin_cos_2pi};
+use scene::parallel::*;
 use scene::sampling::uniform_triangle;
 use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Scene};
 

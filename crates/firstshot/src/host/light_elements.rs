@@ -1,15 +1,15 @@
 //! Adaptive direct illumination: each triangle that a light may fall on is split into light elements until the light
 //! is linear on each.
 
-use std::cell::Cell;
-use std::ops::Range;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::vec::Vec;
+use alloc::vec::Vec;
+use core::cell::Cell;
+use core::ops::Range;
+use core::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{Vec2, Vec3};
-use rayon::prelude::*;
 use scene::kernel::light::{Arrival, unoccluded};
 use scene::math::luminance;
+use scene::parallel::*;
 use scene::{LIGHT_RECT, Occluder, Scene};
 
 use super::Proceed;

@@ -1,9 +1,11 @@
 //! Illumination maps: regular grids on both sides of all triangles.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{Vec2, Vec3};
 use hashbrown::HashMap;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::sampling::{hash3, unit};
 use scene::{NONE, Scene};
 

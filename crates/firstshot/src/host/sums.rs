@@ -1,13 +1,15 @@
 //! What photons have registered, and what follows from it.
 
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::NONE;
 use scene::math::luminance;
+use scene::parallel::*;
 
 use super::trace::{PhotonScene, trace_photons};
 use super::tracer::{Estimate, PhotonAccumulator, Round};

@@ -1,11 +1,11 @@
 //! Photons on all cores: the kernels' bodies over whole paths, with the scene's wide hierarchy.
 
-use std::cell::Cell;
-use std::vec::Vec;
+use alloc::vec::Vec;
+use core::cell::Cell;
 
 use glam::Vec3;
-use rayon::prelude::*;
 use scene::kernel::bvh::{FAR, closest_hit, host_occluder};
+use scene::parallel::*;
 use scene::{GeometryTables, NONE, Scene};
 
 use super::emission::Emission;

@@ -1,8 +1,10 @@
 //! Rounds of photons, accumulated and judged by independent batches, until the error is what was asked for.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{DVec3, Vec3};
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::Scene;
 
 use super::Proceed;

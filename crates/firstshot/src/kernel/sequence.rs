@@ -145,8 +145,8 @@ mod tests {
                 [sequence.element(), w.place.0, w.place.1, w.way.0, w.way.1]
             };
             for d in 0..5 {
-                let mut seen = std::vec![false; n as usize];
-                let fresh = (0..n).filter(|&k| !std::mem::replace(&mut seen[(words(k)[d] >> 20) as usize], true));
+                let mut seen = alloc::vec![false; n as usize];
+                let fresh = (0..n).filter(|&k| !core::mem::replace(&mut seen[(words(k)[d] >> 20) as usize], true));
                 // Independent numbers leave about 1/e of the strata empty.
                 assert_eq!(fresh.count() == n as usize, kind == SEQUENCE_SOBOL, "dimension {d}");
             }
@@ -165,12 +165,12 @@ mod tests {
     fn numbers_of_reflections_are_stratified_and_independent_of_each_other() {
         let n = 1u32 << 14;
         let sequence = |index: u32| Sequence { index, key: 5, kind: SEQUENCE_SOBOL };
-        let mut seen = std::vec![false; n as usize];
+        let mut seen = alloc::vec![false; n as usize];
         let mut product = [0.0f64; 3];
         let unit = |x: u32| f64::from(x) / 2f64.powi(32) - 0.5;
         for k in 0..n {
             let (survival, way) = sequence(k).reflection(1);
-            assert!(!std::mem::replace(&mut seen[(survival >> 18) as usize], true));
+            assert!(!core::mem::replace(&mut seen[(survival >> 18) as usize], true));
             let next = sequence(k).reflection(2);
             product[0] += unit(survival) * unit(way.0) / f64::from(n);
             product[1] += unit(way.0) * unit(next.1.0) / f64::from(n);

@@ -1,9 +1,12 @@
 //! Form factors by pairs of points on both patches: low-discrepancy pairs, more of them the nearer the patches are.
 
+use alloc::vec::Vec;
 use core::f64::consts::PI;
-use std::vec::Vec;
 
 use glam::DVec3;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+use scene::double::{atan2, sin_cos};
 use transport::Polygon;
 
 use super::contour::contour;
@@ -54,7 +57,7 @@ pub(super) fn polygon_point(polygon: &Polygon, x: f64, y: f64) -> DVec3 {
 /// Solid angle of a triangle of unit vectors (Van Oosterom and Strackee 1983).
 fn solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
     let triple = a.dot(b.cross(c)).abs();
-    2.0 * triple.atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a))
+    2.0 * atan2(triple, 1.0 + a.dot(b) + b.dot(c) + c.dot(a))
 }
 
 /// Uniform direction within a spherical triangle of solid angle `omega` (Arvo 1995).
@@ -63,8 +66,8 @@ fn spherical_triangle_point(a: DVec3, b: DVec3, c: DVec3, omega: f64, x: f64, y:
     let (ab, ac) = (at(b), at(c));
     let cos_alpha = ab.dot(ac).clamp(-1.0, 1.0);
     let sin_alpha = ab.cross(ac).length();
-    let alpha = sin_alpha.atan2(cos_alpha);
-    let (s, t) = (x * omega - alpha).sin_cos();
+    let alpha = atan2(sin_alpha, cos_alpha);
+    let (s, t) = sin_cos(x * omega - alpha);
     let u = t - cos_alpha;
     let v = s + sin_alpha * a.dot(b);
     let denominator = (v * s + u * t) * sin_alpha;

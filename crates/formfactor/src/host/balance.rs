@@ -1,7 +1,10 @@
 //! Reciprocity and closure of a square matrix of form factors.
 
-use rayon::prelude::*;
-use std::vec::Vec;
+use alloc::vec::Vec;
+use scene::parallel::*;
+
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use crate::error::Error;
 use transport::{Dense, check_length};
@@ -45,7 +48,7 @@ pub fn reciprocity_residual(factors: &Dense, area: &[f32]) -> f64 {
             }
             worst
         })
-        .reduce(|| 0.0, f64::max)
+        .par_fold_reduce(|| 0.0, f64::max, f64::max)
 }
 
 /// Greatest `|Σ_j F_ij + F_i0 − 1|` over the rows that see anything.
@@ -56,7 +59,7 @@ pub fn closure_residual(factors: &Dense, sky: &[f32]) -> f64 {
             let sum: f64 = factors.row(i).iter().map(|&f| f64::from(f)).sum::<f64>() + f64::from(sky[i]);
             if sum == 0.0 { 0.0 } else { (sum - 1.0).abs() }
         })
-        .reduce(|| 0.0, f64::max)
+        .par_fold_reduce(|| 0.0, f64::max, f64::max)
 }
 
 /// Spreads what is missing in each row over its patches, `F_ij ← F_ij (1 − F_i0) / Σ_j F_ij`: lost rays did hit geometry.

@@ -3,6 +3,7 @@
 use core::f64::consts::TAU;
 
 use glam::DVec3;
+use scene::double::atan2;
 use transport::Polygon;
 
 use super::triangle::{four_parts, triangle_area};
@@ -39,7 +40,7 @@ pub(super) fn contour(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
         let cross = b.cross(a);
         let length = cross.length();
         if length > 0.0 {
-            sum += length.atan2(a.dot(b)) * normal.dot(cross) / length;
+            sum += atan2(length, a.dot(b)) * normal.dot(cross) / length;
         }
         a = b;
     }

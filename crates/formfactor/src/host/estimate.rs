@@ -1,11 +1,11 @@
 //! The four estimators behind one trait, and the loop over rows.
 
-use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::vec::Vec;
+use alloc::vec::Vec;
+use core::ops::Range;
+use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::{frame, hash3, sobol2};
 use scene::{NONE, SurfacePoint};
 use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, Variant, check_length, quadrant_of};

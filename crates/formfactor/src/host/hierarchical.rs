@@ -1,12 +1,14 @@
 //! Hierarchical radiosity: triangles are split where they exchange much light, and light goes between parts of any size (Hanrahan,
 //! Salzman and Aupperle 1991).
 
+use alloc::vec::Vec;
 use glam::{DVec3, Vec2, Vec3};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::math::luminance;
+use scene::parallel::*;
 use scene::sampling::hash3;
 use scene::{NONE, Visibility};
-use std::vec::Vec;
 use transport::Polygon;
 
 use super::area::{polygon_point, recurrence};
@@ -363,7 +365,7 @@ impl<'a> Solver<'a> {
     /// Removes the links that carry too much by now, and gives the pairs of their parts.
     fn split_links(&mut self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::new();
-        let links = std::mem::take(&mut self.links);
+        let links = core::mem::take(&mut self.links);
         for link in links {
             match self.larger_end(&link) {
                 Some(end) => self.split(&link, end, &mut pairs),

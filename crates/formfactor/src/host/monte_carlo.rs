@@ -1,10 +1,12 @@
 //! Monte Carlo solvers of `B = E + ρ∘(F B)`: power goes from patch to patch by chance, with the form factors as probabilities
 //! (Shirley 1991; Neumann 1995; Bekaert 1999; A. S. Shcherbakov, thesis, 2.2.5).
 
+use alloc::vec::Vec;
 use glam::{Vec3, Vec4};
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::math::luminance;
 use scene::sampling::{hash3, unit};
-use std::vec::Vec;
 use transport::{Csr, check_length};
 
 use super::solve::{Solution, Stop, check_inputs, finish};

@@ -1,8 +1,11 @@
 //! Reciprocity of sparse rows whose areas are only estimates.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+
+use scene::parallel::*;
 
 use crate::error::Error;
 use transport::{Csr, check_length};

@@ -1,9 +1,9 @@
 //! Classic radiosity: solvers of `B = E + ρ∘(F B)` for three colour channels.
 
+use alloc::vec::Vec;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use glam::Vec4;
-use std::vec::Vec;
 
 use crate::error::Error;
 use crate::kernel::product::bounce;
@@ -181,7 +181,7 @@ pub fn shoot(factors: &Dense, area: &[f32], source: &[Vec4], albedo: &[Vec4], st
         if p <= tolerance * total {
             break;
         }
-        let shot = std::mem::replace(&mut unshot[i], Vec4::ZERO) * area[i];
+        let shot = core::mem::replace(&mut unshot[i], Vec4::ZERO) * area[i];
         for (j, &f) in factors.row(i).iter().enumerate() {
             let received = shot * (f / area[j]);
             irradiance[j] += received;

@@ -1,12 +1,12 @@
 //! Sparse rows of form factors by rays: for many receivers or many patches, where dense rows would not fit.
 
-use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::vec::Vec;
+use alloc::vec::Vec;
+use core::ops::Range;
+use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use glam::Vec4;
-use rayon::prelude::*;
 use scene::NONE;
+use scene::parallel::*;
 
 use super::estimate::{
     Estimator, Hemisphere, SkyBin, check_surfaces, first_sky_column, hemisphere_hits, in_quadrants, like_rays,
@@ -58,7 +58,7 @@ pub fn sparse_rows(
             transport::Error::TooMany { name: "entries of sparse rows", found, limit: u64::from(u32::MAX) }.into()
         );
     }
-    let factors = Csr { rows: total, columns: patches as usize, row_start: std::vec![0], ..Csr::default() };
+    let factors = Csr { rows: total, columns: patches as usize, row_start: alloc::vec![0], ..Csr::default() };
     let mut out = SparseRows { factors, ..SparseRows::default() };
     out.factors.column_index.reserve_exact(found as usize);
     out.factors.values.reserve_exact(found as usize);
@@ -169,7 +169,7 @@ fn add_rows<E: From<Error>>(
     for first in (0..total).step_by(block) {
         let own = first..(first + block).min(total);
         let mut hits = hits(own.clone())?;
-        let scales = std::vec![1.0 / rays as f32; parts * own.len()];
+        let scales = alloc::vec![1.0 / rays as f32; parts * own.len()];
         rows.push(&hits, &scales).map_err(Error::from)?;
         let escaped = |hits: &[u32]| hits.iter().filter(|&&column| is_sky(column)).count() as f32 / rays as f32;
         sky_factor.extend(hits.chunks(rays as usize).map(escaped));

@@ -1,8 +1,8 @@
 //! Rows of F between the nodes of a cut, from rows whose columns are nodes of any level.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
-use rayon::prelude::*;
+use scene::parallel::*;
 
 use super::forest::Forest;
 use super::world::Node;

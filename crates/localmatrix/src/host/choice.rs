@@ -1,7 +1,7 @@
 //! Which patches are to be in the matrix.
 
+use alloc::vec::Vec;
 use glam::Vec3;
-use std::vec::Vec;
 
 /// Patches that come and go.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

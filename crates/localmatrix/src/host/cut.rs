@@ -1,7 +1,7 @@
 //! Which nodes of a world are to stand for it: fine ones near the camera, coarse ones far off.
 
-use std::collections::BinaryHeap;
-use std::vec::Vec;
+use alloc::collections::BinaryHeap;
+use alloc::vec::Vec;
 
 use glam::Vec3;
 
@@ -32,13 +32,13 @@ struct Ranked(f32, u32);
 impl Eq for Ranked {}
 
 impl PartialOrd for Ranked {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+    fn partial_cmp(&self, other: &Self) -> Option<core::cmp::Ordering> {
         Some(self.cmp(other))
     }
 }
 
 impl Ord for Ranked {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+    fn cmp(&self, other: &Self) -> core::cmp::Ordering {
         self.0.total_cmp(&other.0).then(other.1.cmp(&self.1))
     }
 }

@@ -1,6 +1,6 @@
 //! The order of a world's nodes: each covers a run of leaves.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use super::world::{NO_NODE, Node};
 use crate::error::Error;

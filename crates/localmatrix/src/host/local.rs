@@ -1,11 +1,10 @@
 //! The matrix that goes with a camera through a world.
 
-use std::collections::{HashMap, HashSet};
-use std::time::Duration;
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec4;
-use rayon::prelude::*;
+use hashbrown::{HashMap, HashSet};
+use scene::parallel::*;
 use transport::LinearOperator;
 
 use super::assembly::{Row, assemble};
@@ -23,8 +22,18 @@ const TOGETHER: usize = 32;
 const NEAR: f32 = 2.0;
 /// Rounds of [`Local::settle`] in which no row is missing: each makes all changes but those that do not fit at once.
 const MOST_ROUNDS: usize = 256;
-/// How long [`Local::settle`] sleeps while rows are under way.
-const PAUSE: Duration = Duration::from_millis(1);
+
+/// What [`Local::settle`] does while rows are under way: it sleeps.
+#[cfg(feature = "std")]
+fn pause() {
+    std::thread::sleep(core::time::Duration::from_millis(1));
+}
+
+/// What [`Local::settle`] does while rows are under way: there is no thread to leave the core to.
+#[cfg(not(feature = "std"))]
+fn pause() {
+    core::hint::spin_loop();
+}
 
 /// Settings of [`Local`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -320,7 +329,7 @@ impl Local {
         // Those that were not looked at: their rows are being read by the time they come next.
         for one in finer.chain(coarser) {
             changes.later += one.enter.len();
-            wanted.extend(one.enter.iter().filter(|node| !self.rows.contains_key(node)));
+            wanted.extend(one.enter.iter().filter(|&node| !self.rows.contains_key(node)));
         }
         wanted.truncate(self.settings.wanted);
         world.want(&wanted);
@@ -378,7 +387,7 @@ impl Local {
         }
         // The deepest has all of its siblings beside it.
         let depth =
-            |&node: &u32| std::iter::successors(Some(node), |&n| Some(parent(n)).filter(|&p| p != NO_NODE)).count();
+            |&node: &u32| core::iter::successors(Some(node), |&n| Some(parent(n)).filter(|&p| p != NO_NODE)).count();
         let deepest = one.leave.iter().copied().max_by_key(|node| (depth(node), u32::MAX - node)).unwrap_or(first);
         let whole = parent(deepest);
         let family = one.leave.iter().copied().filter(|&node| self.forest.covers(whole, node)).collect();
@@ -484,7 +493,7 @@ impl Local {
             if changes.waiting > 0 {
                 // Lost ones are left out of the next choice.
                 if !is_losing {
-                    std::thread::sleep(PAUSE);
+                    pause();
                 }
                 continue;
             }

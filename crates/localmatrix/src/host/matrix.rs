@@ -1,13 +1,13 @@
 //! The slots and their matrix.
 
-use std::collections::HashMap;
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, Mat, MatMut, MatRef, Side, get_global_parallelism};
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
+use hashbrown::HashMap;
+use scene::parallel::*;
 use transport::LinearOperator;
 
 use crate::error::Error;
@@ -170,7 +170,7 @@ impl LocalMatrix {
 
     /// What has changed since the last time; nothing unless it is recorded.
     pub fn take_updates(&mut self) -> Vec<Update> {
-        self.record.as_mut().map(std::mem::take).unwrap_or_default()
+        self.record.as_mut().map(core::mem::take).unwrap_or_default()
     }
 
     /// Keeps a change: vectors by channel and place, and slots whose columns are as the matrix has them now.

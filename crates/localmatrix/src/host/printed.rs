@@ -1,10 +1,10 @@
 //! The matrix round a camera as the thesis prints it, for comparison with [`super::matrix`].
 
-use std::collections::HashMap;
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
+use hashbrown::HashMap;
+use scene::parallel::*;
 
 use super::matrix::{Entering, MOST_SLOTS};
 use crate::error::Error;

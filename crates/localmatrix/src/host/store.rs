@@ -17,17 +17,29 @@
 //! Parts hold some of the leaves' blocks and no tail.
 
 mod error;
+#[cfg(feature = "std")]
 mod file;
+#[cfg(feature = "std")]
 mod format;
+#[cfg(feature = "std")]
 mod map;
+#[cfg(feature = "std")]
 mod merge;
+#[cfg(feature = "std")]
 mod prefetch;
+#[cfg(feature = "std")]
 mod write;
 
 pub use error::BakeError;
+#[cfg(feature = "std")]
 pub use file::{BakeFile, is_begun_as_bake};
+#[cfg(feature = "std")]
 pub use format::{LitPoint, Part, Record, WorldHead, block_range};
+#[cfg(feature = "std")]
 pub use map::{Mapped, Source};
+#[cfg(feature = "std")]
 pub use merge::{join, parent_record};
+#[cfg(feature = "std")]
 pub use prefetch::{Store, StoreState};
+#[cfg(feature = "std")]
 pub use write::{BakeWriter, beginning_of};

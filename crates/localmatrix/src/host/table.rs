@@ -1,9 +1,9 @@
 //! A world in memory: patches, their rows, and a tree that merges them.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec3;
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::bisect::bisect;
 use transport::{Csr, LinearOperator, check_length};
 
@@ -136,7 +136,7 @@ fn merged(surfaces: &[Surface], patches: &[u32]) -> Node {
     // A disc of its area about the middle of each.
     let reach = |&patch: &u32| {
         let one = &surfaces[patch as usize];
-        one.centre.distance(centre) + scene::math::sqrt(one.area / std::f32::consts::PI)
+        one.centre.distance(centre) + scene::math::sqrt(one.area / core::f32::consts::PI)
     };
     let radius = patches.iter().map(reach).fold(0.0, f32::max);
     Node {

@@ -1,6 +1,6 @@
 //! Where patches and their rows of F come from: a table in memory, or files on a disk.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec3;
 

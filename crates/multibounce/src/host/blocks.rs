@@ -1,13 +1,14 @@
 //! A matrix in texture blocks with its largest entries beside them (thesis, chapter 3).
 
+#[cfg(feature = "std")]
 mod encode;
 mod planes;
 mod product;
 
+use alloc::vec;
+use alloc::vec::Vec;
 use glam::{UVec4, Vec3, Vec4};
-use rayon::prelude::*;
-use std::vec;
-use std::vec::Vec;
+use scene::parallel::*;
 use transport::{Permutation, Variant, check_length};
 
 use super::order::MatrixRows;
@@ -66,6 +67,7 @@ impl Companding {
     }
 
     /// `c(x)` for x in [0, 1]; [`crate::kernel::blocks::expand`] is its inverse.
+    #[cfg(feature = "std")]
     fn compress(self, x: Vec3) -> Vec3 {
         match self {
             Self::None => x,

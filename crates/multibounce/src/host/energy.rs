@@ -1,8 +1,10 @@
 //! Light must not grow by being compressed.
 
+use alloc::vec;
+use alloc::vec::Vec;
 use glam::{Vec3, Vec4};
-use std::vec;
-use std::vec::Vec;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use transport::{FnOperator, LinearOperator, check_length};
 
 use crate::error::Error;
@@ -13,6 +15,7 @@ use crate::error::Error;
 /// So constant exitance gives the irradiance that it gave, and `‖diag(ρ) M'‖∞ ≤ ‖diag(ρ) M‖∞`: for entries ≥ 0 the
 /// spectral radius is no greater than this norm, so that repeated bounces converge as those of the original must
 /// (row sums of form factors are at most 1).
+#[cfg(feature = "std")]
 pub(super) fn row_factor(original: Vec3, decoded: Vec3, limit: f32) -> Vec3 {
     let one = |s: f32, d: f32| if d > 0.0 { (s / d).min(limit) } else { 1.0 };
     Vec3::new(one(original.x, decoded.x), one(original.y, decoded.y), one(original.z, decoded.z))

@@ -1,9 +1,11 @@
 //! How fast light settles that bounces once a frame.
 
+use alloc::vec::Vec;
+use core::ops::RangeInclusive;
 use glam::{Vec3, Vec4};
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::sampling::hash3;
-use std::ops::RangeInclusive;
-use std::vec::Vec;
 use transport::{FnOperator, LinearOperator};
 
 use super::energy::{power, spectral_radius};

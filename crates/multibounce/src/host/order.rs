@@ -1,10 +1,10 @@
 //! Orders of rows and columns in which neighbours are alike, so that blocks of the matrix are smooth.
 
+use alloc::vec;
+use alloc::vec::Vec;
 use glam::Vec3;
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::hash3;
-use std::vec;
-use std::vec::Vec;
 use transport::Permutation;
 
 /// The rows of a square RGB matrix: fills the slice, as long as the matrix has columns, with the row of this number.
@@ -61,7 +61,11 @@ fn nearest_neighbour_chain(features: &Features, n: usize) -> Permutation {
         let best = if rest.len() <= TASK {
             nearest_of((0, rest))
         } else {
-            rest.par_chunks(TASK).enumerate().map(nearest_of).reduce(|| (f32::INFINITY, usize::MAX), nearer)
+            rest.par_chunks(TASK).enumerate().map(nearest_of).par_fold_reduce(
+                || (f32::INFINITY, usize::MAX),
+                nearer,
+                nearer,
+            )
         };
         // Distances that are no numbers leave the order as it is.
         if best.1 < rest.len() {

@@ -1,14 +1,14 @@
 //! Dense operators of many bounces.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_inverse::invert_lower_triangular;
-use faer::{Accum, Mat};
-use rayon::prelude::*;
+use faer::{Accum, ColMut, Mat};
+use scene::parallel::*;
 use transport::{Proceed, check_length};
 
 use crate::error::Error;
@@ -151,13 +151,15 @@ pub fn all_bounces(symmetric: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Erro
     check_albedo(albedo, n)?;
     let sqrt_albedo: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect();
     let identity = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
-    out.par_col_iter_mut().enumerate().for_each(|(j, column)| {
+    let columns: Vec<ColMut<f32>> = out.col_iter_mut().collect();
+    columns.into_par_iter().enumerate().for_each(|(j, column)| {
         for (i, value) in column.iter_mut().enumerate() {
             *value = identity(i, j) - (sqrt_albedo[i] * *value * sqrt_albedo[j]).max(FLOOR);
         }
     });
     invert(&mut out)?;
-    out.par_col_iter_mut().enumerate().for_each(|(j, column)| {
+    let columns: Vec<ColMut<f32>> = out.col_iter_mut().collect();
+    columns.into_par_iter().enumerate().for_each(|(j, column)| {
         for (i, value) in column.iter_mut().enumerate() {
             *value = (*value - identity(i, j)) / (sqrt_albedo[i] * sqrt_albedo[j]);
         }

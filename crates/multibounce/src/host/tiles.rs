@@ -9,7 +9,7 @@ mod reduce;
 mod source;
 mod symmetric;
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use faer::Mat;
 use glam::Vec4;
@@ -17,6 +17,7 @@ use transport::check_length;
 
 use crate::error::Error;
 use crate::host::solve::Factors;
+#[cfg(feature = "std")]
 use crate::host::stored::StoredOperator;
 use crate::kernel::tiles::{GROUP_VECTORS, LANES, NO_VECTOR, PERMUTED_INDICES, RUN_GROUPS, SUB_BLOCK_WORDS, TILE};
 use crate::types::{PackedGroup, SubBlock};
@@ -74,6 +75,7 @@ pub enum Channels<'a> {
     /// Red, green, blue.
     Three([&'a Mat<f32>; 3]),
     /// Red, green, blue in files that have the order of the tiles: a tile of them is held at a time.
+    #[cfg(feature = "std")]
     Stored([&'a StoredOperator; 3]),
     /// One for all three, of reciprocal form factors: no dense matrix is made.
     Factors(Factors<'a>),

@@ -1,6 +1,6 @@
 //! An order in which neighbours are alike, by bisection at multiples of a tile.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
 

@@ -1,8 +1,8 @@
 //! Axis-aligned virtual patches: at most six a voxel.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
-use rayon::prelude::*;
+use scene::parallel::*;
 
 use super::grid::Grid;
 use super::group::{Group, check_voxels, merge_slivers, patches_of};
@@ -25,7 +25,7 @@ pub fn axis_patches(grid: &Grid, set: SampleSet) -> Result<PatchSet, Error> {
     let voxels = (0..grid.len())
         .into_par_iter()
         .map(|slot| {
-            let mut groups: Vec<Group> = std::vec![Group::default(); 6];
+            let mut groups: Vec<Group> = alloc::vec![Group::default(); 6];
             for index in set.range(slot) {
                 let sample = &set.samples[index];
                 for (axis, n) in sample.normal.to_array().into_iter().enumerate() {

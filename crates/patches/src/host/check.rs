@@ -1,6 +1,6 @@
 //! Whether tables that come from a file fit together, so that nobody reads beside them.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use scene::NONE;
 use transport::{LinearOperator as _, QUADRANTS, TriangleGrid, check_indices, check_length, check_offsets};

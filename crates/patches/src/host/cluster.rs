@@ -1,8 +1,8 @@
 //! Clusters of the samples of each voxel, by greedy merging.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
-use rayon::prelude::*;
+use scene::parallel::*;
 
 use super::grid::Grid;
 use super::group::{Group, check_voxels, merge_slivers, patches_of};

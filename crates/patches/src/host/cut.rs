@@ -4,11 +4,11 @@
 //! them between both sides of the wall, which are strangers to each other. So the floor is cut along the foot of the wall:
 //! the same surface, more triangles.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{DVec3, Vec2, Vec3};
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::{BvhNode, Scene, SceneParts, Triangle, TriangleUv};
 
 use super::focus::{Density, corners};

@@ -1,11 +1,13 @@
 //! Where people look, and how densely the surfaces of a scene are shared out by that: samples, patches and receivers stand
 //! close where light that is sent matters, and far apart on far ground.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+use scene::parallel::*;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle, unit};
 use scene::{Scene, Triangle, Visibility};
 

@@ -1,12 +1,15 @@
 //! The voxel grid: which triangles, and how much of each, lie in which voxel.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::vec::Vec;
+use alloc::vec::Vec;
+use core::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, UVec3, Vec3};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::Scene;
+use scene::double::ln;
 use scene::host::clip::{Layers, Polygon, cut_to_cell, cut_triangle};
+use scene::parallel::*;
 
 use crate::error::Error;
 use crate::types::GridShape;
@@ -52,12 +55,9 @@ impl Grid {
         let e = edges.as_dvec3();
         let least = LEAST_SHARE * (e.x * e.y + e.y * e.z + e.z * e.x) / 3.0;
         let total = AtomicU64::new(0);
-        let mut clipped: Vec<(u64, f32)> = scene
-            .geometry
-            .triangles
-            .par_iter()
-            .enumerate()
-            .fold(Vec::new, |mut clipped, (index, triangle)| {
+        let mut clipped: Vec<(u64, f32)> = scene.geometry.triangles.par_iter().enumerate().par_fold_reduce(
+            Vec::new,
+            |mut clipped, (index, triangle)| {
                 let before = clipped.len();
                 if total.load(Ordering::Relaxed) <= CLIPPED_TRIANGLE_LIMIT {
                     cut_triangle(triangle, &layers, |cell, part| {
@@ -70,11 +70,12 @@ impl Grid {
                 }
                 total.fetch_add((clipped.len() - before) as u64, Ordering::Relaxed);
                 clipped
-            })
-            .reduce(Vec::new, |mut a, mut b| {
+            },
+            |mut a, mut b| {
                 a.append(&mut b);
                 a
-            });
+            },
+        );
         let found = total.into_inner();
         if found > CLIPPED_TRIANGLE_LIMIT {
             return Err(Error::TooMany { name: "clipped triangles in voxels", found, limit: CLIPPED_TRIANGLE_LIMIT });
@@ -125,7 +126,7 @@ impl Grid {
             let found = match Self::new(scene, proportions * edge as f32) {
                 Ok(grid) => {
                     let found = count(&grid)? as f64;
-                    let distance = (found.max(1.0) / target as f64).ln().abs();
+                    let distance = ln(found.max(1.0) / target as f64).abs();
                     if best.as_ref().is_none_or(|(least, _)| distance < *least) {
                         best = Some((distance, grid));
                     }

@@ -1,6 +1,6 @@
 //! Groups of samples of one voxel, on the way to become patches.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::DVec3;
 
@@ -96,7 +96,7 @@ pub(super) fn patches_of(grid: &Grid, set: SampleSet, voxels: Vec<Vec<Group>>) -
     if count > u32::MAX as usize {
         return Err(Error::TooMany { name: "members of patches", found: count as u64, limit: u64::from(u32::MAX) });
     }
-    let (mut numbers, mut offsets, mut members) = (Vec::new(), std::vec![0], Vec::with_capacity(count));
+    let (mut numbers, mut offsets, mut members) = (Vec::new(), alloc::vec![0], Vec::with_capacity(count));
     for (slot, groups) in voxels.into_iter().enumerate() {
         for group in groups {
             numbers.push(grid.occupied[slot]);

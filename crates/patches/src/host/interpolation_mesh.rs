@@ -1,11 +1,13 @@
 //! Receivers: points at which irradiance is evaluated, and the grids of triangle vertices that take their values.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{IVec3, Vec2, Vec3, Vec4};
 use hashbrown::HashMap;
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+use scene::parallel::*;
 use scene::sampling::hash3;
 use scene::{Hit, NONE, POINT_WALKS, ReceiverSet, Scene, Sides, SurfacePoint, Visibility, is_open};
 use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_at, vertex_count};

@@ -2,10 +2,12 @@
 
 mod charts;
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{UVec2, Vec2, Vec3, Vec4};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+use scene::parallel::*;
 use scene::{GeometryTables, Hit, NONE, ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 
 use self::charts::{Chart, ChartTriangle, charts, given_chart, overlapping};
@@ -136,9 +138,9 @@ impl LightmapTexels {
     fn empty(scene: &Scene, params: LightmapParams, texel: f32) -> Self {
         Self {
             params,
-            sides: std::vec![[NONE; 2]; scene.geometry.triangles.len()],
+            sides: alloc::vec![[NONE; 2]; scene.geometry.triangles.len()],
             uvs: Vec::new(),
-            texels: std::vec![NONE; params.width as usize * params.height as usize],
+            texels: alloc::vec![NONE; params.width as usize * params.height as usize],
             places: Vec::new(),
             points: Vec::new(),
             texel,
@@ -242,7 +244,7 @@ impl Chart {
     ) -> Option<Filled> {
         let (width, height) = (self.size.x as u32, self.size.y as u32);
         let covered = self.cover(width, height, texel);
-        let mut texels = std::vec![NONE; covered.len()];
+        let mut texels = alloc::vec![NONE; covered.len()];
         let (mut points, mut places) = (Vec::new(), Vec::new());
         for (entry, covered) in texels.iter_mut().zip(covered) {
             let Some((_, place, part)) = covered else { continue };
@@ -266,7 +268,7 @@ impl Chart {
 
     /// For each texel that a triangle covers, the nearest place of the nearest triangle, and the square of its distance.
     fn cover(&self, width: u32, height: u32, texel: f32) -> Vec<Option<(f32, Vec2, &ChartTriangle)>> {
-        let mut nearest = std::vec![None; (width * height) as usize];
+        let mut nearest = alloc::vec![None; (width * height) as usize];
         for part in &self.triangles {
             let [a, b, c] = part.corners;
             let first = (a.min(b).min(c) / texel - REACH).floor().max(Vec2::ZERO).as_uvec2();
@@ -351,7 +353,7 @@ fn pack(sizes: &[[u32; 2]]) -> Result<(LightmapParams, Vec<[u32; 2]>), Error> {
     let widest = sizes.iter().map(|s| s[0]).max().unwrap_or(0).max(1);
     let mut width = widest.max((area.sqrt().min(f64::from(LIGHTMAP_LIMIT))) as u32).min(LIGHTMAP_LIMIT);
     loop {
-        let mut places = std::vec![[0; 2]; sizes.len()];
+        let mut places = alloc::vec![[0; 2]; sizes.len()];
         let (mut x, mut y, mut shelf) = (0, 0u64, 0);
         for &k in &order {
             let [w, h] = sizes[k];

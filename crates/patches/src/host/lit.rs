@@ -1,9 +1,9 @@
 //! Samples of the surfaces that light comes to, wherever they are in a scene.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec3;
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
 use scene::{POINT_WALKS, Scene, SurfacePoint, Triangle, is_open};
 

@@ -1,10 +1,10 @@
 //! The tables of the lookup.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{UVec3, Vec3, Vec4};
-use rayon::prelude::*;
 use scene::SurfacePoint;
+use scene::parallel::*;
 
 use super::grid::Grid;
 use super::patch_set::PatchSet;
@@ -117,7 +117,7 @@ impl Lookup {
         let values = count + usize::from(!separate.is_empty());
         order.extend(separate.iter().map(|&d| (dark(d as usize).voxel, count as u32 + d)));
         order.sort_unstable();
-        let (mut cells, mut offsets) = (std::vec![u32::MAX; voxels], Vec::new());
+        let (mut cells, mut offsets) = (alloc::vec![u32::MAX; voxels], Vec::new());
         let mut entries = Vec::with_capacity(order.len());
         let mut full = Vec::new();
         for &(voxel, k) in &order {

@@ -4,9 +4,9 @@
 mod build;
 mod cells;
 
-use std::boxed::Box;
-use std::sync::Arc;
-use std::vec::Vec;
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
 use scene::{Hit, NONE, Scene, SurfacePoint};

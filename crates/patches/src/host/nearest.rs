@@ -1,8 +1,8 @@
 //! The sample of any place on a surface: the nearest of like normal.
 
+use alloc::vec::Vec;
 use glam::{IVec3, Vec3};
 use hashbrown::HashMap;
-use std::vec::Vec;
 
 use super::focus::Density;
 use crate::types::Sample;
@@ -126,7 +126,7 @@ impl Level {
             return found;
         }
         let low = (home - REACH).div_euclid(IVec3::splat(BLOCK));
-        let numbers: [u32; 8] = std::array::from_fn(|k| {
+        let numbers: [u32; 8] = core::array::from_fn(|k| {
             let corner = IVec3::new(k as i32 >> 2, k as i32 >> 1 & 1, k as i32 & 1);
             self.blocks.get(&(low + corner)).copied().unwrap_or(NONE)
         });

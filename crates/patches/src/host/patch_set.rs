@@ -1,9 +1,9 @@
 //! Patches with the samples they are made of.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{DVec3, Vec3, Vec4};
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::{NONE, SurfacePoint};
 
 use crate::error::Error;

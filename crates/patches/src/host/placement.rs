@@ -7,12 +7,12 @@ mod smoothing;
 #[cfg(test)]
 mod tests;
 
-use std::sync::Arc;
-use std::vec;
-use std::vec::Vec;
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{Vec2, Vec3};
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::frame;
 use scene::{NONE, SKY_BINS, Scene, Sides, SurfacePoint};
 use transport::{HitCounts, QUADRANTS};
@@ -217,8 +217,8 @@ impl<'a> Placement<'a> {
             let chosen = orphans.par_iter().step_by(step);
             let samples = chosen
                 .map(|&k| Sample { area: area / sampler.density().share(points[k].position), ..sample_at(&points[k]) });
-            let lit = samples.filter(|sample| sampler.is_lit(sample, placing.seed));
-            field.set.samples.par_extend(lit);
+            let lit: Vec<Sample> = samples.filter(|sample| sampler.is_lit(sample, placing.seed)).collect();
+            field.set.samples.extend(lit);
             field.set.add_rows(self.add_rows)?;
             field = ReceiverField::new(field.set);
             let found: Vec<_> = orphans.par_iter().map(|&k| field.weights(&points[k], true)).collect();
@@ -258,7 +258,7 @@ fn served_weights(
 ) -> Result<Vec<Vec<Entry>>, Error> {
     let served: Vec<bool> = weights.iter().map(|weights| !weights.is_empty()).collect();
     let kept = interpolation.retain(scene, &served)?;
-    Ok(kept.iter().map(|&k| std::mem::take(&mut weights[k as usize])).collect())
+    Ok(kept.iter().map(|&k| core::mem::take(&mut weights[k as usize])).collect())
 }
 
 /// An interpolation point as a sample, without an area.
@@ -289,7 +289,7 @@ fn order_by_receivers(weights: &mut Vec<Vec<Entry>>, receivers: usize) -> Vec<u3
         order[*place as usize] = k;
         *place += 1;
     }
-    *weights = order.iter().map(|&k| std::mem::take(&mut weights[k as usize])).collect();
+    *weights = order.iter().map(|&k| core::mem::take(&mut weights[k as usize])).collect();
     order
 }
 

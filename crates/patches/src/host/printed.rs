@@ -1,13 +1,15 @@
 //! Virtual patches as the thesis prints them, for comparison with [`super::cluster`] and [`super::axis`].
 
-use std::collections::BTreeMap;
-use std::ops::Range;
-use std::vec;
-use std::vec::Vec;
+use alloc::collections::BTreeMap;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::ops::Range;
 
 use glam::{DVec3, Vec3};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::Scene;
+use scene::parallel::*;
 use transport::Dense;
 
 use super::axis::LEAST_PART;

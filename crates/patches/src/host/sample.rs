@@ -1,9 +1,9 @@
 //! Samples: what rays from the faces of the voxels meet inside them.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec3;
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::{hammersley, hash3};
 use scene::{Hit, NONE, Scene};
 
@@ -200,8 +200,8 @@ fn sample_voxel<K: Fn(&Sample) -> bool>(
     met.sort_by_key(|m| (m.clipped, m.back));
 
     // Samples of each side of each triangle, and whether it was met at all.
-    let mut counts = std::vec![[0u32; 2]; triangles.len()];
-    let mut seen = std::vec![false; triangles.len()];
+    let mut counts = alloc::vec![[0u32; 2]; triangles.len()];
+    let mut seen = alloc::vec![false; triangles.len()];
     for m in &met {
         seen[m.clipped as usize] = true;
         counts[m.clipped as usize][usize::from(m.back)] += u32::from(m.kept);
@@ -375,7 +375,7 @@ fn nearest(met: &[Met], point: Vec3, passes: impl Fn(&Met) -> bool) -> Option<us
 
 /// [`AreaRule::Thesis`].
 fn whole_triangle_areas(scene: &Scene, samples: &mut [Sample]) {
-    let mut counts = std::vec![0u32; scene.geometry.triangles.len()];
+    let mut counts = alloc::vec![0u32; scene.geometry.triangles.len()];
     for s in samples.iter() {
         counts[s.triangle as usize] += 1;
     }

@@ -1,12 +1,15 @@
 //! Triangles of a scene cut into patches and receivers.
 
+use alloc::boxed::Box;
+use alloc::vec;
+use alloc::vec::Vec;
 use glam::{Vec2, Vec3};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+use scene::double::{exp, ln};
+use scene::parallel::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{Hit, NONE, POINT_WALKS, Scene, SidePolicy, Sides, SurfacePoint, find_lit_sides, find_sides, is_open};
-use std::boxed::Box;
-use std::vec;
-use std::vec::Vec;
 use transport::kernel::grid::{cell_corners, cell_count, owner};
 use transport::{Patch, Polygon, Surfaces, TriangleGrid, check_length};
 
@@ -112,17 +115,17 @@ pub fn divisions_for_count(scene: &Scene, sides: &[Sides], density: &Density, co
     let counted = |t: usize| triangle_area(scene, t) * density.triangle_share(&scene.geometry.triangles[t]);
     let areas: Vec<f32> = (0..sides.len()).map(counted).collect();
     let total: f64 = areas.iter().map(|&area| f64::from(area)).sum();
-    let (mut low, mut high) = ((total * 1e-12).ln(), (total * 4.0).ln());
+    let (mut low, mut high) = (ln(total * 1e-12), ln(total * 4.0));
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if total_cells(sides, &divisions_of(&areas, middle.exp() as f32)) > u64::from(count) {
+        if total_cells(sides, &divisions_of(&areas, exp(middle) as f32)) > u64::from(count) {
             low = middle;
         } else {
             high = middle;
         }
     }
     // Both ends of the bracket: take the count that is nearer.
-    let (fine, coarse) = (divisions_of(&areas, low.exp() as f32), divisions_of(&areas, high.exp() as f32));
+    let (fine, coarse) = (divisions_of(&areas, exp(low) as f32), divisions_of(&areas, exp(high) as f32));
     let miss = |d: &[u32]| total_cells(sides, d).abs_diff(u64::from(count));
     Ok(if miss(&fine) < miss(&coarse) { fine } else { coarse })
 }

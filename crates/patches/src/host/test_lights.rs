@@ -1,12 +1,12 @@
 //! Test lights, under which receivers are compared before any frame is rendered: what is alike
 //! under all of them may be averaged.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
 use scene::math::luminance;
+use scene::parallel::*;
 use scene::sampling::{frame, hammersley};
 use scene::{DirectParams, LIGHT_DIRECTIONAL, Scene, SurfacePoint, sky_exitance};
 use transport::{HitCounts, LinearOperator, QUADRANTS};

@@ -1,13 +1,14 @@
 //! Patches by what samples see: all samples of the scene in one set, split top-down where position, normal, openness,
 //! albedo and light vary most. No voxel limits a patch, and a bright hidden surface never shares one with a dim visible one.
 
-use std::collections::BinaryHeap;
-use std::vec;
-use std::vec::Vec;
+use alloc::collections::BinaryHeap;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::Vec3;
-use rayon::prelude::*;
+use scene::double::ln;
 use scene::math::luminance;
+use scene::parallel::*;
 use scene::sampling::{cosine_hemisphere, frame, hammersley, hash3};
 use scene::{DirectParams, LIGHT_DIRECTIONAL, NONE, Scene, SurfacePoint};
 
@@ -121,7 +122,7 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
     let cut = set.split(settings.patches as usize, elements as usize);
     let samples: Vec<Sample> = cut.order.iter().map(|&k| samples[k as usize]).collect();
     let members = (0..samples.len() as u32).map(|sample| Member { sample, weight: 1.0 }).collect();
-    let voxels = std::vec![NONE; cut.patches.len() - 1];
+    let voxels = alloc::vec![NONE; cut.patches.len() - 1];
     let first_element = |sample: &u32| cut.elements.partition_point(|f| f < sample) as u32;
     let patch_elements = cut.patches.iter().map(first_element).collect();
     let set = PatchSet::from_groups(samples, &voxels, cut.patches, members)?;
@@ -202,7 +203,7 @@ fn put_logarithm(features: &mut [Features], feature: usize, irradiance: Vec<f32>
     let weight = if feature < OWN_FEATURES { LIGHT } else { OTHER_LIGHT };
     if mean > 0.0 {
         features.par_iter_mut().zip(irradiance).for_each(|(f, e)| {
-            f[feature] = weight * f64::from(e / mean as f32 + DARK).ln() as f32;
+            f[feature] = weight * ln(f64::from(e / mean as f32 + DARK)) as f32;
         });
     }
 }
@@ -328,13 +329,13 @@ impl PartialEq for Node {
 impl Eq for Node {}
 
 impl PartialOrd for Node {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+    fn partial_cmp(&self, other: &Self) -> Option<core::cmp::Ordering> {
         Some(self.cmp(other))
     }
 }
 
 impl Ord for Node {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+    fn cmp(&self, other: &Self) -> core::cmp::Ordering {
         self.priority.total_cmp(&other.priority).then(self.start.cmp(&other.start))
     }
 }

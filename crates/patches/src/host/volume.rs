@@ -1,11 +1,13 @@
 //! The voxel volume: receivers in the air, for what moves.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{DVec3, Vec3, Vec4};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::kernel::bvh::FAR;
 use scene::math::abs;
+use scene::parallel::*;
 use scene::{ReceiverSet, Scene, SurfacePoint};
 
 use super::lookup::fill_empty;
@@ -106,7 +108,7 @@ impl VoxelVolume {
         if full.is_empty() {
             return Err(Error::NoProbes);
         }
-        let mut probes = std::vec![u32::MAX; voxels as usize];
+        let mut probes = alloc::vec![u32::MAX; voxels as usize];
         (full.iter().zip(0..)).for_each(|(&voxel, probe)| probes[voxel as usize] = probe);
         let planes = full.par_iter().flat_map_iter(|&voxel| planes(scene, &shape, voxel)).collect();
         let points =

@@ -1,9 +1,9 @@
 //! Packed rows of weights of receivers.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{Vec2, Vec4};
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::{QUADRANTS, check_length};
 
 use crate::error::Error;

@@ -1,5 +1,7 @@
 //! All bounces in one product with the matrix of the patches round the camera, which is kept exact while they come and go.
 
+use std::time::Instant;
+
 use ::localmatrix::{CameraMatrix, CameraSettings, Surface, Table};
 use formfactor::{Reciprocal, reciprocal};
 use runtime::executor::{Executor, PassTime};
@@ -141,7 +143,8 @@ fn submit_on_host(
     executor: &mut (dyn Executor + 'static),
 ) -> Result<Vec<PassTime>, Error> {
     let exitance = executor.download_table(source)?;
-    let frame = matrix.irradiance(&exitance)?;
+    let start = Instant::now();
+    let frame = matrix.irradiance(&exitance, &|| start.elapsed().as_secs_f64() * 1e3)?;
     executor.upload(irradiance, &frame.irradiance)?;
     Ok(vec![
         PassTime { name: "update".into(), milliseconds: frame.update_ms },

@@ -483,7 +483,7 @@ mod tests {
                 copy.frame(executor.as_mut(), &mut matrix).unwrap();
                 executor.download_table::<Vec4>(irradiance).unwrap()
             } else {
-                matrix.irradiance(&e).unwrap().irradiance
+                matrix.irradiance(&e, &|| 0.0).unwrap().irradiance
             };
             moved += matrix.last().step.entered;
             found

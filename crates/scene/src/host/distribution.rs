@@ -1,7 +1,11 @@
 //! Intensities by direction, as they are measured of luminaires, and the table of them that kernels read.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+
+use crate::double::sin_cos;
 use crate::error::Error;
 use crate::kernel::light::DISTRIBUTION_HEADER;
 use crate::types::{LIGHT_LUMINAIRE, Light};
@@ -80,7 +84,7 @@ impl Distribution {
         let high = self.gammas.partition_point(|g| *g < gamma).clamp(1, last);
         let low = high - 1;
         let share = (gamma - self.gammas[low]) / (self.gammas[high] - self.gammas[low]);
-        let c = c.rem_euclid(360.0);
+        let c = within_turn(c);
         let count = self.planes.len();
         let after = self.planes.partition_point(|plane| *plane <= c);
         let (left, right) = ((after + count - 1) % count, after % count);
@@ -88,11 +92,11 @@ impl Distribution {
             let row = &self.intensities[plane * (last + 1)..];
             row[low] + (row[high] - row[low]) * share
         };
-        let width = (self.planes[right] - self.planes[left]).rem_euclid(360.0);
+        let width = within_turn(self.planes[right] - self.planes[left]);
         if width == 0.0 {
             return at(left);
         }
-        let beside = (c - self.planes[left]).rem_euclid(360.0) / width;
+        let beside = within_turn(c - self.planes[left]) / width;
         at(left) + (at(right) - at(left)) * beside
     }
 
@@ -104,7 +108,7 @@ impl Distribution {
             1 => 1.0,
             _ => {
                 let (before, after) = ((plane + count - 1) % count, (plane + 1) % count);
-                let width = |from: usize, to: usize| (self.planes[to] - self.planes[from]).rem_euclid(360.0);
+                let width = |from: usize, to: usize| within_turn(self.planes[to] - self.planes[from]);
                 (width(before, plane) + width(plane, after)) / 720.0
             }
         };
@@ -115,7 +119,8 @@ impl Distribution {
             for k in 1..steps {
                 let (a, b) = (self.gammas[k - 1].to_radians(), self.gammas[k].to_radians());
                 let slope = (row[k] - row[k - 1]) / (b - a);
-                of_plane += row[k - 1] * a.cos() - row[k] * b.cos() + slope * (b.sin() - a.sin());
+                let ((sin_a, cos_a), (sin_b, cos_b)) = (sin_cos(a), sin_cos(b));
+                of_plane += row[k - 1] * cos_a - row[k] * cos_b + slope * (sin_b - sin_a);
             }
             sum += 0.5 * weight(plane) * of_plane;
         }
@@ -219,6 +224,12 @@ impl Distribution {
     pub fn intensities(&self) -> &[f64] {
         &self.intensities
     }
+}
+
+/// The same angle in [0°, 360°).
+fn within_turn(angle: f64) -> f64 {
+    let rest = angle % 360.0;
+    if rest < 0.0 { rest + 360.0 } else { rest }
 }
 
 /// Least number of equal steps of the unit interval on which all shares lie, or the most.

@@ -1,10 +1,12 @@
 //! What never changes in a scene: its tables, the hierarchy, and rays against them.
 
-use std::cell::Cell;
-use std::sync::Arc;
-use std::vec::Vec;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::cell::Cell;
 
 use glam::Vec3;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use super::hierarchy;
 use super::scene::SceneParts;

@@ -1,7 +1,7 @@
 //! Many emissive triangles as few groups, for light of them where nothing is in the way.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{Mat3, Vec3};
 

@@ -1,23 +1,34 @@
-//! The binary hierarchy of the kernels, built by obvhs.
+//! The binary hierarchy of the kernels, built by obvhs, or by cuts where there is no `std`.
 
-use std::vec::Vec;
+#[cfg(any(test, not(feature = "std")))]
+mod split;
 
-use obvhs::BvhBuildParams;
-use obvhs::bvh2::leaf_collapser::collapse;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::PlocBuilder;
+#[cfg(feature = "std")]
+use alloc::vec::Vec;
 
-use crate::types::{BvhNode, Triangle};
+use crate::types::BvhNode;
+#[cfg(feature = "std")]
+use crate::types::Triangle;
+
+#[cfg(not(feature = "std"))]
+pub(super) use split::build;
 
 /// Passes of PLOC that look for neighbours to merge in a small neighbourhood only: none. Scenes of regular parts have
 /// many boxes at one place of the space-filling curve, and pairs that such passes make badly stay: with 3 passes, as
 /// obvhs has it, rays in the procedural scenes take 2 to 4 times as long.
+#[cfg(feature = "std")]
 const SEARCH_DEPTH: usize = 0;
 
 /// A binary hierarchy whose leaves fill packets of four.
 ///
 /// Gives the nodes, root first, and the triangle of each place in the leaves.
+#[cfg(feature = "std")]
 pub(super) fn build(triangles: &[Triangle]) -> (Vec<BvhNode>, Vec<u32>) {
+    use obvhs::BvhBuildParams;
+    use obvhs::bvh2::leaf_collapser::collapse;
+    use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+    use obvhs::ploc::PlocBuilder;
+
     let boxes: Vec<_> = triangles
         .iter()
         .map(|t| obvhs::triangle::Triangle {
@@ -47,9 +58,8 @@ pub(super) fn build(triangles: &[Triangle]) -> (Vec<BvhNode>, Vec<u32>) {
 }
 
 /// Whether nodes from elsewhere are a hierarchy over so many triangles: a tree whose leaves name what is there.
-#[cfg(feature = "serde")]
 pub(super) fn is_sound(nodes: &[BvhNode], triangles: usize) -> bool {
-    let mut stack = std::vec![0u32];
+    let mut stack = alloc::vec![0u32];
     // In a tree no node is met twice.
     for _ in 0..nodes.len() {
         let Some(node) = stack.pop().map(|k| nodes.get(k as usize)) else { return true };
@@ -68,7 +78,7 @@ pub(super) fn is_sound(nodes: &[BvhNode], triangles: usize) -> bool {
 
 /// Levels of the hierarchy.
 pub(super) fn depth(nodes: &[BvhNode]) -> usize {
-    let mut stack = std::vec![(0u32, 1usize)];
+    let mut stack = alloc::vec![(0u32, 1usize)];
     let mut deepest = 0;
     while let Some((k, level)) = stack.pop() {
         deepest = deepest.max(level);
@@ -81,4 +91,81 @@ pub(super) fn depth(nodes: &[BvhNode]) -> usize {
     deepest
 }
 
+#[cfg(feature = "std")]
 const _: () = assert!(size_of::<obvhs::bvh2::node::Bvh2Node>() == size_of::<BvhNode>());
+
+#[cfg(test)]
+mod tests {
+    use alloc::vec::Vec;
+
+    use glam::Vec3;
+
+    use super::{depth, split};
+    use crate::host::geometry::Geometry;
+    use crate::kernel::bvh::{FAR, STACK_SIZE};
+    use crate::sampling::{hash3, unit};
+    use crate::types::{Material, Triangle, TriangleUv};
+    use crate::{Hit, NONE, SceneParts};
+
+    /// Triangles anywhere in a cube of 1 m, each with its number in `source`.
+    fn triangles(count: u32) -> Vec<Triangle> {
+        let place = |k: u32, d: u32| Vec3::new(unit(hash3(k, d, 0)), unit(hash3(k, d, 1)), unit(hash3(k, d, 2)));
+        let of = |k: u32| {
+            let edge = |d: u32| 0.3 * (place(k, d) - 0.5);
+            Triangle { corner: place(k, 0), edge_a: edge(1), edge_b: edge(2), source: k, ..Triangle::default() }
+        };
+        (0..count).map(of).collect()
+    }
+
+    fn geometry(triangles: &[Triangle], order: &[u32], nodes: Vec<crate::BvhNode>) -> Geometry {
+        let triangles: Vec<Triangle> = order.iter().map(|&k| triangles[k as usize]).collect();
+        let uvs = alloc::vec![TriangleUv::default(); triangles.len()];
+        let materials = alloc::vec![Material::default()];
+        Geometry::of_leaves(SceneParts { triangles, uvs, materials, ..SceneParts::default() }, nodes).unwrap()
+    }
+
+    /// What rays from the middle of the cube meet: number of the triangle, shares of its edges, distance.
+    fn hits(geometry: &Geometry) -> Vec<(u32, [u32; 3])> {
+        let hit = |k: u32| {
+            let direction = Vec3::new(unit(hash3(k, 0, 7)), unit(hash3(k, 1, 7)), unit(hash3(k, 2, 7))) - 0.5;
+            let Hit { triangle, u, v, t } = geometry.closest_before(Vec3::splat(0.5), direction, FAR);
+            let source = if triangle == NONE { NONE } else { geometry.triangles[triangle as usize].source };
+            (source, [u, v, t].map(f32::to_bits))
+        };
+        (0..2000).map(hit).collect()
+    }
+
+    #[test]
+    fn rays_meet_the_same_through_either_hierarchy() {
+        let all = triangles(300);
+        let (nodes, order) = super::build(&all);
+        let expected = hits(&geometry(&all, &order, nodes));
+        let (nodes, order) = split::build(&all);
+        assert_eq!(hits(&geometry(&all, &order, nodes.clone())), expected);
+        // A hierarchy that lost a leaf is noticed.
+        let mut wrong = nodes;
+        let leaf = wrong.iter().position(|node| node.prim_count > 0).unwrap();
+        wrong[leaf] = crate::BvhNode { min: Vec3::splat(9.0), max: Vec3::splat(9.0), ..wrong[leaf] };
+        assert_ne!(hits(&geometry(&all, &order, wrong)), expected);
+    }
+
+    #[test]
+    fn triangles_that_lie_on_each_other_are_halved() {
+        let all = alloc::vec![triangles(1)[0]; 5000];
+        let (nodes, order) = split::build(&all);
+        assert!(depth(&nodes) <= 13 && order.len() == all.len(), "{}", depth(&nodes));
+    }
+
+    #[test]
+    fn triangles_in_ever_smaller_steps_fit_on_the_stack() {
+        let mut all = triangles(1 << 12);
+        // Each at half the distance of the one before, as far as single precision goes: bins part one at a time.
+        all.iter_mut().enumerate().for_each(|(k, t)| {
+            t.corner = Vec3::X * 2f32.powi(-(k as i32 % 120));
+            t.edge_a *= 1e-30;
+            t.edge_b *= 1e-30;
+        });
+        let (nodes, _) = split::build(&all);
+        assert!(depth(&nodes) > 32 && depth(&nodes) <= STACK_SIZE, "{}", depth(&nodes));
+    }
+}

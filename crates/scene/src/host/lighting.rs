@@ -1,7 +1,7 @@
 //! What shines in a scene, and the emitters that follow from it.
 
-use std::sync::Arc;
-use std::vec::Vec;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
 

@@ -1,11 +1,12 @@
 //! Pictures of linear radiance in memory.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
+use crate::parallel::*;
 use glam::Vec3;
-use rayon::prelude::*;
 
+use crate::double;
 use crate::error::Error;
 use crate::kernel::shade::encode_srgb;
 use crate::math::{clamp, ln, luminance};
@@ -90,7 +91,7 @@ impl Picture {
                 count += 1;
             }
         }
-        if count == 0 { 0.0 } else { (sum / count as f64).exp() as f32 }
+        if count == 0 { 0.0 } else { double::exp(sum / count as f64) as f32 }
     }
 
     /// Sum of two pictures of one size.
@@ -141,5 +142,5 @@ pub fn stops_to_scale(stops: f32) -> f32 {
 
 /// The stops whose factor is `scale`: log₂.
 pub fn scale_to_stops(scale: f32) -> f32 {
-    f64::from(scale).log2() as f32
+    double::log2(f64::from(scale)) as f32
 }

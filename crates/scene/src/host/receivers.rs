@@ -1,6 +1,6 @@
 //! What every set of receivers has in common.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use crate::SurfacePoint;
 

@@ -1,16 +1,16 @@
 //! Geometry under lights.
 
-use std::cell::Cell;
-use std::mem;
-use std::sync::Arc;
-use std::vec;
-use std::vec::Vec;
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::cell::Cell;
+use core::mem;
 
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
 
 use super::geometry::{Geometry, Occluder, filtered_albedo, texel_count};
 use super::groups::group_emitters;
+use super::hierarchy::is_sound;
 use super::lighting::{Lighting, check_sky_map, find_emitters, set_emission};
 use crate::Visibility;
 use crate::error::{Error, ReflectanceFault};
@@ -18,6 +18,7 @@ use crate::kernel::GeometryTables;
 use crate::kernel::light::{Lights, direct_irradiance};
 use crate::kernel::medium::transmittance;
 use crate::kernel::texture::texel;
+use crate::parallel::*;
 use crate::types::*;
 
 /// What a scene is made of: the input of [`Scene::new`].
@@ -88,14 +89,23 @@ impl Scene {
     /// Names the triangle or material that is wrong: [`Error`].
     pub fn new(mut parts: SceneParts) -> Result<Self, Error> {
         check(&parts)?;
-        let lighting = Lighting {
-            lights: mem::take(&mut parts.lights),
-            sky: parts.sky,
-            sky_map: mem::take(&mut parts.sky_map).into(),
-            emission: Vec::new(),
-            distributions: mem::take(&mut parts.distributions).into(),
-        };
+        let lighting = take_lighting(&mut parts);
         let geometry = Geometry::build(parts)?;
+        Self::under(Arc::new(geometry), lighting)
+    }
+
+    /// As [`Scene::new`], from triangles in the leaf order of a hierarchy that is there already, root first: their numbers, and
+    /// with them all random numbers, are the same as where it was built.
+    ///
+    /// # Errors
+    /// As [`Scene::new`], and [`Error::Hierarchy`] where the nodes are no tree, or a leaf names a triangle that is not there.
+    pub fn with_hierarchy(mut parts: SceneParts, nodes: Vec<BvhNode>) -> Result<Self, Error> {
+        check(&parts)?;
+        if !is_sound(&nodes, parts.triangles.len()) {
+            return Err(Error::Hierarchy);
+        }
+        let lighting = take_lighting(&mut parts);
+        let geometry = Geometry::of_leaves(parts, nodes)?;
         Self::under(Arc::new(geometry), lighting)
     }
 
@@ -241,6 +251,17 @@ impl Visibility for Scene {
     #[inline]
     fn closest(&self, origin: Vec3, direction: Vec3) -> Hit {
         self.geometry.closest(origin, direction)
+    }
+}
+
+/// The lighting of parts, which is taken out of them.
+fn take_lighting(parts: &mut SceneParts) -> Lighting {
+    Lighting {
+        lights: mem::take(&mut parts.lights),
+        sky: parts.sky,
+        sky_map: mem::take(&mut parts.sky_map).into(),
+        emission: Vec::new(),
+        distributions: mem::take(&mut parts.distributions).into(),
     }
 }
 

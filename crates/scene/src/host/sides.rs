@@ -1,10 +1,10 @@
 //! Which sides of the triangles take part in light transport.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
+use crate::parallel::*;
 use glam::Vec3;
-use rayon::prelude::*;
 
 use crate::kernel::light::pick_emitter;
 use crate::kernel::specular::specular_parts;

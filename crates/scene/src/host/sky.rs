@@ -1,6 +1,6 @@
 //! The sky as bins of directions: what a point receives from it follows from the share of its rays that escape through each.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use core::f32::consts::{PI, TAU};
 
@@ -32,7 +32,7 @@ pub fn sky_bin(direction: Vec3) -> u32 {
 pub fn sky_exitance(lighting: &Lighting) -> Vec<Vec4> {
     let Lighting { sky, sky_map, .. } = lighting;
     if sky.map_width == 0 {
-        return std::vec![(sky.radiance * PI).extend(0.0); SKY_BINS];
+        return alloc::vec![(sky.radiance * PI).extend(0.0); SKY_BINS];
     }
     let mut bins = Vec::with_capacity(SKY_BINS);
     for bin in 0..SKY_BINS as u32 {
@@ -57,7 +57,7 @@ fn bin_direction(bin: u32, (x, y): (f32, f32)) -> Vec3 {
 
 #[cfg(test)]
 mod tests {
-    use std::vec;
+    use alloc::vec;
 
     use super::*;
     use crate::sampling::{cosine_hemisphere, hash};

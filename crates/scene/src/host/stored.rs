@@ -1,7 +1,7 @@
 //! Geometry out of a file: its hierarchy is taken as it is, and checked, instead of built.
 
-use std::sync::Arc;
-use std::vec::Vec;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
 
 use serde::Deserialize;
 
@@ -71,8 +71,8 @@ mod tests {
         };
         let parts = SceneParts {
             triangles: (0..40).map(|k| triangle(3.0 * k as f32)).collect(),
-            uvs: std::vec![TriangleUv::default(); 40],
-            materials: std::vec![Material::default()],
+            uvs: alloc::vec![TriangleUv::default(); 40],
+            materials: alloc::vec![Material::default()],
             ..SceneParts::default()
         };
         let scene = Scene::new(parts).unwrap();

@@ -1,7 +1,7 @@
 //! Rays on the host: the binary hierarchy folded eight wide, boxes tested eight and triangles four at a time in SIMD registers
 //! (glam's `Vec4`). The arithmetic of each lane is that of the kernels' bodies, so both give the same bits.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use arrayvec::ArrayVec;
 use glam::{Vec3, Vec4};
@@ -134,13 +134,13 @@ impl WideBvh {
             return Some(wide);
         }
         wide.nodes.push(Node::of(&[]));
-        let mut waiting = std::vec![(0usize, 0u32, 1usize)];
+        let mut waiting = alloc::vec![(0usize, 0u32, 1usize)];
         while let Some((place, binary, level)) = waiting.pop() {
             if (WIDTH - 1) * level + 1 > STACK_SIZE {
                 return None;
             }
             let first = nodes[binary as usize].first_index;
-            let mut children = std::vec![first, first + 1];
+            let mut children = alloc::vec![first, first + 1];
             while children.len() < WIDTH {
                 let area = |k: u32| {
                     let size = nodes[k as usize].max - nodes[k as usize].min;

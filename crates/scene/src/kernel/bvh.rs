@@ -18,7 +18,7 @@ pub struct Hierarchy<'a> {
     /// Nodes of the binary hierarchy, root first.
     pub nodes: &'a [BvhNode],
     /// The same eight wide, where the host has it: rays go through this one then, with the same results.
-    #[cfg(feature = "std")]
+    #[cfg(feature = "alloc")]
     pub(crate) wide: Option<&'a crate::host::WideBvh>,
 }
 
@@ -28,7 +28,7 @@ impl<'a> From<&'a [BvhNode]> for Hierarchy<'a> {
     fn from(nodes: &'a [BvhNode]) -> Self {
         Self {
             nodes,
-            #[cfg(feature = "std")]
+            #[cfg(feature = "alloc")]
             wide: None,
         }
     }
@@ -200,7 +200,7 @@ fn intersect_leaf(g: &GeometryTables, node: &BvhNode, origin: Vec3, direction: V
 /// Nearest surface along `origin + t·direction`, t in (0, t_max), holes passed through.
 #[inline]
 pub fn closest_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> Hit {
-    #[cfg(feature = "std")]
+    #[cfg(feature = "alloc")]
     if let Some(wide) = g.hierarchy.wide {
         return wide.traverse::<false>(origin, direction, t_max, |triangle, u, v| g.is_hole(triangle, u, v));
     }
@@ -210,7 +210,7 @@ pub fn closest_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32
 /// Whether anything is in the way along `origin + t·direction`, t in (0, t_max).
 #[inline]
 pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
-    #[cfg(feature = "std")]
+    #[cfg(feature = "alloc")]
     if let Some(wide) = g.hierarchy.wide {
         let is_hole = |triangle, u, v| g.is_hole(triangle, u, v);
         return wide.traverse::<true>(origin, direction, t_max, is_hole).triangle != NONE;
@@ -240,7 +240,7 @@ pub fn occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, l
 
 /// [`occluder`] on the host, which names what is in the way by its place in the host's hierarchy, if there is one: two such names
 /// are asked first.
-#[cfg(feature = "std")]
+#[cfg(feature = "alloc")]
 #[inline]
 pub fn host_occluder(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32, likely: [u32; 2]) -> u32 {
     match g.hierarchy.wide {

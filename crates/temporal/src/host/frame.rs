@@ -1,9 +1,9 @@
 //! What a frame does, and the light that stays from frame to frame.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec4;
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::LinearOperator;
 
 use crate::error::{Error, check_length};

@@ -1,9 +1,11 @@
 //! Rows as lists of what their rays hit.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec4;
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+use scene::parallel::*;
 use transport::LinearOperator;
 
 use super::frame::{Distribution, check_vectors, sum_rows_all};

@@ -1,10 +1,12 @@
 //! Alias tables of rows.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{UVec2, Vec3, Vec4};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::math::{luminance, sqrt};
+use scene::parallel::*;
 use transport::LinearOperator;
 use transport::alias::pair_entries;
 

@@ -1,9 +1,9 @@
 //! Rows of a rectangular operator as counts of hits: storage, and the product on all cores.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{UVec2, Vec4};
-use rayon::prelude::*;
+use scene::parallel::*;
 
 use super::storage::Csr;
 use crate::error::{Error, check_length, check_offsets};

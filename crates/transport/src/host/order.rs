@@ -1,8 +1,10 @@
 //! An order of patches or receivers in which neighbours are alike, by bisection.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use crate::bisect::bisect;
 
@@ -42,7 +44,7 @@ pub fn spatial_order(positions: &[Vec3], normals: &[Vec3], visible: &[Vec4], mul
 
 /// The features of a point; `spacing` is the distance of neighbours on a sheet, m.
 fn features_of(p: Vec3, normal: Vec3, visible: Option<&Vec4>, spacing: f32) -> Features {
-    let normal_scale = spacing.max(f32::MIN_POSITIVE) * std::f32::consts::FRAC_1_SQRT_2;
+    let normal_scale = spacing.max(f32::MIN_POSITIVE) * core::f32::consts::FRAC_1_SQRT_2;
     let n = normal_scale * normal;
     let v = match visible {
         Some(v) if v.w > 0.0 => {
@@ -67,16 +69,16 @@ fn principal_axis(part: &[u32], features: &[Features]) -> ([f64; DIMENSIONS], [f
     let mut covariance = [[0.0f64; DIMENSIONS]; DIMENSIONS];
     for &i in part {
         let own = &features[i as usize];
-        let offset: [f64; DIMENSIONS] = std::array::from_fn(|k| f64::from(own[k]) - mean[k]);
+        let offset: [f64; DIMENSIONS] = core::array::from_fn(|k| f64::from(own[k]) - mean[k]);
         for (k, row) in covariance.iter_mut().enumerate() {
             for (l, entry) in row.iter_mut().enumerate() {
                 *entry += offset[k] * offset[l];
             }
         }
     }
-    let mut axis: [f64; DIMENSIONS] = std::array::from_fn(|k| covariance[k][k]);
+    let mut axis: [f64; DIMENSIONS] = core::array::from_fn(|k| covariance[k][k]);
     for _ in 0..POWER_STEPS {
-        let next: [f64; DIMENSIONS] = std::array::from_fn(|k| dot(&covariance[k], &axis));
+        let next: [f64; DIMENSIONS] = core::array::from_fn(|k| dot(&covariance[k], &axis));
         let length = next.iter().map(|x| x * x).sum::<f64>().sqrt();
         if length == 0.0 {
             break;
@@ -99,7 +101,7 @@ fn bisect_part(part: &mut [u32], features: &[Features], multiple: usize) -> usiz
     let mut keyed: Vec<(f64, u32)> = Vec::with_capacity(part.len());
     for &i in part.iter() {
         let own = &features[i as usize];
-        let offset: [f64; DIMENSIONS] = std::array::from_fn(|k| f64::from(own[k]) - mean[k]);
+        let offset: [f64; DIMENSIONS] = core::array::from_fn(|k| f64::from(own[k]) - mean[k]);
         keyed.push((dot(&offset, &axis), i));
     }
     keyed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));

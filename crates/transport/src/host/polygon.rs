@@ -1,6 +1,8 @@
 //! Flat convex outlines of patches, in double precision.
 
 use glam::{DVec3, Vec3};
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use crate::error::Error;
 
@@ -30,7 +32,7 @@ pub struct Polygon {
 
 #[cfg(feature = "serde")]
 mod stored {
-    use std::vec::Vec;
+    use alloc::vec::Vec;
 
     use super::*;
 

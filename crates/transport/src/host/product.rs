@@ -1,9 +1,9 @@
 //! The products H = F B on the host: all cores, the widest vectors the machine has, several rows at a time.
 
+use alloc::vec::Vec;
 use glam::Vec4;
 use pulp::{Arch, Simd, WithSimd};
-use rayon::prelude::*;
-use std::vec::Vec;
+use scene::parallel::*;
 
 use super::storage::{Csr, Dense, Half};
 use crate::error::{Error, check_length};

@@ -1,9 +1,9 @@
 //! Matrices in memory: dense, half precision, compressed sparse rows.
 
+use alloc::vec::Vec;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
-use rayon::prelude::*;
-use std::vec::Vec;
+use scene::parallel::*;
 
 use crate::error::{Error, check_length, check_offsets};
 use crate::kernel::product::packed_row_words;

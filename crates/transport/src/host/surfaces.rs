@@ -1,6 +1,6 @@
 //! Which patches send light to which rows.
 
-use std::boxed::Box;
+use alloc::boxed::Box;
 
 use glam::Vec3;
 use scene::{Hit, SurfacePoint, Visibility};

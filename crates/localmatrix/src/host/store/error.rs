@@ -1,7 +1,7 @@
 //! What can be wrong with bakes.
 
-use std::string::String;
-use std::vec::Vec;
+use alloc::string::String;
+use alloc::vec::Vec;
 
 /// Why a bake was refused, or a block of it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -119,5 +119,5 @@ pub enum BakeError {
 }
 
 fn list(numbers: &[u32]) -> String {
-    numbers.iter().map(|n| std::format!("{n}")).collect::<Vec<_>>().join(", ")
+    numbers.iter().map(|n| alloc::format!("{n}")).collect::<Vec<_>>().join(", ")
 }

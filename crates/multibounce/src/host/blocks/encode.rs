@@ -1,22 +1,23 @@
 //! From a matrix to blocks.
 
-use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::ops::ControlFlow;
+use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use block_compression::encode::{compress_rgba8, compress_rgba16};
 use block_compression::{BC6HSettings, BC7Settings, CompressionVariant};
 use glam::{UVec2, UVec4, Vec3, Vec4};
 use half::f16;
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::{Permutation, Variant, check_length};
 
 use super::{BlockCodec, BlockMatrix, BlockReport, BlockSettings, decode_texel, params, unpack};
 use crate::error::Error;
 use crate::host::energy::row_factor;
 use crate::host::order::MatrixRows;
-use crate::host::outliers::{Extremes, Outliers, find_extremes, magnitude, pack};
+use crate::host::outliers::Outliers;
+use crate::host::outliers::find::{Extremes, find_extremes, magnitude, pack};
 use crate::kernel::blocks::{BLOCK, entry};
 use crate::types::BlockParams;
 

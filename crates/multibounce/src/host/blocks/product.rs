@@ -1,10 +1,10 @@
 //! The product with a matrix in blocks, on all cores.
 
-use std::vec;
+use alloc::vec;
 
 use glam::{Vec3, Vec4};
 use pulp::{Arch, Simd, WithSimd};
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::LinearOperator;
 
 use super::planes::PlaneFormat;

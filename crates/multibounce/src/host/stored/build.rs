@@ -5,7 +5,7 @@ use std::vec::Vec;
 use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, MatMut, MatRef, Side};
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::{Proceed, check_length};
 
 use super::panel::{LANES, Ordered};
@@ -35,7 +35,7 @@ struct Sizes {
 impl Sizes {
     /// The greatest that so many bytes allow for n patches, with a factor or without.
     fn new(n: usize, has_factor: bool, workspace: &Workspace) -> Result<Self, Error> {
-        let lanes = 2 * LANES * n * rayon::current_num_threads();
+        let lanes = 2 * LANES * n * current_num_threads();
         let of = |edge: usize, width: usize| {
             let rows = n.next_multiple_of(edge.max(SIDE));
             let numbers = rows * width.max(edge) + BLOCKS * edge * edge + lanes;

@@ -2,7 +2,7 @@
 
 use std::vec::Vec;
 
-use rayon::prelude::*;
+use scene::parallel::*;
 
 use crate::error::Error;
 use crate::host::solve::Factors;

@@ -1,7 +1,7 @@
 //! The dense and sparse parts of the product, on all cores.
 
 use glam::Vec4;
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::check_length;
 
 use super::lanes::{Lanes, WithLanes, dispatch};
@@ -137,8 +137,8 @@ impl WithLanes for Entries<'_> {
             let (chunks, rest) = tables.entries[start..end].as_chunks::<4>();
             // The last ones are filled up to four with zeros of column 0: a branch on their number is hard to predict.
             let last = match tables.entries[end - rest.len()..].first_chunk::<4>() {
-                Some(window) => std::array::from_fn(|k| window[k] & KEPT[rest.len() % 4][k]),
-                None => std::array::from_fn(|k| rest.get(k).copied().unwrap_or(0)),
+                Some(window) => core::array::from_fn(|k| window[k] & KEPT[rest.len() % 4][k]),
+                None => core::array::from_fn(|k| rest.get(k).copied().unwrap_or(0)),
             };
             let mut sums = [Vec4::ZERO; 4];
             chunks.iter().for_each(|chunk| add_entries(&mut sums, chunk, ordered));

@@ -1,8 +1,10 @@
 //! From operators to tiles.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::Vec4;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use transport::{Proceed, check_length, check_setting};
 
 use super::reduce::{DenseSubBlock, EDGE, Part, SIDE, Term};

@@ -310,29 +310,29 @@ impl Lanes for Plain {
 
     #[inline(always)]
     fn low(self, a: U32x16, b: U32x16) -> U32x16 {
-        std::array::from_fn(|k| a[k] & 0xffff | b[k] << 16)
+        core::array::from_fn(|k| a[k] & 0xffff | b[k] << 16)
     }
 
     #[inline(always)]
     fn high(self, a: U32x16, b: U32x16) -> U32x16 {
-        std::array::from_fn(|k| a[k] >> 16 | b[k] & 0xffff_0000)
+        core::array::from_fn(|k| a[k] >> 16 | b[k] & 0xffff_0000)
     }
 
     #[inline(always)]
     fn add(self, a: U32x16, b: U32x16) -> U32x16 {
-        std::array::from_fn(|k| a[k].wrapping_add(b[k]))
+        core::array::from_fn(|k| a[k].wrapping_add(b[k]))
     }
 
     #[inline(always)]
     fn sub(self, a: U32x16, b: U32x16) -> U32x16 {
-        std::array::from_fn(|k| a[k].wrapping_sub(b[k]))
+        core::array::from_fn(|k| a[k].wrapping_sub(b[k]))
     }
 
     #[inline(always)]
     fn products(self, a: U32x16, b: U32x16) -> U32x16 {
         let upper = |word: u32| (word as i32) >> 16;
         let product = |a: u32, b: u32| upper(a << 16) * upper(b << 16) + upper(a) * upper(b);
-        std::array::from_fn(|k| product(a[k], b[k]) as u32)
+        core::array::from_fn(|k| product(a[k], b[k]) as u32)
     }
 
     #[inline(always)]
@@ -374,7 +374,7 @@ mod tests {
 
     #[test]
     fn every_kind_of_registers_gives_the_same_bits() {
-        let vectors: [U32x16; 4] = std::array::from_fn(|g| std::array::from_fn(|k| hash3(g as u32, k as u32, 5)));
+        let vectors: [U32x16; 4] = core::array::from_fn(|g| core::array::from_fn(|k| hash3(g as u32, k as u32, 5)));
         let expected = all(Plain, &vectors);
         let kinds = [V3::try_new().map(|l| all(l, &vectors)), V4::try_new().map(|l| all(l, &vectors))];
         for found in kinds.into_iter().flatten() {

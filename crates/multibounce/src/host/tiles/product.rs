@@ -1,9 +1,9 @@
 //! The product with tiles on all cores.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{IVec4, Mat4, Vec3, Vec4};
-use rayon::prelude::*;
+use scene::parallel::*;
 use transport::{LinearOperator, check_length};
 
 use super::dense_sparse::{DenseSparseTables, dense_sparse_block};
@@ -307,7 +307,7 @@ pub fn multiply_vt_all(tables: &VtTables, light: &[u32], sums: &mut [Vec4]) {
 
 /// Steps of the channels, from their bits.
 pub(super) fn steps_of(words: &[u32]) -> [f32; 3] {
-    std::array::from_fn(|c| f32::from_bits(words[c]))
+    core::array::from_fn(|c| f32::from_bits(words[c]))
 }
 
 /// [`crate::kernel::tiles::requantise`] for every run, bit for bit.
@@ -546,7 +546,7 @@ fn both(word: u32) -> i32 {
 struct MultiplyU<'a, F> {
     tables: &'a UTables<'a>,
     factors: F,
-    runs: std::ops::Range<usize>,
+    runs: core::ops::Range<usize>,
     planes: &'a mut Planes,
 }
 

@@ -1,10 +1,13 @@
 //! Operators from few patches to many receivers, block of rows by block of rows.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::vec::Vec;
+use core::sync::atomic::{AtomicUsize, Ordering};
+
+use alloc::vec::Vec;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use faer::Mat;
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::hash3;
 
 use super::TileSide;

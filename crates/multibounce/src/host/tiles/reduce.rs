@@ -1,6 +1,6 @@
 //! What a tile becomes: rank-1 terms, dense sub-blocks and entries that lower the rate–distortion cost.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -23,6 +23,7 @@ const MOST_STAGES: usize = 6;
 const FEW_PARTS: usize = 8;
 
 /// Threads that decompositions count on, whatever there are: bits differ where they count on one, and else do not.
+#[cfg(feature = "std")]
 const DECOMPOSITION_THREADS: usize = 2;
 
 /// What is taken from a tile first.
@@ -176,7 +177,7 @@ impl Bases {
         while extent > 1 {
             for first in (0..SIDE).step_by(extent) {
                 let middle = first + extent / 2;
-                let sum = |range: std::ops::Range<usize>| sqrt_area[range].iter().map(|r| r * r).sum::<f32>();
+                let sum = |range: core::ops::Range<usize>| sqrt_area[range].iter().map(|r| r * r).sum::<f32>();
                 let (left, right) = (sum(first..middle), sum(middle..first + extent));
                 let mut vector = vec![0.0; SIDE];
                 (first..middle).for_each(|p| vector[p] = sqrt_area[p] / left);
@@ -323,7 +324,10 @@ fn take_entries(rest: &mut Mat<f32>, costs: &Costs, out: &mut Vec<(u8, u8, f32)>
 /// Left singular vectors of a square matrix, its singular values, and its right singular vectors.
 fn singular_vectors(matrix: &Mat<f32>) -> Option<(Mat<f32>, Col<f32>, Mat<f32>)> {
     let n = matrix.nrows();
+    #[cfg(feature = "std")]
     let parallel = Par::rayon(DECOMPOSITION_THREADS);
+    #[cfg(not(feature = "std"))]
+    let parallel = Par::Seq;
     let (mut left, mut right) = (Mat::zeros(n, n), Mat::zeros(n, n));
     let mut values = Diag::zeros(n);
     let thin = ComputeSvdVectors::Thin;

@@ -1,15 +1,20 @@
 //! Operators, tile by tile in their order.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
+
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use faer::{Mat, unzip, zip};
-use rayon::prelude::*;
+use scene::double::{atan2, sin_cos};
+use scene::parallel::*;
 use transport::check_length;
 
 use super::Channels;
 use super::reduce::{SIDE, Weights, dot, squared_norm};
 use crate::error::Error;
 use crate::host::solve::Factors;
+#[cfg(feature = "std")]
 use crate::host::stored::StoredOperator;
 
 /// Tiles above the diagonal stand for two.
@@ -21,6 +26,7 @@ pub(super) fn twice((i, j): (usize, usize)) -> f64 {
 pub(super) enum Matrix<'a> {
     Dense(&'a Mat<f32>),
     /// In a file, in the same order.
+    #[cfg(feature = "std")]
     Stored(&'a StoredOperator),
     /// Columns by permuted index, rows ascending.
     Sparse(Vec<Vec<(u32, f32)>>),
@@ -57,6 +63,7 @@ impl Matrix<'_> {
                     }
                 }
             }
+            #[cfg(feature = "std")]
             Self::Stored(operator) => return operator.tile((i, j)),
             // Columns, as in the dense matrix.
             Self::Sparse(columns) => {
@@ -93,6 +100,7 @@ impl<'a> Source<'a> {
                 let [red, blue] = [dense(red, order.len())?, dense(blue, order.len())?];
                 (dense(green, order.len())?, Some([red, blue]))
             }
+            #[cfg(feature = "std")]
             Channels::Stored([red, green, blue]) => {
                 let [red, blue] = [stored(red, order)?, stored(blue, order)?];
                 (stored(green, order)?, Some([red, blue]))
@@ -135,8 +143,8 @@ impl<'a> Source<'a> {
             Ok([(&red, &red), (&red, &blue), (&blue, &blue)].map(|(a, b)| twice(at) * dot(a, b)))
         };
         let own = tiles.par_iter().map(products).collect::<Result<Vec<_>, Error>>()?;
-        let [red, both, blue] = own.iter().fold([0.0; 3], |sum, own| std::array::from_fn(|k| sum[k] + own[k]));
-        let (sin, cos) = (0.5 * (2.0 * both).atan2(red - blue)).sin_cos();
+        let [red, both, blue] = own.iter().fold([0.0; 3], |sum, own| core::array::from_fn(|k| sum[k] + own[k]));
+        let (sin, cos) = sin_cos(0.5 * atan2(2.0 * both, red - blue));
         self.chroma_axes = [[cos as f32, sin as f32], [-sin as f32, cos as f32]];
         Ok(())
     }
@@ -167,6 +175,7 @@ impl<'a> Source<'a> {
 }
 
 /// A matrix in a file that has this order.
+#[cfg(feature = "std")]
 fn stored<'a>(operator: &'a StoredOperator, order: &[u32]) -> Result<Matrix<'a>, Error> {
     check_length("rows", order.len(), operator.patches())?;
     match operator.order().iter().zip(order).position(|(a, b)| a != b) {

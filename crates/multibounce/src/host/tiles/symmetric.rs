@@ -1,10 +1,13 @@
 //! Symmetric operators, tile by tile of the upper triangle.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::vec::Vec;
+use core::sync::atomic::{AtomicUsize, Ordering};
+
+use alloc::vec::Vec;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 
 use faer::{unzip, zip};
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::hash3;
 use transport::Proceed;
 

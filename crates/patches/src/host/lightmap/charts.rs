@@ -1,9 +1,9 @@
 //! Which triangles of a scene share a chart of the lightmap.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{IVec3, Vec2, Vec3};
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::{Scene, Sides, TriangleUv};
 
 /// Corners nearer than this share of the scene's diagonal are one.
@@ -138,7 +138,7 @@ impl Merging {
             return None;
         }
         let frames = (0..3).filter_map(|k| Frame::of(corners, normal, k));
-        let groups = frames.map(|frame| self.group(std::vec![triangle], frame));
+        let groups = frames.map(|frame| self.group(alloc::vec![triangle], frame));
         groups.min_by(|a, b| self.texels(a).total_cmp(&self.texels(b)))
     }
 

@@ -1,11 +1,13 @@
 //! Making patches of a scene.
 
-use std::sync::Arc;
-use std::vec;
-use std::vec::Vec;
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
 use hashbrown::HashMap;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::{NONE, Scene, SidePolicy, Sides, SurfacePoint};
 use transport::{Patch, TriangleGrid};
 

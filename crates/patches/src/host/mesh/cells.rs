@@ -1,10 +1,10 @@
 //! The cells of triangles in which elements are looked up.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{Vec2, Vec3};
-use rayon::prelude::*;
+use scene::parallel::*;
 use scene::sampling::hash3;
 use scene::{NONE, Scene, SurfacePoint, Triangle, is_open};
 use transport::TriangleGrid;

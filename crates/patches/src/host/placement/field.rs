@@ -1,11 +1,13 @@
 //! Receivers in space: the interpolation points between them, and their weights.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::{Mat2, Vec2, Vec3, Vec4};
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
 use scene::math::sqrt;
+use scene::parallel::*;
 use scene::sampling::frame;
 use scene::{Sides, SurfacePoint};
 

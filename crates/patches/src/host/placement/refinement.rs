@@ -1,10 +1,10 @@
 //! Receivers as samples of the surface, and where more of them are needed.
 
-use std::vec::Vec;
+use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
-use rayon::prelude::*;
 use scene::math::sqrt;
+use scene::parallel::*;
 use scene::{SKY_BINS, Scene, SurfacePoint};
 use transport::{HitCounts, spatial_order};
 

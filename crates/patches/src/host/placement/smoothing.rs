@@ -1,10 +1,12 @@
 //! Smoothing of the receivers' values.
 
-use std::vec;
-use std::vec::Vec;
+use alloc::vec;
+use alloc::vec::Vec;
 
 use glam::Vec4;
-use rayon::prelude::*;
+#[cfg(not(feature = "std"))]
+use num_traits::Float as _;
+use scene::parallel::*;
 
 use super::Entry;
 use super::field::{FAR, ReceiverField};
