@@ -192,7 +192,7 @@ fn study(name: &str) -> (tempfile::TempDir, serde_json::Value, String) {
     let markdown = succeeds(&[&arguments[..], &["--quiet"]].concat());
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&read("out/summary.json")).unwrap();
-    assert_eq!((&summary["name"], &summary["note"]), (&name.into(), &"in a test".into()));
+    assert_eq!((&summary["name"], &summary["scenes"][0]["note"]), (&name.into(), &"in a test".into()));
     assert_eq!(read(&format!("docs/data/{name}.json")), read("out/summary.json"));
     assert!(read("out/report.html").contains("<table>") && !read("out/report.html").contains("http"));
     assert!(leftovers(&folder.path().join("out")).is_empty() && leftovers(&folder.path().join("docs")).is_empty());
@@ -230,7 +230,7 @@ fn bench_scaling_shows_how_light_updates_grow() {
     let (_folder, summary, markdown) = study("scaling");
     let rows = summary["scenes"][0]["rows"].as_array().unwrap();
     // What each axis is over, the number of its points, and that of the methods that it measures.
-    let axes = [("patches", 2, 4), ("receivers", 1, 4), ("triangles", 2, 9), ("lights", 2, 9), ("pixels", 2, 9)];
+    let axes = [("patches", 2, 6), ("receivers", 1, 4), ("triangles", 2, 9), ("lights", 2, 9), ("pixels", 2, 9)];
     for (axis, points, methods) in axes {
         let of_axis: Vec<_> = rows.iter().filter(|row| row["axis"] == axis).collect();
         assert_eq!(of_axis.len(), points * methods, "{axis}");
@@ -309,6 +309,58 @@ fn bench_materials_measures_errors_over_albedo() {
         assert!((of(&ratios, "gathering") - 1.0).abs() < 0.15, "{}: {ratios:?}", scene["scene"]);
         assert!(numbers(&scene["rows"], &["full", "psnr_db"]).iter().all(|(_, db)| *db > 3.0));
     }
+}
+
+#[test]
+fn bench_unseen_measures_lights_that_no_bake_has_seen() {
+    let (_folder, summary, markdown) = study("unseen");
+    let rows = summary["scenes"][0]["rows"].as_array().unwrap();
+    assert!(markdown.contains("| method | cornell, own light | cornell, moved lamp |"), "{markdown}");
+    for light in ["own light", "moved lamp", "moved lamp, the other way"] {
+        let of_light: Vec<_> = rows.iter().filter(|row| row["light"] == light).cloned().collect();
+        let of_light = serde_json::Value::from(of_light);
+        let ratios = numbers(&of_light, &["indirect", "mean_ratio"]);
+        assert_eq!(ratios.iter().map(|(family, _)| family.as_str()).collect::<Vec<_>>(), FAMILIES, "{light}");
+        // The light that shines, and no other, is in the picture.
+        for family in ["tiles 1 %", "temporal", "gathering"] {
+            assert!((of(&ratios, family) - 1.0).abs() < 0.2, "{light}: {family}: {ratios:?}");
+        }
+        let is_own = light == "own light";
+        assert_eq!(numbers(&of_light, &["over_own"]).iter().all(|(_, ratio)| *ratio == 1.0), is_own, "{light}");
+    }
+}
+
+#[test]
+fn a_scene_is_added_to_those_that_documents_have() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (out, docs) = (text("out"), text("docs"));
+    let run = |scene: &str, note: &str| {
+        let mut arguments =
+            vec!["bench", "step", scene, "--note", note, "--out", &out, "--docs", &docs, "--device", "cpu"];
+        arguments.extend(["--counts", "100", "--size", "32x24", "--rays", "64", "--receiver-rays", "16", "--quiet"]);
+        arguments.extend(["--spacings", "4", "--probe-rays", "16", "--sub-frames", "1"]);
+        succeeds(&arguments);
+        let kept = std::fs::read_to_string(folder.path().join("docs/data/step.json")).unwrap();
+        serde_json::from_str::<serde_json::Value>(&kept).unwrap()["scenes"].as_array().unwrap().clone()
+    };
+    let first = run("cornell", "first");
+    let second = run("rooms", "second");
+    let of = |scenes: &[serde_json::Value]| -> Vec<(String, String)> {
+        let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
+        scenes.iter().map(|scene| (text(&scene["scene"]), text(&scene["note"]))).collect()
+    };
+    let both = |a: &str, b: &str| vec![("cornell".to_owned(), a.to_owned()), ("rooms".to_owned(), b.to_owned())];
+    assert_eq!(of(&second), both("first", "second"));
+    // What was there is as it was, and measured again it is another.
+    assert_eq!(second[0], first[0]);
+    let third = run("cornell", "third");
+    assert_eq!(of(&third), both("third", "second"));
+    assert_eq!(third[1], second[1]);
+    // What cannot be added to is said before anything is measured.
+    std::fs::write(folder.path().join("docs/data/step.json"), "{}").unwrap();
+    let message = fails(1, &["bench", "step", "cornell", "--out", &out, "--docs", &docs, "--quiet"]);
+    assert!(message.contains("step.json") && message.contains("bench step"), "{message}");
 }
 
 #[test]
@@ -406,7 +458,10 @@ fn bench_table3_measures_every_method_alike() {
         };
         assert_eq!(of(family).len(), count, "{family}: {summary}");
     }
-    assert_eq!((of("path tracing").len(), of("dense product").len()), (2, 1));
+    assert_eq!(of("path tracing").len(), 2);
+    for baseline in ["dense product", "shooting", "hierarchical"] {
+        assert_eq!(of(baseline).len(), 1, "{baseline}: {summary}");
+    }
     for row in rows {
         let number = |path: &[&str]| path.iter().fold(row, |value, key| &value[*key]).as_f64();
         let (ratio, bound) =
@@ -425,9 +480,12 @@ fn bench_table3_measures_every_method_alike() {
     let psnr = |family: &str| of(family)[0]["indirect"]["psnr_db"].as_f64().unwrap();
     assert!(psnr("path tracing, denoised") > psnr("path tracing"));
     // Baselines have the light of the same patches.
-    for family in ["tiles 1 %", "temporal", "dense product", "Monte Carlo"] {
+    for family in ["tiles 1 %", "temporal", "dense product", "Monte Carlo", "shooting"] {
         assert!((psnr(family) - psnr("gathering")).abs() < 0.5, "{family}: {} {}", psnr(family), psnr("gathering"));
     }
+    // Links have patches of their own.
+    assert!((psnr("hierarchical") - psnr("gathering")).abs() < 4.0, "{} {}", psnr("hierarchical"), psnr("gathering"));
+    assert!(markdown.contains("| method | operator MB | ms to read it once |"), "{markdown}");
     assert!(folder.path().join("docs/pictures/table3-cornell.png").is_file());
     let report = std::fs::read_to_string(folder.path().join("out/report.html")).unwrap();
     assert_eq!(report.matches("data:image/png;base64,").count(), rows.len() + 1);

@@ -196,6 +196,8 @@ pub enum Experiment {
     Step,
     /// Errors over albedo, with colours and textures, for every kind of method.
     Materials,
+    /// Errors under lights that no bake has seen, for every kind of method.
+    Unseen,
     /// Light updates and memory over patches, receivers, triangles, lights and pixels.
     Scaling,
     /// docs/experiments.md and its plots from docs/data.
@@ -211,14 +213,15 @@ pub struct Bench {
     #[arg(value_enum)]
     pub name: Experiment,
     /// Scene files or built-in scenes, for thesis behind the figure [default: clean rooms stripes blinds clutter window corridor, leaks rooms corridor blinds
-    /// clutter, frame and scaling office, materials cornell, table3 and step cornell office, others cornell atrium].
+    /// clutter, frame and scaling office, materials cornell, table3, step and unseen cornell office, others cornell atrium; leaks,
+    /// table3 and unseen the shared ones, too].
     pub scenes: Vec<String>,
-    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, scaling 500,1000,2000,4000, leaks,
-    /// materials, spread, step and table3 2000, thesis by figure, curves 1000,2000,4000,10000,20000 (clean), others 10000].
+    /// Patches [default: patches 1000,2000,5000,10000,20000, clean and firstshot 4000, scaling 512 to 262144, leaks,
+    /// materials, spread, step, table3 and unseen 2000, thesis by figure, curves 1000,2000,4000,10000,20000 (clean), others 10000].
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=65_535))]
     pub counts: Vec<u32>,
     /// Where patches and receivers stand close: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what the camera sees
-    /// round it, or what is given (clean, frame, leaks, local, materials, scaling, step, table3, temporal).
+    /// round it, or what is given (clean, frame, leaks, local, materials, scaling, step, table3, temporal, unseen).
     #[arg(long, default_value = "auto", value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus)]
     pub focus: FocusChoice,
     /// Relative errors (Frobenius) of compressed operators.
@@ -254,7 +257,7 @@ pub struct Bench {
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Size of path-traced references, or of the view of frames [default: frame 960x540, clean, leaks,
-    /// materials, scaling, step, table3 and thesis 240x135, others 480x360].
+    /// materials, scaling, step, table3, thesis and unseen 240x135, others 480x360].
     #[arg(long, value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
     /// Paths a pixel of path-traced references; half of them in each of two independent pictures, which tell their noise.
@@ -279,10 +282,10 @@ pub struct Bench {
     /// Relative errors (Frobenius) of the same, compressed.
     #[arg(long, value_delimiter = ',', default_value = "0.05,0.03", value_parser = parse_epsilon)]
     pub receiver_epsilons: Vec<f64>,
-    /// Distances between probes, m; shares of 8 m in scenes that are smaller (table3; the least of leaks, materials, scaling, step).
+    /// Distances between probes, m; shares of 8 m in scenes that are smaller (table3; the least of leaks, materials, scaling, step, unseen).
     #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = parse_density)]
     pub spacings: Vec<f32>,
-    /// Rays of each probe in a frame (table3; the least of leaks, materials, scaling, step).
+    /// Rays of each probe in a frame (table3; the least of leaks, materials, scaling, step, unseen).
     #[arg(long, value_delimiter = ',', default_value = "144,288", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub probe_rays: Vec<u32>,
     /// Errors over 1,000 to 20,000 patches, instead of one number (clean).
@@ -292,16 +295,21 @@ pub struct Bench {
     #[arg(long)]
     pub resume: bool,
     /// The smallest setting of everything, whatever other options say: to see that it works (all, leaks, materials, scaling,
-    /// step, table3).
+    /// step, table3, unseen).
     #[arg(long)]
     pub quick: bool,
-    /// What else is to be known of the machine, to be kept with the numbers (leaks, materials, scaling, step, table3).
+    /// What else is to be known of the machine, to be kept with the numbers (leaks, materials, scaling, step, table3,
+    /// unseen).
     #[arg(long, value_name = "TEXT")]
     pub note: Option<String>,
     /// Folder of documents where the numbers are kept, as FOLDER/data/NAME.json, and pictures, for `bench report` (leaks,
-    /// materials, scaling, step, table3).
+    /// materials, scaling, step, table3, unseen). Scenes are added to those that are there, or take their place.
     #[arg(long, value_name = "FOLDER")]
     pub docs: Option<PathBuf>,
+    /// Folder of shared scenes, of which leaks, table3 and unseen take theirs when no scenes are named; those that are not there
+    /// are left out.
+    #[arg(long, value_name = "FOLDER", default_value = "../shared/scenes")]
+    pub shared: PathBuf,
 }
 
 impl Bench {
@@ -314,6 +322,7 @@ impl Bench {
             | Experiment::Leaks
             | Experiment::Step
             | Experiment::Materials
+            | Experiment::Unseen
             | Experiment::Scaling
             | Experiment::Thesis => (240, 135),
             _ => (480, 360),

@@ -22,6 +22,7 @@ mod table3;
 mod temporal;
 mod thesis;
 mod truth;
+mod unseen;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -52,8 +53,8 @@ const STREAM_BYTES: usize = 256 << 20;
 const STREAM_ROUNDS: usize = 3;
 
 /// What the numbers were measured on.
-#[derive(Serialize, Deserialize)]
-struct Machine {
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Machine {
     cpu: String,
     /// The Vulkan device, where one runs the kernels.
     #[serde(skip_serializing_if = "Option::is_none", default)]
@@ -126,6 +127,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Step => study::run::<step::Step>(common, args),
         Experiment::Materials => study::run::<materials::Materials>(common, args),
         Experiment::Scaling => study::run::<scaling::Scaling>(common, args),
+        Experiment::Unseen => study::run::<unseen::Unseen>(common, args),
         Experiment::Report => proof::run(common, args),
         Experiment::Thesis => thesis::run(common, args),
         Experiment::All => all::run(common, args),
@@ -228,8 +230,8 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
     output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))
 }
 
-/// A bake of so many patches.
-fn suited_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
+/// How so many patches of a scene are baked.
+fn bake_settings(common: &Common, args: &Bench, loaded: &LoadedScene, count: usize) -> BakeSettings {
     BakeSettings {
         patch_count: count,
         focus: args.focus.focus(loaded, &loaded.animation),

@@ -307,12 +307,15 @@ fn frame_graph(g: &FrameGraph) -> Markup {
 const MOST_MARKS: usize = 6;
 
 /// Colours of lines, over again when they are used up.
-const COLORS: [&str; 12] = [
+const COLORS: [&str; 14] = [
     "#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#888888", "#cc6633", "#7755cc", "#77aa99",
-    "#996622", "#dd99bb",
+    "#996622", "#dd99bb", "#335500", "#0000aa",
 ];
-/// Height of a plot, and room at its left, its bottom and its top.
+/// Least height of a plot, and room at its left, its bottom and its top.
 const HEIGHT: f64 = 240.0;
+/// From the end of the lines to their names, wider than half a mark, and from name to name.
+const NAMES: f64 = 14.0;
+const NAME_HEIGHT: f64 = 16.0;
 const LEFT: f64 = 60.0;
 const BOTTOM: f64 = 28.0;
 const TOP: f64 = 26.0;
@@ -370,14 +373,15 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
     // Room for the names, some seven pixels a letter.
     let names = p.series.iter().map(|s| &s.name).chain([&p.x]);
     let longest = names.map(|name| name.chars().count()).max().unwrap_or(0);
-    let right = (12.0 + 7.0 * longest as f64).max(170.0);
+    let right = (NAMES + 6.0 + 7.0 * longest as f64).max(178.0);
     let width = 590.0 + right;
+    let height = HEIGHT.max(TOP + BOTTOM + NAME_HEIGHT * p.series.len() as f64);
     let (x_axis, marks) = x_axis(p);
     let (y_axis, levels) = y_axis(p);
     let x = |v: f64| LEFT + (width - LEFT - right) * x_axis.share(v);
-    let y = |v: f64| HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * y_axis.share(v);
+    let y = |v: f64| height - BOTTOM - (height - BOTTOM - TOP) * y_axis.share(v);
     html! {
-        svg xmlns=[namespace] viewBox=(format!("0 0 {width} {HEIGHT}")) width=(width) height=(HEIGHT) role="img"
+        svg xmlns=[namespace] viewBox=(format!("0 0 {width} {height}")) width=(width) height=(height) role="img"
             aria-label=(p.title) font-family="sans-serif" {
             text x=(LEFT) y="14" font-size="13" fill="currentColor" font-weight="600" { (p.title) ", " (p.unit) }
             @for &v in &levels {
@@ -389,11 +393,11 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
             @for mark in &marks {
                 // The last one must not run into what x is.
                 @let anchor = if *mark == x_axis.last { "end" } else { "middle" };
-                text x=(x(*mark)) y=(HEIGHT - 8.0) font-size="11" text-anchor=(anchor) fill="currentColor" {
+                text x=(x(*mark)) y=(height - 8.0) font-size="11" text-anchor=(anchor) fill="currentColor" {
                     (if mark.fract() == 0.0 { mark.to_string() } else { significant(*mark) })
                 }
             }
-            text x=(width - right + 6.0) y=(HEIGHT - 8.0) font-size="11" fill="currentColor" { (p.x) }
+            text x=(width - right + NAMES) y=(height - 8.0) font-size="11" fill="currentColor" { (p.x) }
             @for (k, s) in p.series.iter().enumerate() {
                 @let line = s.points.iter().map(|(u, v)| format!("{:.1},{:.1}", x(*u), y(*v)));
                 polyline points=(line.collect::<Vec<_>>().join(" ")) fill="none" stroke-width="2"
@@ -401,7 +405,7 @@ fn plot(p: &Plot, namespace: Option<&str>) -> Markup {
                 @if p.logarithmic {
                     @for (u, v) in &s.points { circle cx=(x(*u)) cy=(y(*v)) r="3" fill=(COLORS[k % COLORS.len()]) {} }
                 }
-                text x=(width - right + 6.0) y=(TOP + 14.0 + 16.0 * k as f64) font-size="12"
+                text x=(width - right + NAMES) y=(TOP + 14.0 + NAME_HEIGHT * k as f64) font-size="12"
                     fill=(COLORS[k % COLORS.len()]) { (s.name) }
             }
         }

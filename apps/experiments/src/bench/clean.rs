@@ -9,7 +9,7 @@ use reference::metrics::{Faults, compare_pictures, indirect_scale, noise_picture
 use reference::{Judge, Picture, PictureErrors, PictureFile as _, scale_to_stops, stops_to_scale};
 use serde::Serialize;
 
-use super::{Machine, Setup, load, suited_settings};
+use super::{Machine, Setup, bake_settings, load};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -195,7 +195,7 @@ impl Measuring<'_> {
         let Self { common, args, subject, progress } = *self;
         let Subject { spec, loaded, truth } = subject;
         let start = Instant::now();
-        let bake = Arc::new(Bake::build(&loaded.scene, &suited_settings(common, args, loaded, count), progress)?);
+        let bake = Arc::new(Bake::build(&loaded.scene, &bake_settings(common, args, loaded, count), progress)?);
         let bake_s = start.elapsed().as_secs_f64();
         let settings = RenderSettings {
             method: MethodSettings::Classic,

@@ -28,6 +28,10 @@ const BACKS: f64 = 0.01;
 /// Frames until light is at rest: enough for the hysteresis of probes.
 pub const REST: u32 = 60;
 
+/// Light updates that take so long, ms, are measured so many times.
+const SLOW_MS: f64 = 1e3;
+const SLOW_TURNS: usize = 3;
+
 /// Irradiance at what pixels see, W/m².
 type Gather<'a> = dyn Fn(&[SurfacePoint], u32) -> Result<Vec<Vec4>, patchlight::Error> + Sync + 'a;
 
@@ -125,6 +129,9 @@ pub struct Who {
     pub build_s: f64,
     /// That light needs from frame to frame.
     pub bytes: u64,
+    /// Of these, an operator that each light update reads once.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub operator_bytes: Option<u64>,
 }
 
 impl Who {
@@ -135,6 +142,7 @@ impl Who {
             size: contender.size(),
             build_s: contender.build_s(),
             bytes: contender.bytes(),
+            operator_bytes: contender.operator_bytes(),
         }
     }
 
@@ -156,7 +164,10 @@ pub struct UpdateTimes {
     pub update: PassTimes,
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub lookup_ms: Option<f64>,
-    /// The same in time of all processors, ms.
+    /// Median of what light between patches alone took, ms.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub method_ms: Option<f64>,
+    /// Updates and lookups in time of all processors, ms.
     pub processor: PassTimes,
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub processor_lookup_ms: Option<f64>,
@@ -168,11 +179,13 @@ impl UpdateTimes {
         let lookups = || frames.iter().filter_map(|frame| frame.lookup);
         let times = |list: Vec<f64>| PassTimes::of(&list);
         let none = PassTimes { median_ms: 0.0, max_ms: 0.0 };
+        let methods: Vec<f64> = frames.iter().filter_map(|frame| frame.method_ms).collect();
         let wall = |time: Time| time.wall;
         let processor = |time: Time| time.processor;
         Self {
             update: times(updates().map(wall).collect()).unwrap_or(none),
             lookup_ms: times(lookups().map(wall).collect()).map(|times| times.median_ms),
+            method_ms: times(methods).map(|times| times.median_ms),
             processor: times(updates().map(processor).collect()).unwrap_or(none),
             processor_lookup_ms: times(lookups().map(processor).collect()).map(|times| times.median_ms),
         }
@@ -181,7 +194,8 @@ impl UpdateTimes {
 
 /// Times of all contenders, who take turns within each frame, so that what else a machine does meets all of them alike. A turn is
 /// two light updates, of which the second counts: it finds caches as it left them, as in a program with one method. There are
-/// two lightings a frame, and two more before the first, which make memory ready.
+/// two lightings a frame, and two more before the first, which make memory ready. Those whose updates take [`SLOW_MS`] and more
+/// take part in the first [`SLOW_TURNS`] only.
 pub fn take_turns(
     contenders: &mut [Box<dyn Contender + '_>],
     lightings: &[Lighting],
@@ -192,6 +206,10 @@ pub fn take_turns(
         let turns = lightings.len() / 2;
         for (turn, pair) in lightings.chunks_exact(2).enumerate() {
             for (contender, times) in contenders.iter_mut().zip(&mut times) {
+                let is_slow = times.last().is_some_and(|last: &FrameTime| last.update.wall >= SLOW_MS);
+                if is_slow && times.len() >= SLOW_TURNS {
+                    continue;
+                }
                 let number = 2 * turn as u32;
                 contender.frame(&pair[0], number)?;
                 let time = contender.frame(&pair[1], number + 1)?;

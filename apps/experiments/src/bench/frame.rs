@@ -11,7 +11,7 @@ use glam::Vec3;
 use scene::{Camera, Light};
 use serde::Serialize;
 
-use super::{Machine, Setup, load, suited_settings};
+use super::{Machine, Setup, bake_settings, load};
 use crate::args::{Animate, Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::output;
@@ -151,7 +151,7 @@ struct Measuring<'a> {
 impl Measuring<'_> {
     fn measure(&self, count: usize, keep: &mut dyn FnMut(Row) -> Result<(), Error>) -> Result<(), Error> {
         let Self { common, args, loaded, progress } = *self;
-        let settings = suited_settings(common, args, loaded, count);
+        let settings = bake_settings(common, args, loaded, count);
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
         let mut renderer = load(common, &bake, &self.render_settings(), progress)?;
         let events = match loaded.scene.lighting.lights.len() {

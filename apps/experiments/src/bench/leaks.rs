@@ -6,10 +6,10 @@ use reference::{Judge, Picture, PictureFile as _, scale_to_stops};
 use scene::math::luminance;
 use serde::{Deserialize, Serialize};
 
+use super::bake_settings;
 use super::contest::field::Field;
 use super::contest::{View, Who, pictures_at_rest, side_by_side};
 use super::study::{Measured, Place, SIDE_BY_SIDE, SceneRows, Study, file_name, over_scenes};
-use super::suited_settings;
 use crate::error::Error;
 use crate::references::ReferenceStore;
 use crate::report::{Figure, Section};
@@ -45,6 +45,7 @@ impl Study for Leaks {
         errors of the reference counts as neither. The dark is where the reference has less than a fifth of the mean: there the \
         light of a method is given over that of the reference, 1 where it is right.";
     const SCENES: &'static [&'static str] = &["rooms", "corridor", "blinds", "clutter"];
+    const SHARED: &'static [&'static str] = &["bathroom", "sponza"];
     const SHOWN: &'static [&'static str] = &["rooms", "corridor"];
 
     fn measure(place: &Place, loaded: &LoadedScene) -> Result<Measured<Row>, Error> {
@@ -52,7 +53,7 @@ impl Study for Leaks {
         let kept = args.cache.clone().unwrap_or_else(|| place.out.join(REFERENCES));
         let truth = ReferenceStore::open(Some(&kept))?.make(loaded, args.size(), args.spp, progress)?;
         let view = View::new(common, args, loaded);
-        let field = Field::new(&view, &suited_settings(common, args, loaded, place.patches), progress)?;
+        let field = Field::new(&view, &bake_settings(common, args, loaded, place.patches), progress)?;
         let judge = truth.indirect();
         let scale = indirect_scale(&truth.pictures.indirect);
         let stops = scale_to_stops(scale);
@@ -86,7 +87,13 @@ impl Study for Leaks {
                 100.0 * noise.indirect.leaks_hidden_share
             )
         });
-        Ok(Measured { rows, reference: Some(format!("{}{noise}", truth.source)), figures, shown: names })
+        Ok(Measured {
+            rows,
+            reference: Some(format!("{}{noise}", truth.source)),
+            figures,
+            shown: names,
+            left_out: Vec::new(),
+        })
     }
 
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {

@@ -9,7 +9,7 @@ use reference::{Picture, PictureErrors, stops_to_scale};
 use serde::Serialize;
 
 use super::truth::Truth;
-use super::{Machine, SCENES, Setup, load, suited_settings};
+use super::{Machine, SCENES, Setup, bake_settings, load};
 use crate::args::{Bench, CameraPath, Common};
 use crate::error::Error;
 use crate::errors::picture_errors;
@@ -159,7 +159,7 @@ impl Measuring<'_> {
         keep: &mut dyn FnMut(Option<Row>, Option<Shown>) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let loaded = self.loaded;
-        let settings = suited_settings(self.common, self.args, loaded, count);
+        let settings = bake_settings(self.common, self.args, loaded, count);
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
         let mut full = Full {
             classic: self.load(&bake, MethodSettings::Classic, progress)?,

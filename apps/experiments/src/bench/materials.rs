@@ -6,10 +6,10 @@ use reference::{PictureErrors, PointErrors};
 use scene::{Material, Scene, SceneParts, Texture, Triangle, TriangleUv};
 use serde::{Deserialize, Serialize};
 
+use super::bake_settings;
 use super::contest::field::Field;
 use super::contest::{View, Who, errors, pictures_at_rest};
 use super::study::{Measured, Place, SceneRows, Study, over_scenes};
-use super::suited_settings;
 use super::truth::Truth;
 use crate::error::Error;
 use crate::report::{Plot, Section, Series};
@@ -68,7 +68,7 @@ impl Study for Materials {
         let Place { common, args, progress, .. } = *place;
         let truth = Truth::traced_with_points(loaded, args.size(), args.spp, common.seed, progress)?;
         let view = View::new(common, args, loaded);
-        let field = Field::new(&view, &suited_settings(common, args, loaded, place.patches), progress)?;
+        let field = Field::new(&view, &bake_settings(common, args, loaded, place.patches), progress)?;
         let albedo = same_albedo(&loaded.scene);
         let mut direct = None;
         let mut rows = Vec::new();
@@ -82,7 +82,7 @@ impl Study for Materials {
             progress.note(&format!("{}: {}: blocks {percent:.2} %", loaded.name, row.who.method));
             rows.push(row);
         }
-        Ok(Measured { rows, reference: Some(truth.source), figures: Vec::new(), shown: Vec::new() })
+        Ok(Measured { reference: Some(truth.source), ..Measured::of(rows) })
     }
 
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {

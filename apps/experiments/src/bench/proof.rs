@@ -1,5 +1,7 @@
 //! `bench report`: docs/experiments.md with its plots, from nothing but docs/data. The same data give the same bytes.
 
+mod bar;
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -10,6 +12,7 @@ use super::scaling::Scaling;
 use super::step::Step;
 use super::study::{Record, document};
 use super::table3::{Row, Table3};
+use super::unseen::Unseen;
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -41,14 +44,17 @@ fn text(folder: &Path) -> Result<String, Error> {
         document::<Leaks>(folder)?.1,
         document::<Step>(folder)?.1,
         document::<Materials>(folder)?.1,
+        document::<Unseen>(folder)?.1,
         document::<Scaling>(folder)?.1,
     ];
     // Their numbers are those of the experiments, which are there by now.
     let claims = Claims::read(&folder.join(CLAIMS))?;
     let mut text = String::from(
         "# Experiments\n\nThis page and its plots are made by `patchlight bench report` from `docs/data`; a test compares them.\n\n\
-         ## What does not hold\n\nOf what this project and its sources claim:\n\n",
+         ## What does not hold\n\n",
     );
+    text += &bar::text(&methods);
+    let _ = write!(text, "\nOf what this project and its sources claim:\n\n");
     for claim in claims.failed() {
         let _ = writeln!(text, "- {} ({}): {}", claim.claim, claim.source, claim.reason);
     }

@@ -7,20 +7,25 @@ use scene::sampling::{hash3, unit};
 use scene::{LIGHT_POINT, Light, Lighting};
 use serde::{Deserialize, Serialize};
 
-use super::contest::field::{Contenders, Field};
+use super::bake_settings;
+use super::contest::field::{Contenders, Field, PatchMethod};
 use super::contest::{UpdateTimes, View, Who, lightings_of, take_turns};
 use super::study::{Measured, Place, SceneRows, Study};
-use super::suited_settings;
 use crate::args::Bench;
 use crate::error::Error;
 use crate::output;
 use crate::report::{Plot, Section, Series, Table, significant};
 use assets::import::LoadedScene;
+use patches::MOST_PATCHES;
 use patchlight::BakeSettings;
 use patchlight::renderer::with_lights;
 
 /// Patches of the axis over them, unless some are asked for.
-const COUNTS: [u32; 4] = [500, 1000, 2000, 4000];
+const COUNTS: [u32; 6] = [512, 2048, 8192, 32_768, 65_535, 262_144];
+/// Matrices of more bytes are not made here: the time of all experiments has its bound.
+const MOST_BYTES: f64 = 2e9;
+/// Patches beyond which there are no more receivers: as many fewer for each patch as there are more patches.
+const MOST_RECEIVERS_OF: f32 = 4096.0;
 /// Scenes of the axis over triangles.
 const SCENES: [&str; 3] = ["atrium:10000", "atrium:50000", "atrium:250000"];
 /// The same at the smallest setting.
@@ -67,7 +72,25 @@ pub struct Row {
     #[serde(flatten)]
     pub who: Who,
     #[serde(flatten)]
-    pub times: UpdateTimes,
+    pub times: Option<UpdateTimes>,
+    /// Why there are no times.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub missing: Option<String>,
+}
+
+impl Row {
+    fn missing(axis: Axis, value: u64, method: &str, why: String) -> Self {
+        let name = method.to_owned();
+        let size = format!("{value} {}", axis.name());
+        let who = Who { family: name.clone(), method: name, size, build_s: 0.0, bytes: 0, operator_bytes: None };
+        Self { axis, value, who, times: None, missing: Some(why) }
+    }
+
+    /// Processor time from lights that moved to irradiance at what is seen, ms.
+    fn milliseconds(&self) -> Option<f64> {
+        let times = self.times?;
+        Some(times.processor.median_ms + times.processor_lookup_ms.unwrap_or(0.0))
+    }
 }
 
 /// The experiment.
@@ -79,7 +102,10 @@ impl Study for Scaling {
     const TITLE: &'static str = "How light updates grow";
     const ABOUT: &'static str = "Processor time of a whole light update with the lookup of all pixels where that can be told \
         apart, and memory, over one size at a time: patches and receivers (methods that have them), triangles (of the atrium), \
-        lamps that all move, and pixels. Receivers are updated where they are in view. Turns as in the first experiment.";
+        lamps that all move, and pixels. Receivers are updated where they are in view; beyond 4,096 patches their number stays. \
+        Turns as in the first experiment. Matrices of more than 2 GB are not made: in place of a time stands what they would \
+        take. A bake has 65,535 patches at most, whose numbers take 16 bits in rows of form factors; worlds of more are baked in \
+        parts, and lit round the camera.";
     const SCENES: &'static [&'static str] = &["office"];
     const PATCHES: u32 = 1000;
     const TIMED: bool = true;
@@ -93,13 +119,12 @@ impl Study for Scaling {
         };
         let mut rows = Vec::new();
         for count in counts {
-            let settings = suited_settings(common, args, loaded, count as usize);
-            rows.extend(over_bake(place, loaded, Axis::Patches, &settings)?);
+            rows.extend(over_patches(place, loaded, count as usize)?);
         }
-        let settings = suited_settings(common, args, loaded, place.patches);
+        let settings = bake_settings(common, args, loaded, place.patches);
         for &receiver_density in &args.densities {
             let settings = BakeSettings { receiver_density, ..settings };
-            rows.extend(over_bake(place, loaded, Axis::Receivers, &settings)?);
+            rows.extend(over_receivers(place, loaded, &settings)?);
         }
         let scenes = if args.quick { &SMALL_SCENES[..] } else { &SCENES };
         for spec in scenes {
@@ -108,7 +133,7 @@ impl Study for Scaling {
         }
         rows.extend(over_lights(place, loaded)?);
         rows.extend(over_pixels(place, loaded)?);
-        Ok(Measured { rows, reference: None, figures: Vec::new(), shown: Vec::new() })
+        Ok(Measured::of(rows))
     }
 
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {
@@ -133,33 +158,60 @@ fn rows(
     lightings: &[Lighting],
 ) -> Result<Vec<Row>, Error> {
     let times = take_turns(contenders, lightings, place.progress)?;
-    let row = |(contender, times): (_, _)| Row { axis, value, who: Who::of(contender), times };
+    let row =
+        |(contender, times): (_, _)| Row { axis, value, who: Who::of(contender), times: Some(times), missing: None };
     let rows: Vec<Row> = contenders.iter().map(|contender| contender.as_ref()).zip(times).map(row).collect();
     for row in &rows {
         place.progress.note(&format!(
             "{value} {}: {}: {} ms",
             axis.name(),
             row.who.family,
-            significant(milliseconds(row))
+            row.milliseconds().map_or_else(String::new, significant)
         ));
     }
     Ok(rows)
 }
 
-/// Methods that have patches, with one bake.
-fn over_bake(place: &Place, loaded: &LoadedScene, axis: Axis, settings: &BakeSettings) -> Result<Vec<Row>, Error> {
+/// Methods that have patches; what needs matrices that are not made says how large they would be.
+fn over_patches(place: &Place, loaded: &LoadedScene, count: usize) -> Result<Vec<Row>, Error> {
+    let methods = [&PatchMethod::usual(count, place.common.seed)[..], &PatchMethod::dense()].concat();
+    let too_large = |method: &PatchMethod| {
+        let bytes = method.matrix_bytes(count);
+        (bytes > MOST_BYTES).then(|| format!("matrix of {} GB", significant(1e-9 * bytes)))
+    };
+    let why = |method: &PatchMethod| {
+        let no_bake = || (count > MOST_PATCHES).then(|| format!("{MOST_PATCHES} at most"));
+        too_large(method).or_else(no_bake)
+    };
+    let (possible, impossible): (Vec<PatchMethod>, _) = methods.into_iter().partition(|method| why(method).is_none());
+    let mut found = Vec::new();
+    let mut value = count as u64;
+    if !possible.is_empty() {
+        let receiver_density = (MOST_RECEIVERS_OF / count as f32).min(1.0);
+        let settings = BakeSettings { receiver_density, ..bake_settings(place.common, place.args, loaded, count) };
+        let view = View::new(place.common, place.args, loaded);
+        let field = Field::new(&view, &settings, place.progress)?;
+        value = field.bake().mesh.patches.len() as u64;
+        let lightings = view.moving(lightings_of(place.args.frames()));
+        found = rows(place, &mut field.with_patches(&possible)?, (Axis::Patches, value), &lightings)?;
+    }
+    let missing = |method: &PatchMethod| Some(Row::missing(Axis::Patches, value, method.name, why(method)?));
+    found.extend(impossible.iter().filter_map(missing));
+    Ok(found)
+}
+
+/// Methods that have patches, with the receivers of the settings.
+fn over_receivers(place: &Place, loaded: &LoadedScene, settings: &BakeSettings) -> Result<Vec<Row>, Error> {
     let view = View::new(place.common, place.args, loaded);
     let field = Field::new(&view, settings, place.progress)?;
-    let value = match axis {
-        Axis::Receivers => field.bake().receivers.points.len(),
-        _ => field.bake().mesh.patches.len(),
-    };
-    rows(place, &mut field.patches()?, (axis, value as u64), &view.moving(lightings_of(place.args.frames())))
+    let value = field.bake().receivers.points.len() as u64;
+    let lightings = view.moving(lightings_of(place.args.frames()));
+    rows(place, &mut field.patches()?, (Axis::Receivers, value), &lightings)
 }
 
 fn over_triangles(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
     let view = View::new(place.common, place.args, loaded);
-    let settings = suited_settings(place.common, place.args, loaded, place.patches);
+    let settings = bake_settings(place.common, place.args, loaded, place.patches);
     let field = Field::new(&view, &settings, place.progress)?;
     let value = loaded.scene.geometry.triangles.len() as u64;
     let lightings = view.moving(lightings_of(place.args.frames()));
@@ -168,7 +220,7 @@ fn over_triangles(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error
 
 fn over_lights(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
     let view = View::new(place.common, place.args, loaded);
-    let settings = suited_settings(place.common, place.args, loaded, place.patches);
+    let settings = bake_settings(place.common, place.args, loaded, place.patches);
     let field = Field::new(&view, &settings, place.progress)?;
     let frames = lightings_of(place.args.frames());
     let mut contenders = field.one_of_each()?;
@@ -183,7 +235,7 @@ fn over_lights(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
 fn over_pixels(place: &Place, loaded: &LoadedScene) -> Result<Vec<Row>, Error> {
     let mut found = Vec::new();
     let lines = if place.args.quick { &LINES[..2] } else { &LINES };
-    let settings = suited_settings(place.common, place.args, loaded, place.patches);
+    let settings = bake_settings(place.common, place.args, loaded, place.patches);
     let whole = View::new(place.common, place.args, loaded);
     let baked = Field::new(&whole, &settings, place.progress)?;
     for &height in lines {
@@ -211,11 +263,6 @@ fn lamps_of(loaded: &LoadedScene, count: u32, number: u32, frames: u32) -> Light
     with_lights(&loaded.scene, &(0..count).map(lamp).collect::<Vec<_>>())
 }
 
-/// Processor time from lights that moved to irradiance at what is seen, ms.
-fn milliseconds(row: &Row) -> f64 {
-    row.times.processor.median_ms + row.times.processor_lookup_ms.unwrap_or(0.0)
-}
-
 /// Kinds of methods and sizes of an axis, in their order.
 fn of_axis(rows: &[Row], axis: Axis) -> (Vec<&str>, Vec<u64>) {
     let mut families: Vec<&str> = Vec::new();
@@ -240,7 +287,10 @@ fn table(rows: &[Row], axis: Axis) -> Option<Table> {
     let (families, values) = of_axis(rows, axis);
     let line = |family: &&str| {
         let cell = |value: &u64| {
-            let text = |row: &Row| format!("{} / {}", significant(milliseconds(row)), significant(row.who.megabytes()));
+            let text = |row: &Row| match row.milliseconds() {
+                Some(ms) => format!("{} / {}", significant(ms), significant(row.who.megabytes())),
+                None => row.missing.clone().unwrap_or_default(),
+            };
             point(rows, axis, family, *value).map_or_else(|| "–".to_owned(), text)
         };
         std::iter::once((*family).to_owned()).chain(values.iter().map(cell)).collect()
@@ -259,7 +309,7 @@ fn time_plot(rows: &[Row], axis: Axis) -> Option<Plot> {
         name: (*family).to_owned(),
         points: values
             .iter()
-            .filter_map(|&value| Some((value as f64, milliseconds(point(rows, axis, family, value)?).max(1e-3))))
+            .filter_map(|&value| Some((value as f64, point(rows, axis, family, value)?.milliseconds()?.max(1e-3))))
             .collect(),
     };
     (!families.is_empty()).then(|| Plot {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use temporal::{AliasTables, Blend, Packing, RayLists, Settings, State};
 use transport::{Csr, LinearOperator as _};
 
-use super::{Machine, SCENES, Setup, load, suited_settings};
+use super::{Machine, SCENES, Setup, bake_settings, load};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -117,7 +117,7 @@ fn measure(
     progress: &Progress,
 ) -> Result<Vec<Row>, Error> {
     // Only the light between patches is measured: the fewest receivers.
-    let settings = BakeSettings { most_receivers: Some(1), ..suited_settings(common, args, loaded, count) };
+    let settings = BakeSettings { most_receivers: Some(1), ..bake_settings(common, args, loaded, count) };
     let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
     let sources = sources(common, loaded, &bake, progress)?;
     let (factors, albedo) = (&bake.form_factors.factors, &bake.mesh.albedo);

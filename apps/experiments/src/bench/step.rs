@@ -4,11 +4,11 @@ use reference::metrics::noise_share;
 use reference::stops_to_scale;
 use serde::{Deserialize, Serialize};
 
+use super::bake_settings;
 use super::contest::contender::Contender;
 use super::contest::field::Field;
 use super::contest::{REST, View, Who, cancelled, followed_after, left_of_jump, rest_of};
 use super::study::{Measured, Place, SceneRows, Study};
-use super::suited_settings;
 use crate::error::Error;
 use crate::report::{Plot, Section, Series, Table};
 use crate::sequence::distance;
@@ -55,7 +55,7 @@ impl Study for Step {
     fn measure(place: &Place, loaded: &LoadedScene) -> Result<Measured<Row>, Error> {
         let Place { common, args, progress, .. } = *place;
         let view = View::new(common, args, loaded);
-        let field = Field::new(&view, &suited_settings(common, args, loaded, place.patches), progress)?;
+        let field = Field::new(&view, &bake_settings(common, args, loaded, place.patches), progress)?;
         let mut contenders = field.one_of_each()?;
         let mut direct = None;
         let mut rows = Vec::new();
@@ -64,7 +64,7 @@ impl Study for Step {
             progress.note(&format!("{}: {}: {} frames to 90 %", loaded.name, row.who.method, frames(row.followed_90)));
             rows.push(row);
         }
-        Ok(Measured { rows, reference: None, figures: Vec::new(), shown: Vec::new() })
+        Ok(Measured::of(rows))
     }
 
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {

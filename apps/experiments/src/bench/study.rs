@@ -33,8 +33,10 @@ pub trait Study {
     const TITLE: &'static str;
     /// What is measured, and how to read it: a paragraph.
     const ABOUT: &'static str;
-    /// Scenes, unless some are named.
+    /// Built-in scenes, unless some are named.
     const SCENES: &'static [&'static str];
+    /// Shared scenes that are measured after those, where they are there.
+    const SHARED: &'static [&'static str] = &[];
     /// Patches, unless it is said.
     const PATCHES: u32 = 2000;
     /// Whether light updates are timed.
@@ -82,26 +84,23 @@ pub struct Measured<Row> {
     pub figures: Vec<Figure>,
     /// What [`SIDE_BY_SIDE`] shows, where there is one.
     pub shown: Vec<String>,
+    /// Who could not take part, and why.
+    pub left_out: Vec<String>,
 }
 
-/// The same, as it is kept.
-#[derive(Serialize, Deserialize)]
-pub struct SceneRows<Row> {
-    pub scene: String,
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub reference: Option<String>,
-    #[serde(skip_serializing_if = "Vec::is_empty", default)]
-    pub shown: Vec<String>,
-    pub rows: Vec<Row>,
+impl<Row> Measured<Row> {
+    /// Rows alone.
+    pub fn of(rows: Vec<Row>) -> Self {
+        Self { rows, reference: None, figures: Vec::new(), shown: Vec::new(), left_out: Vec::new() }
+    }
 }
 
-/// What an experiment found: its summary.json, and its file in docs/data.
-#[derive(Serialize, Deserialize)]
-pub struct Record<Row> {
-    pub name: String,
+/// When, on what and how a scene was measured.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Circumstances {
     pub version: String,
     pub date: String,
-    machine: Machine,
+    pub machine: Machine,
     pub device: String,
     /// What else is to be known of the machine, as it was given.
     #[serde(skip_serializing_if = "Option::is_none", default)]
@@ -110,7 +109,48 @@ pub struct Record<Row> {
     pub size: (u32, u32),
     pub frames: u32,
     pub patches: u32,
+}
+
+/// What was found in a scene, as it is kept.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct SceneRows<Row> {
+    pub scene: String,
+    #[serde(flatten)]
+    pub circumstances: Circumstances,
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub reference: Option<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub shown: Vec<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub left_out: Vec<String>,
+    pub rows: Vec<Row>,
+}
+
+/// What an experiment found: its summary.json, and its file in docs/data, which scenes are added to one after the other.
+#[derive(Serialize, Deserialize)]
+pub struct Record<Row> {
+    pub name: String,
     pub scenes: Vec<SceneRows<Row>>,
+}
+
+impl<Row: Clone + DeserializeOwned> Record<Row> {
+    fn new(name: &str) -> Self {
+        Self { name: name.to_owned(), scenes: Vec::new() }
+    }
+
+    /// What a folder of documents has of an experiment so far.
+    fn kept<S: Study<Row = Row>>(docs: &Path) -> Result<Self, Error> {
+        let path = data_file::<S>(docs);
+        if path.exists() { read(&path, S::NAME) } else { Ok(Self::new(S::NAME)) }
+    }
+
+    /// Takes the place of what was known of the scene, or the last one.
+    fn put(&mut self, found: &SceneRows<Row>) {
+        match self.scenes.iter_mut().find(|scene| scene.scene == found.scene) {
+            Some(known) => known.clone_from(found),
+            None => self.scenes.push(found.clone()),
+        }
+    }
 }
 
 /// Runs an experiment.
@@ -118,10 +158,8 @@ pub fn run<S: Study>(common: &Common, args: &Bench) -> Result<(), Error> {
     let folder = output::folder_or(&common.out, &format!("bench-{}", S::NAME));
     let smallest = if args.quick { Some(smallest(args.name, args, &folder)) } else { None };
     let args = smallest.as_ref().unwrap_or(args);
-    let usual = S::SCENES.iter().map(|scene| (*scene).to_owned()).collect::<Vec<_>>();
     let Setup { out, machine, counts, .. } = Setup::new(common, args, S::NAME, &[], &[S::PATCHES])?;
-    let mut record = Record {
-        name: S::NAME.to_owned(),
+    let circumstances = Circumstances {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         date: today(),
         machine,
@@ -131,27 +169,33 @@ pub fn run<S: Study>(common: &Common, args: &Bench) -> Result<(), Error> {
         size: args.size(),
         frames: args.frames(),
         patches: counts[0],
-        scenes: Vec::new(),
     };
+    let progress = Progress::new(common.quiet);
+    // What cannot be added to is said before it is measured.
+    let mut kept = args.docs.as_deref().map(Record::kept::<S>).transpose()?;
+    let mut record = Record::new(S::NAME);
     let mut figures = Vec::new();
-    for spec in if args.scenes.is_empty() { &usual } else { &args.scenes } {
+    for spec in scenes::<S>(&args.scenes, &args.shared, &progress) {
         let progress = Progress::new(common.quiet);
-        for loaded in S::variants(output::import(spec, &progress)?)? {
+        for loaded in S::variants(output::import(&spec, &progress)?)? {
             let folder = out.join(file_name(&loaded.name));
             output::make_folder(&folder)?;
             let place = Place { common, args, progress: &progress, patches: counts[0] as usize, out: &out, folder };
-            let Measured { rows, reference, figures: own, shown } = S::measure(&place, &loaded)?;
-            record.scenes.push(SceneRows { scene: loaded.name.clone(), reference, shown, rows });
+            let Measured { rows, reference, figures: own, shown, left_out } = S::measure(&place, &loaded)?;
+            let circumstances = circumstances.clone();
+            let found = SceneRows { scene: loaded.name.clone(), circumstances, reference, shown, left_out, rows };
             if !own.is_empty() {
                 figures.push(Section { title: loaded.name.clone(), figures: own, ..Section::default() });
             }
             // What is known is kept when the rest fails or is stopped.
+            record.put(&found);
             output::write_text(&out.join("summary.json"), &output::json(&record))?;
             write_report::<S>(&out, &record, &figures)?;
+            if let (Some(docs), Some(kept)) = (&args.docs, &mut kept) {
+                kept.put(&found);
+                keep_in_docs::<S>(docs, &out, kept, &found)?;
+            }
         }
-    }
-    if let Some(docs) = &args.docs {
-        keep_in_docs::<S>(docs, &out, &record)?;
     }
     if common.json {
         say!("{}", output::json(&record));
@@ -163,19 +207,45 @@ pub fn run<S: Study>(common: &Common, args: &Bench) -> Result<(), Error> {
     Ok(())
 }
 
+/// The scenes that are asked for, or the built-in ones and those shared ones that are there.
+fn scenes<S: Study>(named: &[String], shared: &Path, progress: &Progress) -> Vec<String> {
+    if !named.is_empty() {
+        return named.to_vec();
+    }
+    let mut specs: Vec<String> = S::SCENES.iter().map(|scene| (*scene).to_owned()).collect();
+    for name in S::SHARED {
+        let path = shared.join(name).join(format!("{name}.toml"));
+        if path.is_file() {
+            specs.push(path.display().to_string());
+        } else {
+            progress.note(&format!(
+                "{} is not there, and {name} is left out; --shared names another folder",
+                path.display()
+            ));
+        }
+    }
+    specs
+}
+
 fn write_report<S: Study>(out: &Path, record: &Record<S::Row>, figures: &[Section]) -> Result<(), Error> {
-    let introduction = [record.sentence::<S>(), S::ABOUT.to_owned()];
+    let mut introduction = record.sentences::<S>();
+    introduction.push(S::ABOUT.to_owned());
     let title = format!("Patchlight: {}", S::TITLE.to_lowercase());
     let sections = S::sections(&record.scenes);
     output::write_text(&out.join("report.html"), &page(&title, &introduction, sections.iter().chain(figures)))
 }
 
-/// Writes what `bench report` reads, and the pictures that it links.
-fn keep_in_docs<S: Study>(docs: &Path, out: &Path, record: &Record<S::Row>) -> Result<(), Error> {
+/// Writes what `bench report` reads, and the picture of the scene that it links.
+fn keep_in_docs<S: Study>(
+    docs: &Path,
+    out: &Path,
+    record: &Record<S::Row>,
+    scene: &SceneRows<S::Row>,
+) -> Result<(), Error> {
     output::make_folder(&docs.join(DATA))?;
     output::make_folder(&docs.join(PICTURES))?;
     output::write_text(&data_file::<S>(docs), &output::json(record))?;
-    for scene in record.scenes.iter().filter(|scene| is_shown::<S>(scene)) {
+    if is_shown::<S>(scene) {
         let from = out.join(file_name(&scene.scene)).join(SIDE_BY_SIDE);
         let to = docs.join(PICTURES).join(picture_name::<S>(&scene.scene));
         std::fs::copy(&from, &to).map_err(|source| Error::Write { path: to, source })?;
@@ -208,12 +278,17 @@ pub fn file_name(name: &str) -> String {
 pub fn document<S: Study>(docs: &Path) -> Result<(Record<S::Row>, String), Error> {
     let record: Record<S::Row> = read(&data_file::<S>(docs), S::NAME)?;
     // Writing into a string cannot fail.
-    let mut text =
-        format!("## {}\n\n`patchlight bench {}`. {}\n\n{}\n", S::TITLE, S::NAME, record.sentence::<S>(), S::ABOUT);
-    let referenced = record.scenes.iter().filter_map(|scene| Some((&scene.scene, scene.reference.as_ref()?)));
-    for (number, (scene, reference)) in referenced.enumerate() {
-        let gap = if number == 0 { "\n" } else { "" };
-        let _ = writeln!(text, "{gap}- {scene}: compared with {reference}.");
+    let mut text = format!("## {}\n\n`patchlight bench {}`. {}\n\n", S::TITLE, S::NAME, S::ABOUT);
+    for line in record.sentences::<S>() {
+        let _ = writeln!(text, "- {line}");
+    }
+    for scene in &record.scenes {
+        if let Some(reference) = &scene.reference {
+            let _ = writeln!(text, "- {}: compared with {reference}.", scene.scene);
+        }
+        for line in &scene.left_out {
+            let _ = writeln!(text, "- {}, left out: {line}.", scene.scene);
+        }
     }
     for section in S::sections(&record.scenes) {
         let _ = write!(text, "\n### {}\n", section.title);
@@ -280,14 +355,47 @@ fn plot_name<S: Study>(section: &str, number: usize) -> String {
 }
 
 impl<Row> Record<Row> {
-    /// On what it was measured, and how.
+    /// When, on what and how its scenes were measured: a sentence for those that follow each other and have it in common.
+    fn sentences<S: Study>(&self) -> Vec<String> {
+        let mut groups: Vec<(Vec<&str>, String)> = Vec::new();
+        for scene in &self.scenes {
+            let sentence = scene.circumstances.sentence::<S>();
+            match groups.last_mut() {
+                Some((names, last)) if *last == sentence => names.push(&scene.scene),
+                _ => groups.push((vec![&scene.scene], sentence)),
+            }
+        }
+        groups.into_iter().map(|(names, sentence)| format!("{}: {sentence}", names.join("; "))).collect()
+    }
+}
+
+impl Circumstances {
     fn sentence<S: Study>(&self) -> String {
         let Self { version, date, machine, device, size: (width, height), patches, .. } = self;
         let note = self.note.as_ref().map(|note| format!(" {note}")).unwrap_or_default();
         let medians = if S::TIMED { format!(", medians of {} light updates", self.frames) } else { String::new() };
         format!(
-            "Version {version}, {date}. {} Device `{device}`.{note} {patches} patches, {width} × {height} pixels{medians}.",
+            "version {version}, {date}. {} Device `{device}`.{note} {patches} patches, {width} × {height} pixels{medians}.",
             machine.sentence()
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::leaks::Leaks;
+
+    #[test]
+    fn shared_scenes_are_measured_where_they_are_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let progress = Progress::new(true);
+        assert_eq!(scenes::<Leaks>(&[], folder.path(), &progress), Leaks::SCENES);
+        let path = folder.path().join("sponza/sponza.toml");
+        output::make_folder(path.parent().unwrap()).unwrap();
+        output::write_text(&path, "").unwrap();
+        let found = scenes::<Leaks>(&[], folder.path(), &progress);
+        assert_eq!(found, [Leaks::SCENES, &[path.to_str().unwrap()]].concat());
+        assert_eq!(scenes::<Leaks>(&["atrium".to_owned()], folder.path(), &progress), ["atrium"]);
     }
 }

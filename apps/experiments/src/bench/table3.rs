@@ -5,10 +5,10 @@ use reference::metrics::{compare_points, indirect_scale};
 use reference::{Picture, PictureErrors, PictureFile as _, PointErrors, scale_to_stops};
 use serde::{Deserialize, Serialize};
 
+use super::bake_settings;
 use super::contest::field::Field;
 use super::contest::{UpdateTimes, View, Who, errors, lightings_of, pictures_at_rest, side_by_side, take_turns};
 use super::study::{Measured, Place, SIDE_BY_SIDE, SceneRows, Study, file_name};
-use super::suited_settings;
 use super::truth::Truth;
 use crate::error::Error;
 use crate::report::{Figure, Plot, Section, Series, Table, significant};
@@ -17,7 +17,7 @@ use assets::import::LoadedScene;
 /// Name of the reference's picture.
 const REFERENCE: &str = "reference";
 /// Family of the opponent that is named where it is nearest.
-const NEAREST: &str = "DDGI";
+pub const NEAREST: &str = "DDGI";
 
 /// What was measured of a method in a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -46,9 +46,12 @@ impl Study for Table3 {
         believe that. Path tracing has no update: its time is that of the picture. All methods share direct light, rays and \
         their hierarchy. Memory is what light needs from frame to frame; that of probes and cells is in their authors' formats. \
         A volume that engines bake is baked anew when a light moves. Gathering (sparse rows, a product a bounce), the dense \
-        product (the operator of all bounces, read once an update) and Monte Carlo radiosity (100 samples a patch) are \
-        baselines on the same patches as tiles and temporal.";
+        product (the operator of all bounces, read once an update), shooting (progressive refinement) and Monte Carlo radiosity \
+        (stochastic Jacobi, 100 samples a patch) are baselines on the same patches as tiles and temporal; hierarchical \
+        radiosity has polygons, and finds its links anew with the light of each update. Updates of a second and more are \
+        measured three times.";
     const SCENES: &'static [&'static str] = &["cornell", "office"];
+    const SHARED: &'static [&'static str] = &["cornell-dragon", "bathroom", "sponza"];
     const TIMED: bool = true;
     const SHOWN: &'static [&'static str] = &["*"];
 
@@ -59,8 +62,8 @@ impl Study for Table3 {
         let stops = scale_to_stops(indirect_scale(&truth.pictures.indirect));
         let file = |name: &str| place.folder.join(format!("{}.png", file_name(name)));
         truth.pictures.indirect.write_png(&file(REFERENCE), stops)?;
-        let field = Field::new(&view, &suited_settings(common, args, loaded, place.patches), progress)?;
-        let mut contenders = field.all()?;
+        let field = Field::new(&view, &bake_settings(common, args, loaded, place.patches), progress)?;
+        let (mut contenders, left_out) = field.all()?;
         let lightings = view.moving(lightings_of(args.frames()));
         let times = take_turns(&mut contenders, &lightings, progress)?;
         let mut direct = None;
@@ -86,14 +89,14 @@ impl Study for Table3 {
         };
         let figures = names.iter().zip(captions).map(figure).collect::<Result<Vec<_>, _>>()?;
         let sides = if view.two_sided { "; opponents take surfaces as lit from both sides" } else { "" };
-        Ok(Measured { rows, reference: Some(format!("{}{sides}", truth.source)), figures, shown: names })
+        Ok(Measured { rows, reference: Some(format!("{}{sides}", truth.source)), figures, shown: names, left_out })
     }
 
     fn sections(scenes: &[SceneRows<Row>]) -> Vec<Section> {
         let section = |scene: &SceneRows<Row>| Section {
             title: scene.scene.clone(),
             text: nearest(&scene.rows),
-            tables: tables(&scene.rows).to_vec(),
+            tables: tables(scene),
             plots: vec![error_plot(&scene.rows)],
             ..Section::default()
         };
@@ -185,11 +188,40 @@ const ERROR_HEAD: [&str; 14] = [
     "95th %",
 ];
 
-/// Times and memory, and errors.
-fn tables(rows: &[Row]) -> [Table; 2] {
+/// Times and memory, errors, and light between patches where an operator is read once.
+fn tables(scene: &SceneRows<Row>) -> Vec<Table> {
+    let mut tables = costs_and_errors(&scene.rows).to_vec();
+    tables.extend(bandwidth(scene));
+    tables
+}
+
+/// What products with operators read, and how long reading it once takes at least.
+fn bandwidth(scene: &SceneRows<Row>) -> Option<Table> {
+    let stream = scene.circumstances.machine.stream_gb_s;
+    let line = |row: &Row| {
+        let bytes = row.who.operator_bytes? as f64;
+        let ms = row.times.method_ms.filter(|ms| *ms > 0.0)?;
+        let floor = 1e-6 * bytes / stream;
+        let cells = [1e-6 * bytes, floor, ms, 1e-6 * bytes / ms].map(significant);
+        let share = format!("{:.0}", 100.0 * floor / ms);
+        Some([&[row.who.method.clone()], &cells[..], &[share]].concat())
+    };
+    let rows: Vec<_> = scene.rows.iter().filter_map(line).collect();
+    let head =
+        ["method", "operator MB", "ms to read it once", "light between patches ms", "GB/s", "% of the bandwidth"];
+    (!rows.is_empty()).then(|| Table {
+        caption:
+            "Light between patches alone, where it reads an operator once; more than the bandwidth is that of caches"
+                .into(),
+        head: head.map(str::to_owned).to_vec(),
+        rows,
+    })
+}
+
+fn costs_and_errors(rows: &[Row]) -> [Table; 2] {
     let or_dash = |ms: Option<f64>| ms.map_or_else(|| "–".to_owned(), |ms| format!("{ms:.2}"));
     let costs = |row: &Row| {
-        let UpdateTimes { update, lookup_ms, processor, processor_lookup_ms } = row.times;
+        let UpdateTimes { update, lookup_ms, processor, processor_lookup_ms, .. } = row.times;
         vec![
             row.who.method.clone(),
             row.who.size.clone(),

@@ -12,7 +12,7 @@ use serde::Serialize;
 use temporal::{Blend, Settings};
 
 use super::truth::Truth;
-use super::{Machine, SCENES, Setup, load, suited_settings};
+use super::{Machine, SCENES, Setup, bake_settings, load};
 use crate::args::{Bench, Common};
 use crate::error::Error;
 use crate::output;
@@ -148,7 +148,7 @@ impl Measuring<'_> {
         keep: &mut dyn FnMut(Row) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let Self { common, args, loaded, .. } = self;
-        let settings = suited_settings(common, args, loaded, count);
+        let settings = bake_settings(common, args, loaded, count);
         let bake = Arc::new(Bake::build(&loaded.scene, &settings, progress)?);
         let (classic, exact) = self.variant(&bake, "classic", MethodSettings::Classic, None)?;
         keep(classic)?;

@@ -20,12 +20,16 @@ use crate::bench::load;
 use crate::error::Error;
 use crate::progress::{Progress, interruptible};
 use crate::proxy::{ProxyRadiosity, ProxySettings};
+use crate::sequence::pass_ms;
 use patchlight::{Bake, MethodSettings, Pictures, ReceiverUpdate, RenderSettings, Renderer};
 
 /// What sets the paths of an opponent apart from those of the reference.
 const OTHER_PATHS: u32 = 0x6f70_706f;
 /// Pixels that reflect less over π are not divided by what they reflect.
 const LEAST_ALBEDO: f32 = 0.01;
+/// Pass of a light update between patches, and the part of a renderer's memory that its products read.
+const METHOD: &str = "method";
+const OPERATOR: &str = "operator";
 
 /// What work took, ms.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +56,8 @@ pub struct FrameTime {
     pub update: Time,
     /// From there to each pixel's irradiance, where that can be told apart.
     pub lookup: Option<Time>,
+    /// Of the update, light between patches alone, ms.
+    pub method_ms: Option<f64>,
 }
 
 /// A way to find indirect light.
@@ -72,6 +78,10 @@ pub trait Contender {
     fn at_points(&mut self, points: &[SurfacePoint]) -> Result<Option<Vec<Vec3>>, Error>;
     /// Bytes that light needs from frame to frame.
     fn bytes(&self) -> u64;
+    /// Bytes of an operator that each light update reads once, if it has one.
+    fn operator_bytes(&self) -> Option<u64> {
+        None
+    }
     /// What was made before the first frame, s.
     fn build_s(&self) -> f64;
     /// Probes that are on and all, or cells.
@@ -122,7 +132,8 @@ impl Contender for OwnPatches<'_> {
 
     fn frame(&mut self, lighting: &Lighting, _: u32) -> Result<FrameTime, Error> {
         let advance = || Ok(interruptible(|| self.renderer.advance(lighting, &self.view.camera))?);
-        Ok(FrameTime { update: Time::of(advance)?.1, lookup: None })
+        let (passes, update) = Time::of(advance)?;
+        Ok(FrameTime { update, lookup: None, method_ms: Some(pass_ms(&passes, METHOD)) })
     }
 
     fn light(&mut self) -> Result<Vec<Vec3>, Error> {
@@ -144,6 +155,10 @@ impl Contender for OwnPatches<'_> {
 
     fn bytes(&self) -> u64 {
         self.renderer.bytes().values().sum()
+    }
+
+    fn operator_bytes(&self) -> Option<u64> {
+        self.renderer.bytes().get(OPERATOR).copied()
     }
 
     fn build_s(&self) -> f64 {
@@ -307,7 +322,7 @@ impl<V: Volume + Sync> Contender for Volumetric<'_, V> {
     fn frame(&mut self, lighting: &Lighting, number: u32) -> Result<FrameTime, Error> {
         let ((), update) = Time::of(|| interruptible(|| self.volume.update(lighting, number)))?;
         let (_, lookup) = Time::of(|| Ok(std::hint::black_box(self.volume.irradiance_at(&self.view.points))))?;
-        Ok(FrameTime { update, lookup: Some(lookup) })
+        Ok(FrameTime { update, lookup: Some(lookup), method_ms: None })
     }
 
     fn light(&mut self) -> Result<Vec<Vec3>, Error> {
@@ -418,7 +433,7 @@ impl Contender for Paths<'_> {
         self.scene.set_lighting(lighting.clone()).map_err(reference::Error::from)?;
         let (shown, update) = Time::of(|| interruptible(|| self.trace(number)))?;
         self.shown = shown;
-        Ok(FrameTime { update, lookup: None })
+        Ok(FrameTime { update, lookup: None, method_ms: None })
     }
 
     fn light(&mut self) -> Result<Vec<Vec3>, Error> {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use patches::PatchKind;
 use reference::{DdgiSettings, LpvSettings, Spacing, VolumeSettings};
 
 use super::View;
@@ -10,7 +11,7 @@ use super::contender::{Contender, OwnPatches, Paths, Volumetric};
 use crate::error::Error;
 use crate::progress::Progress;
 use crate::proxy::ProxySettings;
-use patchlight::method::solved::Samples;
+use patchlight::method::solved::{Links, Samples};
 use patchlight::method::{Solver, TemporalSettings};
 use patchlight::operator::Codec;
 use patchlight::{Bake, BakeSettings, MethodSettings};
@@ -33,11 +34,53 @@ const TRIALS: u32 = 3;
 const MOST_TIME: f64 = 10.0;
 /// Least and most probes of a grid that is chosen by time or memory.
 const PROBES: (f64, f64) = (8.0, 32_768.0);
+/// Polygons are whole triangles: where there are more of these than so many times the patches, they are no like of clusters.
+const MOST_POLYGONS: usize = 2;
 /// Paths a pixel in pictures that are denoised, beside those at equal time, are so many times as many.
 const MORE_PATHS: u32 = 8;
 
 /// A list of contenders.
 pub type Contenders<'a> = Vec<Box<dyn Contender + 'a>>;
+
+/// A method of patches.
+#[derive(Clone, Copy)]
+pub struct PatchMethod {
+    pub name: &'static str,
+    settings: MethodSettings,
+}
+
+impl PatchMethod {
+    /// The project's own methods, then gathering with sparse rows and Monte Carlo radiosity.
+    pub fn usual(patches: usize, seed: u32) -> [Self; 4] {
+        let samples = Samples { count: SAMPLES * patches as u32, seed };
+        [
+            Self { name: OWN[0], settings: MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }) },
+            Self { name: OWN[1], settings: MethodSettings::Temporal(TemporalSettings::default()) },
+            Self { name: "gathering", settings: MethodSettings::Classic },
+            Self { name: "Monte Carlo", settings: MethodSettings::Solved(Solver::StochasticJacobi(samples)) },
+        ]
+    }
+
+    /// What needs a matrix with an entry for each pair of patches: the dense product with the operator of all bounces, and
+    /// progressive shooting.
+    pub fn dense() -> [Self; 2] {
+        [
+            Self { name: "dense product", settings: MethodSettings::Multibounce(Codec::Dense) },
+            Self { name: "shooting", settings: MethodSettings::Solved(Solver::Shooting) },
+        ]
+    }
+
+    /// Bytes of the dense matrices that it is made with, at their peak.
+    pub fn matrix_bytes(&self, patches: usize) -> f64 {
+        let matrices = match self.settings {
+            // Also where tiles are kept of it: two operators, form factors, three of the solver.
+            MethodSettings::Multibounce(_) => 6.0,
+            MethodSettings::Solved(Solver::Shooting) => 1.0,
+            _ => 0.0,
+        };
+        matrices * size_of::<f32>() as f64 * (patches as f64).powi(2)
+    }
+}
 
 /// What contenders of a view are made of.
 pub struct Field<'a> {
@@ -65,11 +108,19 @@ impl<'a> Field<'a> {
         &self.bake
     }
 
-    /// Everybody: DDGI at all spacings and numbers of rays, at equal time and at the nearest memory; paths at equal time and more.
-    pub fn all(&self) -> Result<Contenders<'a>, Error> {
+    /// Everybody: DDGI at all spacings and numbers of rays, at equal time and at the nearest memory; paths at equal time and
+    /// more; and who cannot take part, and why.
+    pub fn all(&self) -> Result<(Contenders<'a>, Vec<String>), Error> {
         let View { args, .. } = *self.view;
         let mut list = self.patches()?;
-        list.push(self.radiosity("dense product", MethodSettings::Multibounce(Codec::Dense))?);
+        for method in PatchMethod::dense() {
+            list.push(self.radiosity(&self.bake, self.bake_s, method)?);
+        }
+        let mut left_out = Vec::new();
+        match self.hierarchical()? {
+            Ok(contender) => list.push(contender),
+            Err(why) => left_out.push(why),
+        }
         list.push(self.voxel_proxy()?);
         let own_ms = self.trial(list[0].as_mut())?;
         let own_bytes = list[0].bytes();
@@ -92,7 +143,7 @@ impl<'a> Field<'a> {
                 list.push(Box::new(Paths::new(self.view, samples, is_denoised)?));
             }
         }
-        Ok(list)
+        Ok((list, left_out))
     }
 
     /// One of each kind, each with another name of its kind: DDGI at the finest spacing and the fewest rays that are asked for.
@@ -107,20 +158,39 @@ impl<'a> Field<'a> {
         Ok(list)
     }
 
-    /// What needs a bake: the project's own methods, then gathering with sparse rows and Monte Carlo radiosity.
+    /// What needs a bake: [`PatchMethod::usual`].
     pub fn patches(&self) -> Result<Contenders<'a>, Error> {
-        let samples = Samples { count: SAMPLES * self.bake.mesh.patches.len() as u32, seed: self.view.common.seed };
-        let methods = [
-            (OWN[0], MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON })),
-            (OWN[1], MethodSettings::Temporal(TemporalSettings::default())),
-            ("gathering", MethodSettings::Classic),
-            ("Monte Carlo", MethodSettings::Solved(Solver::StochasticJacobi(samples))),
-        ];
-        methods.into_iter().map(|(name, method)| self.radiosity(name, method)).collect()
+        self.with_patches(&PatchMethod::usual(self.bake.mesh.patches.len(), self.view.common.seed))
     }
 
-    fn radiosity(&self, name: &'static str, method: MethodSettings) -> Result<Box<dyn Contender + 'a>, Error> {
-        Ok(Box::new(OwnPatches::new(self.view, &self.bake, self.bake_s, name, method)?))
+    /// Some methods of patches.
+    pub fn with_patches(&self, methods: &[PatchMethod]) -> Result<Contenders<'a>, Error> {
+        methods.iter().map(|method| self.radiosity(&self.bake, self.bake_s, *method)).collect()
+    }
+
+    fn radiosity(
+        &self,
+        bake: &Arc<Bake>,
+        bake_s: f64,
+        PatchMethod { name, settings }: PatchMethod,
+    ) -> Result<Box<dyn Contender + 'a>, Error> {
+        Ok(Box::new(OwnPatches::new(self.view, bake, bake_s, name, settings)?))
+    }
+
+    /// Links between parts of polygons, which have a bake of their own, or why there is none.
+    fn hierarchical(&self) -> Result<Result<Box<dyn Contender + 'a>, String>, Error> {
+        let scene = &self.view.loaded.scene;
+        let triangles = scene.geometry.triangles.len();
+        let patches = self.bake.mesh.patches.len();
+        if triangles > MOST_POLYGONS * patches {
+            return Ok(Err(format!("hierarchical radiosity, whose patches are parts of the {triangles} triangles")));
+        }
+        let settings = BakeSettings { patches: PatchKind::Polygon, ..self.bake.settings };
+        let start = Instant::now();
+        let bake = Arc::new(Bake::build(scene, &settings, self.progress)?);
+        let settings = MethodSettings::Solved(Solver::Hierarchical(Links::default()));
+        let method = PatchMethod { name: "hierarchical", settings };
+        self.radiosity(&bake, start.elapsed().as_secs_f64(), method).map(Ok)
     }
 
     /// As many faces as there are patches.
