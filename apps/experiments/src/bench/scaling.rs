@@ -21,7 +21,7 @@ use patchlight::BakeSettings;
 use patchlight::renderer::with_lights;
 
 /// Patches of the axis over them, unless some are asked for.
-const COUNTS: [u32; 6] = [512, 2048, 8192, 32_768, 65_535, 262_144];
+const COUNTS: [u32; 5] = [512, 2048, 8192, 65_535, 262_144];
 /// Matrices of more bytes are not made here: the time of all experiments has its bound.
 const MOST_BYTES: f64 = 2e9;
 /// Patches beyond which there are no more receivers: as many fewer for each patch as there are more patches.

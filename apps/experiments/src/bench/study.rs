@@ -159,23 +159,15 @@ pub fn run<S: Study>(common: &Common, args: &Bench) -> Result<(), Error> {
     let smallest = if args.quick { Some(smallest(args.name, args, &folder)) } else { None };
     let args = smallest.as_ref().unwrap_or(args);
     let Setup { out, machine, counts, .. } = Setup::new(common, args, S::NAME, &[], &[S::PATCHES])?;
-    let circumstances = Circumstances {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        date: today(),
-        machine,
-        device: common.device.clone(),
-        note: args.note.clone(),
-        seed: common.seed,
-        size: args.size(),
-        frames: args.frames(),
-        patches: counts[0],
-    };
     let progress = Progress::new(common.quiet);
     // What cannot be added to is said before it is measured.
     let mut kept = args.docs.as_deref().map(Record::kept::<S>).transpose()?;
     let mut record = Record::new(S::NAME);
     let mut figures = Vec::new();
-    for spec in scenes::<S>(&args.scenes, &args.shared, &progress) {
+    let small = small(args);
+    for (spec, is_shared) in scenes::<S>(&args.scenes, &args.shared, &progress) {
+        let args = if is_shared { &small } else { args };
+        let circumstances = Circumstances::new(common, args, &machine, counts[0]);
         let progress = Progress::new(common.quiet);
         for loaded in S::variants(output::import(&spec, &progress)?)? {
             let folder = out.join(file_name(&loaded.name));
@@ -207,16 +199,26 @@ pub fn run<S: Study>(common: &Common, args: &Bench) -> Result<(), Error> {
     Ok(())
 }
 
-/// The scenes that are asked for, or the built-in ones and those shared ones that are there.
-fn scenes<S: Study>(named: &[String], shared: &Path, progress: &Progress) -> Vec<String> {
+/// Light updates and paths a pixel in shared scenes that are not asked for by name, at most.
+const SMALL_FRAMES: u32 = 3;
+const SMALL_PATHS: u32 = 128;
+
+/// Settings for shared scenes, which have some hundred thousand triangles: an experiment takes ten minutes at most.
+fn small(args: &Bench) -> Bench {
+    let probe_rays = args.probe_rays.iter().copied().take(1).collect();
+    Bench { frames: Some(args.frames().min(SMALL_FRAMES)), spp: args.spp.min(SMALL_PATHS), probe_rays, ..args.clone() }
+}
+
+/// The scenes that are asked for, or the built-in ones and those shared ones that are there; and whether they are such.
+fn scenes<S: Study>(named: &[String], shared: &Path, progress: &Progress) -> Vec<(String, bool)> {
     if !named.is_empty() {
-        return named.to_vec();
+        return named.iter().map(|name| (name.clone(), false)).collect();
     }
-    let mut specs: Vec<String> = S::SCENES.iter().map(|scene| (*scene).to_owned()).collect();
+    let mut specs: Vec<(String, bool)> = S::SCENES.iter().map(|scene| ((*scene).to_owned(), false)).collect();
     for name in S::SHARED {
         let path = shared.join(name).join(format!("{name}.toml"));
         if path.is_file() {
-            specs.push(path.display().to_string());
+            specs.push((path.display().to_string(), true));
         } else {
             progress.note(&format!(
                 "{} is not there, and {name} is left out; --shared names another folder",
@@ -259,7 +261,7 @@ pub fn data_file<S: Study>(docs: &Path) -> PathBuf {
 }
 
 fn is_shown<S: Study>(scene: &SceneRows<S::Row>) -> bool {
-    !scene.shown.is_empty() && S::SHOWN.iter().any(|shown| scene.scene == *shown || *shown == "*")
+    !scene.shown.is_empty() && S::SHOWN.contains(&scene.scene.as_str())
 }
 
 fn picture_name<S: Study>(scene: &str) -> String {
@@ -370,6 +372,20 @@ impl<Row> Record<Row> {
 }
 
 impl Circumstances {
+    fn new(common: &Common, args: &Bench, machine: &Machine, patches: u32) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            date: today(),
+            machine: machine.clone(),
+            device: common.device.clone(),
+            note: args.note.clone(),
+            seed: common.seed,
+            size: args.size(),
+            frames: args.frames(),
+            patches,
+        }
+    }
+
     fn sentence<S: Study>(&self) -> String {
         let Self { version, date, machine, device, size: (width, height), patches, .. } = self;
         let note = self.note.as_ref().map(|note| format!(" {note}")).unwrap_or_default();
@@ -390,12 +406,14 @@ mod tests {
     fn shared_scenes_are_measured_where_they_are_there() {
         let folder = tempfile::tempdir().unwrap();
         let progress = Progress::new(true);
-        assert_eq!(scenes::<Leaks>(&[], folder.path(), &progress), Leaks::SCENES);
+        let own: Vec<(String, bool)> = Leaks::SCENES.iter().map(|scene| ((*scene).to_owned(), false)).collect();
+        assert_eq!(scenes::<Leaks>(&[], folder.path(), &progress), own);
         let path = folder.path().join("sponza/sponza.toml");
         output::make_folder(path.parent().unwrap()).unwrap();
         output::write_text(&path, "").unwrap();
         let found = scenes::<Leaks>(&[], folder.path(), &progress);
-        assert_eq!(found, [Leaks::SCENES, &[path.to_str().unwrap()]].concat());
-        assert_eq!(scenes::<Leaks>(&["atrium".to_owned()], folder.path(), &progress), ["atrium"]);
+        assert_eq!(found, [&own[..], &[(path.display().to_string(), true)]].concat());
+        let named = ["atrium".to_owned()];
+        assert_eq!(scenes::<Leaks>(&named, folder.path(), &progress), [("atrium".to_owned(), false)]);
     }
 }

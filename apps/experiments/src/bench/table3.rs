@@ -53,7 +53,7 @@ impl Study for Table3 {
     const SCENES: &'static [&'static str] = &["cornell", "office"];
     const SHARED: &'static [&'static str] = &["cornell-dragon", "bathroom", "sponza"];
     const TIMED: bool = true;
-    const SHOWN: &'static [&'static str] = &["*"];
+    const SHOWN: &'static [&'static str] = &["cornell", "office"];
 
     fn measure(place: &Place, loaded: &LoadedScene) -> Result<Measured<Row>, Error> {
         let Place { common, args, progress, .. } = *place;
@@ -204,7 +204,7 @@ fn bandwidth(scene: &SceneRows<Row>) -> Option<Table> {
         let floor = 1e-6 * bytes / stream;
         let cells = [1e-6 * bytes, floor, ms, 1e-6 * bytes / ms].map(significant);
         let share = format!("{:.0}", 100.0 * floor / ms);
-        Some([&[row.who.method.clone()], &cells[..], &[share]].concat())
+        Some([std::slice::from_ref(&row.who.method), &cells, &[share]].concat())
     };
     let rows: Vec<_> = scene.rows.iter().filter_map(line).collect();
     let head =

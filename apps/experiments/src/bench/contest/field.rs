@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use patches::PatchKind;
-use reference::{DdgiSettings, LpvSettings, Spacing, VolumeSettings};
+use reference::{DdgiSettings, IrradianceVolume, LpvSettings, Spacing, VolumeSettings};
 
 use super::View;
 use super::contender::{Contender, OwnPatches, Paths, Volumetric};
@@ -36,6 +36,8 @@ const MOST_TIME: f64 = 10.0;
 const PROBES: (f64, f64) = (8.0, 32_768.0);
 /// Polygons are whole triangles: where there are more of these than so many times the patches, they are no like of clusters.
 const MOST_POLYGONS: usize = 2;
+/// Probes of a volume that is baked anew in every light update, at most.
+const MOST_BAKED: usize = 4096;
 /// Paths a pixel in pictures that are denoised, beside those at equal time, are so many times as many.
 const MORE_PATHS: u32 = 8;
 
@@ -242,7 +244,10 @@ impl<'a> Field<'a> {
     fn baked_volume(&self, bands: u32) -> Result<Box<dyn Contender + 'a>, Error> {
         let View { common, two_sided, .. } = *self.view;
         let spacing = self.metres(self.finest());
-        let settings = VolumeSettings { spacing, bands, two_sided, seed: common.seed, ..VolumeSettings::default() };
+        let mut settings = VolumeSettings { spacing, bands, two_sided, seed: common.seed, ..VolumeSettings::default() };
+        if IrradianceVolume::new(&self.view.loaded.scene, settings)?.probe_count() > MOST_BAKED {
+            settings.spacing = Spacing::Probes(MOST_BAKED as u32);
+        }
         Ok(Box::new(Volumetric::baked(self.view, settings)?))
     }
 
