@@ -1,6 +1,6 @@
 //! Devices: choice, messages, limits, transfers, clocks. Skipped without Vulkan, but for what must work without.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use assets::import::load_or_build;
 use glam::{Vec3, Vec4};
@@ -14,10 +14,13 @@ use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devic
 use runtime::plan::{BufferId, PassId, Plan};
 use runtime::recipe::Tables;
 use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
+use runtime::recipe::walks::parts_taken;
 use runtime::vulkan::ash::vk;
 use runtime::vulkan::{Error, Validation, Vulkan};
+use scene::kernel::walk;
 use scene::sampling::{hash3, unit};
-use transport::{LinearOperator, Silent};
+use scene::{SurfacePoint, part_taken};
+use transport::{LinearOperator, Observer, Phase, Silent};
 
 #[test]
 fn a_bake_on_a_device_is_that_of_the_host() {
@@ -37,12 +40,61 @@ fn a_bake_on_a_device_is_that_of_the_host() {
         (points, elements, bake.form_factors.sky_factor, bake.form_factors.factors, bake.receivers.rows, sky)
     };
     let own = rows(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
+    let notes = Notes::default();
     let build = |vulkan: &mut Vulkan, seed: u32| {
-        rows(Bake::build_on(vulkan, &loaded.scene, &BakeSettings { seed, ..settings }, &Silent).unwrap())
+        rows(Bake::build_on(vulkan, &loaded.scene, &BakeSettings { seed, ..settings }, &notes).unwrap())
     };
     assert!(own == build(&mut vulkan, 0));
+    let told = notes.0.lock().unwrap().clone();
+    for (phase, what) in
+        [("sample", "random walks from"), ("form_factors", "rays of rows"), ("receivers", "rays of rows")]
+    {
+        let is_it = |note: &&String| note.starts_with(phase) && note.contains(what);
+        let note = told.iter().find(is_it).unwrap_or_else(|| panic!("{phase}: {told:?}"));
+        assert!(note.contains(&vulkan.device().name), "{note}");
+    }
     assert!(own != build(&mut vulkan, 1), "another seed is another bake");
-    assert!(vulkan.plan().passes().iter().any(|pass| pass.name == "rows"), "the device traced rays");
+}
+
+/// Keeps what it is told.
+#[derive(Default)]
+struct Notes(Mutex<Vec<String>>);
+
+impl Observer for Notes {
+    fn progress(&self, _: Phase, _: u64, _: u64) -> Proceed {
+        Proceed::Continue(())
+    }
+
+    fn note(&self, text: &str) {
+        self.0.lock().unwrap().push(text.to_owned());
+    }
+}
+
+/// In the office lamps hang in housings, and shelves and drawers are dark inside: walks of all lengths.
+#[test]
+fn walks_on_a_device_come_to_the_same_light() {
+    let Some(vulkan) = vulkan() else { return };
+    let scene = load_or_build("office").unwrap().scene;
+    let place = |k: u32| {
+        let triangle = k % scene.geometry.triangles.len() as u32;
+        let (u, v) = (0.5 * unit(hash3(k, 0, 1)), 0.5 * unit(hash3(k, 1, 1)));
+        let normal = scene.tables().normal(triangle) * if (k / 7).is_multiple_of(2) { 1.0 } else { -1.0 };
+        SurfacePoint { position: scene.tables().position(triangle, u, v), patch: k, normal, weight: 0.0 }
+    };
+    let mut places: Vec<SurfacePoint> = (0..3000).map(place).collect();
+    let own: Vec<u32> = places.iter().map(|place| part_taken(&scene, place, 8, 7)).collect();
+    for part in [walk::APART, walk::DARK, walk::LIT] {
+        let count = own.iter().filter(|p| **p == part).count();
+        assert!(count > 20, "{count} of {part}");
+    }
+    let executors: [Box<dyn Executor>; 2] = [Box::new(Cpu::new()), Box::new(vulkan)];
+    for mut executor in executors {
+        assert!(parts_taken(executor.as_mut(), &scene, &places, 8, 7).unwrap() == own);
+        // From the other side it is another light.
+        places.iter_mut().for_each(|place| place.normal = -place.normal);
+        assert!(parts_taken(executor.as_mut(), &scene, &places, 8, 7).unwrap() != own);
+        places.iter_mut().for_each(|place| place.normal = -place.normal);
+    }
 }
 
 /// `exitance = 1 + 0.5 * 2` for `count` elements, as a plan with its output and its pass.

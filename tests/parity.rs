@@ -39,7 +39,7 @@ fn tolerance(kernel: &str, kind: DeviceKind) -> Tolerance {
         // A ray that grazes an edge may fall on its other side.
         name if name.starts_with("scene_")
             || name.starts_with("firstshot_")
-            || name == "formfactor_hemisphere_hits" =>
+            || name.starts_with("formfactor_hemisphere_") =>
         {
             Tolerance::Floats { relative: 1e-4, outliers: 0.01 }
         }

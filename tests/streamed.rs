@@ -8,7 +8,7 @@ use glam::Vec3;
 use integration_tests::limited::Limited;
 use integration_tests::vulkan;
 use localmatrix::{BakeFile, LocalSettings};
-use patchlight::world::{StreamFrame, StreamSettings, Streamed, WorldSettings, bake};
+use patchlight::world::{StreamFrame, StreamSettings, Streamed, WorldSettings, bake, bake_on};
 use patchlight::{Picture, Silent};
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::Light;
@@ -27,13 +27,16 @@ struct World {
     _folder: TempDir,
 }
 
+fn world_settings(scene: &str) -> WorldSettings {
+    WorldSettings { scene: scene.to_owned(), voxel_size: None, patch_count: 400, rays: 64, seed: 3 }
+}
+
 impl World {
     fn new(scene: &str) -> Self {
         let loaded = procedural::build(scene).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("world.bake");
-        let scene = scene.to_owned();
-        let settings = WorldSettings { scene, voxel_size: None, patch_count: 400, rays: 64, seed: 3 };
+        let settings = world_settings(scene);
         bake(&loaded.scene, loaded.content_hash, &settings, None, &file, 4 << 30, &Silent).unwrap();
         Self { loaded, file, _folder: folder }
     }
@@ -77,6 +80,24 @@ fn distance(a: &Picture, b: &Picture) -> f32 {
     let squares = |values: &mut dyn Iterator<Item = Vec3>| values.map(|d| d.length_squared()).sum::<f32>();
     let pairs = a.pixels.iter().zip(&b.pixels);
     (squares(&mut pairs.map(|(a, b)| *a - *b)) / squares(&mut b.pixels.iter().copied())).sqrt()
+}
+
+#[test]
+fn rows_of_a_world_that_a_device_traces_have_the_bytes_of_the_hosts() {
+    let Some(mut vulkan) = vulkan() else { return };
+    let world = World::new("cornell");
+    let folder = tempfile::tempdir().unwrap();
+    let mut baked = |name: &str, seed: u32| {
+        let file = folder.path().join(name);
+        let settings = WorldSettings { seed, ..world_settings("cornell") };
+        let World { loaded: LoadedScene { scene, content_hash, .. }, .. } = &world;
+        bake_on(&mut vulkan, scene, *content_hash, (&settings, None), &file, 4 << 30, &Silent).unwrap();
+        assert!(vulkan.plan().passes().iter().any(|pass| pass.name == "rows"), "the device traced rays");
+        std::fs::read(file).unwrap()
+    };
+    let own = std::fs::read(&world.file).unwrap();
+    assert!(own == baked("same", 3));
+    assert!(own != baked("other", 4), "another seed is another world");
 }
 
 #[test]

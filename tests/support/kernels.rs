@@ -32,7 +32,7 @@ use scene::sampling::{cosine_hemisphere, hash3, unit};
 use scene::{
     Camera, DirectParams, Distribution, EmitterGroup, Hit, LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT,
     LIGHT_SPOT, LargeParams, Light, Material, NONE, Ray, Scene, SceneParts, ShareParams, Sky, SpecularChain,
-    SurfacePoint, Texture, Triangle, TriangleUv,
+    SurfacePoint, Texture, Triangle, TriangleUv, WalkParams,
 };
 use transport::HitCounts;
 
@@ -569,6 +569,18 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let tables = vec![buffer("rays", &rays), room::<Hit>("hits", n), room::<u32>("stopped", n)];
             call(n as u32, CountParams { count: n as u32 }, tables)
         }
+        "scene_parts_taken" => {
+            // Places on surfaces, on either side, and some in the air; of some it is known that they see geometry.
+            let mut points = surface_points(r, scene, 150);
+            for (k, point) in (0u32..).zip(&mut points) {
+                point.patch = k;
+                point.weight = (k % 5) as f32 - 2.0;
+                point.normal = if k % 2 == 0 { point.normal } else { -point.normal };
+                point.position.y += if k % 7 == 0 { 0.3 } else { 0.0 };
+            }
+            let p = WalkParams { count: 150, first_walk: 1, ..scene.walk_params(3, 5) };
+            call(150, p, vec![buffer("points", &points), room::<u32>("parts", 150)])
+        }
         "scene_direct_light" | "scene_direct_shares" | "scene_add_lights" => {
             let points = surface_points(r, scene, 150);
             let lights = scene.lighting.lights.len();
@@ -662,7 +674,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let p = ToneMapParams { count: 300, scale: 1.7 };
             call(300, p, vec![buffer("sum", &r.colors(300)), room::<u32>("pixels", 300)])
         }
-        "formfactor_hemisphere_hits" => {
+        "formfactor_hemisphere_hits" | "formfactor_hemisphere_surfaces" => {
             let (grids, patch_count) = grids(r, scene, cell_count);
             let mut offsets = vec![0u32];
             for k in 0..30 {
@@ -686,6 +698,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("grids", &grids),
                 buffer("cell_columns", &(0..patch_count).rev().collect::<Vec<u32>>()),
                 room::<u32>("ids", n as usize),
+                room::<Hit>("hits", n as usize),
             ];
             call(n, p, tables)
         }

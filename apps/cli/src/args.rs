@@ -427,8 +427,8 @@ pub struct Render {
     pub bake: BakeOptions,
     #[command(flatten)]
     pub operators: OperatorSettings,
-    /// What traces the rays of the bake, and builds the operator of --bounces K (multibounce, tiles): auto takes the device of
-    /// --device when it is a graphics processor.
+    /// What traces the rays and random walks of the bake, and builds the operator between patches (multibounce, tiles): auto takes
+    /// the device of --device when it is a graphics processor.
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto)]
     pub build_on: BuildPlace,
     /// How the bounces of --method classic are found: jacobi takes one product a bounce on the device, the others are the host's,

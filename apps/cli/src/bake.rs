@@ -27,7 +27,7 @@ use patchlight::{
     BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
     Variant,
 };
-use runtime::executor::{DeviceChoice, Executor, open};
+use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::Scene;
 
 /// Bake a scene into a file: patches, form factors, receivers, and the operators of the methods that are named. `render` then
@@ -136,7 +136,7 @@ pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result
         },
         bake: args.bake.settings(&loaded, &loaded.animation, memory_limit, common.seed),
         methods: args.methods.iter().map(|method| operator_of(&args.operators, *method)).collect(),
-        build: Build { memory_limit, folder: folder.to_path_buf(), ..Build::default() },
+        build: Build { on: operators_on(common, device.device().kind), memory_limit, folder: folder.to_path_buf() },
     };
     let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
     if args.bake.patches.voxel_size.is_none() {
@@ -346,6 +346,16 @@ pub fn open_device(common: &Common, progress: &Progress) -> Result<Box<dyn Execu
         progress.note(&note);
     }
     Ok(executor)
+}
+
+/// Where a bake on a device of this kind builds operators: there, if it was asked for by name, else if it is a graphics processor
+/// that is large enough.
+fn operators_on(common: &Common, kind: DeviceKind) -> BuildOn {
+    match (DeviceChoice::parse(&common.device), kind) {
+        (_, DeviceKind::Native) => BuildOn::Host,
+        (DeviceChoice::Auto, _) => BuildOn::Auto,
+        _ => BuildOn::Device,
+    }
 }
 
 /// Bakes a scene on the host, or on a device that is to.

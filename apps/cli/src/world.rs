@@ -7,6 +7,7 @@ use localmatrix::{BakeFile, Part, beginning_of, is_begun_as_bake};
 use serde::Serialize;
 
 use super::args::{kind, parse_bytes};
+use super::bake::open_device;
 use super::plan::{Format, Plan};
 use assets::import::LoadedScene;
 use experiments::Error;
@@ -16,7 +17,7 @@ use experiments::progress::{Progress, continue_in, interruptible};
 use experiments::say;
 use patchlight::file::BakeKind;
 use patchlight::memory::peak_memory_bytes;
-use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake, job_bytes, merge};
+use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake_on, job_bytes, merge};
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;
@@ -104,7 +105,9 @@ pub fn check_file(path: &Path) -> Result<(), Error> {
 }
 
 pub fn run(common: &Common, args: &World) -> Result<(), Error> {
-    common.native_only("world")?;
+    if args.plan.is_some() {
+        common.native_only("world --plan")?;
+    }
     match &common.out {
         Some(path) => check_file(path)?,
         None => output::check_folder(Path::new("."))?,
@@ -127,8 +130,10 @@ pub fn run(common: &Common, args: &World) -> Result<(), Error> {
         common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
     check_file(&path)?;
     continue_in(beginning_of(&path));
+    let mut device = open_device(common, &progress)?;
     let baked = interruptible(|| {
-        bake(&loaded.scene, loaded.content_hash, &settings, args.part, &path, args.memory_limit, &progress)
+        let what = (&settings, args.part);
+        bake_on(device.as_mut(), &loaded.scene, loaded.content_hash, what, &path, args.memory_limit, &progress)
     })?;
     tell(common, path, baked, &progress);
     Ok(())

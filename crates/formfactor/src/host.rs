@@ -24,5 +24,7 @@ pub use hierarchical::{HierarchicalScene, HierarchicalSettings, HierarchicalSolu
 pub use monte_carlo::{Samples, random_walks, stochastic_jacobi};
 pub use reciprocal::{Reciprocal, reciprocal};
 pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
-pub use sparse::{SparseRows, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows};
+pub use sparse::{
+    SparseRows, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows, sparse_traced_rows,
+};
 pub use transport::{Csr, Dense, Half, Owner, Polygon, Proceed, Surfaces, widen_half};

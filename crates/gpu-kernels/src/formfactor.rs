@@ -30,6 +30,21 @@ kernels! {
         hemisphere::classify_hit(p, grids, cell_columns, &geometry, direction, hit)
     }
 
+    /// What every hemisphere ray of a block of rows meets, rows one after the other, for patches that
+    /// only the host finds: [`hemisphere::hemisphere_ray`]. One invocation per ray:
+    /// `row_count · rays`.
+    FORMFACTOR_HEMISPHERE_SURFACES = "formfactor_hemisphere_surfaces"(p: HemisphereParams)
+    for k in 0..row_count * rays {
+        offsets: read [u32; p.first_row as usize + row_count + 1],
+        points: read [SurfacePoint],
+        geometry: GeometryTables,
+        hits: write [Hit],
+    } each {
+        let row = p.first_row + k / p.rays;
+        let (origin, direction) = hemisphere::hemisphere_ray(p, offsets, points, row, k % p.rays);
+        bvh::closest_hit(&geometry, origin, direction, bvh::FAR)
+    }
+
     /// First exitance of every patch, W/m²: [`product::assemble_source`]. One invocation per patch.
     FORMFACTOR_ASSEMBLE_SOURCE = "formfactor_assemble_source"(p: CountParams) for k in 0..count {
         offsets: read [u32; count + 1],

@@ -2,8 +2,8 @@
 //! operator.
 
 use ::multibounce::kernel::blocks::{self, BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockSums, LANES};
-use ::multibounce::kernel::{feedback, multiply as product};
-use ::multibounce::{BlockParams, FeedbackParams, MultiplyParams};
+use ::multibounce::kernel::{feedback, invert, multiply as product};
+use ::multibounce::{BlockParams, FeedbackParams, InvertParams, MultiplyParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 use spirv_std::arch::workgroup_memory_barrier_with_group_sync;
@@ -195,6 +195,62 @@ kernels! {
             next[first + 15 * below] = sums[15];
         }
     } host crate::host::multibounce::multiply;
+
+    /// Rows of the block that is eliminated, from the upper half of the matrix: [`invert::pivot_row`].
+    /// An invocation makes a vector of four columns.
+    MULTIBOUNCE_PIVOT_ROWS = "multibounce_pivot_rows"(p: InvertParams) for k in 0..count {
+        matrix: read [Vec4; p.rows as usize * p.vectors as usize],
+        pivot_rows: update [Vec4] as before,
+    } each {
+        invert::pivot_row(k, p, matrix, before)
+    }
+
+    /// The same times the inverse of the block: [`invert::scaled_row`]. An invocation makes a vector
+    /// of four columns.
+    MULTIBOUNCE_SCALED_ROWS = "multibounce_scaled_rows"(p: InvertParams) for k in 0..count {
+        inverse: read [Vec4; (invert::PIVOT_ROWS * invert::PIVOT_VECTORS) as usize],
+        pivot_rows: read [Vec4; count],
+        scaled_rows: write [Vec4],
+    } each {
+        invert::scaled_row(k, p, inverse, pivot_rows)
+    }
+
+    /// A step of elimination in some rows of the matrix, those of its upper half:
+    /// [`invert::eliminate`]. A workgroup takes a tile of
+    /// `multibounce::kernel::multiply::TILE_ROWS` rows and `TILE_VECTORS` vectors of four columns.
+    MULTIBOUNCE_ELIMINATE = "multibounce_eliminate"(p: InvertParams)
+    for group of 1 in 0..count, lane {
+        inverse: read [Vec4],
+        pivot_rows: read [Vec4],
+        scaled_rows: read [Vec4],
+        matrix: update [Vec4],
+    } workgroup {
+        if group < p.count {
+            let (row, vector) = invert::tile_at(group, lane, p);
+            if invert::is_upper(row, vector) {
+                let first = ((row - p.first_row) * p.vectors + vector) as usize;
+                let below = p.vectors as usize;
+                let start = |r: u32| matrix[first + r as usize * below];
+                let rows = invert::eliminate(row, vector, p, inverse, pivot_rows, scaled_rows, start);
+                matrix[first] = rows[0];
+                matrix[first + below] = rows[1];
+                matrix[first + 2 * below] = rows[2];
+                matrix[first + 3 * below] = rows[3];
+                matrix[first + 4 * below] = rows[4];
+                matrix[first + 5 * below] = rows[5];
+                matrix[first + 6 * below] = rows[6];
+                matrix[first + 7 * below] = rows[7];
+                matrix[first + 8 * below] = rows[8];
+                matrix[first + 9 * below] = rows[9];
+                matrix[first + 10 * below] = rows[10];
+                matrix[first + 11 * below] = rows[11];
+                matrix[first + 12 * below] = rows[12];
+                matrix[first + 13 * below] = rows[13];
+                matrix[first + 14 * below] = rows[14];
+                matrix[first + 15 * below] = rows[15];
+            }
+        }
+    } host crate::host::multibounce::eliminate;
 }
 
 /// Rows of blocks beyond the last one are computed as the last one, and not written: barriers need

@@ -1,8 +1,9 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
-use ::scene::kernel::{bvh, camera, large, light, shade, specular};
+use ::scene::kernel::{bvh, camera, large, light, shade, specular, walk};
 use ::scene::{
-    DirectParams, EmitterGroup, Hit, LargeParams, Light, NONE, Ray, Rgb, ShareParams, SpecularChain, SurfacePoint,
+    DirectParams, Emitter, EmitterGroup, Hit, LargeParams, Light, NONE, Ray, Rgb, ShareParams, SpecularChain,
+    SurfacePoint, WalkParams,
 };
 use glam::Vec3;
 
@@ -27,6 +28,19 @@ kernels! {
     } each {
         let ray = rays[k as usize];
         bvh::any_hit(&geometry, ray.origin, ray.direction, ray.t_max) as u32
+    }
+
+    /// Whether light comes to every place, by random walks: [`walk::part_taken`]. One invocation per
+    /// place.
+    SCENE_PARTS_TAKEN = "scene_parts_taken"(p: WalkParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        geometry: GeometryTables,
+        lights: read [Light; p.light_count as usize],
+        emitters: read [Emitter; p.emitter_count as usize],
+        parts: write [u32],
+    } each {
+        let lamps = walk::Lamps { lights, emitters };
+        walk::part_taken(&geometry, &lamps, p, points[k as usize])
     }
 
     /// Direct irradiance at every point, W/m²: [`light::direct_irradiance`] with shadow rays by

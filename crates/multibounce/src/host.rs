@@ -16,7 +16,7 @@ pub use energy::spectral_radius;
 pub use feedback::{Acceleration, spectral_range};
 pub use order::{MatrixRows, PROJECTED_DIMENSIONS, greedy_order, printed_order, projected_order};
 pub use outliers::Outliers;
-pub use solve::{Factors, all_bounces, all_bounces_lu, some_bounces};
+pub use solve::{Factors, all_bounces, all_bounces_lu, bounce_system, bounces_of_inverse, invert, some_bounces};
 #[cfg(feature = "std")]
 pub use stored::{StoredOperator, Workspace, all_bounces_stored, some_bounces_stored};
 pub use tiles::{

@@ -2,5 +2,6 @@
 
 pub mod blocks;
 pub mod feedback;
+pub mod invert;
 pub mod multiply;
 pub mod tiles;

@@ -57,6 +57,27 @@ pub struct MultiplyParams {
 }
 const _: () = assert!(size_of::<MultiplyParams>() == 20);
 
+/// A step of elimination, [`crate::kernel::invert`].
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct InvertParams {
+    /// Number of vectors to make, or of tiles.
+    pub count: u32,
+    /// Vectors of a row, of four columns each, a multiple of [`crate::kernel::multiply::TILE_VECTORS`].
+    pub vectors: u32,
+    /// First row of the block that is eliminated, a multiple of [`crate::kernel::invert::PIVOT_ROWS`].
+    pub pivot: u32,
+    /// First row of the matrix that is bound, a multiple of the same.
+    pub first_row: u32,
+    /// Rows that are bound, a multiple of the same.
+    pub rows: u32,
+    /// First vector of the block's rows that is wanted.
+    pub first_vector: u32,
+    /// Vectors of the block's rows that are wanted.
+    pub width: u32,
+}
+const _: () = assert!(size_of::<InvertParams>() == 28);
+
 /// A packed group of [`crate::LowRank`]: four vectors of one block that are for one colour.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

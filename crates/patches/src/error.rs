@@ -89,7 +89,7 @@ pub enum Error {
         /// The kind of patches.
         patches: &'static str,
     },
-    /// The caller's estimator of the receivers' rows failed, or was cancelled.
+    /// The caller's estimator of the receivers' rows, or what walks for it, failed or was cancelled.
     #[error(transparent)]
     Rows(Box<dyn core::error::Error + Send + Sync>),
 }

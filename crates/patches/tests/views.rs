@@ -314,7 +314,7 @@ fn open_ground_none_of_whose_rays_meets_anything_takes_part() {
     let share = |areas: f32| areas / ground;
 
     let sampler = LitSampler::new(&cut, 1 << 14, density, 0).unwrap();
-    let samples = sampler.samples(5000, 1);
+    let samples = sampler.samples(5000, 1).unwrap();
     let sampled = share(samples.iter().filter(|s| is_far(s.position)).map(|s| s.area).sum());
     let settings =
         |density| SubdivideSettings { size: PatchSize::Count(1000), density, points: 4, ..Default::default() };

@@ -1,13 +1,12 @@
 //! What a scene is at rest, computed once: patches, elements and receivers, and the form factors between them.
 
-use std::cell::RefCell;
 use std::sync::Arc;
 
 use formfactor::{Stop, jacobi};
 use glam::Vec4;
 use patches::{
     Density, Focus, LitSampler, MOST_PATCHES, MeshReceivers, MeshSettings, PatchKind, PatchMesh, Placing, ViewSettings,
-    cut_at_feet, lit_sampler, test_lights,
+    cut_at_feet, lit_sampler_with, test_lights,
 };
 use runtime::executor::Executor;
 use scene::sampling::hash3;
@@ -17,7 +16,7 @@ use transport::{Csr, HitCounts, Observer, Phase, Variant};
 
 use crate::energy::EnergyCheck;
 use crate::error::Error;
-use crate::form_factors::{ElementRows, Estimator, FormFactors, RowRays};
+use crate::form_factors::{ElementRows, Estimator, FormFactors, HOST, RowRays};
 use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
 use crate::operator::BakedOperator;
@@ -153,12 +152,12 @@ impl Bake {
     /// # Errors
     /// Too many triangles or voxels, settings that do not suit each other, cancellation.
     pub fn build(scene: &Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
-        Self::build_by(RowRays::Host, scene, settings, observer)
+        Self::build_by(&HOST, scene, settings, observer)
     }
 
-    /// [`Bake::build`] with a device that traces the rays of elements and receivers, most of the work: the plan that it had goes.
-    /// Native code as the device leaves them to the host. Where device and host find the same hits, the bake has the same bytes; of
-    /// triangles that lie in one place they may name different ones.
+    /// [`Bake::build`] with a device that traces the rays of elements and receivers, and walks from places to light, most of the
+    /// work: the plan that it had goes. Native code as the device leaves them to the host. Where device and host find the same hits,
+    /// the bake has the same bytes; of triangles that lie in one place they may name different ones.
     ///
     /// # Errors
     /// As [`Bake::build`]; what the device says.
@@ -168,11 +167,11 @@ impl Bake {
         settings: &BakeSettings,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
-        Self::build_by(RowRays::on(device), scene, settings, observer)
+        Self::build_by(&RowRays::on(device), scene, settings, observer)
     }
 
     fn build_by(
-        mut rays: RowRays,
+        rays: &RowRays,
         scene: &Scene,
         settings: &BakeSettings,
         observer: &dyn Observer,
@@ -180,8 +179,8 @@ impl Bake {
         check_medium(scene)?;
         let density = density_of(scene, settings, observer)?;
         let cut = cut_scene(scene, &density, settings)?;
-        let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, &mut rays, observer)?;
-        patches.with_receivers_by(settings, &mut rays, observer)
+        let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, rays, observer)?;
+        patches.with_receivers_by(settings, rays, observer)
     }
 
     /// Values that the patches' irradiance has: those between them where pixels take it from the patches.
@@ -200,7 +199,7 @@ impl<'a> PatchBake<'a> {
     /// # Errors
     /// Too many triangles or voxels, settings that the patches do not suit, cancellation.
     pub fn build(scene: &'a Scene, settings: &BakeSettings, observer: &dyn Observer) -> Result<Self, Error> {
-        Self::with_density(scene, Density::default(), settings, &mut RowRays::Host, observer)
+        Self::with_density(scene, Density::default(), settings, &HOST, observer)
     }
 
     /// [`PatchBake::build`] with a density that is known.
@@ -208,7 +207,7 @@ impl<'a> PatchBake<'a> {
         scene: &'a Scene,
         density: Density,
         settings: &BakeSettings,
-        rays: &mut RowRays,
+        rays: &'a RowRays<'_>,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
         check_medium(scene)?;
@@ -220,13 +219,16 @@ impl<'a> PatchBake<'a> {
         }
         let (sampler, mesh, form_factors) = match settings.variant {
             Variant::Corrected => {
-                let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings))?;
+                let (sampler, mesh) =
+                    run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings, rays))?;
+                rays.tell(Phase::SAMPLE, observer);
                 if mesh.patches.len() > MOST_PATCHES {
                     return Err(too_many(triangles, mesh.patches.len()));
                 }
                 let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
                     FormFactors::estimate_by(scene, &mesh, (settings.estimator, settings.seed), rays, report)
                 })?;
+                rays.tell(Phase::FORM_FACTORS, observer);
                 (sampler, mesh, form_factors)
             }
             Variant::Thesis => {
@@ -262,8 +264,8 @@ impl<'a> PatchBake<'a> {
     ///
     /// # Errors
     /// Too many triangles.
-    pub(crate) fn of(bake: Bake, scene: &'a Scene) -> Result<Self, Error> {
-        let sampler = lit_sampler(scene, bake.settings.patch_count, bake.density, bake.settings.seed)?;
+    pub(crate) fn of(bake: Bake, scene: &'a Scene, rays: &'a RowRays<'_>) -> Result<Self, Error> {
+        let sampler = sampler(scene, bake.density, &bake.settings, rays)?;
         Ok(Self { sampler, bake })
     }
 
@@ -292,14 +294,14 @@ impl<'a> PatchBake<'a> {
     /// # Errors
     /// Receivers that the patches do not suit, cancellation.
     pub fn with_receivers(self, settings: &BakeSettings, observer: &dyn Observer) -> Result<Bake, Error> {
-        self.with_receivers_by(settings, &mut RowRays::Host, observer)
+        self.with_receivers_by(settings, &HOST, observer)
     }
 
     /// [`PatchBake::with_receivers`], their rays traced by the host or a device.
     pub(crate) fn with_receivers_by(
         self,
         settings: &BakeSettings,
-        rays: &mut RowRays,
+        rays: &RowRays,
         observer: &dyn Observer,
     ) -> Result<Bake, Error> {
         let Self { sampler, bake } = self;
@@ -309,6 +311,7 @@ impl<'a> PatchBake<'a> {
             Some(sampler) if settings.receivers == ReceiverKind::Mesh => place(&bake, sampler, &settings, rays, report),
             _ => Ok(MeshReceivers::none(&bake.scene)?),
         })?;
+        rays.tell(Phase::RECEIVERS, observer);
         observer.note(&format!(
             "{} patches, {} elements, {} receivers, {} interpolation points",
             bake.mesh.patches.len(),
@@ -355,10 +358,32 @@ fn make_mesh<'a>(
     scene: &'a Scene,
     density: Density,
     settings: &BakeSettings,
+    rays: &'a RowRays<'_>,
 ) -> Result<(Option<LitSampler<'a>>, PatchMesh), Error> {
-    let sampler = lit_sampler(scene, settings.patch_count, density, settings.seed)?;
-    let mesh = PatchMesh::new(scene, sampler.as_ref(), &mesh_settings(settings))?;
+    let sampler = sampler(scene, density, settings, rays)?;
+    let mesh = PatchMesh::new(scene, sampler.as_ref(), &mesh_settings(settings)).map_err(own_error)?;
     Ok((sampler, mesh))
+}
+
+/// What knows where light comes, if it comes anywhere.
+fn sampler<'a>(
+    scene: &'a Scene,
+    density: Density,
+    settings: &BakeSettings,
+    rays: &'a RowRays<'_>,
+) -> Result<Option<LitSampler<'a>>, Error> {
+    lit_sampler_with(rays.walker(), scene, settings.patch_count, density, settings.seed).map_err(own_error)
+}
+
+/// An error that went through `patches`.
+fn own_error(error: patches::Error) -> Error {
+    match error {
+        patches::Error::Rows(own) => match own.downcast::<Error>() {
+            Ok(own) => *own,
+            Err(other) => patches::Error::Rows(other).into(),
+        },
+        other => other.into(),
+    }
 }
 
 fn mesh_settings(settings: &BakeSettings) -> MeshSettings {
@@ -387,7 +412,7 @@ fn place(
     bake: &Bake,
     sampler: &LitSampler,
     settings: &BakeSettings,
-    device: &mut RowRays,
+    device: &RowRays,
     report: &Report,
 ) -> Result<MeshReceivers, Error> {
     let scene = &bake.scene;
@@ -420,23 +445,16 @@ fn place(
         seed,
     };
     // How many there will be is not known: the observer receives the rows of each round.
-    let device = RefCell::new(device);
     let add = |rows: &mut HitCounts, sky_rows: &mut HitCounts, points: &[SurfacePoint]| {
         let offsets: Vec<u32> = (0..=points.len() as u32).collect();
         let seed = hash3(transport::LinearOperator::rows(rows) as u32, 0, seed);
         let own = ElementRows { scene, mesh, points, offsets: &offsets, rays: settings.receiver_rays, seed };
         let sky = (sky_rows, &sky_bin as &formfactor::SkyBin);
-        let added = device.borrow_mut().add(rows, Some(sky), &own, report);
+        let added = device.add(rows, Some(sky), &own, report);
         added.map_err(|error| patches::Error::Rows(Box::new(error)))?;
         Ok(())
     };
-    MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add).map_err(|error| match error {
-        patches::Error::Rows(own) => match own.downcast::<Error>() {
-            Ok(own) => *own,
-            Err(other) => patches::Error::Rows(other).into(),
-        },
-        other => other.into(),
-    })
+    MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add).map_err(own_error)
 }
 
 /// Refuses a medium: light between patches, to receivers and to pixels would go through it as if it were air.

@@ -198,7 +198,7 @@ impl Bake {
         if writer.take::<StoredScene>(Kind::Scene)?.is_none() {
             writer.put(Kind::Scene, &StoredScene::from(scene))?;
         }
-        let rays = &mut RowRays::on(device);
+        let rays = &RowRays::on(device);
         let patches = write_patches(&mut writer, scene, density, &settings.bake, rays, observer)?;
         let mut bake = match writer.take(Kind::Receivers)? {
             Some(StoredReceivers { receivers, energy }) => Bake { receivers, energy, ..patches.bake().clone() },
@@ -284,7 +284,7 @@ fn write_patches<'a>(
     scene: &'a Scene,
     density: Density,
     settings: &BakeSettings,
-    rays: &mut RowRays,
+    rays: &'a RowRays<'_>,
     observer: &dyn Observer,
 ) -> Result<PatchBake<'a>, Error> {
     let mesh = writer.take::<PatchMesh>(Kind::Patches)?;
@@ -303,7 +303,7 @@ fn write_patches<'a>(
             settings: *settings,
             operators: Vec::new(),
         };
-        return PatchBake::of(bake, scene);
+        return PatchBake::of(bake, scene, rays);
     }
     let patches = PatchBake::with_density(scene, density, settings, rays, observer)?;
     let bake = patches.bake();

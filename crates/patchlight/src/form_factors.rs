@@ -1,21 +1,25 @@
 //! Form factors between patches, and between the elements into which they are cut, by the estimator of the settings.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use formfactor::{
     AreaToArea, Contour, Hemisphere, PointToPoint, SkyBin, add_hit_rows, add_quadrant_rows, add_traced_rows, balance,
     form_factors, sparse_rows,
 };
-use patches::{Columns, PatchMesh};
+use patches::{Columns, PatchMesh, Walker};
+use rayon::prelude::*;
 use runtime::executor::{DeviceKind, Executor};
 use runtime::recipe::formfactor::RowTracer;
-use scene::{Scene, SurfacePoint};
+use runtime::recipe::walks::parts_taken;
+use scene::{Scene, SurfacePoint, part_taken};
 use serde::{Deserialize, Serialize};
-use transport::{Csr, HitCounts, LinearOperator};
+use transport::{Csr, HitCounts, LinearOperator, Observer, Phase};
 
 use crate::error::Error;
 use crate::observe::Report;
 
+/// Most lights to which each surface of a walk looks on lavapipe, which ends all loops of an invocation after 65,535 rounds.
+const MOST_EMULATED_LIGHTS: usize = 8;
 /// Fewest rays of an element's row.
 const LEAST_ELEMENT_RAYS: u64 = 64;
 
@@ -35,12 +39,19 @@ pub enum Estimator {
     Point,
 }
 
-/// Who traces the rays of elements and receivers: the host's own hierarchy, or the kernels of a device.
-pub(crate) enum RowRays<'a> {
-    /// All cores of the host.
-    Host,
-    /// A device.
-    Device(&'a mut (dyn Executor + 'static)),
+/// Who traces the rays of elements and receivers and walks to light: the host's own hierarchy, or the kernels of a device.
+pub(crate) struct RowRays<'d> {
+    device: Option<Mutex<Device<'d>>>,
+}
+
+/// All cores of the host.
+pub(crate) static HOST: RowRays<'static> = RowRays { device: None };
+
+/// A device, and what it did since it was last told.
+struct Device<'d> {
+    executor: &'d mut (dyn Executor + 'static),
+    rays: u64,
+    places: u64,
 }
 
 /// Rows of rays over the elements of a mesh.
@@ -59,12 +70,32 @@ pub(crate) struct ElementRows<'a> {
     pub seed: u32,
 }
 
-impl<'a> RowRays<'a> {
+impl<'d> RowRays<'d> {
     /// A device; the host where its own hierarchy is faster than the kernels, as native code.
-    pub(crate) fn on(executor: &'a mut (dyn Executor + 'static)) -> Self {
-        match executor.device().kind {
-            DeviceKind::Native => Self::Host,
-            _ => Self::Device(executor),
+    pub(crate) fn on(executor: &'d mut (dyn Executor + 'static)) -> Self {
+        let is_host = executor.device().kind == DeviceKind::Native;
+        Self { device: (!is_host).then(|| Mutex::new(Device { executor, rays: 0, places: 0 })) }
+    }
+
+    /// Who walks to light in the host's stead.
+    pub(crate) fn walker(&self) -> Option<&dyn Walker> {
+        self.device.is_some().then_some(self as &dyn Walker)
+    }
+
+    /// Tells what the device did in a phase.
+    pub(crate) fn tell(&self, phase: Phase, observer: &dyn Observer) {
+        let Some(mut device) = self.lock() else { return };
+        let rays = std::mem::take(&mut device.rays);
+        let places = std::mem::take(&mut device.places);
+        let mut done = Vec::new();
+        if places > 0 {
+            done.push(format!("random walks from {places} places"));
+        }
+        if rays > 0 {
+            done.push(format!("{rays} rays of rows"));
+        }
+        if !done.is_empty() {
+            observer.note(&format!("{phase}: {} on {}", done.join(", "), device.executor.device().name));
         }
     }
 
@@ -74,23 +105,50 @@ impl<'a> RowRays<'a> {
     /// # Errors
     /// Cancellation, what the device says.
     pub(crate) fn add(
-        &mut self,
+        &self,
         counts: &mut HitCounts,
         sky: Option<(&mut HitCounts, &SkyBin)>,
         &ElementRows { scene, mesh, points, offsets, rays, seed }: &ElementRows,
         report: &Report,
     ) -> Result<Vec<f32>, Error> {
         let surfaces = mesh.lighting(scene, Columns::Elements, points, offsets, seed);
-        Ok(match (self, sky) {
-            (Self::Host, None) => add_hit_rows(counts, &surfaces, rays, &report)?,
-            (Self::Host, Some(sky)) => add_quadrant_rows(counts, sky, &surfaces, rays, &report)?,
-            (Self::Device(executor), sky) => {
-                let cells = mesh.cell_columns(Columns::Elements);
-                let mut tracer = RowTracer::new(*executor, scene, cells, &surfaces, rays)?;
-                let mut trace = |rows| tracer.columns(rows).map_err(Error::from);
-                add_traced_rows(counts, sky, &surfaces, rays, &mut trace, &report)?
-            }
-        })
+        let Some(mut device) = self.lock() else {
+            return Ok(match sky {
+                None => add_hit_rows(counts, &surfaces, rays, &report)?,
+                Some(sky) => add_quadrant_rows(counts, sky, &surfaces, rays, &report)?,
+            });
+        };
+        device.rays += u64::from(rays) * surfaces.rows() as u64;
+        let cells = mesh.cell_columns(Columns::Elements);
+        let mut tracer = RowTracer::new(device.executor, scene, cells, &surfaces, rays)?;
+        let mut trace = |rows| tracer.columns(rows).map_err(Error::from);
+        add_traced_rows(counts, sky, &surfaces, rays, &mut trace, &report)
+    }
+
+    fn lock(&self) -> Option<MutexGuard<'_, Device<'d>>> {
+        // A plan is loaded anew for whatever comes next.
+        self.device.as_ref().map(|device| device.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Walker for RowRays<'_> {
+    fn parts_taken(
+        &self,
+        scene: &Scene,
+        places: &[SurfacePoint],
+        walks: u32,
+        seed: u32,
+    ) -> Result<Vec<u32>, patches::Error> {
+        let too_many = |device: &Device| {
+            let is_emulated = device.executor.device().kind == DeviceKind::EmulatedOnCpu;
+            is_emulated && scene.lighting.lights.len() > MOST_EMULATED_LIGHTS
+        };
+        let Some(mut device) = self.lock().filter(|device| !too_many(device)) else {
+            return Ok(places.par_iter().map(|place| part_taken(scene, place, walks, seed)).collect());
+        };
+        device.places += places.len() as u64;
+        let found = parts_taken(device.executor, scene, places, walks, seed);
+        found.map_err(|error| patches::Error::Rows(Box::new(Error::from(error))))
     }
 }
 
@@ -118,7 +176,7 @@ impl FormFactors {
         seed: u32,
         report: &Report,
     ) -> Result<Self, Error> {
-        Self::estimate_by(scene, mesh, (estimator, seed), &mut RowRays::Host, report)
+        Self::estimate_by(scene, mesh, (estimator, seed), &HOST, report)
     }
 
     /// [`FormFactors::estimate`]; rays of elements that are finer than patches are traced by the device, if there is one.
@@ -129,7 +187,7 @@ impl FormFactors {
         scene: &Scene,
         mesh: &PatchMesh,
         (estimator, seed): (Estimator, u32),
-        device: &mut RowRays,
+        device: &RowRays,
         report: &Report,
     ) -> Result<Self, Error> {
         if !mesh.polygons.is_empty() {
@@ -171,7 +229,7 @@ impl FormFactors {
         scene: &Scene,
         mesh: &PatchMesh,
         (rays, seed): (u32, u32),
-        device: &mut RowRays,
+        device: &RowRays,
         report: &Report,
     ) -> Result<Self, Error> {
         let elements = mesh.elements.len();

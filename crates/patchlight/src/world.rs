@@ -8,6 +8,6 @@ mod rows;
 mod slots;
 pub mod streamed;
 
-pub use bake::{BakedWorld, WorldSettings, bake, job_bytes, merge};
+pub use bake::{BakedWorld, WorldSettings, bake, bake_on, job_bytes, merge};
 pub use forest::{DarkPatch, Extra, Forest, LEAST_PATCHES, MOST_PATCHES};
 pub use streamed::{StreamFrame, StreamSettings, Streamed, scene_of};

@@ -6,6 +6,7 @@
 
 pub mod firstshot;
 pub mod formfactor;
+pub mod invert;
 pub mod levels;
 pub mod localmatrix;
 pub mod multibounce;
@@ -14,6 +15,7 @@ pub mod patches;
 pub mod scene;
 mod tables;
 pub mod temporal;
+pub mod walks;
 
 use std::ops;
 

@@ -31,5 +31,5 @@ pub use lighting::Lighting;
 pub use picture::{Picture, scale_to_stops, stops_to_scale};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
-pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_open};
+pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_open, part_taken};
 pub use sky::{SKY_BINS, sky_bin, sky_exitance};

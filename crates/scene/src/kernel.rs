@@ -11,5 +11,6 @@ pub mod medium;
 pub mod shade;
 pub mod specular;
 pub mod texture;
+pub mod walk;
 
 pub use bvh::{GeometryTables, Hierarchy};

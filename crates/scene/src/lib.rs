@@ -65,8 +65,8 @@ pub use types::*;
 #[cfg(feature = "alloc")]
 pub use host::{
     Distribution, Geometry, Lighting, MOST_EMITTER_GROUPS, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS,
-    Scene, SceneParts, SidePolicy, Sides, find_lit_sides, find_sides, is_open, scale_to_stops, sky_bin, sky_exitance,
-    stops_to_scale,
+    Scene, SceneParts, SidePolicy, Sides, find_lit_sides, find_sides, is_open, part_taken, scale_to_stops, sky_bin,
+    sky_exitance, stops_to_scale,
 };
 
 use glam::Vec3;

@@ -356,6 +356,29 @@ pub struct DirectParams {
 }
 const _: () = assert!(size_of::<DirectParams>() == 32);
 
+/// Settings of random walks that look for light ([`crate::kernel::walk`]).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct WalkParams {
+    /// Number of places.
+    pub count: u32,
+    /// Walks from each.
+    pub walks: u32,
+    /// Changes every random number.
+    pub seed: u32,
+    /// Number of lights.
+    pub light_count: u32,
+    /// Number of emitters.
+    pub emitter_count: u32,
+    /// Distance by which rays start above a surface, m.
+    pub ray_offset: f32,
+    /// First walk that is made, and one past the last.
+    pub first_walk: u32,
+    /// See `first_walk`.
+    pub end_walk: u32,
+}
+const _: () = assert!(size_of::<WalkParams>() == 32);
+
 /// Settings of the kernels of rectangles and emissive triangles at pixels ([`crate::kernel::large`]).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

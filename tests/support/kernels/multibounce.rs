@@ -1,14 +1,15 @@
 //! Inputs of the kernels of operators.
 
 use ::multibounce::kernel::blocks::{BLOCK, NO_ELEMENT};
+use ::multibounce::kernel::invert::{PIVOT_ROWS, PIVOT_VECTORS};
 use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
 use ::multibounce::kernel::tiles::{
     FACTOR_WORDS, GROUP_VECTORS, LANES, LIGHT_WORDS, NO_VECTOR, PAIRS, PARTS, PERMUTED_INDICES, RUN_GROUPS,
     RUN_INVOCATIONS, SPLITS, SUB_BLOCK_WORDS, TILE, U32X4S, chroma_weights,
 };
 use ::multibounce::{
-    BlockCodec, BlockParams, Companding, FeedbackParams, MultiplyParams, PackedGroup, SubBlock, quantise_all,
-    requantise_all,
+    BlockCodec, BlockParams, Companding, FeedbackParams, InvertParams, MultiplyParams, PackedGroup, SubBlock,
+    quantise_all, requantise_all,
 };
 use glam::{UVec2, Vec4};
 use gpu_kernels::params::{CountParams, MultiplyVtParams, PermuteInParams};
@@ -247,6 +248,20 @@ pub(super) fn own_tables(r: &mut Random, name: &str) -> (u32, Vec<u8>, Tables) {
                 buffer("albedo", &r.colors((first_inner + inner) as usize)),
             ];
             call(tiles, MultiplyParams { tiles, row_tiles, vectors, inner, first_inner }, tables)
+        }
+        "multibounce_pivot_rows" | "multibounce_scaled_rows" | "multibounce_eliminate" => {
+            // The second block of four is eliminated; all but the first block's rows are bound.
+            let (vectors, pivot, first_row, rows) = (TILE_VECTORS, PIVOT_ROWS, PIVOT_ROWS, 3 * PIVOT_ROWS);
+            let count = match name {
+                "multibounce_eliminate" => rows / TILE_ROWS * vectors / TILE_VECTORS,
+                _ => PIVOT_ROWS * vectors,
+            };
+            let p = InvertParams { count, vectors, pivot, first_row, rows, first_vector: 0, width: vectors };
+            let mut matrix = |name, rows: u32| buffer(name, &r.colors((rows * vectors) as usize));
+            let mut tables = vec![matrix("matrix", rows), matrix("pivot_rows", PIVOT_ROWS)];
+            tables.push(matrix("scaled_rows", PIVOT_ROWS));
+            tables.push(buffer("inverse", &r.colors((PIVOT_ROWS * PIVOT_VECTORS) as usize)));
+            call(count, p, tables)
         }
         "multibounce_blocks_gather_bc1" => blocks(r, BlockCodec::Bc1, None),
         "multibounce_blocks_gather_bc3" => blocks(r, BlockCodec::Bc3, None),

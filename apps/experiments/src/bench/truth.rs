@@ -114,7 +114,7 @@ impl Truth {
     ) -> Result<Self, Error> {
         let mut truth = Self::traced(loaded, &loaded.scene.lighting.lights, size, paths, seed, progress)?;
         let sampler = LitSampler::new(&loaded.scene, POINT_PROBE_SAMPLES, Density::default(), seed)?;
-        let samples = sampler.samples(POINTS, seed);
+        let samples = sampler.samples(POINTS, seed)?;
         let point =
             |s: &patches::Sample| SurfacePoint { position: s.position, patch: NONE, normal: s.normal, weight: 1.0 };
         truth.points = samples.iter().map(point).collect();

@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use glam::{DVec3, Vec3};
 use scene::parallel::*;
 use scene::sampling::{frame, hash3, sobol2};
-use scene::{NONE, SurfacePoint};
+use scene::{Hit, NONE, SurfacePoint};
 use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, Variant, check_length, quadrant_of};
 
 use super::area;
@@ -168,11 +168,15 @@ fn hemisphere_column(s: &Surfaces, p: &HemisphereParams, row: usize, k: u32) -> 
 }
 
 fn ray_column(s: &Surfaces, p: &HemisphereParams, origin: Vec3, direction: Vec3) -> u32 {
-    let hit = s.visibility.closest(origin, direction);
+    hit_column(s, p, &s.visibility.closest(origin, direction), direction)
+}
+
+/// Column of what a ray in this direction has met.
+fn hit_column(s: &Surfaces, p: &HemisphereParams, hit: &Hit, direction: Vec3) -> u32 {
     if hit.is_miss() {
         return p.patch_count;
     }
-    let id = (s.owner)(&hit, direction);
+    let id = (s.owner)(hit, direction);
     if id < p.patch_count { id } else { p.patch_count + 1 }
 }
 
@@ -193,6 +197,16 @@ pub(super) fn hemisphere_hits(s: &Surfaces, row: usize, order: &[u32]) -> Vec<(u
     let p = hemisphere_params(s, row, order.len() as u32);
     let share = |k: u32| ray_share(&p, s.offsets, s.points, row as u32, k);
     order.iter().map(|&k| (hemisphere_column(s, &p, row, k), share(k))).collect()
+}
+
+/// [`hemisphere_hits`] of rays that somebody else has traced: what each of the row's rays meets.
+pub(super) fn traced_hits(s: &Surfaces, row: usize, order: &[u32], hits: &[Hit]) -> Vec<(u32, f32)> {
+    let p = hemisphere_params(s, row, order.len() as u32);
+    let column = |k: u32| {
+        let direction = hemisphere_ray(&p, s.offsets, s.points, row as u32, k).1;
+        hit_column(s, &p, &hits[k as usize], direction)
+    };
+    order.iter().map(|&k| (column(k), ray_share(&p, s.offsets, s.points, row as u32, k))).collect()
 }
 
 /// Columns of what the rays of some rows meet, row by row.

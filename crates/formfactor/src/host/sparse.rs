@@ -5,12 +5,12 @@ use core::ops::Range;
 use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use glam::Vec4;
-use scene::NONE;
 use scene::parallel::*;
+use scene::{Hit, NONE};
 
 use super::estimate::{
     Estimator, Hemisphere, SkyBin, check_surfaces, first_sky_column, hemisphere_hits, in_quadrants, like_rays,
-    quadrant_hits, rows_hits,
+    quadrant_hits, rows_hits, traced_hits,
 };
 use crate::error::Error;
 use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, check_length};
@@ -43,12 +43,40 @@ pub fn sparse_rows(
     rays: u32,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<SparseRows, Error> {
+    let order = like_rays(rays);
+    collect_rows(surfaces, rays, &|row| hemisphere_hits(surfaces, row, &order), progress)
+}
+
+/// [`sparse_rows`] of rays that are traced by somebody else, on a GPU perhaps: `hits` has what ray k of row i meets at
+/// `i · rays + k`. That ray is [`crate::kernel::hemisphere::hemisphere_ray`].
+///
+/// # Errors
+/// As [`sparse_rows`]; [`transport::Error::Length`] unless there is one hit a ray.
+pub fn sparse_traced_rows(
+    surfaces: &Surfaces,
+    rays: u32,
+    hits: &[Hit],
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<SparseRows, Error> {
+    check_length("hits", surfaces.rows() * rays as usize, hits.len())?;
+    let order = like_rays(rays);
+    let own = |row: usize| &hits[row * rays as usize..(row + 1) * rays as usize];
+    collect_rows(surfaces, rays, &|row| traced_hits(surfaces, row, &order, own(row)), progress)
+}
+
+/// Sparse rows of the columns that the rays of each row meet, with their shares.
+fn collect_rows(
+    surfaces: &Surfaces,
+    rays: u32,
+    row_hits: &(dyn Fn(usize) -> Vec<(u32, f32)> + Sync),
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<SparseRows, Error> {
     check_surfaces(surfaces)?;
     Hemisphere { rays }.check(surfaces)?;
-    let (total, patches, order) = (surfaces.rows(), surfaces.patches.len() as u32, like_rays(rays));
+    let (total, patches) = (surfaces.rows(), surfaces.patches.len() as u32);
     let task = |own: Range<usize>| {
         let mut part = Part::default();
-        own.for_each(|row| part.push(hemisphere_hits(surfaces, row, &order), patches));
+        own.for_each(|row| part.push(row_hits(row), patches));
         part
     };
     let parts = Watch::new(total, progress).tasks(0..total, task)?;

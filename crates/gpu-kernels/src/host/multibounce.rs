@@ -1,9 +1,10 @@
 //! Host forms of the multi-bounce products.
 
 use ::multibounce::kernel::blocks::{self, BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, BlockSums, LANES};
+use ::multibounce::kernel::invert::{self, PIVOT_ROWS, PIVOT_VECTORS};
 use ::multibounce::kernel::multiply as product;
 use ::multibounce::kernel::multiply::{TILE_ROWS, TILE_VECTORS};
-use ::multibounce::{BlockParams, MultiplyParams};
+use ::multibounce::{BlockParams, InvertParams, MultiplyParams};
 use ::scene::Rgb;
 use glam::{UVec2, UVec4, Vec4};
 use rayon::prelude::*;
@@ -138,6 +139,30 @@ pub(crate) fn multiply(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostE
             let start = |r: u32| if p.first_inner == 0 { factors[row as usize * below + at(r)] } else { next[at(r)] };
             let sums = product::multiply(row, vector, &p, factors, albedo, operator, start);
             (0..TILE_ROWS).zip(sums).for_each(|(r, sum)| next[at(r)] = sum);
+        }
+    });
+    Ok(())
+}
+
+/// Rows of tiles on all cores.
+pub(crate) fn eliminate(kernel: &Kernel, call: &mut HostCall) -> Result<(), HostError> {
+    let (p, [inverse, pivot_rows, scaled_rows, matrix]) = call.parts::<InvertParams, 4>(kernel)?;
+    let below = p.vectors as usize;
+    let inverse = inverse.read::<Vec4>((PIVOT_ROWS * PIVOT_VECTORS) as usize)?;
+    let pivot_rows = pivot_rows.read::<Vec4>(PIVOT_ROWS as usize * below)?;
+    let scaled_rows = scaled_rows.read::<Vec4>(PIVOT_ROWS as usize * below)?;
+    let matrix = matrix.write::<Vec4>(p.rows as usize * below)?;
+    let row_tiles = p.rows / TILE_ROWS;
+    matrix.par_chunks_mut((TILE_ROWS as usize * below).max(1)).zip(0..row_tiles).for_each(|(rows, row_tile)| {
+        let tiles = (0..p.vectors / TILE_VECTORS).map(|k| k * row_tiles + row_tile).filter(|&t| t < p.count);
+        for (t, lane) in tiles.flat_map(|t| (0..TILE_VECTORS).map(move |lane| (t, lane))) {
+            let (row, vector) = invert::tile_at(t, lane, &p);
+            if invert::is_upper(row, vector) {
+                let at = |r: u32| r as usize * below + vector as usize;
+                let start = |r: u32| rows[at(r)];
+                let made = invert::eliminate(row, vector, &p, inverse, pivot_rows, scaled_rows, start);
+                (0..TILE_ROWS).zip(made).for_each(|(r, value)| rows[at(r)] = value);
+            }
         }
     });
     Ok(())

@@ -145,19 +145,39 @@ pub(super) const FLOOR: f32 = 1e-13;
 /// # Errors
 /// [`transport::Error::Length`], [`transport::Error::Value`] for an albedo outside of 0 to 1, [`Error::Singular`] when light grows without end.
 pub fn all_bounces(symmetric: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
+    let mut out = bounce_system(symmetric, albedo)?;
+    invert(&mut out)?;
+    bounces_of_inverse(out, albedo)
+}
+
+/// `I − P Ŝ P`, whose inverse [`bounces_of_inverse`] takes, in the place of Ŝ; see [`all_bounces`].
+///
+/// # Errors
+/// [`transport::Error::Length`], [`transport::Error::Value`] for an albedo outside of 0 to 1.
+pub fn bounce_system(symmetric: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
     let mut out = symmetric;
-    let n = out.nrows();
-    check_length("columns", n, out.ncols())?;
-    check_albedo(albedo, n)?;
-    let sqrt_albedo: Vec<f32> = albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect();
-    let identity = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
+    check_length("columns", out.nrows(), out.ncols())?;
+    check_albedo(albedo, out.nrows())?;
+    let sqrt_albedo = sqrt_albedo(albedo);
     let columns: Vec<ColMut<f32>> = out.col_iter_mut().collect();
     columns.into_par_iter().enumerate().for_each(|(j, column)| {
         for (i, value) in column.iter_mut().enumerate() {
             *value = identity(i, j) - (sqrt_albedo[i] * *value * sqrt_albedo[j]).max(FLOOR);
         }
     });
-    invert(&mut out)?;
+    Ok(out)
+}
+
+/// All bounces from the inverse of [`bounce_system`], in its place; see [`all_bounces`].
+///
+/// # Errors
+/// [`transport::Error::Length`], [`transport::Error::Value`] for an albedo outside of 0 to 1.
+pub fn bounces_of_inverse(inverse: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Error> {
+    let mut out = inverse;
+    let n = out.nrows();
+    check_length("columns", n, out.ncols())?;
+    check_albedo(albedo, n)?;
+    let sqrt_albedo = sqrt_albedo(albedo);
     let columns: Vec<ColMut<f32>> = out.col_iter_mut().collect();
     columns.into_par_iter().enumerate().for_each(|(j, column)| {
         for (i, value) in column.iter_mut().enumerate() {
@@ -179,11 +199,20 @@ pub fn all_bounces(symmetric: Mat<f32>, albedo: &[f32]) -> Result<Mat<f32>, Erro
     Ok(out)
 }
 
+/// √ρ of each patch, of [`LEAST_ALBEDO`] where it is less.
+fn sqrt_albedo(albedo: &[f32]) -> Vec<f32> {
+    albedo.iter().map(|&a| scene::math::sqrt(a.max(LEAST_ALBEDO))).collect()
+}
+
+fn identity(i: usize, j: usize) -> f32 {
+    if i == j { 1.0 } else { 0.0 }
+}
+
 /// The inverse of a positive definite matrix in its place, by Cholesky's factorisation `L Lᵀ`: `L⁻ᵀ L⁻¹`.
 ///
 /// # Errors
-/// [`Error::Singular`].
-fn invert(matrix: &mut Mat<f32>) -> Result<(), Error> {
+/// [`Error::Singular`] with the row at which it is none.
+pub fn invert(matrix: &mut Mat<f32>) -> Result<(), Error> {
     let n = matrix.nrows();
     let parallel = faer::get_global_parallelism();
     let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f32>(n, parallel, Default::default()));

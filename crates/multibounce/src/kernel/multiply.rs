@@ -11,11 +11,11 @@ pub const TILE_VECTORS: u32 = 64;
 
 /// Four rows of four numbers.
 #[derive(Clone, Copy)]
-struct Four {
-    a: Vec4,
-    b: Vec4,
-    c: Vec4,
-    d: Vec4,
+pub(super) struct Four {
+    pub a: Vec4,
+    pub b: Vec4,
+    pub c: Vec4,
+    pub d: Vec4,
 }
 
 /// First row of tile `t`, and the vector of its rows that invocation `lane` makes. Tiles go down the rows first: those that

@@ -7,13 +7,12 @@ use alloc::vec::Vec;
 use glam::{DVec3, Vec3};
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
+use scene::kernel::walk::LIT;
 use scene::parallel::*;
 use scene::sampling::{cosine_hemisphere, hash3, uniform_triangle, unit};
-use scene::{Scene, Triangle, Visibility};
+use scene::{Scene, SurfacePoint, Triangle, Visibility, part_taken};
 
-use super::lit::{Part, part_taken};
 use crate::error::Error;
-use crate::types::Sample;
 
 /// Random walks that look for enclosed space, and their steps.
 const WALKERS: usize = 4096;
@@ -349,10 +348,10 @@ fn first_walkers(scene: &Scene, seed: u32) -> Vec<Walker> {
         let front = geometry.normal(triangle as u32);
         let normal = if random(3) < 0.5 { front } else { -front };
         let position = geometry.position(triangle as u32, u, v);
-        let sample = Sample { position, normal, triangle: triangle as u32, ..Sample::default() };
+        let place = SurfacePoint { position, patch: k as u32, normal, weight: 0.0 };
         let takes_part = normal.is_finite()
             && !geometry.is_hole(triangle as u32, u, v)
-            && part_taken(scene, &sample, false, k as u32, LIT_WALKS, seed) == Part::Lit;
+            && part_taken(scene, &place, LIT_WALKS, seed) == LIT;
         takes_part.then_some(Walker { position, normal, weight: (1.0 / density) as f32 })
     };
     (0..WALKERS).into_par_iter().filter_map(start).collect()

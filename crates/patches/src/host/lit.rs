@@ -3,9 +3,10 @@
 use alloc::vec::Vec;
 
 use glam::Vec3;
+use scene::kernel::walk::{APART, DARK, LIT};
 use scene::parallel::*;
-use scene::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle, unit};
-use scene::{POINT_WALKS, Scene, SurfacePoint, Triangle, is_open};
+use scene::sampling::{hash3, uniform_triangle, unit};
+use scene::{POINT_WALKS, Scene, SurfacePoint, Triangle, part_taken};
 
 use super::focus::Density;
 use super::nearest::Nearest;
@@ -13,8 +14,6 @@ use super::visibility::{SurfacePlace, is_covered, is_visible};
 use crate::error::Error;
 use crate::types::Sample;
 
-/// Rays by which a sample looks for geometry and for the sky.
-const RAYS: u32 = 16;
 /// Candidates for a sample, at most.
 const MOST_CANDIDATES: f64 = 30.0;
 const LEAST_PROBES: u32 = 8192;
@@ -29,6 +28,15 @@ const MOST_DISTANCE: f32 = 3.0;
 /// The nearest of probe samples that say no is no further than this.
 const DARK_DISTANCE: f32 = 1.0;
 
+/// Who walks from places to light in the host's stead.
+pub trait Walker: Sync {
+    /// What [`scene::part_taken`] says of each place, by so many walks.
+    ///
+    /// # Errors
+    /// [`Error::Rows`] with the walker's own.
+    fn parts_taken(&self, scene: &Scene, places: &[SurfacePoint], walks: u32, seed: u32) -> Result<Vec<u32>, Error>;
+}
+
 /// Makes samples of both sides of all triangles, as dense as a [`Density`] says and for equal areas where that is the same
 /// everywhere, without those inside of solids, below what stands on a surface or lies close over it, or that see no geometry.
 /// A few probe samples are tested by random walks; where they agree, candidates take their answer. In a dark room walks
@@ -37,6 +45,7 @@ const DARK_DISTANCE: f32 = 1.0;
 pub struct LitSampler<'a> {
     scene: &'a Scene,
     density: Density,
+    walker: Option<&'a dyn Walker>,
     /// Whether light comes to each probe sample that nothing covers, and where they are.
     lit: Vec<bool>,
     probes: Vec<SurfacePlace>,
@@ -53,30 +62,44 @@ impl<'a> LitSampler<'a> {
     /// # Errors
     /// [`Error::NoSamples`] when light comes to none of them.
     pub fn new(scene: &'a Scene, probe_samples: u32, density: Density, seed: u32) -> Result<Self, Error> {
+        Self::with_walker(None, scene, probe_samples, density, seed)
+    }
+
+    /// [`LitSampler::new`] with somebody who walks for all samples that are asked about together; without, the host does.
+    ///
+    /// # Errors
+    /// As [`LitSampler::new`]; what the walker says.
+    pub fn with_walker(
+        walker: Option<&'a dyn Walker>,
+        scene: &'a Scene,
+        probe_samples: u32,
+        density: Density,
+        seed: u32,
+    ) -> Result<Self, Error> {
         let seed = seed ^ 0x7069_6c6f;
         let probe_samples = even_samples(scene, &density, probe_samples.max(LEAST_PROBES), seed);
         let counted = |sample: &Sample| f64::from(sample.area * triangle_share(scene, &density, sample));
         let total_area = probe_samples.iter().map(counted).sum();
         let probe_edge = scene::math::sqrt((total_area / probe_samples.len() as f64) as f32);
+        let places: Vec<SurfacePoint> =
+            (0u32..).zip(&probe_samples).map(|(k, sample)| place_of(sample, &density, k)).collect();
+        let parts = parts_taken(walker, scene, &places, POINT_WALKS, seed)?;
         // What lies in a narrow gap does not speak for the surface that covers it.
-        let found = probe_samples.into_par_iter().enumerate().map(|(k, sample)| {
-            let sees = density.is_far_and_faces(sample.position, sample.normal);
-            let part = part_taken(scene, &sample, sees, k as u32, POINT_WALKS, seed);
-            (sample, part, is_sample_covered(scene, &sample))
-        });
-        let (covered, open): (Vec<_>, Vec<_>) = found.collect::<Vec<_>>().into_iter().partition(|probe| probe.2);
-        let probe_samples: Vec<Sample> = open.iter().map(|probe| probe.0).collect();
-        let mut parts: Vec<Part> = open.iter().map(|probe| probe.1).collect();
+        let is_covered = probe_samples.par_iter().map(|sample| is_sample_covered(scene, sample));
+        let found = is_covered.collect::<Vec<bool>>().into_iter().zip(probe_samples.into_iter().zip(parts));
+        let (covered, open): (Vec<_>, Vec<_>) = found.partition(|probe| probe.0);
+        let probe_samples: Vec<Sample> = open.iter().map(|probe| probe.1.0).collect();
+        let mut parts: Vec<u32> = open.iter().map(|probe| probe.1.1).collect();
         let nearest = Nearest::new(&probe_samples, &density);
         let probes: Vec<SurfacePlace> = probe_samples.iter().map(SurfacePlace::from).collect();
         light_majorities(scene, &probes, &nearest, |place| probe_edge * density.edge(place.position), &mut parts);
-        let lit_parts = covered.iter().map(|probe| &probe.1).chain(&parts).filter(|part| **part == Part::Lit);
+        let lit_parts = covered.iter().map(|probe| &probe.1.1).chain(&parts).filter(|part| **part == LIT);
         let lit_area = lit_parts.count() as f64 * f64::from(probe_edge * probe_edge);
         if lit_area == 0.0 {
             return Err(Error::NoSamples);
         }
-        let lit = parts.into_iter().map(|part| part == Part::Lit).collect();
-        Ok(Self { scene, density, lit, probes, nearest, total_area, lit_area, probe_edge })
+        let lit = parts.into_iter().map(|part| part == LIT).collect();
+        Ok(Self { scene, density, walker, lit, probes, nearest, total_area, lit_area, probe_edge })
     }
 
     /// The scene whose surfaces are asked about.
@@ -95,7 +118,10 @@ impl<'a> LitSampler<'a> {
     }
 
     /// About `count` samples to which light comes, each for the same area times [`Density::share`].
-    pub fn samples(&self, count: u32, seed: u32) -> Vec<Sample> {
+    ///
+    /// # Errors
+    /// What the walker says.
+    pub fn samples(&self, count: u32, seed: u32) -> Result<Vec<Sample>, Error> {
         self.lit_samples(self.candidates(count, seed), seed)
     }
 
@@ -109,56 +135,112 @@ impl<'a> LitSampler<'a> {
     /// Those of the samples to which light comes and that nothing covers within a share of the distance between them: in
     /// so narrow a gap it is dark, and whoever interpolates between samples would take the darkness out of it. Where all
     /// are covered they stay.
-    pub fn lit_samples(&self, samples: Vec<Sample>, seed: u32) -> Vec<Sample> {
-        let lit = |(k, sample): (usize, &Sample)| self.takes_part(sample, k as u32, seed);
-        let flags: Vec<bool> = samples.par_iter().enumerate().map(lit).collect();
+    ///
+    /// # Errors
+    /// What the walker says.
+    pub fn lit_samples(&self, samples: Vec<Sample>, seed: u32) -> Result<Vec<Sample>, Error> {
+        let flags = self.take_part(&samples, |k, _| k as u32, seed)?;
         let samples: Vec<Sample> =
             samples.into_iter().zip(flags).filter_map(|(sample, lit)| lit.then_some(sample)).collect();
         let open: Vec<Sample> =
             samples.par_iter().filter(|sample| !is_sample_covered(self.scene, sample)).copied().collect();
-        if open.is_empty() { samples } else { open }
+        Ok(if open.is_empty() { samples } else { open })
     }
 
     /// Whether light comes to the place and side of a sample, which sees geometry; its area and albedo are not asked. The
-    /// same place and seed give the same answer.
+    /// same place and seed give the same answer, found on the host.
     pub fn is_lit(&self, sample: &Sample, seed: u32) -> bool {
-        let [x, y, z] = sample.position.to_array().map(f32::to_bits);
-        self.takes_part(sample, hash3(x, y, z), seed)
+        let asked = self.ask_probes(sample);
+        asked.answer.unwrap_or_else(|| {
+            let place = place_of(sample, &self.density, place_number(sample));
+            self.is_settled(sample, &asked, part_taken(self.scene, &place, WALKS, seed))
+        })
+    }
+
+    /// [`LitSampler::is_lit`] of many samples.
+    ///
+    /// # Errors
+    /// What the walker says.
+    pub fn are_lit(&self, samples: &[Sample], seed: u32) -> Result<Vec<bool>, Error> {
+        self.take_part(samples, |_, sample| place_number(sample), seed)
     }
 
     /// The answer of the probe samples where they agree, else of walks with random numbers of its own, else of those that
-    /// it sees.
-    fn takes_part(&self, sample: &Sample, index: u32, seed: u32) -> bool {
+    /// it sees. `number` chooses a sample's random numbers.
+    fn take_part(
+        &self,
+        samples: &[Sample],
+        number: impl Fn(usize, &Sample) -> u32,
+        seed: u32,
+    ) -> Result<Vec<bool>, Error> {
+        let asked: Vec<Asked> = samples.par_iter().map(|sample| self.ask_probes(sample)).collect();
+        let open: Vec<usize> = (0..samples.len()).filter(|&k| asked[k].answer.is_none()).collect();
+        let place = |&k: &usize| place_of(&samples[k], &self.density, number(k, &samples[k]));
+        let places: Vec<SurfacePoint> = open.iter().map(place).collect();
+        let parts = parts_taken(self.walker, self.scene, &places, WALKS, seed)?;
+        let settled: Vec<bool> =
+            open.par_iter().zip(parts).map(|(&k, part)| self.is_settled(&samples[k], &asked[k], part)).collect();
+        let mut lit: Vec<bool> = asked.iter().map(|asked| asked.answer == Some(true)).collect();
+        open.into_iter().zip(settled).for_each(|(k, settled)| lit[k] = settled);
+        Ok(lit)
+    }
+
+    /// What the probe samples about a sample say.
+    fn ask_probes(&self, sample: &Sample) -> Asked {
         let (near, found) = self.nearest.samples::<NEIGHBOURS>(sample.position, sample.normal, MOST_DISTANCE);
-        match near[..found].iter().filter(|probe| self.lit[probe.0 as usize]).count() {
+        let answer = match near[..found].iter().filter(|probe| self.lit[probe.0 as usize]).count() {
             // A surface that is left out by mistake is black: dark ones must be many and near.
-            0 if found == NEIGHBOURS && near[0].1 < DARK_DISTANCE => return false,
-            lit if lit > 0 && lit == found => return true,
-            _ => {}
+            0 if found == NEIGHBOURS && near[0].1 < DARK_DISTANCE => Some(false),
+            lit if lit > 0 && lit == found => Some(true),
+            _ => None,
+        };
+        Asked { answer, near: near.map(|probe| probe.0), found }
+    }
+
+    /// Whether light comes to a sample about which they do not agree and of which walks say this.
+    fn is_settled(&self, sample: &Sample, asked: &Asked, part: u32) -> bool {
+        if part != DARK {
+            return part == LIT;
         }
-        let sees = self.density.is_far_and_faces(sample.position, sample.normal);
-        match part_taken(self.scene, sample, sees, index, WALKS, seed) {
-            Part::Lit => true,
-            Part::Dark => {
-                let edge = self.probe_edge * self.density.edge(sample.position);
-                let seen = near[..found].iter().map(|probe| probe.0 as usize);
-                let seen = seen.filter(|&k| is_visible(self.scene, sample.into(), self.probes[k], edge));
-                is_majority(seen.map(|k| self.lit[k]))
-            }
-            Part::Apart => false,
-        }
+        let edge = self.probe_edge * self.density.edge(sample.position);
+        let seen = asked.near[..asked.found].iter().map(|&k| k as usize);
+        let seen = seen.filter(|&k| is_visible(self.scene, sample.into(), self.probes[k], edge));
+        is_majority(seen.map(|k| self.lit[k]))
     }
 }
 
-/// Whether a sample takes part in light transport.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
-    /// It sees geometry, and light comes to it.
-    Lit,
-    /// It sees geometry, and no walk came to light.
-    Dark,
-    /// It sees no geometry.
-    Apart,
+/// The probe samples near a sample, and what they say of it; nothing where they do not agree.
+struct Asked {
+    answer: Option<bool>,
+    near: [u32; NEIGHBOURS],
+    found: usize,
+}
+
+/// A sample as a place from which somebody walks.
+fn place_of(sample: &Sample, density: &Density, number: u32) -> SurfacePoint {
+    let Sample { position, normal, .. } = *sample;
+    let sees = density.is_far_and_faces(position, normal);
+    SurfacePoint { position, patch: number, normal, weight: f32::from(u8::from(sees)) }
+}
+
+/// The number of a sample's random numbers, by its place.
+fn place_number(sample: &Sample) -> u32 {
+    let [x, y, z] = sample.position.to_array().map(f32::to_bits);
+    hash3(x, y, z)
+}
+
+/// [`scene::part_taken`] of places, by a walker or on all cores of the host.
+fn parts_taken(
+    walker: Option<&dyn Walker>,
+    scene: &Scene,
+    places: &[SurfacePoint],
+    walks: u32,
+    seed: u32,
+) -> Result<Vec<u32>, Error> {
+    match walker {
+        Some(walker) if !places.is_empty() => walker.parts_taken(scene, places, walks, seed),
+        _ => Ok(places.par_iter().map(|place| part_taken(scene, place, walks, seed)).collect()),
+    }
 }
 
 /// Lights dark samples that see, of those near, no more dark than lit ones; about a place they lie `edge` m from each
@@ -168,18 +250,18 @@ fn light_majorities(
     places: &[SurfacePlace],
     nearest: &Nearest,
     edge: impl Fn(&SurfacePlace) -> f32 + Sync,
-    parts: &mut [Part],
+    parts: &mut [u32],
 ) {
     let sees_light = |k: usize| {
         let (near, found) = nearest.samples::<COMPARED>(places[k].position, places[k].normal, MOST_DISTANCE);
-        let others = near[..found].iter().map(|probe| probe.0 as usize).filter(|&j| j != k && parts[j] != Part::Apart);
+        let others = near[..found].iter().map(|probe| probe.0 as usize).filter(|&j| j != k && parts[j] != APART);
         let edge = edge(&places[k]);
         let seen = others.filter(|&j| is_visible(scene, places[k], places[j], edge));
-        is_majority(seen.map(|j| parts[j] == Part::Lit))
+        is_majority(seen.map(|j| parts[j] == LIT))
     };
-    let dark = (0..places.len()).into_par_iter().filter(|&k| parts[k] == Part::Dark);
+    let dark = (0..places.len()).into_par_iter().filter(|&k| parts[k] == DARK);
     let lit: Vec<usize> = dark.filter(|&k| sees_light(k)).collect();
-    lit.into_iter().for_each(|k| parts[k] = Part::Lit);
+    lit.into_iter().for_each(|k| parts[k] = LIT);
 }
 
 /// Whether there are some that are lit, and no more that are not.
@@ -192,28 +274,6 @@ fn is_majority(lit: impl Iterator<Item = bool>) -> bool {
 /// Whether something covers a sample, with others as far from it as the edge of its area.
 fn is_sample_covered(scene: &Scene, sample: &Sample) -> bool {
     is_covered(scene, SurfacePlace::from(sample), scene::math::sqrt(sample.area))
-}
-
-/// Whether a sample sees geometry, or is known to, and whether light comes to it by so many walks.
-pub(super) fn part_taken(scene: &Scene, sample: &Sample, sees: bool, index: u32, walks: u32, seed: u32) -> Part {
-    let key = |dimension: u32| hash3(index, dimension, seed ^ 0x6c69_7421);
-    let origin = sample.position + sample.normal * scene.geometry.ray_offset;
-    let (mut sky, mut met) = (false, sees);
-    for k in 0..RAYS {
-        let direction = cosine_hemisphere(sample.normal, hammersley(k, RAYS, (key(0), key(1))));
-        let hit = scene.closest_before(origin, direction, f32::INFINITY);
-        met |= !hit.is_miss() && hit.t > 4.0 * scene.geometry.ray_offset;
-        sky |= hit.is_miss();
-        if met && sky {
-            return Part::Lit;
-        }
-    }
-    let point = SurfacePoint { position: sample.position, patch: 0, normal: sample.normal, weight: 1.0 };
-    match met {
-        true if is_open(scene, &point, walks, key(2)) => Part::Lit,
-        true => Part::Dark,
-        false => Part::Apart,
-    }
 }
 
 /// What an area counts on the triangle of a sample.

@@ -13,7 +13,7 @@ use scene::{Hit, NONE, Scene, SurfacePoint};
 use transport::kernel::grid::owner;
 use transport::{Owner, Patch, Polygon, Surfaces, TriangleGrid};
 
-pub use build::lit_sampler;
+pub use build::{lit_sampler, lit_sampler_with};
 
 use super::lookup::Lookup;
 

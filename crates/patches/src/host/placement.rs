@@ -137,7 +137,7 @@ impl MeshReceivers {
         let smooth: Vec<Lights> = smoothing.par_iter().map(|row| weighted_sum(row, &estimates.light)).collect();
         let points = interpolation.points.par_iter();
         points.zip(&mut weights).for_each(|(point, weights)| field.fit(point, weights, &smooth));
-        placement.serve_rest(&field, &interpolation.points, &mut weights);
+        placement.serve_rest(&field, &interpolation.points, &mut weights)?;
         let mut weights = served_weights(scene, &mut interpolation, weights)?;
 
         interpolation.permute(&order_by_receivers(&mut weights, field.set.samples.len()))?;
@@ -176,14 +176,14 @@ impl<'a> Placement<'a> {
         let Self { sampler, placing, .. } = self;
         let wanted = sampler.lit_area() / f64::from(placing.edge * placing.edge);
         let most = ((placing.most as f64 * (1.0 - ORPHAN_ROOM)) as usize).max(1);
-        let samples = sampler.samples(wanted.clamp(1.0, most as f64) as u32, placing.seed);
+        let samples = sampler.samples(wanted.clamp(1.0, most as f64) as u32, placing.seed)?;
         let mut set = ReceiverSamples::new(self.scene, *sampler.density(), samples, elements)?;
         set.add_rows(self.add_rows)?;
         for round in 0..ROUNDS {
             let budget = most.saturating_sub(set.samples.len()) / (ROUNDS - round);
             let seed = placing.seed.wrapping_add(1 + round as u32);
             let estimates = Estimates::new(&set.rows, &set.sky_rows, self.lights, placing.rays)?;
-            let added = set.worst_places(sampler, &estimates, budget, seed);
+            let added = set.worst_places(sampler, &estimates, budget, seed)?;
             if added.is_empty() {
                 break;
             }
@@ -214,11 +214,14 @@ impl<'a> Placement<'a> {
             if orphans.is_empty() || budget == 0 {
                 break;
             }
-            let chosen = orphans.par_iter().step_by(step);
-            let samples = chosen
-                .map(|&k| Sample { area: area / sampler.density().share(points[k].position), ..sample_at(&points[k]) });
-            let lit: Vec<Sample> = samples.filter(|sample| sampler.is_lit(sample, placing.seed)).collect();
-            field.set.samples.extend(lit);
+            let chosen = orphans.iter().step_by(step);
+            let sample = |&k: &usize| Sample {
+                area: area / sampler.density().share(points[k].position),
+                ..sample_at(&points[k])
+            };
+            let samples: Vec<Sample> = chosen.map(sample).collect();
+            let lit = sampler.are_lit(&samples, placing.seed)?;
+            field.set.samples.extend(samples.into_iter().zip(lit).filter_map(|(sample, lit)| lit.then_some(sample)));
             field.set.add_rows(self.add_rows)?;
             field = ReceiverField::new(field.set);
             let found: Vec<_> = orphans.par_iter().map(|&k| field.weights(&points[k], true)).collect();
@@ -231,13 +234,20 @@ impl<'a> Placement<'a> {
 
     /// The nearest receivers have to serve the rest of the interpolation points, unless no light
     /// comes there at all.
-    fn serve_rest(&self, field: &ReceiverField, points: &[SurfacePoint], weights: &mut [Vec<Entry>]) {
+    fn serve_rest(
+        &self,
+        field: &ReceiverField,
+        points: &[SurfacePoint],
+        weights: &mut [Vec<Entry>],
+    ) -> Result<(), Error> {
         let Self { sampler, placing, .. } = *self;
-        points.par_iter().zip(weights).for_each(|(point, weights)| {
-            if weights.is_empty() && sampler.is_lit(&sample_at(point), placing.seed) {
-                *weights = field.weights(point, false);
-            }
-        });
+        let rest: Vec<usize> = (0..weights.len()).filter(|&k| weights[k].is_empty()).collect();
+        let samples: Vec<Sample> = rest.iter().map(|&k| sample_at(&points[k])).collect();
+        let lit = sampler.are_lit(&samples, placing.seed)?;
+        let served: Vec<usize> = rest.into_iter().zip(lit).filter_map(|(k, lit)| lit.then_some(k)).collect();
+        let found: Vec<_> = served.par_iter().map(|&k| field.weights(&points[k], false)).collect();
+        served.into_iter().zip(found).for_each(|(k, found)| weights[k] = found);
+        Ok(())
     }
 }
 

@@ -104,7 +104,7 @@ pub fn view_clusters(sampler: &LitSampler, settings: &ViewSettings) -> Result<Vi
         return Err(Error::TooMany { name: "samples", found: wanted, limit: u64::from(u32::MAX / 64) });
     }
     let scene = sampler.scene();
-    let samples = sampler.samples(wanted as u32, settings.seed);
+    let samples = sampler.samples(wanted as u32, settings.seed)?;
     if samples.is_empty() {
         return Err(Error::NoSamples);
     }

@@ -1,11 +1,12 @@
-//! Where operators are built: on the host, in files, or step by step of Horner's rule on a device.
+//! Where operators are built: on the host, in files, or on a device, by elimination of blocks or by steps of Horner's rule.
 
 use std::path::PathBuf;
 
 use faer::Mat;
 use glam::Vec4;
-use multibounce::Channels;
+use multibounce::{Channels, bounce_system, bounces_of_inverse, invert};
 use runtime::executor::{DeviceKind, Executor, ExecutorError};
+use runtime::recipe::invert::{BLOCK, Inverse};
 use runtime::recipe::multiply::{Products, TILE_COLUMNS};
 use transport::{Observer, Phase};
 
@@ -15,7 +16,7 @@ use crate::memory::{available_bytes, free_bytes};
 use crate::method::Preparation;
 use crate::observe::{Report, run_phase};
 
-/// Where operators of some bounces are built; those of all bounces are factorised on the host.
+/// Where operators between patches are built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BuildOn {
     /// On the device that frames run on when it is a graphics processor, else on the host.
@@ -187,13 +188,17 @@ fn bounces_on(
     observer: &dyn Observer,
 ) -> Result<[Mat<f32>; 3], Error> {
     let is_device = build.on.is_device(device.device().kind);
-    let Some(count) = bounces.filter(|_| is_device) else {
+    if !is_device {
         return factors.bounces(albedo, bounces, observer);
-    };
+    }
     let range = device.device().max_storage_buffer_range;
-    let made = run_phase(observer, Phase::OPERATOR, |report| {
-        some_bounces_on_device(device, factors, albedo, count, range, report)
+    let made = run_phase(observer, Phase::OPERATOR, |report| match bounces {
+        Some(count) => some_bounces_on_device(device, factors, albedo, count, range, report),
+        None => all_bounces_on_device(device, factors, albedo, range, report),
     });
+    if made.is_ok() {
+        observer.note(&format!("operator built on {}", device.device().name));
+    }
     match made {
         Err(error @ Error::DeviceMemory { .. }) if build.on == BuildOn::Auto => {
             observer.note(&format!("{error}; it is built on the host"));
@@ -251,6 +256,64 @@ pub(crate) fn some_bounces_on_device(
         Ok(Mat::from_fn(n, n, |i, j| table[j * products.size() + i]))
     };
     Ok([one(0)?, one(1)?, one(2)?])
+}
+
+/// Symmetric operators of all bounces for red, green and blue, by elimination of blocks ([`Inverse`]): N² · 4 bytes on the device, N
+/// a whole number of 256 there; the host inverts the blocks of 64 × 64 entries on the diagonal. No binding exceeds `range` bytes.
+///
+/// # Errors
+/// Form factors that are not reciprocal, light that would grow for ever, a device that is too small, cancellation.
+pub(crate) fn all_bounces_on_device(
+    device: &mut (dyn Executor + 'static),
+    factors: &SymmetricFactors,
+    albedo: &[Vec4],
+    range: u64,
+    report: &Report,
+) -> Result<[Mat<f32>; 3], Error> {
+    let n = factors.area.len();
+    let name = device.device().name.clone();
+    let inverse = Inverse::load(device, n, range).map_err(|error| memory_error(error, n, &name))?;
+    let total = 3 * inverse.blocks();
+    let mut one = |channel: usize| -> Result<Mat<f32>, Error> {
+        let albedo: Vec<f32> = albedo.iter().map(|rho| rho[channel]).collect();
+        upload_system(&inverse, device, &bounce_system(factors.symmetric()?, &albedo)?)?;
+        for step in 0..inverse.blocks() {
+            let block = inverse.pivot_block(device, step)?;
+            // Symmetric but for rounding.
+            let mut block = Mat::from_fn(BLOCK, BLOCK, |i, j| block[i.min(j) * BLOCK + i.max(j)]);
+            invert(&mut block).map_err(|error| match error {
+                multibounce::Error::Singular { patch } => multibounce::Error::Singular { patch: step * BLOCK + patch },
+                other => other,
+            })?;
+            let block: Vec<f32> = block.col_iter().flat_map(|column| column.iter().copied()).collect();
+            inverse.eliminate(device, step, &block)?;
+            if report(channel * inverse.blocks() + step + 1, total).is_break() {
+                return Err(Error::Cancelled);
+            }
+        }
+        let table = inverse.download(device)?;
+        let whole = Mat::from_fn(n, n, |i, j| table[i.min(j) * inverse.size() + i.max(j)]);
+        Ok(bounces_of_inverse(whole, &albedo)?)
+    };
+    Ok([one(0)?, one(1)?, one(2)?])
+}
+
+/// A symmetric matrix, some rows at a time; the identity beyond it.
+fn upload_system(inverse: &Inverse, device: &mut dyn Executor, matrix: &Mat<f32>) -> Result<(), ExecutorError> {
+    let size = inverse.size();
+    let at_once = (UPLOAD_BYTES / (size * size_of::<f32>()).max(1)).max(1);
+    for first in (0..size).step_by(at_once) {
+        let mut rows = vec![0.0f32; at_once.min(size - first) * size];
+        for (i, row) in (first..).zip(rows.chunks_mut(size)) {
+            match i < matrix.ncols() {
+                // A column lies together in memory.
+                true => row.iter_mut().zip(matrix.col(i).iter()).for_each(|(to, &from)| *to = from),
+                false => row[i] = 1.0,
+            }
+        }
+        inverse.upload_rows(device, first, &rows)?;
+    }
+    Ok(())
 }
 
 /// Names what does not fit where a device says that something does not.
@@ -350,6 +413,41 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_device_builds_all_bounces_for_every_size_of_a_binding() {
+        let (factors, mut albedo) = cornell();
+        // Patches that hardly reflect are corrected for afterwards.
+        albedo[7] = Vec4::ZERO;
+        let exact = factors.bounces(&albedo, None, &transport::Silent).unwrap();
+        let mut devices: Vec<Box<dyn Executor>> = vec![Box::new(Cpu::new())];
+        match open(&DeviceChoice::Vulkan) {
+            Ok((vulkan, _)) => devices.push(vulkan),
+            Err(error) => println!("skipped on Vulkan: {error}"),
+        }
+        let mut same = Vec::new();
+        for mut device in devices {
+            for range in [u64::MAX, 70_000] {
+                let device = device.as_mut();
+                let range = range.min(device.device().max_storage_buffer_range);
+                let made = all_bounces_on_device(device, &factors, &albedo, range, &go_on).unwrap();
+                let error = difference(&made, &exact);
+                // Sums in single precision, in another order.
+                assert!(error < 2e-5, "in ranges of {range} bytes: {error}");
+                let mut other = albedo.clone();
+                other.swap(3, 70);
+                let wrong = all_bounces_on_device(device, &factors, &other, range, &go_on).unwrap();
+                assert!(difference(&wrong, &exact) > 1e-4, "another albedo is not noticed");
+                same.push(made);
+            }
+        }
+        let bits = |made: &[Mat<f32>; 3]| {
+            made.each_ref().map(|m| {
+                m.col_iter().flat_map(|c| c.iter().map(|x| x.to_bits()).collect::<Vec<_>>()).collect::<Vec<u32>>()
+            })
+        };
+        assert!(same.iter().all(|made| bits(made) == bits(&same[0])), "devices and ranges change bits");
     }
 
     #[test]

@@ -4,8 +4,11 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use localmatrix::{BakeError, BakeFile, BakeWriter, LitPoint, Node, Part, WorldHead, join};
+use localmatrix::{BakeError, BakeFile, BakeWriter, LitPoint, Node, Part, Record, WorldHead, join};
 use rayon::prelude::*;
+use runtime::cpu::Cpu;
+use runtime::executor::{DeviceKind, Executor};
+use runtime::recipe::formfactor::SurfaceTracer;
 use scene::Scene;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -100,6 +103,23 @@ pub fn bake(
     memory_limit: u64,
     observer: &dyn Observer,
 ) -> Result<BakedWorld, Error> {
+    bake_on(&mut Cpu::new(), scene, content_hash, (settings, part), path, memory_limit, observer)
+}
+
+/// [`bake`] with a device that traces the rays of rows; the plan that it had goes. Native code as the device leaves them to the
+/// host. Where both find the same hits, so are the bytes.
+///
+/// # Errors
+/// As [`bake`]; what the device says.
+pub fn bake_on(
+    device: &mut (dyn Executor + 'static),
+    scene: &Scene,
+    content_hash: [u8; 32],
+    (settings, part): (&WorldSettings, Option<Part>),
+    path: &Path,
+    memory_limit: u64,
+    observer: &dyn Observer,
+) -> Result<BakedWorld, Error> {
     warn_of_specular_materials(scene, observer);
     let key = settings.key();
     // What was begun is asked for first: a name that is taken should not cost minutes.
@@ -128,8 +148,12 @@ pub fn bake(
     };
     let start = Instant::now();
     let done = run_phase(observer, Phase::FORM_FACTORS, |report| {
-        add_rows(scene, &world, settings, &mut writer, memory_limit, report)
+        add_rows(device, scene, &world, settings, &mut writer, memory_limit, report)
     })?;
+    if is_tracing(device) && done.made > 0 {
+        let rays = done.made * u64::from(settings.rays);
+        observer.note(&format!("{}: {rays} rays of rows on {}", Phase::FORM_FACTORS, device.device().name));
+    }
     baked.rows = done.made;
     baked.resumed_rows = done.resumed;
     baked.rows_per_second = done.made as f64 / start.elapsed().as_secs_f64().max(1e-9);
@@ -183,7 +207,13 @@ struct Made {
     resumed: u64,
 }
 
+/// Whether a device traces: the host's own hierarchy is faster than the kernels as native code.
+fn is_tracing(device: &dyn Executor) -> bool {
+    device.device().kind != DeviceKind::Native
+}
+
 fn add_rows(
+    device: &mut (dyn Executor + 'static),
     scene: &Scene,
     world: &Forest,
     settings: &WorldSettings,
@@ -197,12 +227,25 @@ fn add_rows(
     let own = own.start..own.end.min(leaf_blocks);
     let rows = Rows::new(scene, world, settings);
     let first = writer.next_block().map_or(own.end, |next| next.clamp(own.start, own.end));
+    let room = (BLOCK_ROWS as usize, BLOCK_ROWS as usize * POINTS);
+    let mut tracer = match is_tracing(device) && first < own.end {
+        true => Some(SurfaceTracer::new(device, scene, room, settings.rays)?),
+        false => None,
+    };
     let at_once = (BLOCKS_A_THREAD * rayon::current_num_threads()) as u32;
     let mut next = first;
     while next < own.end {
         let end = (next + at_once).min(own.end);
-        let blocks =
-            (next..end).into_par_iter().map(|block| rows.block(&head, block)).collect::<Result<Vec<_>, Error>>()?;
+        let blocks: Vec<Vec<Record>> = match &mut tracer {
+            None => {
+                (next..end).into_par_iter().map(|block| rows.block(&head, block, None)).collect::<Result<_, _>>()?
+            }
+            Some(tracer) => {
+                let hits = (next..end).map(|block| rows.hits(&head, block, tracer)).collect::<Result<Vec<_>, _>>()?;
+                let traced = (next..end).into_par_iter().zip(&hits);
+                traced.map(|(block, hits)| rows.block(&head, block, Some(hits))).collect::<Result<_, _>>()?
+            }
+        };
         for records in blocks {
             writer.push(&records)?;
         }

@@ -336,7 +336,7 @@ fn drafts(
             Err(patches::Error::NoSamples) => continue,
             Err(error) => return Err(error.into()),
         };
-        let lit: Vec<bool> = set.samples.par_iter().map(|s| sampler.is_lit(s, settings.seed)).collect();
+        let lit = sampler.are_lit(&set.samples, settings.seed)?;
         let made = axis_patches(&part, only(&set, &lit, true))?;
         drafts.par_extend((0..made.len()).into_par_iter().map(|k| draft(scene, &made, k, settings.seed)));
         let unlit = axis_patches(&part, only(&set, &lit, false))?;

@@ -2,10 +2,11 @@
 
 use std::ops::ControlFlow;
 
-use formfactor::sparse_rows;
+use formfactor::{sparse_rows, sparse_traced_rows};
 use localmatrix::{Record, WorldHead, block_range};
+use runtime::recipe::formfactor::SurfaceTracer;
 use scene::sampling::hash3;
-use scene::{NONE, Scene, SurfacePoint};
+use scene::{Hit, NONE, Scene, SurfacePoint};
 use transport::{Patch, Surfaces};
 
 use super::bake::WorldSettings;
@@ -33,42 +34,27 @@ impl<'a> Rows<'a> {
         Self { scene, world, rays: settings.rays, seed: settings.seed, patches }
     }
 
-    /// The records of a block of leaves; its random numbers are its own.
+    /// What the rays of a block of leaves meet, found by a device.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn hits(&self, head: &WorldHead, block: u32, tracer: &mut SurfaceTracer) -> Result<Vec<Hit>, Error> {
+        Ok(tracer.hits(&self.surfaces(block, &self.points(head, block)))?)
+    }
+
+    /// The records of a block of leaves, by `hits` if a device has found what its rays meet; its random numbers are its own.
     ///
     /// # Errors
     /// What the estimator says.
-    pub fn block(&self, head: &WorldHead, block: u32) -> Result<Vec<Record>, Error> {
-        let (mut points, mut offsets) = (Vec::new(), vec![0]);
-        let range = block_range(head, block);
-        for leaf in range.clone() {
-            let own = self.world.points_of(leaf);
-            let weight = 1.0 / own.len() as f32;
-            let point = |p: &localmatrix::LitPoint| SurfacePoint {
-                position: p.position,
-                patch: leaf,
-                normal: p.normal,
-                weight,
-            };
-            points.extend(own.iter().map(point));
-            offsets.push(points.len() as u32);
-        }
-        let geometry = self.scene.tables();
-        let surfaces = Surfaces {
-            patches: &self.patches,
-            polygons: &[],
-            row_polygons: &[],
-            points: &points,
-            offsets: &offsets,
-            visibility: self.scene,
-            owner: Box::new(|hit, direction| {
-                let normal = geometry.normal(hit.triangle);
-                let facing = if normal.dot(direction) < 0.0 { normal } else { -normal };
-                self.world.owner(geometry.position(hit.triangle, hit.u, hit.v), facing)
-            }),
-            ray_offset: self.scene.geometry.ray_offset,
-            seed: hash3(block, 0x626c_6f63, self.seed),
+    pub fn block(&self, head: &WorldHead, block: u32, hits: Option<&[Hit]>) -> Result<Vec<Record>, Error> {
+        let own = self.points(head, block);
+        let surfaces = self.surfaces(block, &own);
+        let go_on = |_, _| ControlFlow::Continue(());
+        let rows = match hits {
+            None => sparse_rows(&surfaces, self.rays, &go_on)?,
+            Some(hits) => sparse_traced_rows(&surfaces, self.rays, hits, &go_on)?,
         };
-        let rows = sparse_rows(&surfaces, self.rays, &|_, _| ControlFlow::Continue(()))?;
+        let range = block_range(head, block);
         let record = |(k, leaf): (usize, u32)| {
             let own = rows.factors.row_start[k] as usize..rows.factors.row_start[k + 1] as usize;
             let entry = |e: usize| (rows.factors.column_index[e], rows.factors.values[e]);
@@ -81,4 +67,47 @@ impl<'a> Rows<'a> {
         };
         Ok(range.enumerate().map(record).collect())
     }
+
+    /// Points from which the rays of a block of leaves start.
+    fn points(&self, head: &WorldHead, block: u32) -> RowPoints {
+        let mut all = RowPoints { points: Vec::new(), offsets: vec![0] };
+        for leaf in block_range(head, block) {
+            let own = self.world.points_of(leaf);
+            let weight = 1.0 / own.len() as f32;
+            let point = |p: &localmatrix::LitPoint| SurfacePoint {
+                position: p.position,
+                patch: leaf,
+                normal: p.normal,
+                weight,
+            };
+            all.points.extend(own.iter().map(point));
+            all.offsets.push(all.points.len() as u32);
+        }
+        all
+    }
+
+    fn surfaces<'s>(&'s self, block: u32, own: &'s RowPoints) -> Surfaces<'s> {
+        let geometry = self.scene.tables();
+        Surfaces {
+            patches: &self.patches,
+            polygons: &[],
+            row_polygons: &[],
+            points: &own.points,
+            offsets: &own.offsets,
+            visibility: self.scene,
+            owner: Box::new(move |hit, direction| {
+                let normal = geometry.normal(hit.triangle);
+                let facing = if normal.dot(direction) < 0.0 { normal } else { -normal };
+                self.world.owner(geometry.position(hit.triangle, hit.u, hit.v), facing)
+            }),
+            ray_offset: self.scene.geometry.ray_offset,
+            seed: hash3(block, 0x626c_6f63, self.seed),
+        }
+    }
+}
+
+/// Points of the rows of a block: row i has `points[offsets[i]..offsets[i + 1]]`.
+struct RowPoints {
+    points: Vec<SurfacePoint>,
+    offsets: Vec<u32>,
 }

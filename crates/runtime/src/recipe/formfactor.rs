@@ -7,7 +7,7 @@ use std::sync::Arc;
 use formfactor::HemisphereParams;
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table;
-use scene::Scene;
+use scene::{Hit, Scene, SurfacePoint};
 use transport::kernel::hits::WORD_COUNTS;
 use transport::{Csr, HitCounts, HitsParams, LinearOperator as _, Surfaces as RowSurfaces, TriangleGrid, ViewParams};
 
@@ -243,6 +243,71 @@ impl<'a> RowTracer<'a> {
             columns.extend_from_slice(&found[..rays as usize]);
         }
         Ok(columns)
+    }
+}
+
+/// What the hemisphere rays of rows meet, found by a device: its plan holds the scene, rows come and go.
+pub struct SurfaceTracer<'a> {
+    executor: &'a mut (dyn Executor + 'static),
+    pass: PassId,
+    offsets: BufferId,
+    points: BufferId,
+    hits: BufferId,
+    rays: u32,
+}
+
+impl<'a> SurfaceTracer<'a> {
+    /// Loads the scene, with room for so many rows of `rays` rays and so many points of theirs.
+    ///
+    /// # Errors
+    /// What the device says: a scene too large for it, say.
+    pub fn new(
+        executor: &'a mut (dyn Executor + 'static),
+        scene: &Scene,
+        (rows, points): (usize, usize),
+        rays: u32,
+    ) -> Result<Self, ExecutorError> {
+        let mut plan = Plan::new();
+        let mut tables = Tables::new();
+        let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
+        let bytes = |count: usize, each: usize| (count * each) as u64;
+        let offsets = plan.storage("offsets", bytes(rows + 1, size_of::<u32>()));
+        let points = plan.storage("points", bytes(points, size_of::<SurfacePoint>()));
+        let hits = plan.storage("hits", bytes(rows * rays as usize, size_of::<Hit>()));
+        let own = [("offsets", offsets), ("points", points), ("hits", hits)];
+        let own = own.map(|(name, buffer)| (name, Range::from(buffer)));
+        let params = HemisphereParams { row_count: rows as u32, rays, ..HemisphereParams::default() };
+        let (kernel, shared) = (&table::FORMFACTOR_HEMISPHERE_SURFACES, scene_tables.bindings());
+        let pass = add_pass(&mut plan, "rows", kernel, &own, shared, &params, params.row_count * rays)?;
+        executor.load(plan)?;
+        tables.upload(executor)?;
+        scene_tables.set_sky_and_emission(executor, scene)?;
+        Ok(Self { executor, pass, offsets, points, hits, rays })
+    }
+
+    /// What the rays of all rows of `surfaces` meet, row by row. Waits.
+    ///
+    /// # Errors
+    /// More rows or points than there is room for; what the device says.
+    pub fn hits(&mut self, surfaces: &RowSurfaces) -> Result<Vec<Hit>, ExecutorError> {
+        let params = HemisphereParams {
+            first_row: 0,
+            row_count: surfaces.rows() as u32,
+            rays: self.rays,
+            patch_count: surfaces.patches.len() as u32,
+            seed: surfaces.seed,
+            ray_offset: surfaces.ray_offset,
+            reserved: [0; 2],
+        };
+        let count = params.row_count * params.rays;
+        self.executor.upload(self.offsets, surfaces.offsets)?;
+        self.executor.upload(self.points, surfaces.points)?;
+        self.executor.push(self.pass, &params)?;
+        self.executor.set_elements(self.pass, count)?;
+        self.executor.submit_passes(&[self.pass])?;
+        let mut found: Vec<Hit> = self.executor.download_table(self.hits)?;
+        found.truncate(count as usize);
+        Ok(found)
     }
 }
 

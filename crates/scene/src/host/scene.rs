@@ -18,6 +18,7 @@ use crate::kernel::GeometryTables;
 use crate::kernel::light::{Lights, direct_irradiance};
 use crate::kernel::medium::transmittance;
 use crate::kernel::texture::texel;
+use crate::kernel::walk::Lamps;
 use crate::parallel::*;
 use crate::types::*;
 
@@ -152,6 +153,30 @@ impl Scene {
     /// The tables that rays need, as the kernels take them, with the emission of the lighting.
     pub fn tables(&self) -> GeometryTables<'_> {
         self.geometry.tables_with(&self.materials)
+    }
+
+    /// [`Scene::tables`] with the host's own hierarchy: kernels' bodies that run on the host find the same hits sooner with it.
+    pub fn host_tables(&self) -> GeometryTables<'_> {
+        GeometryTables { hierarchy: self.geometry.hierarchy(), ..self.tables() }
+    }
+
+    /// What shines beside the sky, as walks take it.
+    pub fn lamps(&self) -> Lamps<'_> {
+        Lamps { lights: &self.lighting.lights, emitters: &self.emitters }
+    }
+
+    /// Settings of random walks in this scene.
+    pub fn walk_params(&self, walks: u32, seed: u32) -> WalkParams {
+        WalkParams {
+            count: 0,
+            walks,
+            seed,
+            light_count: self.lighting.lights.len() as u32,
+            emitter_count: self.emitters.len() as u32,
+            ray_offset: self.geometry.ray_offset,
+            first_walk: 0,
+            end_walk: walks,
+        }
     }
 
     /// Everything that shines, as the kernels take it.

@@ -70,7 +70,7 @@ fn points(scene: &Scene, patches: usize, count: usize, seed: u32) -> Result<Vec<
     let mut samples = Vec::new();
     let mut wanted = count;
     for _ in 0..MORE_TIMES {
-        samples = sampler.samples(wanted as u32, hash3(seed, 0, 0x7265_6365));
+        samples = sampler.samples(wanted as u32, hash3(seed, 0, 0x7265_6365))?;
         if samples.len() >= count || samples.is_empty() {
             break;
         }

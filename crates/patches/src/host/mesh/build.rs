@@ -18,7 +18,7 @@ use crate::host::axis::axis_patches;
 use crate::host::cluster::{ClusterSettings, cluster_patches};
 use crate::host::focus::Density;
 use crate::host::grid::Grid;
-use crate::host::lit::LitSampler;
+use crate::host::lit::{LitSampler, Walker};
 use crate::host::lookup::{Lookup, LookupSettings};
 use crate::host::patch_set::PatchSet;
 use crate::host::printed::PrintedPatches;
@@ -50,8 +50,22 @@ const MOST_PROBES: usize = 1 << 16;
 /// # Errors
 /// What [`LitSampler::new`] says otherwise.
 pub fn lit_sampler(scene: &Scene, count: usize, density: Density, seed: u32) -> Result<Option<LitSampler<'_>>, Error> {
+    lit_sampler_with(None, scene, count, density, seed)
+}
+
+/// [`lit_sampler`] with somebody who walks for it.
+///
+/// # Errors
+/// As [`lit_sampler`]; what the walker says.
+pub fn lit_sampler_with<'a>(
+    walker: Option<&'a dyn Walker>,
+    scene: &'a Scene,
+    count: usize,
+    density: Density,
+    seed: u32,
+) -> Result<Option<LitSampler<'a>>, Error> {
     let probes = count.saturating_mul(PROBES).clamp(LEAST_PROBES, MOST_PROBES);
-    match LitSampler::new(scene, probes as u32, density, seed) {
+    match LitSampler::with_walker(walker, scene, probes as u32, density, seed) {
         Ok(sampler) => Ok(Some(sampler)),
         Err(Error::NoSamples) => Ok(None),
         Err(error) => Err(error),

@@ -75,16 +75,22 @@ impl<'a> ReceiverSamples<'a> {
 
     /// Samples near the receivers that differ most from the mean of their neighbours, at most
     /// `budget`.
-    pub fn worst_places(&self, sampler: &LitSampler, estimates: &Estimates, budget: usize, seed: u32) -> Vec<Sample> {
+    pub fn worst_places(
+        &self,
+        sampler: &LitSampler,
+        estimates: &Estimates,
+        budget: usize,
+        seed: u32,
+    ) -> Result<Vec<Sample>, Error> {
         if budget == 0 || self.samples.len() <= COMPARED {
-            return Vec::new();
+            return Ok(Vec::new());
         }
         let nearest = Nearest::new(&self.samples, &self.density);
         let receivers = (0..self.samples.len()).into_par_iter();
         let errors: Vec<f32> = receivers.map(|k| self.error(&nearest, estimates, k)).collect();
         let candidates = sampler.candidates((CANDIDATES * budget) as u32, seed).into_par_iter();
         let wanted = candidates.filter(|sample| mean_error(&nearest, &errors, sample) > TOLERANCE);
-        let found = sampler.lit_samples(wanted.collect(), seed);
+        let found = sampler.lit_samples(wanted.collect(), seed)?;
         let numbered = found.par_iter().enumerate();
         let mut order: Vec<(f32, usize)> =
             numbered.map(|(k, sample)| (mean_error(&nearest, &errors, sample), k)).collect();
@@ -92,7 +98,7 @@ impl<'a> ReceiverSamples<'a> {
         order.truncate(budget);
         let mut chosen: Vec<usize> = order.into_iter().map(|(_, k)| k).collect();
         chosen.sort_unstable();
-        chosen.into_iter().map(|k| found[k]).collect()
+        Ok(chosen.into_iter().map(|k| found[k]).collect())
     }
 
     /// Difference of receiver `k` from the mean of its neighbours that noise does not explain, as a
