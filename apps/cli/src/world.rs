@@ -18,6 +18,7 @@ use experiments::say;
 use patchlight::file::BakeKind;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake_on, job_bytes, merge};
+use runtime::executor::{DeviceChoice, open};
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;
@@ -130,7 +131,11 @@ pub fn run(common: &Common, args: &World) -> Result<(), Error> {
         common.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}{part}.bake", loaded.name.replace(':', "-"))));
     check_file(&path)?;
     continue_in(beginning_of(&path));
-    let mut device = open_device(common, &progress)?;
+    // Parts are made on many machines: the host's are the same on all of them, in the memory that was planned.
+    let mut device = match DeviceChoice::parse(&common.device) {
+        DeviceChoice::Auto if args.part.is_some() => open(&DeviceChoice::Cpu)?.0,
+        _ => open_device(common, &progress)?,
+    };
     let baked = interruptible(|| {
         let what = (&settings, args.part);
         bake_on(device.as_mut(), &loaded.scene, loaded.content_hash, what, &path, args.memory_limit, &progress)

@@ -251,8 +251,8 @@ fn an_unknown_device_is_named() {
 #[test]
 fn a_device_is_refused_where_only_native_code_works() {
     for arguments in [
-        &["world", "cornell"][..],
-        &["merge", "part.bake"],
+        &["merge", "part.bake"][..],
+        &["world", "cornell", "--plan", "2", "--format", "slurm"],
         &["render", "cornell", "--method", "path"],
         &["compare", "a.exr", "b.exr"],
         &["scene", "cornell"],
