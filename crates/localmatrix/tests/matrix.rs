@@ -5,6 +5,7 @@ use faer::linalg::solvers::Solve;
 use glam::{Vec3, Vec4};
 use localmatrix::{Entering, Error, LocalMatrix};
 use scene::sampling::{hash3, unit};
+use transport::LinearOperator as _;
 
 fn random(a: usize, b: usize, c: u32) -> f32 {
     unit(hash3(a as u32, b as u32, c))
@@ -220,6 +221,32 @@ fn a_camera_to_and_fro_changes_no_energy() {
     println!("energy {before:.4}, with ghosts {with_ghosts:.4}, after {after:.4}");
     assert!((after / before - 1.0).abs() < 1e-3, "{before} {after}");
     assert!(with_ghosts >= before * 0.999 && with_ghosts < 1.5 * before, "{with_ghosts}");
+}
+
+#[test]
+fn as_an_operator_it_is_the_product_over_all_slots() {
+    let world = World::new(60);
+    let mut matrix = LocalMatrix::new(12).unwrap();
+    // Numbers that are no slots, one slot free, and one of a patch that has left.
+    let there = [41, 7, 58, 20, 33, 50, 11, 29, 46, 3];
+    world.add(&mut matrix, &there).unwrap();
+    world.add(&mut matrix, &[55]).unwrap();
+    matrix.remove(&[55]).unwrap();
+    let mut exitance = vec![Vec4::ZERO; 12];
+    for &patch in &there {
+        exitance[matrix.slot(patch).unwrap() as usize] = Vec4::splat(1.0 + patch as f32);
+    }
+    let slots: Vec<u32> = there.iter().map(|&patch| matrix.slot(patch).unwrap()).collect();
+    let (mut by_slots, mut found) = (vec![Vec4::ZERO; 12], vec![Vec4::NAN; 12]);
+    matrix.product(&slots, &slots, &exitance, &mut by_slots).unwrap();
+    matrix.apply(&exitance, &mut found).unwrap();
+    assert_eq!(found, by_slots);
+    let exact = world.solve(&there, 0);
+    for (row, &patch) in there.iter().enumerate() {
+        let expected: f64 = (0..there.len()).map(|j| exact[(row, j)] * (1.0 + f64::from(there[j]))).sum();
+        let h = f64::from(found[matrix.slot(patch).unwrap() as usize].x);
+        assert!((h - expected).abs() < 1e-4 * expected.abs(), "{patch}: {h}, not {expected}");
+    }
 }
 
 #[test]

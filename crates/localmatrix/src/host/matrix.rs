@@ -88,7 +88,7 @@ impl LinearOperator for LocalMatrix {
 
     fn apply(&self, exitance: &[Vec4], irradiance: &mut [Vec4]) -> Result<(), transport::Error> {
         self.check_vectors(exitance, irradiance)?;
-        let slots: Vec<u32> = self.patches().map(|(_, slot)| slot).collect();
+        let slots: Vec<u32> = self.patches().map(|(slot, _)| slot).collect();
         irradiance.fill(Vec4::ZERO);
         self.multiply(&slots, &slots, exitance, irradiance);
         Ok(())
@@ -135,7 +135,7 @@ impl LocalMatrix {
         self.slots.contains_key(&patch) && self.slot(patch).is_none()
     }
 
-    /// The patch in each slot, ghosts not counted.
+    /// Each slot in use and the patch in it, ghosts not counted.
     pub fn patches(&self) -> impl Iterator<Item = (u32, u32)> {
         self.contents.iter().zip(0..).filter_map(|(content, slot)| match content {
             Slot::Active(patch) => Some((slot, *patch)),
