@@ -527,9 +527,11 @@ fn bench_thesis_measures_what_is_printed_beside_ours() {
         ("3.3", "cornell", &["errors.png"]),
         ("3.10", "cornell", &["bounces.svg"]),
         ("3.11", "cornell", &["bytes.svg"]),
+        ("4", "cornell", &["steps.svg"]),
         ("4.12", "atrium:3000", &["time.svg", "work.svg", "visible.svg"]),
         ("5.3", "cornell", &["pictures.png"]),
         ("5.4", "cornell", &["pictures.png"]),
+        ("6.4", "cornell", &["distance.svg"]),
     ] {
         assert!(listed.contains(&format!("{figure} ")) && message.contains(figure), "{listed} {message}");
         let out = folder.path().join(figure);
@@ -537,7 +539,7 @@ fn bench_thesis_measures_what_is_printed_beside_ours() {
         arguments.extend(["--counts", "60,120", "--size", "64x48", "--spp", "8", "--sub-frames", "1", "--rays", "64"]);
         arguments.extend(["--receiver-rays", "32", "--device", "cpu"]);
         let markdown = succeeds(&arguments);
-        assert!(markdown.contains(&format!("## Figure {figure}, {}", scene.split(':').next().unwrap())), "{markdown}");
+        assert!(markdown.contains(&format!("## Thesis {figure}, {}", scene.split(':').next().unwrap())), "{markdown}");
         let text = std::fs::read_to_string(out.join("summary.json")).unwrap();
         let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
         let name = scene.split(':').next().unwrap();

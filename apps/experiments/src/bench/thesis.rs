@@ -1,5 +1,7 @@
 //! `bench thesis`: the figures of A. S. Shcherbakov's thesis, measured here: as printed beside ours.
 
+mod clusters;
+mod lamp;
 mod local;
 mod matrix;
 mod patches;
@@ -17,7 +19,7 @@ use crate::report::{Plot, Table};
 use assets::import::LoadedScene;
 use reference::Picture;
 
-/// A figure that can be measured.
+/// A figure that can be measured, or what a chapter or section says.
 struct Figure {
     /// Its number.
     name: &'static str,
@@ -55,6 +57,12 @@ const FIGURES: &[Figure] = &[
         measure: matrix::bytes,
     },
     Figure {
+        name: "4",
+        says: "chapter: clusters of patches that overlap, each with a matrix of its own: edges in the light, work, bytes",
+        counts: &[2000],
+        measure: clusters::overlapping,
+    },
+    Figure {
         name: "4.12",
         says: "the whole matrix beside the local one, as printed and ours: work, time, errors; what is visible and lit",
         counts: &[500, 1000, 2000],
@@ -67,6 +75,12 @@ const FIGURES: &[Figure] = &[
         measure: patches::virtual_patches,
     },
     Figure { name: "5.4", says: "the same by patches along the axes", counts: &[1000], measure: patches::axis_patches },
+    Figure {
+        name: "6.4",
+        says: "section: a lamp that moves, by sampled light that lags and by a small matrix round it",
+        counts: &[2000],
+        measure: lamp::moving,
+    },
 ];
 
 /// What a figure is measured on.
@@ -142,7 +156,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         for (name, plot) in &plots {
             output::write_text(&study.file(&format!("{name}.svg")), &plot.svg())?;
         }
-        text += &format!("## Figure {}, {}\n\n", figure.name, loaded.name);
+        text += &format!("## Thesis {}, {}\n\n", figure.name, loaded.name);
         tables.iter().for_each(|table| text += &(table.markdown() + "\n"));
         results.scenes.insert(loaded.name.clone(), rows);
         output::write_text(&out.join("summary.json"), &output::json(&results))?;

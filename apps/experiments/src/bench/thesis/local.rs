@@ -3,7 +3,7 @@
 use std::collections::{BTreeSet, HashSet};
 
 use glam::{Vec3, Vec4};
-use localmatrix::{Entering, LocalMatrix, PrintedMatrix, choose};
+use localmatrix::{LocalMatrix, PrintedMatrix, choose};
 use multibounce::Channels;
 use scene::kernel::camera::{primary_direction, primary_hit};
 use scene::{Camera, NONE};
@@ -117,7 +117,7 @@ fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error
     let operators = subject.operators(None, study)?;
     let all = Channels::Three(operators.each_ref());
     let (whole_light, whole_s) = timed(|| Ok(exact_product(all, &factors.area, light)))?;
-    let mut flight = Flight::new(subject)?;
+    let mut flight = Flight::new(subject, SLOTS)?;
     let mut row = Row {
         patches: n,
         slots: flight.slots,
@@ -139,7 +139,7 @@ fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error
         // The first frame makes all ready.
         let changed = flight.change(view.eye, if frame == 0 { flight.slots } else { BUDGET })?;
         let seen = flight.those_of(&visible(study, subject, &view.camera(PIXELS.0, PIXELS.1)));
-        let lit = flight.lit();
+        let lit = flight.lit(light);
         let (printed, exact) = flight.products(&Places { seen: &seen, lit: &lit, light })?;
         let at = |values: &[Vec4]| seen.iter().map(|&patch| values[patch as usize]).collect::<Vec<_>>();
         let (area, right) = (seen.iter().map(|&p| factors.area[p as usize]).collect::<Vec<_>>(), at(&whole_light));
@@ -167,37 +167,36 @@ fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error
 }
 
 /// Both matrices, and the patches in them.
-struct Flight<'a> {
+pub(super) struct Flight<'a> {
     subject: &'a Subject,
     /// Form factors of each patch.
     rows: Vec<Vec<(u32, f32)>>,
-    slots: usize,
+    pub slots: usize,
     printed: PrintedMatrix,
     exact: LocalMatrix,
-    there: BTreeSet<u32>,
+    pub there: BTreeSet<u32>,
 }
 
 /// What a change took: multiplications and seconds of each matrix.
-struct Change {
+pub(super) struct Change {
     entered: usize,
-    printed: (u64, f64),
-    exact: (u64, f64),
+    pub printed: (u64, f64),
+    pub exact: (u64, f64),
 }
 
 /// Irradiance of the visible patches, and how long it took.
-struct Product {
-    light: Vec<Vec4>,
-    seconds: f64,
+pub(super) struct Product {
+    pub light: Vec<Vec4>,
+    pub seconds: f64,
 }
 
 impl<'a> Flight<'a> {
-    fn new(subject: &'a Subject) -> Result<Self, Error> {
-        let n = subject.bake.mesh.patches.len();
-        let row = |i: usize| subject.factors.factors.row(i).map(|(j, f)| (j as u32, f)).collect();
-        let slots = SLOTS.min(n);
+    /// Without patches so far, with room for so many.
+    pub fn new(subject: &'a Subject, slots: usize) -> Result<Self, Error> {
+        let slots = slots.min(subject.bake.mesh.patches.len());
         Ok(Self {
             subject,
-            rows: (0..n).map(row).collect(),
+            rows: subject.rows(),
             slots,
             printed: PrintedMatrix::new(slots)?,
             exact: LocalMatrix::new(slots)?,
@@ -206,18 +205,11 @@ impl<'a> Flight<'a> {
     }
 
     /// Patches near a place take the slots of those far from it, `budget` of them at most.
-    fn change(&mut self, eye: Vec3, budget: usize) -> Result<Change, Error> {
-        let Subject { bake, factors, .. } = self.subject;
-        let mesh = &bake.mesh;
-        let distance: Vec<f32> = mesh.patches.iter().map(|patch| patch.centroid.distance(eye)).collect();
+    pub fn change(&mut self, eye: Vec3, budget: usize) -> Result<Change, Error> {
+        let patches = &self.subject.bake.mesh.patches;
+        let distance: Vec<f32> = patches.iter().map(|patch| patch.centroid.distance(eye)).collect();
         let choice = choose(&distance, |patch| self.there.contains(&patch), self.slots, HYSTERESIS, budget);
-        let entering = |&patch: &u32| Entering {
-            patch,
-            area: factors.area[patch as usize],
-            albedo: mesh.albedo[patch as usize].truncate(),
-            factors: &self.rows[patch as usize],
-        };
-        let entering: Vec<Entering> = choice.enter.iter().map(entering).collect();
+        let entering = self.subject.entering(&choice.enter, &self.rows);
         let before = [self.printed.work(), self.exact.work()];
         let ((), printed_s) = timed(|| {
             choice.leave.iter().try_for_each(|&patch| self.printed.remove(patch))?;
@@ -241,14 +233,14 @@ impl<'a> Flight<'a> {
         self.there.iter().copied().filter(|patch| patches.contains(patch)).collect()
     }
 
-    /// Patches in the matrices that send light.
-    fn lit(&self) -> Vec<u32> {
-        let sends = |patch: &u32| self.subject.light[*patch as usize].truncate() != Vec3::ZERO;
+    /// Patches in the matrices that send some of this light.
+    pub fn lit(&self, light: &[Vec4]) -> Vec<u32> {
+        let sends = |patch: &u32| light[*patch as usize].truncate() != Vec3::ZERO;
         self.there.iter().copied().filter(sends).collect()
     }
 
     /// By the printed matrix, and by ours.
-    fn products(&self, places: &Places) -> Result<(Product, Product), Error> {
+    pub fn products(&self, places: &Places) -> Result<(Product, Product), Error> {
         let Self { slots, printed, exact, .. } = self;
         let (light, seconds) =
             timed(|| places.product(*slots, &|p| printed.slot(p), &|v, l, e, h| printed.product(v, l, e, h)))?;
@@ -270,18 +262,23 @@ fn visible(study: &Study, subject: &Subject, camera: &Camera) -> HashSet<u32> {
 }
 
 /// Rows and columns of a product.
-struct Places<'a> {
-    seen: &'a [u32],
-    lit: &'a [u32],
+pub(super) struct Places<'a> {
+    pub seen: &'a [u32],
+    pub lit: &'a [u32],
     /// Exitance of all patches.
-    light: &'a [Vec4],
+    pub light: &'a [Vec4],
 }
 
 type Multiply<'a> = dyn Fn(&[u32], &[u32], &[Vec4], &mut [Vec4]) -> Result<(), localmatrix::Error> + 'a;
 
 impl Places<'_> {
     /// Irradiance of the visible patches by a matrix.
-    fn product(&self, slots: usize, slot: &dyn Fn(u32) -> Option<u32>, product: &Multiply) -> Result<Vec<Vec4>, Error> {
+    pub fn product(
+        &self,
+        slots: usize,
+        slot: &dyn Fn(u32) -> Option<u32>,
+        product: &Multiply,
+    ) -> Result<Vec<Vec4>, Error> {
         let of = |patches: &[u32]| patches.iter().filter_map(|&patch| slot(patch)).collect::<Vec<u32>>();
         let (rows, columns) = (of(self.seen), of(self.lit));
         let (mut exitance, mut irradiance) = (vec![Vec4::ZERO; slots], vec![Vec4::ZERO; slots]);

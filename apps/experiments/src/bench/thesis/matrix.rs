@@ -3,6 +3,7 @@
 use cpu_time::ProcessTime;
 use faer::Mat;
 use glam::{Vec3, Vec4};
+use localmatrix::Entering;
 use multibounce::{
     BlockCodec, BlockMatrix, BlockSettings, Channels, MatrixRows, Permutation, greedy_order, picture, printed_order,
     projected_order,
@@ -64,6 +65,23 @@ impl Subject {
 
     fn len(&self) -> usize {
         self.factors.area.len()
+    }
+
+    /// Form factors of each patch.
+    pub fn rows(&self) -> Vec<Vec<(u32, f32)>> {
+        let row = |i: usize| self.factors.factors.row(i).map(|(j, f)| (j as u32, f)).collect();
+        (0..self.len()).map(row).collect()
+    }
+
+    /// Some patches as they enter a local matrix, with the form factors of all.
+    pub fn entering<'a>(&self, patches: &[u32], rows: &'a [Vec<(u32, f32)>]) -> Vec<Entering<'a>> {
+        let entering = |&patch: &u32| Entering {
+            patch,
+            area: self.factors.area[patch as usize],
+            albedo: self.bake.mesh.albedo[patch as usize].truncate(),
+            factors: &rows[patch as usize],
+        };
+        patches.iter().map(entering).collect()
     }
 
     /// The matrix of so many bounces, or of all.
