@@ -45,7 +45,8 @@ impl Study for Table3 {
         Processor time is that of all cores together, in which what else the machine did is hardly seen; where it was busy, \
         believe that. Path tracing has no update: its time is that of the picture. All methods share direct light, rays and \
         their hierarchy. Memory is what light needs from frame to frame; that of probes and cells is in their authors' formats. \
-        A volume that engines bake is baked anew when a light moves. Gathering (sparse rows, a product a bounce), the dense \
+        A volume that engines bake is baked anew when a light moves. Small tiles and small temporal have a sixth of the patches, \
+        and with them of elements and receivers, and a quarter of the rays of each. Gathering (sparse rows, a product a bounce), the dense \
         product (the operator of all bounces, read once an update), shooting (progressive refinement) and Monte Carlo radiosity \
         (stochastic Jacobi, 100 samples a patch) are baselines on the same patches as tiles and temporal; hierarchical \
         radiosity has polygons, and finds its links anew with the light of each update. Updates of a second and more are \

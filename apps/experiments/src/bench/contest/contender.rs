@@ -16,12 +16,13 @@ use scene::sampling::hash3;
 use scene::{Lighting, NONE, Scene, SurfacePoint};
 
 use super::View;
+use super::field::PatchMethod;
 use crate::bench::load;
 use crate::error::Error;
 use crate::progress::{Progress, interruptible};
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::sequence::pass_ms;
-use patchlight::{Bake, MethodSettings, Pictures, ReceiverUpdate, RenderSettings, Renderer};
+use patchlight::{Bake, Pictures, ReceiverUpdate, RenderSettings, Renderer};
 
 /// What sets the paths of an opponent apart from those of the reference.
 const OTHER_PATHS: u32 = 0x6f70_706f;
@@ -91,7 +92,9 @@ pub trait Contender {
 /// The project's own patches.
 pub struct OwnPatches<'a> {
     view: &'a View<'a>,
-    name: &'static str,
+    method: PatchMethod,
+    /// What its name ends with, beside others of its kind.
+    label: &'static str,
     renderer: Renderer,
     build_s: f64,
     patches: usize,
@@ -103,11 +106,11 @@ impl<'a> OwnPatches<'a> {
         view: &'a View<'a>,
         bake: &Arc<Bake>,
         bake_s: f64,
-        name: &'static str,
-        method: MethodSettings,
+        method: PatchMethod,
+        label: &'static str,
     ) -> Result<Self, Error> {
         let settings = RenderSettings {
-            method,
+            method: method.settings,
             eye: view.loaded.view.eye,
             size: view.args.size(),
             sub_frames: view.args.sub_frames,
@@ -117,17 +120,17 @@ impl<'a> OwnPatches<'a> {
         let start = Instant::now();
         let renderer = load(view.common, bake, &settings, &Progress::new(true))?;
         let build_s = bake_s + start.elapsed().as_secs_f64();
-        Ok(Self { view, name, renderer, build_s, patches: bake.mesh.patches.len() })
+        Ok(Self { view, method, label, renderer, build_s, patches: bake.mesh.patches.len() })
     }
 }
 
 impl Contender for OwnPatches<'_> {
     fn family(&self) -> &'static str {
-        self.name
+        self.method.name
     }
 
     fn name(&self) -> String {
-        self.name.to_owned()
+        format!("{}{}", self.method.name, self.label)
     }
 
     fn frame(&mut self, lighting: &Lighting, _: u32) -> Result<FrameTime, Error> {

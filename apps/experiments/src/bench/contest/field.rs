@@ -14,7 +14,7 @@ use crate::proxy::ProxySettings;
 use patchlight::method::solved::{Links, Samples};
 use patchlight::method::{Solver, TemporalSettings};
 use patchlight::operator::Codec;
-use patchlight::{Bake, BakeSettings, MethodSettings};
+use patchlight::{Bake, BakeSettings, Estimator, MethodSettings};
 
 /// Kinds of the project's own methods.
 pub const OWN: [&str; 2] = ["tiles 1 %", "temporal"];
@@ -38,6 +38,11 @@ const PROBES: (f64, f64) = (8.0, 32_768.0);
 const MOST_POLYGONS: usize = 2;
 /// Probes of a volume that is baked anew in every light update, at most.
 const MOST_BAKED: usize = 4096;
+/// What the project's own methods are called with a fraction of their memory, and what that takes: patches and rays are so many
+/// times fewer. What is asked of these settings is the memory of the best probes, not the least error.
+const SMALL: &str = ", small";
+const FEWER_PATCHES: usize = 6;
+const FEWER_RAYS: u32 = 4;
 /// Paths a pixel in pictures that are denoised, beside those at equal time, are so many times as many.
 const MORE_PATHS: u32 = 8;
 
@@ -48,7 +53,7 @@ pub type Contenders<'a> = Vec<Box<dyn Contender + 'a>>;
 #[derive(Clone, Copy)]
 pub struct PatchMethod {
     pub name: &'static str,
-    settings: MethodSettings,
+    pub settings: MethodSettings,
 }
 
 impl PatchMethod {
@@ -115,6 +120,7 @@ impl<'a> Field<'a> {
     pub fn all(&self) -> Result<(Contenders<'a>, Vec<String>), Error> {
         let View { args, .. } = *self.view;
         let mut list = self.patches()?;
+        list.extend(self.small()?);
         for method in PatchMethod::dense() {
             list.push(self.radiosity(&self.bake, self.bake_s, method)?);
         }
@@ -170,13 +176,27 @@ impl<'a> Field<'a> {
         methods.iter().map(|method| self.radiosity(&self.bake, self.bake_s, *method)).collect()
     }
 
-    fn radiosity(
-        &self,
-        bake: &Arc<Bake>,
-        bake_s: f64,
-        PatchMethod { name, settings }: PatchMethod,
-    ) -> Result<Box<dyn Contender + 'a>, Error> {
-        Ok(Box::new(OwnPatches::new(self.view, bake, bake_s, name, settings)?))
+    fn radiosity(&self, bake: &Arc<Bake>, bake_s: f64, method: PatchMethod) -> Result<Box<dyn Contender + 'a>, Error> {
+        Ok(Box::new(OwnPatches::new(self.view, bake, bake_s, method, "")?))
+    }
+
+    /// The project's own methods with fewer patches, fewer receivers, and fewer rays from each.
+    fn small(&self) -> Result<Contenders<'a>, Error> {
+        let View { common, args, loaded, .. } = *self.view;
+        let settings = BakeSettings {
+            patch_count: (self.bake.mesh.patches.len() / FEWER_PATCHES).max(1),
+            estimator: Estimator::Hemisphere { rays: (args.rays / FEWER_RAYS).max(1) },
+            receiver_rays: (args.receiver_rays() / FEWER_RAYS).max(1),
+            ..self.bake.settings
+        };
+        let start = Instant::now();
+        let bake = Arc::new(Bake::build(&loaded.scene, &settings, self.progress)?);
+        let bake_s = start.elapsed().as_secs_f64();
+        let own = PatchMethod::usual(settings.patch_count, common.seed)
+            .into_iter()
+            .filter(|method| OWN.contains(&method.name));
+        let contender = |method| OwnPatches::new(self.view, &bake, bake_s, method, SMALL);
+        own.map(|method| Ok(Box::new(contender(method)?) as Box<dyn Contender + 'a>)).collect()
     }
 
     /// Links between parts of polygons, which have a bake of their own, or why there is none.

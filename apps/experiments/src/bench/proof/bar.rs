@@ -50,7 +50,7 @@ impl Comparison<'_> {
     }
 }
 
-/// Of each of the project's own methods in a scene.
+/// Of each setting of each of the project's own methods in a scene.
 fn comparisons(scene: &SceneRows<Row>) -> Vec<Comparison<'_>> {
     let (_, first, _) = BAR[0];
     let opponents = scene.rows.iter().filter(|row| row.who.family == NEAREST);
@@ -60,24 +60,39 @@ fn comparisons(scene: &SceneRows<Row>) -> Vec<Comparison<'_>> {
     own.map(|own| Comparison { scene: &scene.scene, own, best }).collect()
 }
 
+/// Of each method in each scene, the setting that misses least.
+fn nearest<'a>(all: &'a [Comparison<'a>]) -> Vec<(&'a Comparison<'a>, Vec<&'static str>)> {
+    let mut cases: Vec<(&Comparison, Vec<&str>)> = Vec::new();
+    for setting in all {
+        let missed = setting.missed();
+        let is_same = |case: &Comparison| case.scene == setting.scene && case.own.who.family == setting.own.who.family;
+        match cases.iter_mut().find(|(case, _)| is_same(case)) {
+            Some((_, least)) if least.len() <= missed.len() => {}
+            Some(case) => *case = (setting, missed),
+            None => cases.push((setting, missed)),
+        }
+    }
+    cases
+}
+
 /// Where the bar is missed, and a table of all of it. Writing into a string cannot fail.
 pub fn text(record: &Record<Row>) -> String {
     let all: Vec<Comparison> = record.scenes.iter().flat_map(comparisons).collect();
-    let missed: Vec<Vec<&str>> = all.iter().map(Comparison::missed).collect();
-    let met = missed.iter().filter(|missed| missed.is_empty()).count();
+    let cases = nearest(&all);
+    let met = cases.iter().filter(|(_, missed)| missed.is_empty()).count();
     let mut text = format!(
         "The bar of this project: in each scene tiles and temporal better than the best setting of DDGI, that with the greatest \
-         PSNR, in PSNR and SSIM of indirect light, error at points and time of a light update, at equal or less memory. It is met \
-         in {met} of {} cases.",
-        all.len()
+         PSNR, in PSNR and SSIM of indirect light, error at points and time of a light update, at equal or less memory, all with \
+         one setting. It is met in {met} of {} cases, each a method in a scene.",
+        cases.len()
     );
     for (name, ..) in BAR {
-        let where_missed = all.iter().zip(&missed).filter(|(_, missed)| missed.contains(&name));
+        let where_missed = cases.iter().filter(|(_, missed)| missed.contains(&name));
         let names: Vec<String> =
             where_missed.map(|(case, _)| format!("{} ({})", case.scene, case.own.who.method)).collect();
         let _ = match names.len() {
             0 => write!(text, " Met everywhere: {name}."),
-            count if count == all.len() => write!(text, " Missed everywhere: {name}."),
+            count if count == cases.len() => write!(text, " Missed everywhere: {name}."),
             _ => write!(text, " Missed in {name}: {}.", names.join(", ")),
         };
     }
@@ -95,7 +110,7 @@ pub fn text(record: &Record<Row>) -> String {
 mod tests {
     use super::*;
 
-    /// A record of one scene: tiles, and two settings of DDGI.
+    /// A record of one scene: tiles with much memory, and with what is given, and two settings of DDGI.
     fn record(tiles_db: f64, tiles_bytes: u64) -> Record<Row> {
         let errors = |db: f64| {
             serde_json::json!({
@@ -112,7 +127,8 @@ mod tests {
             })
         };
         let rows = [
-            row("tiles 1 %", "tiles 1 %", tiles_db, 20.0, tiles_bytes),
+            row("tiles 1 %", "tiles 1 %", 36.0, 25.0, 10_000),
+            row("tiles 1 %", "tiles 1 %, small", tiles_db, 20.0, tiles_bytes),
             row("DDGI", "coarse", 20.0, 2.0, 1000),
             row("DDGI", "fine", 30.0, 90.0, 4000),
         ];
@@ -126,15 +142,15 @@ mod tests {
     #[test]
     fn what_is_missed_is_said() {
         let met = text(&record(35.0, 3000));
-        assert!(met.contains("met in 1 of 1 cases") && !met.contains("issed"), "{met}");
-        assert!(met.contains("| box, tiles 1 % | fine | 35.00 dB against 30.00 dB |"), "{met}");
+        assert!(met.contains("met in 1 of 1 cases") && !met.contains("Missed"), "{met}");
+        assert!(met.contains("| box, tiles 1 %, small | fine | 35.00 dB against 30.00 dB |"), "{met}");
+        assert!(met.contains("0.0100 MB against 0.00400 MB (missed)"), "{met}");
         let more_memory = text(&record(35.0, 5000));
         assert!(more_memory.contains("met in 0 of 1") && more_memory.contains("Missed everywhere: memory."));
         assert!(more_memory.contains("0.00500 MB against 0.00400 MB (missed)"), "{more_memory}");
+        // A setting that is small but worse in the picture leaves the other, which misses memory alone, as the nearest.
         let worse = text(&record(25.0, 3000));
-        for name in ["PSNR of indirect light", "SSIM of indirect light", "median error at points"] {
-            assert!(worse.contains(&format!("Missed everywhere: {name}.")), "{worse}");
-        }
-        assert!(worse.contains("Met everywhere: time of a light update."), "{worse}");
+        assert!(worse.contains("Missed everywhere: memory.") && worse.contains("met in 0 of 1"), "{worse}");
+        assert!(worse.contains("25.00 dB against 30.00 dB (missed)"), "{worse}");
     }
 }
