@@ -532,6 +532,8 @@ fn bench_thesis_measures_what_is_printed_beside_ours() {
         ("5.3", "cornell", &["pictures.png"]),
         ("5.4", "cornell", &["pictures.png"]),
         ("6.4", "cornell", &["distance.svg"]),
+        ("table1", "cornell", &["time.svg"]),
+        ("table2", "cornell", &[]),
     ] {
         assert!(listed.contains(&format!("{figure} ")) && message.contains(figure), "{listed} {message}");
         let out = folder.path().join(figure);

@@ -172,6 +172,7 @@ pub enum Experiment {
     /// Kinds and numbers of patches, receivers on the mesh.
     Patches,
     /// The operator of all bounces: bytes and time over the error of its compression.
+    #[value(alias = "compression")]
     Operator,
     /// Sampled light beside exact products: time, memory, jumps of the lights, noise at rest, pictures.
     Temporal,
@@ -186,8 +187,14 @@ pub enum Experiment {
     /// Whole light updates: lights that move, lights that rest, a lamp that is switched, for every receiver and for those in
     /// view; where the time goes, and how far from the bandwidth that is.
     Frame,
+    /// Time of products and of sampled light over the number of patches: `thesis table1`.
+    Table1,
+    /// Errors of products and of sampled light against path tracing: `thesis table2`.
+    Table2,
     /// What is in view by tiles and sampled, beside every baseline and opponent: time, memory, pictures, points.
     Table3,
+    /// Time of the light over the number of bounces: `thesis 3.10`.
+    Bounces,
     /// A figure of the thesis, as printed beside ours: `thesis 5.3 [SCENES]`; `thesis` alone lists them.
     Thesis,
     /// Light behind walls, for every kind of method, in scenes with thin walls.

@@ -130,6 +130,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Unseen => study::run::<unseen::Unseen>(common, args),
         Experiment::Report => proof::run(common, args),
         Experiment::Thesis => thesis::run(common, args),
+        Experiment::Table1 => thesis::run_one(common, args, "table1"),
+        Experiment::Table2 => thesis::run_one(common, args, "table2"),
+        Experiment::Bounces => thesis::run_one(common, args, "3.10"),
         Experiment::All => all::run(common, args),
         Experiment::Firstshot => {
             common.native_only("bench firstshot")?;

@@ -18,7 +18,9 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     let folder = output::folder_or(&common.out, "bench-all");
     let progress = Progress::new(common.quiet);
     for &name in Experiment::value_variants() {
-        if matches!(name, Experiment::All | Experiment::Report) {
+        // Figures of the thesis are all measured with it.
+        let is_figure = matches!(name, Experiment::Table1 | Experiment::Table2 | Experiment::Bounces);
+        if is_figure || matches!(name, Experiment::All | Experiment::Report) {
             continue;
         }
         if is_cancelled() {
@@ -42,8 +44,7 @@ fn thesis_figures(common: &Common, args: &Bench, folder: &Path) -> Result<(), Er
     for figure in super::thesis::names() {
         let common = Common { out: Some(folder.join(format!("thesis-{figure}"))), ..common.clone() };
         let own = if args.quick { smallest(Experiment::Thesis, args, folder) } else { args.clone() };
-        let scenes = [&[figure.to_owned()], &own.scenes[..]].concat();
-        super::run(&common, &Bench { name: Experiment::Thesis, scenes, ..own })?;
+        super::thesis::run_one(&common, &own, figure)?;
     }
     Ok(())
 }

@@ -5,13 +5,14 @@ mod lamp;
 mod local;
 mod matrix;
 mod patches;
+mod tables;
 
 use std::path::Path;
 
 use serde::Serialize;
 
 use super::Setup;
-use crate::args::{Bench, Common};
+use crate::args::{Bench, Common, Experiment};
 use crate::error::Error;
 use crate::output;
 use crate::progress::Progress;
@@ -81,6 +82,18 @@ const FIGURES: &[Figure] = &[
         counts: &[2000],
         measure: lamp::moving,
     },
+    Figure {
+        name: "table1",
+        says: "time of products and of sampled light over the number of patches",
+        counts: &[1736, 5485, 8786, 10_422],
+        measure: tables::time,
+    },
+    Figure {
+        name: "table2",
+        says: "errors of products and of sampled light against path tracing",
+        counts: &[2000],
+        measure: tables::accuracy,
+    },
 ];
 
 /// What a figure is measured on.
@@ -123,6 +136,15 @@ struct Results<'a> {
 /// Numbers of the figures, in order.
 pub fn names() -> impl Iterator<Item = &'static str> {
     FIGURES.iter().map(|figure| figure.name)
+}
+
+/// Measures one of [`names`] in the scenes of the options.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_one(common: &Common, args: &Bench, name: &str) -> Result<(), Error> {
+    let scenes = [&[name.to_owned()], &args.scenes[..]].concat();
+    run(common, &Bench { name: Experiment::Thesis, scenes, ..args.clone() })
 }
 
 /// Measures the figure that the first word names; without one lists them.

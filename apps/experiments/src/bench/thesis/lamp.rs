@@ -8,10 +8,11 @@ use glam::{Vec3, Vec4};
 use multibounce::Channels;
 use scene::{LIGHT_POINT, Light, Lighting, Scene, Sky};
 use serde::Serialize;
-use temporal::{AliasTables, Blend, Distribution, Packing, RayLists, Settings, State};
+use temporal::{Distribution, Settings, State};
 
 use super::local::{Flight, Places};
 use super::matrix::Subject;
+use super::tables::{SAMPLES, WEIGHT, changes, printed, sampled_rows};
 use super::{Outcome, Study};
 use crate::args::CameraPath;
 use crate::error::Error;
@@ -29,11 +30,6 @@ const FRAMES: u32 = 48;
 const SHARE: f32 = 0.25;
 /// Frames before the first that counts, in which all sampled light arrives.
 const BEFORE: u32 = 64;
-/// Samples a row, and the weight of the frames before where it is a fixed one.
-const SAMPLES: u32 = 64;
-const WEIGHT: f32 = 0.9;
-/// Entries of a list that stands for a row.
-const LIST_ENTRIES: usize = 1024;
 /// Intensity of the lamp, W/sr. All errors are relative.
 const INTENSITY: f32 = 1.0;
 /// How far it reaches, in diagonals of the scene: its light is 0 from there on.
@@ -147,23 +143,11 @@ fn within(distance: f32) -> f32 {
 
 /// By samples of all rows: with a fixed weight of the frames before, and of the change of the light.
 fn sampled(study: &Study, subject: &Subject, carried: &Carried) -> Result<Vec<Row>, Error> {
-    let transport::Csr { columns, row_start, column_index, values, .. } = &*subject.bake.form_factors.factors;
-    let tables = AliasTables::from_rows(*columns, row_start, column_index, values, Packing::Stacks);
-    let lists = RayLists::from_rows(*columns, row_start, column_index, values, LIST_ENTRIES);
-    let (tables, lists) = (tables.map_err(patchlight::Error::from)?, lists.map_err(patchlight::Error::from)?);
+    let (tables, lists) = sampled_rows(&subject.bake.form_factors.factors)?;
     let seed = study.common.seed;
-    let printed = Settings {
-        samples: SAMPLES,
-        blend: Blend::Fixed(WEIGHT),
-        control_variate: false,
-        rotated: false,
-        seed,
-        ..Settings::DEFAULT
-    };
-    let changes = Settings { samples: SAMPLES, seed, ..Settings::DEFAULT };
     Ok(vec![
-        sample(subject, carried, format!("{SAMPLES} samples a row, w {WEIGHT}, as printed"), &tables, &printed)?,
-        sample(subject, carried, format!("{SAMPLES} samples of the change a row, ours"), &lists, &changes)?,
+        sample(subject, carried, format!("{SAMPLES} samples a row, w {WEIGHT}, as printed"), &tables, &printed(seed))?,
+        sample(subject, carried, format!("{SAMPLES} samples of the change a row, ours"), &lists, &changes(seed))?,
     ])
 }
 
