@@ -159,53 +159,17 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
     let name = path.file_stem().map_or_else(|| String::from("scene"), |s| s.to_string_lossy().into_owned());
     let mut setting = Setting::new(path, &name);
     setting.files.push(path.to_path_buf());
-    if let Some(scale) = &table.metres_per_unit {
-        setting.metres_per_unit = *scale.as_ref();
-        if !(scale.as_ref().is_finite() && *scale.as_ref() > 0.0) {
-            return Err(text.value(
-                scale.span(),
-                "metres_per_unit",
-                "must be a finite number above 0, for example 0.01",
-            ));
-        }
-    }
-    if let Some(stops) = &table.exposure_stops {
-        setting.exposure_stops = *stops.as_ref();
-        if !(-100.0..=100.0).contains(stops.as_ref()) {
-            return Err(text.value(stops.span(), "exposure_stops", "must be a number from -100 to 100"));
-        }
-    }
+    read_units(&text, &table, &mut setting)?;
     if let Some(camera) = &table.camera {
         setting.view = Some(view(&text, camera, setting.metres_per_unit)?);
     }
     let mut warnings = Vec::new();
-    let mut luminaires = Luminaires::default();
-    for (k, light) in table.light.iter().enumerate() {
-        let light_fault = |(key, reason): Fault| text.value(light.span(), &format!("light {}, {key}", k + 1), reason);
-        let t = light.as_ref();
-        check_keys(t).map_err(light_fault)?;
-        let built = match (t.kind.as_str(), &t.file) {
-            (LUMINAIRE, Some(file)) => {
-                let path = beside(text.path, file);
-                let lamp_set = t.lamp_set.unwrap_or(1);
-                let found = luminaires.add(&path, lamp_set, &mut setting.distributions, &mut warnings)?;
-                setting.files.push(path);
-                build_luminaire(t, setting.metres_per_unit, found)
-            }
-            _ => build_light(t, setting.metres_per_unit),
-        };
-        setting.lights.push(built.map_err(light_fault)?);
-    }
+    read_lights(&text, &table.light, &mut setting, &mut warnings)?;
     if let Some(sky) = &table.sky {
         read_sky(&text, sky, &mut setting, options, &mut warnings)?;
     }
     if let Some(medium) = &table.medium {
-        setting.absorption = Vec3::from(medium.as_ref().absorption);
-        let is_possible = |a: f32| (0.0..=MOST_ABSORPTION).contains(&a);
-        if !medium.as_ref().absorption.into_iter().all(is_possible) {
-            let reason = format!("must be three numbers from 0 to {MOST_ABSORPTION} 1/m");
-            return Err(text.value(medium.span(), "absorption", reason));
-        }
+        setting.absorption = absorption(&text, medium)?;
     }
     for track in &table.animation {
         let built = build_track(track.as_ref(), &setting.lights, setting.metres_per_unit);
@@ -223,6 +187,64 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<LoadedScene, ImportErr
             .map_err(|(key, reason)| text.value(material.span(), &format!("material, {key}"), reason))?;
     }
     finish(mesh, setting, options)
+}
+
+/// Length of a unit and exposure.
+fn read_units(text: &Text, table: &SceneTable, setting: &mut Setting) -> Result<(), ImportError> {
+    if let Some(scale) = &table.metres_per_unit {
+        setting.metres_per_unit = *scale.as_ref();
+        if !(scale.as_ref().is_finite() && *scale.as_ref() > 0.0) {
+            return Err(text.value(
+                scale.span(),
+                "metres_per_unit",
+                "must be a finite number above 0, for example 0.01",
+            ));
+        }
+    }
+    if let Some(stops) = &table.exposure_stops {
+        setting.exposure_stops = *stops.as_ref();
+        if !(-100.0..=100.0).contains(stops.as_ref()) {
+            return Err(text.value(stops.span(), "exposure_stops", "must be a number from -100 to 100"));
+        }
+    }
+    Ok(())
+}
+
+/// Lights, those of luminaires with the files that they name.
+fn read_lights(
+    text: &Text,
+    lights: &[Spanned<LightTable>],
+    setting: &mut Setting,
+    warnings: &mut Vec<String>,
+) -> Result<(), ImportError> {
+    let mut luminaires = Luminaires::default();
+    for (k, light) in lights.iter().enumerate() {
+        let light_fault = |(key, reason): Fault| text.value(light.span(), &format!("light {}, {key}", k + 1), reason);
+        let t = light.as_ref();
+        check_keys(t).map_err(light_fault)?;
+        let built = match (t.kind.as_str(), &t.file) {
+            (LUMINAIRE, Some(file)) => {
+                let path = beside(text.path, file);
+                let lamp_set = t.lamp_set.unwrap_or(1);
+                let found = luminaires.add(&path, lamp_set, &mut setting.distributions, warnings)?;
+                setting.files.push(path);
+                build_luminaire(t, setting.metres_per_unit, found)
+            }
+            _ => build_light(t, setting.metres_per_unit),
+        };
+        setting.lights.push(built.map_err(light_fault)?);
+    }
+    Ok(())
+}
+
+/// Absorption of the medium, 1/m.
+fn absorption(text: &Text, medium: &Spanned<MediumTable>) -> Result<Vec3, ImportError> {
+    let values = medium.as_ref().absorption;
+    if values.into_iter().all(|a: f32| (0.0..=MOST_ABSORPTION).contains(&a)) {
+        return Ok(Vec3::from(values));
+    }
+    let reason = format!("must be three numbers from 0 to {MOST_ABSORPTION} 1/m");
+    Err(text.value(medium.span(), "absorption", reason))
 }
 
 /// Gives the materials of a name what a scene file says of them.
