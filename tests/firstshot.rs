@@ -7,10 +7,11 @@ use std::sync::atomic::Ordering;
 
 use assets::{load_or_build, procedural};
 use firstshot::{
-    Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Round, Sums, Texels, Tracer,
+    Emission, IlluminationMaps, LightElement, LightElementSettings, PhotonAccumulator, PhotonSettings, Round, Sums,
+    Texels, Tracer, light_elements, light_elements_by,
 };
 use formfactor::{Hemisphere, balance, form_factors};
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use integration_tests::limited::Limited;
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
@@ -24,11 +25,12 @@ use runtime::cpu::Cpu;
 use runtime::executor::{DeviceKind, Executor};
 use runtime::plan::Plan;
 use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
+use runtime::recipe::rays::RayStops;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
 use scene::math::luminance;
 use scene::sampling::{hammersley, hash3, uniform_triangle};
-use scene::{DirectParams, Hit, LIGHT_POINT, Light, NONE, Scene, SurfacePoint};
+use scene::{DirectParams, Hit, LIGHT_POINT, LIGHT_SPOT, Light, NONE, Ray, Scene, SurfacePoint};
 
 fn go_on(_: usize, _: usize) -> ControlFlow<()> {
     ControlFlow::Continue(())
@@ -323,9 +325,53 @@ fn kernels_register_the_photons_of_the_host_in_every_bit() {
     assert!(difference(maps.areas(), &found.irradiance, &other.irradiance) > 0.1);
 }
 
-/// A frame of the Cornell box with photons until an error, under light of another colour than that of the bake: irradiance of
-/// the elements, bytes that were read back for it, photons and error.
-fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64) -> (Vec<Vec4>, usize, Round) {
+/// A hall under its sun, a lamp and a spot between its columns: triangles that are refined, and small ones that share rays.
+#[test]
+fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
+    let mut loaded = load_or_build("atrium:3000").unwrap();
+    let middle = 0.5 * (loaded.scene.geometry.bounds.0 + loaded.scene.geometry.bounds.1);
+    let lamp = Light { kind: LIGHT_POINT, position: middle, color: Vec3::splat(100.0), ..Light::default() };
+    let (direction, cos_inner, cos_outer) = (Vec3::new(0.6, -0.8, 0.0), 0.9, 0.8);
+    let spot = Light { kind: LIGHT_SPOT, direction, cos_inner, cos_outer, ..lamp };
+    let lights = [&loaded.scene.lighting.lights[..], &[lamp, spot]].concat();
+    loaded.scene.set_lights(&lights);
+    let scene = &loaded.scene;
+    let ours = LightElementSettings { elements: 1 << 13, ..LightElementSettings::default() };
+    let mut executors: Vec<Box<dyn Executor>> = vec![Box::new(Cpu::new())];
+    executors.extend(vulkan().map(|vulkan| Box::new(vulkan) as Box<dyn Executor>));
+    for settings in [ours, ours.as_printed()] {
+        let own = light_elements(scene, &settings, &go_on).unwrap();
+        let is_shared = |element: &LightElement| element.seen < 1.0;
+        let split = own.elements.iter().filter(|element| element.corners[1] != Vec2::X).count();
+        assert!(split > 500 && own.elements.iter().any(is_shared) && own.shadow_rays > 10_000);
+        for executor in &mut executors {
+            let executor = executor.as_mut();
+            let stops = RayStops::load(executor, scene).unwrap();
+            let mut asked = Vec::new();
+            let mut found = |is_wrong: bool| {
+                asked.clear();
+                let trace = &mut |rays: &[Ray]| -> Result<Vec<u32>, firstshot::Error> {
+                    asked.push(rays.len() as u64);
+                    let mut stopped = stops.find(executor, rays).unwrap();
+                    // One answer among those of the first step.
+                    stopped[rays.len() / 3] ^= u32::from(is_wrong && asked.len() == 1);
+                    Ok(stopped)
+                };
+                let found = light_elements_by(trace, scene, &settings, &go_on).unwrap();
+                assert_eq!(asked.iter().sum::<u64>(), found.shadow_rays);
+                found
+            };
+            let theirs = found(false);
+            assert!(theirs.shadow_rays == own.shadow_rays && theirs.elements == own.elements);
+            assert!(found(true).elements != own.elements, "a ray that goes wrong is noticed");
+            assert!(asked.len() < 40, "{} steps", asked.len());
+        }
+    }
+}
+
+/// A frame of the Cornell box with photons until an error, under light of another colour than that of the bake, and of a lamp if
+/// one is given: irradiance of the elements, bytes that were read back for it, photons and error.
+fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64, lamp: Option<Light>) -> (Vec<Vec4>, usize, Round) {
     let executor = Limited::new(inner, u64::MAX);
     let downloaded = executor.downloaded();
     let loaded = procedural::build("cornell").unwrap();
@@ -337,6 +383,7 @@ fn frame(bake: &Arc<Bake>, inner: Box<dyn Executor>, error: f64) -> (Vec<Vec4>, 
     let bluer = Vec3::new(0.1, 0.5, 5.0);
     lighting.emission = loaded.scene.materials.iter().map(|m| m.radiance * bluer).collect();
     lighting.lights.iter_mut().for_each(|light| light.color *= bluer);
+    lighting.lights.extend(lamp);
     renderer.update_light(&loaded.scene.lighting, &camera).unwrap();
     let before = downloaded.load(Ordering::Relaxed);
     renderer.update_light(&lighting, &camera).unwrap();
@@ -414,12 +461,12 @@ fn small() -> Setup {
 fn a_frame_reads_back_no_photons_and_is_the_same_on_every_executor() {
     let bake = small().bake(&procedural::build("cornell").unwrap()).unwrap();
     let blocks = bake.mesh.patches.len().div_ceil(64);
-    let (light, bytes, round) = frame(&bake, Box::new(Cpu::new()), 0.0);
+    let (light, bytes, round) = frame(&bake, Box::new(Cpu::new()), 0.0, None);
     assert_eq!((bytes, round.photons), (0, 1 << 19));
     let sum: Vec4 = light.iter().sum();
     assert!(sum.z > sum.x && sum.x > 0.0, "the light is blue: {sum}");
     // With an error that is asked for, 8 bytes for 64 patches after each round.
-    let (_, bytes, round) = frame(&bake, Box::new(Cpu::new()), 0.05);
+    let (_, bytes, round) = frame(&bake, Box::new(Cpu::new()), 0.05, None);
     assert!(
         bytes > 0 && bytes <= 20 * 8 * blocks && bytes.is_multiple_of(8 * blocks),
         "{bytes} bytes, {blocks} blocks"
@@ -427,7 +474,23 @@ fn a_frame_reads_back_no_photons_and_is_the_same_on_every_executor() {
     assert!(round.error <= 0.05 && round.photons < 1 << 19, "{round:?}");
     let Some(vulkan) = vulkan() else { return };
     let exact = vulkan.device().kind == DeviceKind::EmulatedOnCpu;
-    let (theirs, bytes, _) = frame(&bake, Box::new(vulkan), 0.0);
+    let (theirs, bytes, _) = frame(&bake, Box::new(vulkan), 0.0, None);
     assert_eq!(bytes, 0);
     assert!(!exact || light == theirs, "host and device differ");
+}
+
+#[test]
+fn a_frame_finds_light_elements_by_shadow_rays_of_its_device() {
+    let Some(vulkan) = vulkan() else { return };
+    let exact = vulkan.device().kind == DeviceKind::EmulatedOnCpu;
+    let loaded = procedural::build("cornell").unwrap();
+    let bake = small().bake(&loaded).unwrap();
+    let position = 0.5 * (loaded.scene.geometry.bounds.0 + loaded.scene.geometry.bounds.1);
+    let lamp = Light { kind: LIGHT_POINT, position, color: Vec3::splat(3.0), ..Light::default() };
+    let of_host = frame(&bake, Box::new(Cpu::new()), 0.0, Some(lamp));
+    let of_device = frame(&bake, Box::new(vulkan), 0.0, Some(lamp));
+    assert!(of_host.1 == 0 && of_device.1 > 0, "what is read back: {} {}", of_host.1, of_device.1);
+    assert!(!exact || of_host.0 == of_device.0, "host and device differ");
+    let other = frame(&bake, Box::new(Cpu::new()), 0.0, Some(Light { position: position - 0.1, ..lamp }));
+    assert!(other.0 != of_host.0, "a lamp elsewhere is noticed");
 }

@@ -85,9 +85,9 @@ pub trait Method: Send {
     /// the loaded plan has room for it. Where it has not, the plan is made anew.
     ///
     /// # Errors
-    /// Light that the method does not serve.
-    fn set_lighting(&mut self, scene: &Scene) -> Result<bool, Error> {
-        let _ = scene;
+    /// Light that the method does not serve; what the device says.
+    fn set_lighting(&mut self, scene: &Scene, executor: &mut (dyn Executor + 'static)) -> Result<bool, Error> {
+        let _ = (scene, executor);
         Ok(true)
     }
 

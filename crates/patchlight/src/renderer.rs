@@ -743,7 +743,7 @@ impl Renderer {
             || self.scene.lighting.emission != lighting.emission;
         let has_new_distributions = self.scene.lighting.distributions != lighting.distributions;
         self.scene.set_lighting(lighting.clone())?;
-        let has_room = self.method.set_lighting(&self.scene)?;
+        let has_room = self.method.set_lighting(&self.scene, self.executor.as_mut())?;
         if !has_room || !self.frame.tables.fits(self.executor.as_ref(), &self.scene)? {
             self.load()?;
         } else if sky_changes {

@@ -12,6 +12,7 @@ pub mod localmatrix;
 pub mod multibounce;
 pub mod multiply;
 pub mod patches;
+pub mod rays;
 pub mod scene;
 mod tables;
 pub mod temporal;

@@ -10,11 +10,11 @@ use scene::kernel::light::{sky_radiance, spot_falloff};
 use scene::math::{luminance, sin_cos_2pi};
 use scene::parallel::*;
 use scene::sampling::uniform_triangle;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Scene};
+use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Ray, Scene};
 
 use super::Proceed;
 use super::alias::alias_table;
-use super::light_elements::{LightElement, LightElementSettings, light_elements};
+use super::light_elements::{LightElement, LightElementSettings, light_elements, light_elements_by};
 use crate::error::Error;
 use crate::kernel::start::area_across;
 use crate::types::*;
@@ -106,6 +106,23 @@ impl Emission {
         progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
     ) -> Result<Self, Error> {
         let light_elements = light_elements(scene, settings, progress)?;
+        let emission = Self::of_light_elements(scene, &light_elements.elements, texels, is_exact)?;
+        Ok(Self { shadow_rays: light_elements.shadow_rays, ..emission })
+    }
+
+    /// [`Emission::first_shot`] with shadow rays of the light elements that are traced by somebody else: [`light_elements_by`].
+    ///
+    /// # Errors
+    /// As [`Emission::first_shot`]; what `trace` gives.
+    pub fn first_shot_by<E: From<Error>>(
+        trace: &mut dyn FnMut(&[Ray]) -> Result<Vec<u32>, E>,
+        scene: &Scene,
+        settings: &LightElementSettings,
+        texels: Texels,
+        is_exact: bool,
+        progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+    ) -> Result<Self, E> {
+        let light_elements = light_elements_by(trace, scene, settings, progress)?;
         let emission = Self::of_light_elements(scene, &light_elements.elements, texels, is_exact)?;
         Ok(Self { shadow_rays: light_elements.shadow_rays, ..emission })
     }

@@ -1,27 +1,25 @@
 //! Adaptive direct illumination: each triangle that a light may fall on is split into light elements until the light
 //! is linear on each.
 
+mod refinement;
+mod side;
+
 use alloc::vec::Vec;
 use core::cell::Cell;
-use core::ops::Range;
 use core::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{Vec2, Vec3};
-use scene::kernel::light::{Arrival, unoccluded};
 use scene::math::luminance;
 use scene::parallel::*;
-use scene::{LIGHT_RECT, Occluder, Scene};
+use scene::{LIGHT_RECT, Ray, Scene};
 
+use self::refinement::{Refinement, Rule};
+use self::side::{Side, inwards, left, stopped_on_host};
 use super::Proceed;
-use crate::error::{Error, check_setting};
-use crate::kernel::start::{share_left, way_of};
+use crate::error::{Error, check_length, check_setting};
 
-/// Corners are moved to the middle of their triangle by this share: on the very edge a neighbour would shade them.
-const INWARDS: f32 = 1e-3;
 /// Triangles of one step of progress.
 const BLOCK: usize = 256;
-/// What the light of an element counts for on its dark parts.
-const AROUND: f32 = 0.25;
 /// Shadow rays that neighbours share.
 const LOOKS: usize = 4;
 
@@ -115,222 +113,6 @@ pub struct LightElement {
 /// Corners of a whole triangle.
 const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
 
-/// A place a little nearer to the middle of the triangle.
-#[inline]
-fn inwards(at: Vec2) -> Vec2 {
-    at + (Vec2::splat(1.0 / 3.0) - at) * INWARDS
-}
-
-/// An element that may be cut further.
-struct Cut {
-    element: LightElement,
-    /// Power that it would reflect for each unit of the light's colour, were it white and nothing in the way of its middle.
-    potential: f32,
-}
-
-/// Light of one lamp at places of one side of a triangle.
-struct Side<'a> {
-    scene: &'a Scene,
-    triangle: u32,
-    light: u32,
-    normal: Vec3,
-    edges: (Vec3, Vec3),
-    area: f32,
-    /// What was in the way last.
-    last: Cell<Occluder>,
-    /// Shadow rays so far.
-    rays: Cell<u64>,
-}
-
-impl<'a> Side<'a> {
-    /// The side that the light is on; nothing for triangles without area, and for lights in their plane.
-    fn new(scene: &'a Scene, triangle: u32, light: u32) -> Option<Self> {
-        let t = &scene.geometry.triangles[triangle as usize];
-        let across = t.edge_a.cross(t.edge_b);
-        let area = 0.5 * across.length();
-        if area.is_nan() || area <= 0.0 || !(across / area).is_finite() {
-            return None;
-        }
-        let front = scene.tables().normal(triangle);
-        let lamp = &scene.lighting.lights[light as usize];
-        // Parallel light has no position: an offset of nothing stands for it.
-        let centre = scene.tables().position(triangle, 1.0 / 3.0, 1.0 / 3.0);
-        let towards = unoccluded(lamp, &scene.lighting.distributions, centre, front).to_light.dot(front);
-        (towards != 0.0 && towards.is_finite()).then(|| {
-            let normal = if towards > 0.0 { front } else { -front };
-            Self {
-                scene,
-                triangle,
-                light,
-                normal,
-                edges: (t.edge_a, t.edge_b),
-                area,
-                last: Cell::default(),
-                rays: Cell::default(),
-            }
-        })
-    }
-
-    /// 1 on the front, −1 on the back.
-    fn sign(&self) -> f32 {
-        if self.is_back() { -1.0 } else { 1.0 }
-    }
-
-    fn is_back(&self) -> bool {
-        self.scene.tables().normal(self.triangle).dot(self.normal) < 0.0
-    }
-
-    /// Where a ray from shares (u, v) starts, and what light there would be, were nothing but the medium in the way: of several
-    /// colours that a medium parts, the luminance.
-    #[inline]
-    fn arrival(&self, at: Vec2) -> (Vec3, Arrival) {
-        let origin =
-            self.scene.tables().position(self.triangle, at.x, at.y) + self.normal * self.scene.geometry.ray_offset;
-        let lighting = &self.scene.lighting;
-        let light = &lighting.lights[self.light as usize];
-        let mut arrival = unoccluded(light, &lighting.distributions, origin, self.normal);
-        if self.scene.has_medium() {
-            arrival.share *= share_left(light.color, self.scene.transmittance(way_of(&arrival)));
-        }
-        (origin, arrival)
-    }
-
-    /// Irradiance over the light's colour at shares (u, v).
-    fn light_at(&self, at: Vec2) -> f32 {
-        let (origin, arrival) = self.arrival(at);
-        if self.is_lit(origin, &arrival) { arrival.share } else { 0.0 }
-    }
-
-    fn is_lit(&self, origin: Vec3, arrival: &Arrival) -> bool {
-        if arrival.share <= 0.0 {
-            return false;
-        }
-        self.rays.set(self.rays.get() + 1);
-        !self.scene.occluded_again(origin, arrival.to_light, arrival.t_max, &self.last)
-    }
-
-    /// The same at a corner of an element, which may lie on the edge of the triangle.
-    fn light_at_corner(&self, at: Vec2) -> f32 {
-        self.light_at(inwards(at))
-    }
-
-    fn element(&self, corners: [Vec2; 3], values: [f32; 3], around: f32, onward: Vec3) -> Cut {
-        let (origin, arrival) = self.arrival((corners[0] + corners[1] + corners[2]) / 3.0);
-        let middle = if self.is_lit(origin, &arrival) { arrival.share } else { 0.0 };
-        let share = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]).abs();
-        let area = share * self.area;
-        let (triangle, light, is_back) = (self.triangle, self.light, self.is_back());
-        let element =
-            LightElement { triangle, light, is_back, corners, values, middle, around, area, onward, seen: 1.0 };
-        Cut { element, potential: area * arrival.share }
-    }
-
-    /// The triangle as an element, with this light in its corners.
-    fn whole(&self, onward: Vec3) -> Cut {
-        self.element(WHOLE, WHOLE.map(|at| self.light_at_corner(at)), 0.0, onward)
-    }
-
-    /// Squared lengths of the edges opposite to the corners, m².
-    fn edges_squared(&self, c: &[Vec2; 3]) -> [f32; 3] {
-        let edge = |a: Vec2, b: Vec2| ((b.x - a.x) * self.edges.0 + (b.y - a.y) * self.edges.1).length_squared();
-        [edge(c[1], c[2]), edge(c[2], c[0]), edge(c[0], c[1])]
-    }
-
-    fn is_longer(&self, corners: &[Vec2; 3], longest: f32) -> bool {
-        self.edges_squared(corners).iter().any(|&squared| squared > longest * longest)
-    }
-
-    /// Two, three or four children: an obtuse element is cut across its longest edge, another across those of its
-    /// edges on which light is not linear; across all where that is so in its middle only.
-    fn split(&self, element: &LightElement, tolerance: f32, children: &mut Vec<Cut>) {
-        let (c, v) = (element.corners, element.values);
-        let squared = self.edges_squared(&c);
-        let longest = (0..3).max_by(|&a, &b| squared[a].total_cmp(&squared[b])).unwrap_or(0);
-        let top = element.top();
-        let half = |k: usize| (c[(k + 1) % 3] + c[(k + 2) % 3]) * 0.5;
-        let mut add = |corners, values| children.push(self.element(corners, values, AROUND * top, element.onward));
-        // The two children of a cut across the edge opposite to corner k.
-        let mut in_two = |k: usize, at: Vec2, value: f32| {
-            let (a, b) = ((k + 1) % 3, (k + 2) % 3);
-            add([c[k], c[a], at], [v[k], v[a], value]);
-            add([c[k], at, c[b]], [v[k], value, v[b]]);
-        };
-        if squared[longest] > 1.0001 * (squared[(longest + 1) % 3] + squared[(longest + 2) % 3]) {
-            let at = half(longest);
-            return in_two(longest, at, self.light_at_corner(at));
-        }
-        let at = [half(0), half(1), half(2)];
-        let value = at.map(|at| self.light_at_corner(at));
-        let bends = |k: usize| {
-            let ends = 0.5 * (v[(k + 1) % 3] + v[(k + 2) % 3]);
-            (value[k] - ends).abs() > tolerance * top.max(value[k])
-        };
-        let bent: Vec<usize> = (0..3).filter(|&k| bends(k)).collect();
-        match bent[..] {
-            [k] => in_two(k, at[k], value[k]),
-            [j, k] => {
-                // The corner between both edges, then the quadrangle along the shorter way across.
-                let corner = 3 - j - k;
-                let (a, b) = ((corner + 1) % 3, (corner + 2) % 3);
-                // Edge opposite to b runs from the corner to a.
-                let (p, q) = (b, a);
-                add([c[corner], at[p], at[q]], [v[corner], value[p], value[q]]);
-                let first = self.edges_squared(&[at[p], c[b], c[b]])[2];
-                let second = self.edges_squared(&[c[a], at[q], at[q]])[2];
-                if first < second {
-                    add([at[p], c[a], c[b]], [value[p], v[a], v[b]]);
-                    add([at[p], c[b], at[q]], [value[p], v[b], value[q]]);
-                } else {
-                    add([at[p], c[a], at[q]], [value[p], v[a], value[q]]);
-                    add([c[a], c[b], at[q]], [v[a], v[b], value[q]]);
-                }
-            }
-            _ => {
-                for k in 0..3 {
-                    let (a, b) = ((k + 1) % 3, (k + 2) % 3);
-                    add([c[k], at[b], at[a]], [v[k], value[b], value[a]]);
-                }
-                add(at, value);
-            }
-        }
-    }
-}
-
-impl Side<'_> {
-    /// The children of an element by Kopylov's algorithm 1, two, three or four.
-    fn split_as_printed(&self, element: &LightElement, children: &mut Vec<Cut>) {
-        let (c, v) = (element.corners, element.values);
-        let mut add =
-            |corners, values| children.push(self.element(corners, values, AROUND * element.top(), element.onward));
-        let squared = self.edges_squared(&c);
-        let obtuse = (0..3).find(|&k| squared[k] > squared[(k + 1) % 3] + squared[(k + 2) % 3]);
-        // A is the corner with the obtuse angle, of the longest edge BC.
-        let Some(a) = obtuse else {
-            let d = (c[0] + c[1] + c[2]) / 3.0;
-            (0..3).for_each(|k| add([c[k], c[(k + 1) % 3], d], [v[k], v[(k + 1) % 3], element.middle]));
-            return;
-        };
-        let b = (a + 1) % 3;
-        let end = (a + 2) % 3;
-        let e = (c[b] + c[end]) * 0.5;
-        let light_e = self.light_at_corner(e);
-        let in_middle = (element.middle - element.mean()).abs();
-        let along_edge = (light_e - 0.5 * (v[b] + v[end])).abs();
-        let along_cut = (element.middle - 0.5 * (v[a] + light_e)).abs();
-        if along_edge > in_middle && along_cut > in_middle {
-            let (f, g) = ((c[a] + c[b]) * 0.5, (c[a] + c[end]) * 0.5);
-            let (light_f, light_g) = (self.light_at_corner(f), self.light_at_corner(g));
-            add([c[a], f, g], [v[a], light_f, light_g]);
-            add([c[b], e, f], [v[b], light_e, light_f]);
-            add([c[end], g, e], [v[end], light_g, light_e]);
-            add([f, e, g], [light_f, light_e, light_g]);
-        } else {
-            add([c[a], c[b], e], [v[a], v[b], light_e]);
-            add([c[a], e, c[end]], [v[a], light_e, v[end]]);
-        }
-    }
-}
-
 impl LightElement {
     /// The greatest known light, over the light's colour.
     pub fn top(&self) -> f32 {
@@ -344,60 +126,6 @@ impl LightElement {
 
     fn is_linear(&self, tolerance: f32) -> bool {
         (self.middle - self.mean()).abs() <= tolerance * self.top()
-    }
-}
-
-/// When elements of a side are split.
-struct Refining<'s, 'a> {
-    side: &'s Side<'a>,
-    tolerance: f32,
-    /// Least potential of an element that matters.
-    least: f32,
-    /// Longest edge, m.
-    longest: f32,
-}
-
-impl Refining<'_, '_> {
-    /// Adds the leaves of an element that may be split `levels` times more; whether that is the element as a whole.
-    /// An element that matters is split to look for shadows, or for light, but stays whole where there are none.
-    fn refine(&self, cut: Cut, levels: u32, leaves: &mut Vec<LightElement>) -> bool {
-        let Cut { element, potential } = cut;
-        let (side, top) = (self.side, element.top());
-        let is_even = element.is_linear(self.tolerance);
-        let before = leaves.len();
-        let mut is_whole = true;
-        if levels > 0 && (potential > self.least || side.is_longer(&element.corners, self.longest)) {
-            let mut children = Vec::with_capacity(4);
-            side.split(&element, self.tolerance, &mut children);
-            for child in children {
-                is_whole &= self.refine(child, levels - 1, leaves);
-            }
-            is_whole &= is_even;
-            if is_whole {
-                leaves.truncate(before);
-            }
-        }
-        if is_whole && top.max(element.around) > 0.0 {
-            leaves.push(element);
-        }
-        is_whole && is_even
-    }
-
-    /// The same as Kopylov prints it: an element is a leaf when its middle has the mean of its corners, or when it is too small.
-    fn refine_as_printed(&self, cut: Cut, levels: u32, leaves: &mut Vec<LightElement>) {
-        let Cut { element, potential } = cut;
-        let is_small = potential <= self.least && !self.side.is_longer(&element.corners, self.longest);
-        if levels == 0 || is_small || element.is_linear(self.tolerance) {
-            if element.top().max(element.around) > 0.0 {
-                leaves.push(element);
-            }
-            return;
-        }
-        let mut children = Vec::with_capacity(4);
-        self.side.split_as_printed(&element, &mut children);
-        for child in children {
-            self.refine_as_printed(child, levels - 1, leaves);
-        }
     }
 }
 
@@ -429,6 +157,8 @@ struct Group {
     members: Vec<(u32, f32)>,
     /// Sums of power up to each member.
     power: Vec<f32>,
+    /// Light where it is asked about, were nothing in the way.
+    asked: [f32; LOOKS],
     /// Share of the shadow rays that reach the light.
     seen: f32,
 }
@@ -443,83 +173,165 @@ impl Group {
         self.members.len() >= neighbours as usize || self.power.last().is_some_and(|&power| power >= least)
     }
 
-    /// Asks the members in the middles of equal shares of the power; `last` is what was in the way of a group before.
-    fn look(&mut self, scene: &Scene, light: u32, last: &Cell<Occluder>, rays: &Cell<u64>) {
+    /// Asks about the members in the middles of equal shares of the power.
+    fn ask(&mut self, scene: &Scene, light: u32, rays: &mut Vec<Ray>) {
         let all = self.power.last().copied().unwrap_or(0.0);
-        let is_seen = |member: usize| {
-            Side::new(scene, self.members[member].0, light).is_some_and(|side| {
-                side.last.swap(last);
-                let is_seen = side.light_at(Vec2::splat(1.0 / 3.0)) > 0.0;
-                side.last.swap(last);
-                rays.set(rays.get() + side.rays.get());
-                is_seen
-            })
-        };
-        let asked = |k: usize| {
+        for (k, open) in self.asked.iter_mut().enumerate() {
             let at = (k as f32 + 0.5) / LOOKS as f32 * all;
-            self.power.partition_point(|&power| power < at).min(self.members.len() - 1)
-        };
-        self.seen = (0..LOOKS).filter(|&k| is_seen(asked(k))).count() as f32 / LOOKS as f32;
+            let member = self.power.partition_point(|&power| power < at).min(self.members.len() - 1);
+            let side = Side::new(scene, self.members[member].0, light);
+            *open = side.map_or(0.0, |side| side.look(Vec2::splat(1.0 / 3.0), rays));
+        }
+    }
+
+    /// Takes what became of these rays.
+    fn answer(&mut self, stopped: &mut impl Iterator<Item = bool>) {
+        let lit = self.asked.iter().filter(|&&open| left(open, stopped) > 0.0).count();
+        self.seen = lit as f32 / LOOKS as f32;
     }
 }
 
-/// Finds the elements of one light on a block of triangles.
+/// What is known before the first shadow ray.
 struct Search<'a> {
     scene: &'a Scene,
     settings: LightElementSettings,
-    wholes: &'a [Whole],
+    wholes: Vec<Whole>,
     /// Light in the middle of each triangle, were nothing in the way, light by light; negative where it falls on the back.
-    open: &'a [f32],
-    lights: &'a [u32],
+    open: Vec<f32>,
+    lights: Vec<u32>,
     /// Least power that matters, W.
     least: f32,
 }
 
-impl Search<'_> {
-    /// Elements of light `n` on a block.
-    fn elements(&self, n: usize, block: Range<usize>) -> LightElements {
-        let Self { scene, settings, wholes, least, .. } = *self;
+impl<'a> Search<'a> {
+    fn new(scene: &'a Scene, settings: &LightElementSettings) -> Result<Self, Error> {
+        let LightElementSettings { subdivision: _, tolerance, depth: _, elements, longest, neighbours } = *settings;
+        check_setting("tolerance", f64::from(tolerance), "positive", tolerance > 0.0)?;
+        check_setting("elements", f64::from(elements), "at least 1", elements > 0)?;
+        check_setting("longest", f64::from(longest), "positive", longest > 0.0)?;
+        check_setting("neighbours", f64::from(neighbours), "at least 1", neighbours > 0)?;
+        let lights = point_like_lights(scene);
+        let triangles = scene.geometry.triangles.len();
+        let wholes: Vec<Whole> = (0..triangles).into_par_iter().map(|t| Whole::new(scene, t)).collect();
+
+        // The power that there would be without shadows says what matters.
+        let open = |t: usize| {
+            let of = move |&light: &u32| {
+                let share = |side: Side| side.arrival(Vec2::splat(1.0 / 3.0)).1.share * side.sign();
+                Side::new(scene, t as u32, light).map_or(0.0, share)
+            };
+            lights.iter().map(of)
+        };
+        let open: Vec<f32> = (0..triangles).into_par_iter().flat_map_iter(open).collect();
+        let power = |t: usize| -> f64 {
+            let of = |(&light, open): (&u32, &f32)| {
+                let reflected = luminance(wholes[t].onward * scene.lighting.lights[light as usize].color);
+                f64::from(reflected * wholes[t].area * open.abs())
+            };
+            lights.iter().zip(&open[t * lights.len()..]).map(of).sum()
+        };
+        let powers: Vec<f64> = (0..triangles).into_par_iter().map(power).collect();
+        let least = (powers.iter().sum::<f64>() / f64::from(elements)) as f32;
+        Ok(Self { scene, settings: *settings, wholes, open, lights, least })
+    }
+
+    /// Blocks of triangles, once for each light.
+    fn blocks(&self) -> usize {
+        self.wholes.len().div_ceil(BLOCK) * self.lights.len()
+    }
+
+    /// The triangles of block `k` that its light may fall on.
+    fn block(&self, k: usize) -> Block<'_> {
+        let Self { scene, settings, wholes, least, .. } = self;
+        let (n, first) = (k / wholes.len().div_ceil(BLOCK), k % wholes.len().div_ceil(BLOCK) * BLOCK);
         let (light, longest) = (self.lights[n], settings.longest * scene.diagonal());
         let color = scene.lighting.lights[light as usize].color;
         let mut large = Vec::new();
         let mut groups = [const { Vec::<Group>::new() }; 2];
-        for t in block {
+        for t in first..(first + BLOCK).min(wholes.len()) {
             let whole = &wholes[t];
             let (reflected, open) = (luminance(whole.onward * color), self.open[t * self.lights.len() + n]);
             let power = reflected * whole.area * open.abs();
             if reflected <= 0.0 || whole.area <= 0.0 {
                 continue;
             }
-            if settings.neighbours < 2 || power > least || whole.longest_squared > longest * longest {
-                large.extend(Side::new(scene, t as u32, light).map(|side| (side, whole.onward, least / reflected)));
+            if settings.neighbours < 2 || power > *least || whole.longest_squared > longest * longest {
+                let rule = Rule { settings: *settings, least: least / reflected, longest };
+                large.extend(Side::new(scene, t as u32, light).map(|side| Refinement::new(side, whole.onward, rule)));
             } else if power > 0.0 {
                 let groups = &mut groups[usize::from(open < 0.0)];
-                if groups.last().is_none_or(|group| group.is_full(least, settings.neighbours)) {
+                if groups.last().is_none_or(|group| group.is_full(*least, settings.neighbours)) {
                     groups.push(Group::default());
                 }
                 groups.last_mut().into_iter().for_each(|group| group.add((t as u32, open.abs()), power));
             }
         }
-        let refined = |(side, onward, least): (Side, Vec3, f32)| {
-            let mut leaves = Vec::new();
-            let refining = Refining { side: &side, tolerance: settings.tolerance, least, longest };
-            match settings.subdivision {
-                Subdivision::Edges => {
-                    refining.refine(side.whole(onward), settings.depth, &mut leaves);
-                }
-                Subdivision::Kopylov => refining.refine_as_printed(side.whole(onward), settings.depth, &mut leaves),
-            }
-            let of_texture = |leaf: &mut LightElement| leaf.onward = onward_of(scene, leaf);
-            leaves.iter_mut().filter(|leaf| leaf.corners != WHOLE).for_each(of_texture);
-            LightElements { elements: leaves, shadow_rays: side.rays.get() }
-        };
-        let LightElements { elements: mut found, mut shadow_rays } =
-            LightElements::of(&large.into_par_iter().map(refined).collect::<Vec<_>>());
-        for (is_back, mut groups) in [false, true].into_iter().zip(groups) {
+        Block { scene, wholes, light, large, groups, shadow_rays: 0 }
+    }
+}
+
+/// Triangles that follow each other in the hierarchy, under one light.
+struct Block<'a> {
+    scene: &'a Scene,
+    wholes: &'a [Whole],
+    light: u32,
+    /// Those that are refined.
+    large: Vec<Refinement<'a>>,
+    /// Those that share shadow rays, on the front and on the back.
+    groups: [Vec<Group>; 2],
+    /// Shadow rays so far.
+    shadow_rays: u64,
+}
+
+impl Block<'_> {
+    /// Asks the host's own hierarchy until nothing is open.
+    fn trace_on_host(&mut self) {
+        let Self { scene, light, .. } = *self;
+        self.shadow_rays += self.large.par_iter_mut().map(|large| large.trace_on_host(scene)).sum::<u64>();
+        let mut rays = Vec::new();
+        for groups in &mut self.groups {
+            // What was in the way of a group before is asked first.
             let last = Cell::default();
-            let rays = Cell::default();
-            groups.iter_mut().for_each(|group| group.look(scene, light, &last, &rays));
-            shadow_rays += rays.get();
+            for group in groups {
+                rays.clear();
+                group.ask(scene, light, &mut rays);
+                group.answer(&mut stopped_on_host(scene, &rays, &last));
+                self.shadow_rays += rays.len() as u64;
+            }
+        }
+    }
+
+    /// The shadow rays of step `step`: groups ask in the first one only.
+    fn ask(&mut self, step: usize) -> Vec<Ray> {
+        let mut rays: Vec<Ray> = self.large.par_iter_mut().map(Refinement::ask).collect::<Vec<_>>().concat();
+        if step == 0 {
+            for group in self.groups.iter_mut().flatten() {
+                group.ask(self.scene, self.light, &mut rays);
+            }
+        }
+        self.shadow_rays += rays.len() as u64;
+        rays
+    }
+
+    /// Takes what became of them, in their order.
+    fn answer(&mut self, step: usize, stopped: &[u32]) {
+        let mut stopped = stopped.iter().map(|&stopped| stopped != 0);
+        self.large.iter_mut().for_each(|large| large.answer(&mut stopped));
+        if step == 0 {
+            self.groups.iter_mut().flatten().for_each(|group| group.answer(&mut stopped));
+        }
+    }
+
+    fn is_done(&self) -> bool {
+        self.large.iter().all(Refinement::is_done)
+    }
+
+    /// The elements, in the order of the triangles.
+    fn elements(self) -> LightElements {
+        let Self { scene, wholes, light, large, groups, shadow_rays } = self;
+        let leaves = large.into_par_iter().map(|large| large.leaves(|leaf| onward_of(scene, leaf)));
+        let mut found = leaves.collect::<Vec<Vec<LightElement>>>().concat();
+        for (is_back, groups) in [false, true].into_iter().zip(groups) {
             let seen: Vec<f32> = groups.iter().map(|group| group.seen).collect();
             let at = |k: usize| seen.get(k).copied().unwrap_or(0.0);
             for (k, group) in groups.into_iter().enumerate() {
@@ -602,13 +414,17 @@ pub fn corner_light(scene: &Scene) -> CornerLight {
     let lights = point_like_lights(scene);
     let of_triangle = |triangle: usize| {
         let mut irradiance = [Vec3::ZERO; 3];
-        let mut rays = 0;
+        let mut count = 0;
         for side in lights.iter().filter_map(|&light| Side::new(scene, triangle as u32, light)) {
             let color = scene.lighting.lights[side.light as usize].color;
-            irradiance.iter_mut().zip(WHOLE).for_each(|(sum, at)| *sum += color * side.light_at_corner(at));
-            rays += side.rays.get();
+            let mut rays = Vec::with_capacity(3);
+            let open = WHOLE.map(|at| side.look(inwards(at), &mut rays));
+            let last = Cell::default();
+            let mut stopped = stopped_on_host(scene, &rays, &last);
+            irradiance.iter_mut().zip(open).for_each(|(sum, open)| *sum += color * left(open, &mut stopped));
+            count += rays.len() as u64;
         }
-        (irradiance, rays)
+        (irradiance, count)
     };
     let (irradiance, rays): (Vec<[Vec3; 3]>, Vec<u64>) =
         (0..scene.geometry.triangles.len()).into_par_iter().map(of_triangle).unzip();
@@ -637,44 +453,55 @@ pub fn light_elements(
     settings: &LightElementSettings,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<LightElements, Error> {
-    let LightElementSettings { subdivision: _, tolerance, depth: _, elements, longest, neighbours } = *settings;
-    check_setting("tolerance", f64::from(tolerance), "positive", tolerance > 0.0)?;
-    check_setting("elements", f64::from(elements), "at least 1", elements > 0)?;
-    check_setting("longest", f64::from(longest), "positive", longest > 0.0)?;
-    check_setting("neighbours", f64::from(neighbours), "at least 1", neighbours > 0)?;
-    let lights = point_like_lights(scene);
-    let triangles = scene.geometry.triangles.len();
-    let wholes: Vec<Whole> = (0..triangles).into_par_iter().map(|t| Whole::new(scene, t)).collect();
-
-    // The power that there would be without shadows says what matters.
-    let open = |t: usize| {
-        let of = move |&light: &u32| {
-            let share = |side: Side| side.arrival(Vec2::splat(1.0 / 3.0)).1.share * side.sign();
-            Side::new(scene, t as u32, light).map_or(0.0, share)
-        };
-        lights.iter().map(of)
-    };
-    let open: Vec<f32> = (0..triangles).into_par_iter().flat_map_iter(open).collect();
-    let power = |t: usize| -> f64 {
-        let of = |(&light, open): (&u32, &f32)| {
-            let reflected = luminance(wholes[t].onward * scene.lighting.lights[light as usize].color);
-            f64::from(reflected * wholes[t].area * open.abs())
-        };
-        lights.iter().zip(&open[t * lights.len()..]).map(of).sum()
-    };
-    let powers: Vec<f64> = (0..triangles).into_par_iter().map(power).collect();
-    let least = (powers.iter().sum::<f64>() / f64::from(elements)) as f32;
-
-    let search = Search { scene, settings: *settings, wholes: &wholes, open: &open, lights: &lights, least };
-    let blocks = triangles.div_ceil(BLOCK);
-    let total = blocks * lights.len();
+    let search = Search::new(scene, settings)?;
+    let total = search.blocks();
     let done = AtomicUsize::new(0);
     let task = |k: usize| {
-        let first = k % blocks * BLOCK;
-        let found = search.elements(k / blocks, first..(first + BLOCK).min(triangles));
+        let mut block = search.block(k);
+        block.trace_on_host();
+        let found = block.elements();
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         if progress(done, total).is_break() { Err(Error::Cancelled { done, total }) } else { Ok(found) }
     };
     let found: Vec<LightElements> = (0..total).into_par_iter().map(task).collect::<Result<_, Error>>()?;
+    Ok(LightElements::of(&found))
+}
+
+/// [`light_elements`] with shadow rays that are traced by somebody else, on a GPU perhaps: `trace` says of each ray whether it is
+/// stopped, 1, or not, 0. All triangles and lights ask together, in some 2 steps for every split in a row and 2 before them; the
+/// same answers make the same elements.
+///
+/// # Errors
+/// As [`light_elements`]; what `trace` gives; [`Error::Length`] where it gives another number of answers.
+pub fn light_elements_by<E: From<Error>>(
+    trace: &mut dyn FnMut(&[Ray]) -> Result<Vec<u32>, E>,
+    scene: &Scene,
+    settings: &LightElementSettings,
+    progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
+) -> Result<LightElements, E> {
+    let search = Search::new(scene, settings)?;
+    let mut blocks: Vec<Block> = (0..search.blocks()).into_par_iter().map(|k| search.block(k)).collect();
+    let total = refinement::most_steps(settings);
+    for step in 0.. {
+        let asked: Vec<Vec<Ray>> = blocks.par_iter_mut().map(|block| block.ask(step)).collect();
+        let rays = asked.concat();
+        let stopped = if rays.is_empty() { Vec::new() } else { trace(&rays)? };
+        check_length("stopped", rays.len(), stopped.len())?;
+        let mut first = 0;
+        let mut answers: Vec<&[u32]> = Vec::with_capacity(blocks.len());
+        for asked in &asked {
+            answers.push(&stopped[first..first + asked.len()]);
+            first += asked.len();
+        }
+        blocks.par_iter_mut().zip(answers).for_each(|(block, stopped)| block.answer(step, stopped));
+        let done = (step + 1).min(total);
+        if progress(done, total).is_break() {
+            return Err(Error::Cancelled { done, total }.into());
+        }
+        if blocks.par_iter().all(Block::is_done) {
+            break;
+        }
+    }
+    let found: Vec<LightElements> = blocks.into_par_iter().map(Block::elements).collect();
     Ok(LightElements::of(&found))
 }

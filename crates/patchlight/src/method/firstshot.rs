@@ -18,13 +18,14 @@ use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, PassT
 use runtime::plan::{PassId, Plan, Range};
 use runtime::recipe::firstshot::{PhotonPasses, PhotonTargets};
 use runtime::recipe::formfactor::SparseTables;
+use runtime::recipe::rays::RayStops;
 use runtime::recipe::scene::SceneTables;
 use runtime::recipe::{Tables, rgb_bytes};
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
-use scene::{DirectParams, Hit, Lighting, NONE, Scene, SurfacePoint};
+use scene::{DirectParams, Hit, Lighting, NONE, Ray, Scene, SurfacePoint};
 use transport::{Csr, Observer, Patch, Phase, QUADRANTS};
 
 use super::{Method, MethodReport, Preparation, bytes, passes_so_far};
@@ -107,13 +108,19 @@ impl FirstShotSettings {
         scene: &Scene,
         progress: &(dyn Fn(usize, usize) -> Proceed + Sync),
     ) -> Result<Emission, ::firstshot::Error> {
-        let is_exact = self.start_light == StartLight::Traced;
-        let own = if is_exact { LightElementSettings::default() } else { LightElementSettings::table_alone() };
-        let elements = match self.subdivision {
+        Emission::first_shot(scene, &self.light_elements(), self.texels, self.is_exact(), progress)
+    }
+
+    fn is_exact(&self) -> bool {
+        self.start_light == StartLight::Traced
+    }
+
+    fn light_elements(&self) -> LightElementSettings {
+        let own = if self.is_exact() { LightElementSettings::default() } else { LightElementSettings::table_alone() };
+        match self.subdivision {
             Subdivision::Edges => own,
             Subdivision::Kopylov => own.as_printed(),
-        };
-        Emission::first_shot(scene, &elements, self.texels, is_exact, progress)
+        }
     }
 
     /// How photons are traced.
@@ -263,10 +270,12 @@ impl FirstShot {
         })
     }
 
-    /// Finds what photons start from, unless it shines as before; says whether it does not.
+    /// Finds what photons start from, unless it shines as before; says whether it does not. Shadow rays of light elements are those
+    /// of a device whose plan has them, else the host's.
     fn set_lighting(
         &mut self,
         scene: &Scene,
+        device: Option<(RayStops, &mut (dyn Executor + 'static))>,
         report: &(dyn Fn(usize, usize) -> Proceed + Sync),
     ) -> Result<bool, Error> {
         if self.lighting.as_ref() == Some(&scene.lighting) {
@@ -275,7 +284,15 @@ impl FirstShot {
         self.lighting = None;
         self.sums = None;
         self.per_batch = 0;
-        self.emission = self.settings.emission(scene, report)?;
+        self.emission = match device {
+            None => self.settings.emission(scene, report)?,
+            Some((stops, executor)) => {
+                let mut trace = |rays: &[Ray]| stops.find(executor, rays).map_err(Error::from);
+                let FirstShotSettings { texels, .. } = self.settings;
+                let elements = self.settings.light_elements();
+                Emission::first_shot_by(&mut trace, scene, &elements, texels, self.settings.is_exact(), report)?
+            }
+        };
         self.lighting = Some(scene.lighting.clone());
         Ok(true)
     }
@@ -476,6 +493,8 @@ pub struct FirstShotMethod {
     /// comes that way, the maps do.
     receivers: Option<Arc<Csr>>,
     passes: Option<PhotonPasses>,
+    /// Shadow rays of light elements, where the device is not native code: the host's hierarchy is faster than its kernels.
+    stops: Option<RayStops>,
     /// Whether the sums of the loaded plan are those of the lighting.
     is_traced: bool,
     start: Option<PassId>,
@@ -503,6 +522,10 @@ impl FirstShotMethod {
                 trace_for_bake(&mut shot, &bake.scene, executor, report)
             })?;
             let round = shot.round();
+            let Emission { elements, shadow_rays, .. } = &shot.emission;
+            let by = if device.device().kind == DeviceKind::Native { "the host" } else { &device.device().name };
+            with.observer
+                .note(&format!("photons start from {}, found by {shadow_rays} shadow rays on {by}", elements.len()));
             with.observer.note(&format!(
                 "{} photons, {} registered, relative error {:.2} %",
                 round.photons,
@@ -512,7 +535,7 @@ impl FirstShotMethod {
         }
         let rows = || Arc::new(rows_of_elements(&bake.scene, &bake.mesh, &bake.receivers.points));
         let receivers = bake.scene.specular_material().map(|_| rows());
-        Ok(Self { bake, shot, receivers, passes: None, is_traced: false, start: None, host_ms: 0.0 })
+        Ok(Self { bake, shot, receivers, passes: None, stops: None, is_traced: false, start: None, host_ms: 0.0 })
     }
 
     /// The photons; what they have found is that of the last frame once [`Method::count`] was called after it.
@@ -538,13 +561,17 @@ fn trace_for_bake(
     mut executor: Box<dyn Executor>,
     report: &(dyn Fn(usize, usize) -> Proceed + Sync),
 ) -> Result<(), Error> {
-    // The adaptive light elements are a small part of the work.
-    shot.set_lighting(scene, &|done, total| report(done, 10 * total))?;
+    let executor = executor.as_mut();
+    let stops = match executor.device().kind {
+        DeviceKind::Native => None,
+        _ => Some(RayStops::load(executor, scene)?),
+    };
+    // Light elements are a small part of the work.
+    shot.set_lighting(scene, stops.map(|stops| (stops, &mut *executor)), &|done, total| report(done, 10 * total))?;
     let (mut plan, mut tables) = (Plan::new(), Tables::new());
     let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
     let irradiance = plan.storage("element irradiance", rgb_bytes(shot.maps.element_areas.len()));
     let passes = shot.add_passes(&mut plan, &mut tables, &scene_tables, irradiance.into())?;
-    let executor = executor.as_mut();
     executor.load(plan)?;
     tables.upload(executor)?;
     scene_tables.set_lights(executor, &scene.lighting.lights)?;
@@ -558,6 +585,10 @@ impl Method for FirstShotMethod {
     fn add_passes(&mut self, frame: &mut FramePlan) -> Result<(), Error> {
         let irradiance = frame.elements.irradiance;
         self.passes = Some(self.shot.add_passes(&mut frame.plan, &mut frame.tables, &frame.scene, irradiance)?);
+        self.stops = match frame.device.kind {
+            DeviceKind::Native => None,
+            _ => Some(RayStops::add(&mut frame.plan, &frame.scene)?),
+        };
         let before = passes_so_far(frame).len();
         frame.start_from_source()?;
         self.start = passes_so_far(frame).get(before).copied();
@@ -581,9 +612,9 @@ impl Method for FirstShotMethod {
         true
     }
 
-    fn set_lighting(&mut self, scene: &Scene) -> Result<bool, Error> {
+    fn set_lighting(&mut self, scene: &Scene, executor: &mut (dyn Executor + 'static)) -> Result<bool, Error> {
         let start = Instant::now();
-        if self.shot.set_lighting(scene, &go_on)? {
+        if self.shot.set_lighting(scene, self.stops.map(|stops| (stops, executor)), &go_on)? {
             self.is_traced = false;
         }
         self.host_ms = start.elapsed().as_secs_f64() * 1e3;
