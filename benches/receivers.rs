@@ -80,10 +80,11 @@ fn morton(key: IVec4) -> u64 {
 fn receivers(scene: &Scene) -> Vec<SurfacePoint> {
     let sides = find_sides(scene, SidePolicy::Front);
     let area: f32 = scene.geometry.triangles.iter().map(|t| 0.5 * t.edge_a.cross(t.edge_b).length()).sum();
+    let nowhere = |points: &[SurfacePoint]| Ok(vec![None; points.len()]);
     let mut edge = f32::sqrt(area / ROWS as f32);
     loop {
         let points =
-            InterpolationMesh::new(scene, &Density::default(), &sides, edge, 0.4 * edge, |_, _| Some(edge), |_| None)
+            InterpolationMesh::new(scene, &Density::default(), &sides, edge, 0.4 * edge, |_, _| Some(edge), nowhere)
                 .expect("the edge is positive")
                 .points;
         println!("receivers: {} at edges of {edge:.3} m", points.len());

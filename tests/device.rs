@@ -8,13 +8,14 @@ use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
 use integration_tests::vulkan;
 use multibounce::{LowRank, Proceed, TileSide, TileSource, halving_order};
-use patchlight::{Bake, BakeSettings, Estimator};
+use patches::PatchKind;
+use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind};
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, ExecutorError, devices, open};
 use runtime::plan::{BufferId, PassId, Plan};
 use runtime::recipe::Tables;
 use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
-use runtime::recipe::walks::parts_taken;
+use runtime::recipe::walks::Walks;
 use runtime::vulkan::ash::vk;
 use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::kernel::walk;
@@ -36,8 +37,11 @@ fn a_bake_on_a_device_is_that_of_the_host() {
     let rows = |bake: Bake| {
         let elements = bake.form_factors.element_rows.unwrap();
         assert!(elements.rows() > bake.mesh.patches.len(), "elements are finer than patches");
-        let (points, sky) = (bake.receivers.points.len(), bake.receivers.sky_rows);
-        (points, elements, bake.form_factors.sky_factor, bake.form_factors.factors, bake.receivers.rows, sky)
+        let receivers = bake.receivers;
+        let mesh = &receivers.interpolation;
+        let between = (mesh.points.clone(), mesh.vertices.clone(), receivers.weights);
+        let (points, sky) = (receivers.points.len(), receivers.sky_rows);
+        (points, elements, bake.form_factors.sky_factor, bake.form_factors.factors, receivers.rows, sky, between)
     };
     let own = rows(Bake::build(&loaded.scene, &settings, &Silent).unwrap());
     let notes = Notes::default();
@@ -46,14 +50,43 @@ fn a_bake_on_a_device_is_that_of_the_host() {
     };
     assert!(own == build(&mut vulkan, 0));
     let told = notes.0.lock().unwrap().clone();
-    for (phase, what) in
-        [("sample", "random walks from"), ("form_factors", "rays of rows"), ("receivers", "rays of rows")]
-    {
+    for (phase, what) in [
+        ("sample", "random walks from"),
+        ("form_factors", "rays of rows"),
+        ("receivers", "random walks from"),
+        ("receivers", "rays of rows"),
+        ("receivers", "rays from place to place"),
+    ] {
         let is_it = |note: &&String| note.starts_with(phase) && note.contains(what);
         let note = told.iter().find(is_it).unwrap_or_else(|| panic!("{phase}: {told:?}"));
         assert!(note.contains(&vulkan.device().name), "{note}");
     }
     assert!(own != build(&mut vulkan, 1), "another seed is another bake");
+}
+
+/// Voxels whose samples are asked together whether light comes there: in the office some are inside of furniture.
+#[test]
+fn voxels_on_a_device_have_the_samples_of_the_host() {
+    let Some(mut vulkan) = vulkan() else { return };
+    let scene = load_or_build("office").unwrap().scene;
+    let settings = BakeSettings {
+        patches: PatchKind::Voxel,
+        patch_count: 60,
+        estimator: Estimator::Hemisphere { rays: 64 },
+        receivers: ReceiverKind::Patches,
+        ..BakeSettings::default()
+    };
+    let own = Bake::build(&scene, &settings, &Silent).unwrap();
+    let notes = Notes::default();
+    let mut build =
+        |seed: u32| Bake::build_on(&mut vulkan, &scene, &BakeSettings { seed, ..settings }, &notes).unwrap();
+    let theirs = build(0);
+    assert!(theirs.mesh.points == own.mesh.points && theirs.mesh.patches == own.mesh.patches);
+    assert!(theirs.form_factors.factors == own.form_factors.factors);
+    assert!(build(1).mesh.points != own.mesh.points, "another seed is another bake");
+    let told = notes.0.lock().unwrap().clone();
+    let places = told.iter().filter(|note| note.starts_with("sample: random walks from")).count();
+    assert_eq!(places, 2, "{told:?}");
 }
 
 /// Keeps what it is told.
@@ -89,10 +122,12 @@ fn walks_on_a_device_come_to_the_same_light() {
     }
     let executors: [Box<dyn Executor>; 2] = [Box::new(Cpu::new()), Box::new(vulkan)];
     for mut executor in executors {
-        assert!(parts_taken(executor.as_mut(), &scene, &places, 8, 7).unwrap() == own);
+        let executor = executor.as_mut();
+        let walks = Walks::load(executor, &scene).unwrap();
+        assert!(walks.find(executor, &places, 8, 7).unwrap() == own);
         // From the other side it is another light.
         places.iter_mut().for_each(|place| place.normal = -place.normal);
-        assert!(parts_taken(executor.as_mut(), &scene, &places, 8, 7).unwrap() != own);
+        assert!(walks.find(executor, &places, 8, 7).unwrap() != own);
         places.iter_mut().for_each(|place| place.normal = -place.normal);
     }
 }

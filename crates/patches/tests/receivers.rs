@@ -23,6 +23,11 @@ fn sheet(corner: Vec3, a: Vec3, b: Vec3, n: u32) -> Vec<Triangle> {
     (0..n * n).flat_map(|k| pair(k % n, k / n)).collect()
 }
 
+/// No length for any cell.
+fn nowhere(points: &[scene::SurfacePoint]) -> Result<Vec<Option<f32>>, Error> {
+    Ok(vec![None; points.len()])
+}
+
 /// Vertices every `edge`, in cells of three times as much.
 fn receivers(scene: &Scene, edge: f32) -> InterpolationMesh {
     InterpolationMesh::new(
@@ -32,7 +37,7 @@ fn receivers(scene: &Scene, edge: f32) -> InterpolationMesh {
         3.0 * edge,
         0.4 * edge,
         |_, _| Some(edge),
-        |_| None,
+        nowhere,
     )
     .unwrap()
 }
@@ -172,7 +177,7 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     let sides = find_sides(&scene, SidePolicy::Both);
     let with = |length: fn(&scene::SurfacePoint, f32) -> Option<f32>| {
-        InterpolationMesh::new(&scene, &Density::default(), &sides, 0.25, 0.01, length, |_| None).unwrap()
+        InterpolationMesh::new(&scene, &Density::default(), &sides, 0.25, 0.01, length, nowhere).unwrap()
     };
     let even = with(|_, _| Some(0.25));
     let half = with(|p, _| (p.position.x > 0.5).then_some(0.25));
@@ -183,10 +188,13 @@ fn cells_without_a_length_have_no_receivers_and_short_lengths_many() {
     assert!(left < fine.points.len() / 5);
     // What has no length may have another.
     let lengths = |p: &scene::SurfacePoint, _: f32| (p.position.x > 0.5).then_some(0.25);
-    let filled = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.25, 0.01, lengths, |p| {
-        (p.position.z > 0.5).then_some(0.05)
-    })
-    .unwrap();
+    let otherwise =
+        |points: &[scene::SurfacePoint]| Ok(points.iter().map(|p| (p.position.z > 0.5).then_some(0.05)).collect());
+    let filled = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.25, 0.01, lengths, otherwise).unwrap();
+    // One answer is needed for each cell that asks.
+    let none = |_: &[scene::SurfacePoint]| Ok(Vec::new());
+    let refused = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.25, 0.01, lengths, none);
+    assert!(matches!(refused, Err(Error::Shared(transport::Error::Length { name: "lengths", .. }))));
     let few = |set: &InterpolationMesh, z: f32| {
         set.points.iter().filter(|p| p.position.x < 0.1 && (p.position.z > z)).count()
     };
@@ -201,13 +209,13 @@ fn wrong_edges_are_refused() {
     let scene = scene(sheet(Vec3::ZERO, Vec3::Z, Vec3::X, 1));
     for edge in [0.0, -1.0, f32::NAN, f32::INFINITY] {
         let sides = find_sides(&scene, SidePolicy::Both);
-        let found = InterpolationMesh::new(&scene, &Density::default(), &sides, edge, 0.1, |_, _| Some(0.1), |_| None);
+        let found = InterpolationMesh::new(&scene, &Density::default(), &sides, edge, 0.1, |_, _| Some(0.1), nowhere);
         assert!(matches!(found, Err(Error::Shared(transport::Error::Setting { name: "edge", .. }))), "{edge}");
-        let found = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.1, edge, |_, _| Some(0.1), |_| None);
+        let found = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.1, edge, |_, _| Some(0.1), nowhere);
         assert!(matches!(found, Err(Error::Shared(transport::Error::Setting { name: "weld", .. }))), "{edge}");
     }
     assert!(matches!(
-        InterpolationMesh::new(&scene, &Density::default(), &[], 1.0, 0.1, |_, _| None, |_| None),
+        InterpolationMesh::new(&scene, &Density::default(), &[], 1.0, 0.1, |_, _| None, nowhere),
         Err(Error::Shared(transport::Error::Length { .. }))
     ));
 }
@@ -222,7 +230,7 @@ fn needles_are_refused_with_the_longest_triangle_and_a_remedy() {
     };
     let scene = scene((0..200).map(needle).collect());
     let sides = vec![Sides { front: true, back: true }; 200];
-    let fine = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.3, 0.1, |_, _| Some(0.3), |_| None);
+    let fine = InterpolationMesh::new(&scene, &Density::default(), &sides, 0.3, 0.1, |_, _| Some(0.3), nowhere);
     let error = fine.expect_err("they are refused");
     assert!(matches!(error, Error::LongTriangle { triangle: 17, limit: 268_435_456, .. }), "{error}");
     let message = error.to_string();
@@ -230,7 +238,7 @@ fn needles_are_refused_with_the_longest_triangle_and_a_remedy() {
     assert!(message.contains("cut long thin triangles") && message.contains("distance between receivers"), "{message}");
     // With receivers far from each other there are few cells.
     assert!(
-        InterpolationMesh::new(&scene, &Density::default(), &sides, 100.0, 1.0, |_, _| Some(100.0), |_| None).is_ok()
+        InterpolationMesh::new(&scene, &Density::default(), &sides, 100.0, 1.0, |_, _| Some(100.0), nowhere).is_ok()
     );
 }
 
@@ -268,7 +276,7 @@ fn corners_of_the_mesh_have_the_values_of_their_receivers() {
     // A side without receivers is dark.
     let front_only = vec![Sides { front: true, back: false }; scene.geometry.triangles.len()];
     let half =
-        InterpolationMesh::new(&scene, &Density::default(), &front_only, 0.21, 0.028, |_, _| Some(0.07), |_| None)
+        InterpolationMesh::new(&scene, &Density::default(), &front_only, 0.21, 0.028, |_, _| Some(0.07), nowhere)
             .unwrap();
     let kept = vec![Vec4::ONE; half.points.len()];
     assert!(half.corner_irradiance(&kept, false).unwrap().iter().flatten().all(|v| *v == Vec4::ZERO));

@@ -179,10 +179,10 @@ fn probe_samples_inside_of_a_floor_do_not_speak_for_the_room_above_it() {
     }
     let scene = mesh.scene(1.0);
     let sampler = LitSampler::new(&scene, 1, Density::default(), 0).unwrap();
-    let samples = sampler.candidates(20_000, 7);
-    let above = |s: &&Sample| s.normal.y > 0.9 && s.position.y > -0.01;
-    let dark = samples.iter().filter(above).filter(|s| !sampler.is_lit(s, 7)).count();
-    let share = dark as f64 / samples.iter().filter(above).count() as f64;
+    let above = |s: &Sample| s.normal.y > 0.9 && s.position.y > -0.01;
+    let samples: Vec<Sample> = sampler.candidates(20_000, 7).into_iter().filter(above).collect();
+    let dark = sampler.are_lit(&samples, 7).unwrap().into_iter().filter(|is_lit| !is_lit).count();
+    let share = dark as f64 / samples.len() as f64;
     println!("dark places of a floor under the sky: {share}");
     assert!(share < 1e-3, "{share}");
 }

@@ -155,8 +155,8 @@ impl Bake {
         Self::build_by(&HOST, scene, settings, observer)
     }
 
-    /// [`Bake::build`] with a device that traces the rays of elements and receivers, and walks from places to light, most of the
-    /// work: the plan that it had goes. Native code as the device leaves them to the host. Where device and host find the same hits,
+    /// [`Bake::build`] with a device that traces the rays of elements and receivers, walks from places to light and looks from
+    /// interpolation points to receivers, most of the work: the plan that it had goes. Native code as the device leaves them to the host. Where device and host find the same hits,
     /// the bake has the same bytes; of triangles that lie in one place they may name different ones.
     ///
     /// # Errors

@@ -8,10 +8,12 @@ use formfactor::{
 };
 use patches::{Columns, PatchMesh, Walker};
 use rayon::prelude::*;
-use runtime::executor::{DeviceKind, Executor};
+use runtime::executor::{DeviceKind, Executor, ExecutorError};
 use runtime::recipe::formfactor::RowTracer;
-use runtime::recipe::walks::parts_taken;
-use scene::{Scene, SurfacePoint, part_taken};
+use runtime::recipe::rays::RayStops;
+use runtime::recipe::scene::load_scene;
+use runtime::recipe::walks::Walks;
+use scene::{Geometry, Lighting, Ray, Scene, SurfacePoint, part_taken};
 use serde::{Deserialize, Serialize};
 use transport::{Csr, HitCounts, LinearOperator, Observer, Phase};
 
@@ -52,6 +54,54 @@ struct Device<'d> {
     executor: &'d mut (dyn Executor + 'static),
     rays: u64,
     places: u64,
+    sights: u64,
+    /// What the plan of the device is, unless it is that of rows.
+    loaded: Option<Loaded>,
+}
+
+/// A plan of walks and of rays from place to place in a scene.
+#[derive(Clone)]
+struct Loaded {
+    geometry: Arc<Geometry>,
+    lighting: Lighting,
+    walks: Walks,
+    stops: RayStops,
+}
+
+impl Device<'_> {
+    /// The passes for a scene.
+    fn load(&mut self, scene: &Scene) -> Result<(Walks, RayStops), ExecutorError> {
+        let is_own =
+            |loaded: &&Loaded| Arc::ptr_eq(&loaded.geometry, &scene.geometry) && loaded.lighting == scene.lighting;
+        if let Some(loaded) = self.loaded.as_ref().filter(is_own) {
+            return Ok((loaded.walks, loaded.stops));
+        }
+        self.loaded = None;
+        let (walks, stops) = load_scene(self.executor, scene, |plan, tables| {
+            Ok((Walks::add(plan, tables, scene)?, RayStops::add(plan, tables)?))
+        })?;
+        let (geometry, lighting) = (Arc::clone(&scene.geometry), scene.lighting.clone());
+        self.loaded = Some(Loaded { geometry, lighting, walks, stops });
+        Ok((walks, stops))
+    }
+
+    fn parts_taken(
+        &mut self,
+        scene: &Scene,
+        places: &[SurfacePoint],
+        walks: u32,
+        seed: u32,
+    ) -> Result<Vec<u32>, ExecutorError> {
+        let (pass, _) = self.load(scene)?;
+        self.places += places.len() as u64;
+        pass.find(self.executor, places, walks, seed)
+    }
+
+    fn stopped(&mut self, scene: &Scene, rays: &[Ray]) -> Result<Vec<u32>, ExecutorError> {
+        let (_, pass) = self.load(scene)?;
+        self.sights += rays.len() as u64;
+        pass.find(self.executor, rays)
+    }
 }
 
 /// Rows of rays over the elements of a mesh.
@@ -74,7 +124,9 @@ impl<'d> RowRays<'d> {
     /// A device; the host where its own hierarchy is faster than the kernels, as native code.
     pub(crate) fn on(executor: &'d mut (dyn Executor + 'static)) -> Self {
         let is_host = executor.device().kind == DeviceKind::Native;
-        Self { device: (!is_host).then(|| Mutex::new(Device { executor, rays: 0, places: 0 })) }
+        Self {
+            device: (!is_host).then(|| Mutex::new(Device { executor, rays: 0, places: 0, sights: 0, loaded: None })),
+        }
     }
 
     /// Who walks to light in the host's stead.
@@ -87,12 +139,16 @@ impl<'d> RowRays<'d> {
         let Some(mut device) = self.lock() else { return };
         let rays = std::mem::take(&mut device.rays);
         let places = std::mem::take(&mut device.places);
+        let sights = std::mem::take(&mut device.sights);
         let mut done = Vec::new();
         if places > 0 {
             done.push(format!("random walks from {places} places"));
         }
         if rays > 0 {
             done.push(format!("{rays} rays of rows"));
+        }
+        if sights > 0 {
+            done.push(format!("{sights} rays from place to place"));
         }
         if !done.is_empty() {
             observer.note(&format!("{phase}: {} on {}", done.join(", "), device.executor.device().name));
@@ -120,6 +176,7 @@ impl<'d> RowRays<'d> {
         };
         device.rays += u64::from(rays) * surfaces.rows() as u64;
         let cells = mesh.cell_columns(Columns::Elements);
+        device.loaded = None;
         let mut tracer = RowTracer::new(device.executor, scene, cells, &surfaces, rays)?;
         let mut trace = |rows| tracer.columns(rows).map_err(Error::from);
         add_traced_rows(counts, sky, &surfaces, rays, &mut trace, &report)
@@ -146,10 +203,22 @@ impl Walker for RowRays<'_> {
         let Some(mut device) = self.lock().filter(|device| !too_many(device)) else {
             return Ok(places.par_iter().map(|place| part_taken(scene, place, walks, seed)).collect());
         };
-        device.places += places.len() as u64;
-        let found = parts_taken(device.executor, scene, places, walks, seed);
-        found.map_err(|error| patches::Error::Rows(Box::new(Error::from(error))))
+        device.parts_taken(scene, places, walks, seed).map_err(of_device)
     }
+
+    fn stopped(&self, scene: &Scene, rays: &[Ray]) -> Result<Vec<u32>, patches::Error> {
+        match self.lock() {
+            Some(mut device) => device.stopped(scene, rays).map_err(of_device),
+            None => {
+                Ok(rays.par_iter().map(|ray| scene.occluded(ray.origin, ray.direction, ray.t_max).into()).collect())
+            }
+        }
+    }
+}
+
+/// What a device says, on its way through `patches`.
+fn of_device(error: ExecutorError) -> patches::Error {
+    patches::Error::Rows(Box::new(Error::from(error)))
 }
 
 /// Form factors between patches, and between elements.

@@ -369,7 +369,8 @@ impl Renderer {
     /// Finds the light of a frame: direct light → first exitance → the method → interpolation points. Lights may be added,
     /// removed and changed, and so may the sky and the emission of materials; only lights that have moved are traced, so one that
     /// is switched off best stays in the list with the colour zero. Submits the work and waits for nothing, but where
-    /// more lights or another sky map need larger buffers, with photons that go on to an error, and with the solvers of the host.
+    /// more lights or another sky map need larger buffers, with photons that go on to an error or start where lights that are not
+    /// areas have changed, and with the solvers of the host.
     /// Under the lighting of the update before, only what may still change is found. [`Self::set_sample_light`] gives direct light that is known already.
     ///
     /// # Errors

@@ -61,12 +61,13 @@ struct Side {
 impl InterpolationMesh {
     /// Vertices of a grid on each side in `sides`: cells whose edges are at most `edge` m long, each cut further until edges
     /// are no longer than `within` says for its middle and its corners and its longest edge; a cell for which it says
-    /// nothing asks `otherwise` for its middle, and has no vertices where that says nothing either; one that is smaller than
-    /// the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are one receiver. Both
-    /// lengths grow with [`Density::edge`].
+    /// nothing asks `otherwise` for its middle, many cells together, and has no vertices where that says nothing either; one
+    /// that is smaller than the length has a single one. Vertices closer than `weld` m on nearly the same plane and side are
+    /// one receiver. Both lengths grow with [`Density::edge`].
     ///
     /// # Errors
-    /// [`transport::Error::Setting`] for an edge that is not positive, [`transport::Error::Length`], [`transport::Error::TooMany`].
+    /// [`transport::Error::Setting`] for an edge that is not positive, [`transport::Error::Length`], [`transport::Error::TooMany`];
+    /// what `otherwise` says.
     pub fn new(
         scene: &Scene,
         density: &Density,
@@ -74,7 +75,7 @@ impl InterpolationMesh {
         edge: f32,
         weld: f32,
         within: impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync,
-        otherwise: impl Fn(&SurfacePoint) -> Option<f32> + Sync,
+        otherwise: impl Fn(&[SurfacePoint]) -> Result<Vec<Option<f32>>, Error>,
     ) -> Result<Self, Error> {
         check_length("sides", scene.geometry.triangles.len(), sides.len())?;
         check_positive("edge", edge)?;
@@ -94,8 +95,14 @@ impl InterpolationMesh {
         // The places on all cores, then the receivers one after the other; in blocks, because places are many.
         let mut welder = Welder::new(scene, density, weld);
         for block in sides.chunks(BLOCK_SIDES) {
+            let mut cells: Vec<Vec<CellPlan>> = block.par_iter().map(|s| side_cells(scene, s, &within)).collect();
+            let open: Vec<&mut CellPlan> = cells.iter_mut().flatten().filter(|cell| cell.length.is_none()).collect();
+            let middles: Vec<SurfacePoint> = open.iter().map(|cell| cell.middle).collect();
+            let lengths = otherwise(&middles)?;
+            check_length("lengths", middles.len(), lengths.len())?;
+            open.into_iter().zip(lengths).for_each(|(cell, length)| cell.length = length);
             let places: Vec<Vec<(u32, Vec<SurfacePoint>)>> =
-                block.par_iter().map(|s| places(scene, s, &within, &otherwise)).collect();
+                block.par_iter().zip(&cells).map(|(s, cells)| places(scene, s, cells)).collect();
             let found = new.vertices.len() as u64 + places.iter().flatten().map(|p| p.1.len() as u64).sum::<u64>();
             if found >= u64::from(NONE) {
                 return Err(transport::Error::TooMany { name: "receivers", found, limit: u64::from(NONE) - 1 }.into());
@@ -219,34 +226,51 @@ impl InterpolationMesh {
     }
 }
 
-/// Divisions and places of the vertices of each cell of a side; divisions of 0 for a cell without.
-fn places(
+/// What is known of a cell before its vertices are placed.
+struct CellPlan {
+    middle: SurfacePoint,
+    /// Longest edge between its vertices, m, if anything says so.
+    length: Option<f32>,
+    /// Whether it is smaller than that, and has one value.
+    is_single: bool,
+}
+
+/// The cells of a side, with what `within` says of them.
+fn side_cells(
     scene: &Scene,
     side: &Side,
     within: &(impl Fn(&SurfacePoint, f32) -> Option<f32> + Sync),
-    otherwise: &(impl Fn(&SurfacePoint) -> Option<f32> + Sync),
-) -> Vec<(u32, Vec<SurfacePoint>)> {
+) -> Vec<CellPlan> {
     let longest = scene.longest_edge(side.triangle) / side.divisions as f32;
     let cell = |k: u32| {
         let (a, b, c) = cell_corners(side.divisions, k);
         let point = |place: Vec2| side_point(scene, side.triangle, side.front, place);
         let middle = point((a + b + c) / 3.0);
         let here = within(&middle, longest);
-        // What is smaller than that has one value: all vertices are its middle.
         if here.is_some_and(|length| longest <= length) {
-            return (1, vec![middle; 3]);
+            return CellPlan { middle, length: here, is_single: true };
         }
         // A cell may lie across the border of what is lit.
         let near = |p: Vec2, q: Vec2, r: Vec2| within(&point(p * 0.9 + (q + r) * 0.05), longest);
         let corners = [near(a, b, c), near(b, c, a), near(c, a, b)];
-        let known = corners.into_iter().flatten().chain(here).reduce(f32::min);
-        let Some(length) = known.or_else(|| otherwise(&middle)) else {
-            return (0, Vec::new());
-        };
-        let divisions = (longest / length * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_WITHIN) as u32;
-        (divisions, cell_vertices(scene, side, k, divisions, middle.position))
+        CellPlan { middle, length: corners.into_iter().flatten().chain(here).reduce(f32::min), is_single: false }
     };
     (0..cell_count(side.divisions)).map(cell).collect()
+}
+
+/// Divisions and places of the vertices of each cell of a side; divisions of 0 for a cell without.
+fn places(scene: &Scene, side: &Side, cells: &[CellPlan]) -> Vec<(u32, Vec<SurfacePoint>)> {
+    let longest = scene.longest_edge(side.triangle) / side.divisions as f32;
+    let vertices = |(k, cell): (u32, &CellPlan)| {
+        let Some(length) = cell.length else { return (0, Vec::new()) };
+        // All vertices are its middle.
+        if cell.is_single {
+            return (1, vec![cell.middle; 3]);
+        }
+        let divisions = (longest / length * (1.0 - 1e-6)).ceil().clamp(1.0, MOST_WITHIN) as u32;
+        (divisions, cell_vertices(scene, side, k, divisions, cell.middle.position))
+    };
+    (0u32..).zip(cells).map(vertices).collect()
 }
 
 /// Places (u, v) of the vertices of cell `k` of a side, in their order.

@@ -6,7 +6,7 @@ use glam::Vec3;
 use scene::kernel::walk::{APART, DARK, LIT};
 use scene::parallel::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
-use scene::{POINT_WALKS, Scene, SurfacePoint, Triangle, part_taken};
+use scene::{POINT_WALKS, Ray, Scene, SurfacePoint, Triangle, part_taken};
 
 use super::focus::Density;
 use super::nearest::Nearest;
@@ -28,13 +28,19 @@ const MOST_DISTANCE: f32 = 3.0;
 /// The nearest of probe samples that say no is no further than this.
 const DARK_DISTANCE: f32 = 1.0;
 
-/// Who walks from places to light in the host's stead.
+/// Who walks from places to light, and looks from place to place, in the host's stead.
 pub trait Walker: Sync {
     /// What [`scene::part_taken`] says of each place, by so many walks.
     ///
     /// # Errors
     /// [`Error::Rows`] with the walker's own.
     fn parts_taken(&self, scene: &Scene, places: &[SurfacePoint], walks: u32, seed: u32) -> Result<Vec<u32>, Error>;
+
+    /// 1 for each ray that something stops, else 0.
+    ///
+    /// # Errors
+    /// [`Error::Rows`] with the walker's own.
+    fn stopped(&self, scene: &Scene, rays: &[Ray]) -> Result<Vec<u32>, Error>;
 }
 
 /// Makes samples of both sides of all triangles, as dense as a [`Density`] says and for equal areas where that is the same
@@ -107,6 +113,11 @@ impl<'a> LitSampler<'a> {
         self.scene
     }
 
+    /// Who walks and looks in the host's stead, if there is somebody.
+    pub(crate) fn walker(&self) -> Option<&'a dyn Walker> {
+        self.walker
+    }
+
     /// How densely samples stand.
     pub fn density(&self) -> &Density {
         &self.density
@@ -147,17 +158,8 @@ impl<'a> LitSampler<'a> {
         Ok(if open.is_empty() { samples } else { open })
     }
 
-    /// Whether light comes to the place and side of a sample, which sees geometry; its area and albedo are not asked. The
-    /// same place and seed give the same answer, found on the host.
-    pub fn is_lit(&self, sample: &Sample, seed: u32) -> bool {
-        let asked = self.ask_probes(sample);
-        asked.answer.unwrap_or_else(|| {
-            let place = place_of(sample, &self.density, place_number(sample));
-            self.is_settled(sample, &asked, part_taken(self.scene, &place, WALKS, seed))
-        })
-    }
-
-    /// [`LitSampler::is_lit`] of many samples.
+    /// Whether light comes to the place and side of each sample, which sees geometry; areas and albedos are not asked. The same
+    /// place and seed give the same answer.
     ///
     /// # Errors
     /// What the walker says.

@@ -93,8 +93,8 @@ impl MeshReceivers {
     /// [`Error::Shared`] for a scene with more triangles than can be numbered.
     pub fn none(scene: &Scene) -> Result<Self, Error> {
         let sides = vec![Sides::default(); scene.geometry.triangles.len()];
-        let interpolation =
-            InterpolationMesh::new(scene, &Density::default(), &sides, 1.0, 1.0, |_, _| None, |_| None)?;
+        let nowhere = |points: &[SurfacePoint]| Ok(vec![None; points.len()]);
+        let interpolation = InterpolationMesh::new(scene, &Density::default(), &sides, 1.0, 1.0, |_, _| None, nowhere)?;
         let empty = PackedWeights::new(0, |_| Vec::new())?;
         Ok(Self {
             points: Arc::default(),
@@ -130,7 +130,9 @@ impl MeshReceivers {
         let set = placement.refined_samples(elements)?;
         let mut field = ReceiverField::new(set);
         let mut interpolation = field.interpolation_mesh(sampler, placing.seed)?;
-        let mut weights = visible_weights(&field, &mut interpolation)?;
+        // An interpolation point that sees no receiver is inside of a solid or behind a wall.
+        let seen = field.visible_weights(&interpolation.points, sampler.walker())?;
+        let mut weights = served_weights(scene, &mut interpolation, seen)?;
         field = placement.serve_orphans(field, &interpolation.points, &mut weights)?;
         let estimates = Estimates::new(&field.set.rows, &field.set.sky_rows, lights, placing.rays)?;
         let smoothing = field.smoothing(&estimates);
@@ -224,7 +226,8 @@ impl<'a> Placement<'a> {
             field.set.samples.extend(samples.into_iter().zip(lit).filter_map(|(sample, lit)| lit.then_some(sample)));
             field.set.add_rows(self.add_rows)?;
             field = ReceiverField::new(field.set);
-            let found: Vec<_> = orphans.par_iter().map(|&k| field.weights(&points[k], true)).collect();
+            let own: Vec<SurfacePoint> = orphans.iter().map(|&k| points[k]).collect();
+            let found = field.visible_weights(&own, sampler.walker())?;
             for (k, found) in orphans.into_iter().zip(found) {
                 weights[k] = found;
             }
@@ -245,18 +248,10 @@ impl<'a> Placement<'a> {
         let samples: Vec<Sample> = rest.iter().map(|&k| sample_at(&points[k])).collect();
         let lit = sampler.are_lit(&samples, placing.seed)?;
         let served: Vec<usize> = rest.into_iter().zip(lit).filter_map(|(k, lit)| lit.then_some(k)).collect();
-        let found: Vec<_> = served.par_iter().map(|&k| field.weights(&points[k], false)).collect();
+        let found: Vec<_> = served.par_iter().map(|&k| field.nearest_weights(&points[k])).collect();
         served.into_iter().zip(found).for_each(|(k, found)| weights[k] = found);
         Ok(())
     }
-}
-
-/// The weights of the interpolation points that see receivers. One that sees none is inside of a
-/// solid or behind a wall.
-fn visible_weights(field: &ReceiverField, interpolation: &mut InterpolationMesh) -> Result<Vec<Vec<Entry>>, Error> {
-    let points = interpolation.points.par_iter();
-    let found = points.map(|point| field.weights(point, true)).collect();
-    served_weights(field.set.scene, interpolation, found)
 }
 
 /// Leaves out interpolation points without weights where others of their cell serve, so that no pixel between them turns

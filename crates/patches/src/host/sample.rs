@@ -6,13 +6,14 @@ use glam::Vec3;
 use scene::parallel::*;
 use scene::sampling::{hammersley, hash3};
 use scene::{Hit, NONE, Scene};
+use transport::check_length;
 
 use super::grid::Grid;
 use crate::error::Error;
 use crate::types::Sample;
 
-/// Voxels that are sampled before their samples are put in order.
-const BATCH: usize = 1024;
+/// Voxels that are sampled before it is asked which of their samples stay.
+const BATCH: usize = 256;
 
 /// Points at which the holes of a masked triangle in a voxel are looked for.
 const MASK_POINTS: u32 = 128;
@@ -98,6 +99,19 @@ pub fn sample_voxels(
     settings: &SampleSettings,
     keep: &(impl Fn(&Sample) -> bool + Sync),
 ) -> Result<SampleSet, Error> {
+    sample_voxels_by(scene, grid, settings, &|samples| Ok(samples.par_iter().map(keep).collect()))
+}
+
+/// [`sample_voxels`] where `keep` is asked about many samples together.
+///
+/// # Errors
+/// As [`sample_voxels`]; what `keep` says; [`Error::Shared`] where it gives another number of answers.
+pub fn sample_voxels_by(
+    scene: &Scene,
+    grid: &Grid,
+    settings: &SampleSettings,
+    keep: &dyn Fn(&[Sample]) -> Result<Vec<bool>, Error>,
+) -> Result<SampleSet, Error> {
     for (name, value) in [("points", settings.points), ("layers", settings.layers)] {
         if value == 0 {
             return Err(Error::Setting { name, value: 0.0, rule: "at least 1" });
@@ -109,9 +123,17 @@ pub fn sample_voxels(
     // In batches, so that little more than the result is in memory.
     for first in (0..grid.len()).step_by(BATCH) {
         let slots = first..(first + BATCH).min(grid.len());
-        let voxels: Vec<_> =
-            slots.into_par_iter().map(|slot| sample_voxel(scene, grid, slot, settings, keep)).collect();
+        let mut voxels: Vec<Voxel> =
+            slots.into_par_iter().map(|slot| Voxel::cast(scene, grid, slot, settings)).collect();
+        let met: Vec<Sample> = voxels.iter().flat_map(|voxel| &voxel.met).map(|met| met.sample).collect();
+        let mut kept = asked(keep, &met)?.into_iter();
+        let flags = voxels.iter_mut().flat_map(|voxel| &mut voxel.met).map(|met| &mut met.kept);
+        flags.zip(&mut kept).for_each(|(flag, kept)| *flag = kept);
+        voxels.par_iter_mut().for_each(|voxel| voxel.share_out(settings.rule));
+        let forced: Vec<Sample> = voxels.iter().flat_map(|voxel| &voxel.forced).copied().collect();
+        let mut kept = asked(keep, &forced)?.into_iter();
         for voxel in voxels {
+            let voxel = voxel.samples(&mut kept);
             set.samples.extend(voxel.samples);
             let found = set.samples.len() as u64;
             if found >= u64::from(NONE) {
@@ -137,6 +159,13 @@ pub fn sample_voxels(
         .for_each(|sample| sample.albedo = scene.filtered_albedo(sample.triangle, sample.position, sample.area));
     set.report.sample_area = set.samples.iter().map(|s| f64::from(s.area)).sum();
     Ok(set)
+}
+
+/// Which of some samples stay.
+fn asked(keep: &dyn Fn(&[Sample]) -> Result<Vec<bool>, Error>, samples: &[Sample]) -> Result<Vec<bool>, Error> {
+    let kept = if samples.is_empty() { Vec::new() } else { keep(samples)? };
+    check_length("kept samples", samples.len(), kept.len())?;
+    Ok(kept)
 }
 
 impl SampleSet {
@@ -166,7 +195,7 @@ struct Met {
 }
 
 /// A voxel while it is sampled.
-struct Voxel<'a, K> {
+struct Voxel<'a> {
     scene: &'a Scene,
     grid: &'a Grid,
     number: u32,
@@ -174,64 +203,76 @@ struct Voxel<'a, K> {
     triangles: &'a [u32],
     /// Area of each inside the voxel, holes left out, m².
     areas: Vec<f32>,
-    keep: &'a K,
+    /// What its rays have met, triangle by triangle.
+    met: Vec<Met>,
+    /// Samples of triangles that no ray met, which stay if they are kept.
+    forced: Vec<Sample>,
     report: SampleReport,
 }
 
-fn sample_voxel<K: Fn(&Sample) -> bool>(
-    scene: &Scene,
-    grid: &Grid,
-    slot: usize,
-    settings: &SampleSettings,
-    keep: &K,
-) -> VoxelSamples {
-    let (triangles, areas) = grid.clipped_triangles(slot);
-    let mut voxel = Voxel {
-        scene,
-        grid,
-        number: grid.occupied[slot],
-        triangles,
-        areas: areas.to_vec(),
-        keep,
-        report: SampleReport { rays: 6 * u64::from(settings.points), ..SampleReport::default() },
-    };
-    voxel.leave_holes_out();
-    let mut met = voxel.cast_rays(settings);
-    met.sort_by_key(|m| (m.clipped, m.back));
-
-    // Samples of each side of each triangle, and whether it was met at all.
-    let mut counts = alloc::vec![[0u32; 2]; triangles.len()];
-    let mut seen = alloc::vec![false; triangles.len()];
-    for m in &met {
-        seen[m.clipped as usize] = true;
-        counts[m.clipped as usize][usize::from(m.back)] += u32::from(m.kept);
-    }
-    for (count, &area) in counts.iter().zip(&voxel.areas) {
-        voxel.report.surface_area += f64::from(area) * count.iter().filter(|&&c| c > 0).count() as f64;
-    }
-    voxel.report.refused = met.iter().filter(|m| !m.kept).count() as u64;
-    for m in met.iter_mut().filter(|m| m.kept) {
-        let count = counts[m.clipped as usize][usize::from(m.back)];
-        m.sample.area = match settings.rule {
-            AreaRule::Clipped => voxel.areas[m.clipped as usize] / count as f32,
-            AreaRule::Projected => m.projected,
-            AreaRule::Thesis => 0.0,
+impl<'a> Voxel<'a> {
+    /// Casts the rays.
+    fn cast(scene: &'a Scene, grid: &'a Grid, slot: usize, settings: &SampleSettings) -> Self {
+        let (triangles, areas) = grid.clipped_triangles(slot);
+        let mut voxel = Self {
+            scene,
+            grid,
+            number: grid.occupied[slot],
+            triangles,
+            areas: areas.to_vec(),
+            met: Vec::new(),
+            forced: Vec::new(),
+            report: SampleReport { rays: 6 * u64::from(settings.points), ..SampleReport::default() },
         };
+        voxel.leave_holes_out();
+        voxel.met = voxel.cast_rays(settings);
+        voxel.met.sort_by_key(|m| (m.clipped, m.back));
+        voxel
     }
-    let mut forced = Vec::new();
-    if settings.rule == AreaRule::Clipped {
-        for (clipped, seen) in seen.into_iter().enumerate() {
-            if !seen && voxel.areas[clipped] > 0.0 {
-                voxel.donate(clipped, &counts, &mut met, &mut forced);
+
+    /// Gives areas to the samples that are kept.
+    fn share_out(&mut self, rule: AreaRule) {
+        // Samples of each side of each triangle, and whether it was met at all.
+        let mut counts = alloc::vec![[0u32; 2]; self.triangles.len()];
+        let mut seen = alloc::vec![false; self.triangles.len()];
+        for m in &self.met {
+            seen[m.clipped as usize] = true;
+            counts[m.clipped as usize][usize::from(m.back)] += u32::from(m.kept);
+        }
+        for (count, &area) in counts.iter().zip(&self.areas) {
+            self.report.surface_area += f64::from(area) * count.iter().filter(|&&c| c > 0).count() as f64;
+        }
+        self.report.refused = self.met.iter().filter(|m| !m.kept).count() as u64;
+        for m in self.met.iter_mut().filter(|m| m.kept) {
+            let count = counts[m.clipped as usize][usize::from(m.back)];
+            m.sample.area = match rule {
+                AreaRule::Clipped => self.areas[m.clipped as usize] / count as f32,
+                AreaRule::Projected => m.projected,
+                AreaRule::Thesis => 0.0,
+            };
+        }
+        if rule == AreaRule::Clipped {
+            for (clipped, seen) in seen.into_iter().enumerate() {
+                if !seen && self.areas[clipped] > 0.0 {
+                    self.donate(clipped, &counts);
+                }
             }
         }
     }
-    let mut samples: Vec<_> = met.iter().filter(|m| m.kept).map(|m| m.sample).collect();
-    samples.extend(forced);
-    VoxelSamples { samples, report: voxel.report }
-}
 
-impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
+    /// The samples that stay: `kept` says of the forced ones of this voxel and those after it which do.
+    fn samples(mut self, kept: &mut impl Iterator<Item = bool>) -> VoxelSamples {
+        let mut samples: Vec<Sample> = self.met.iter().filter(|m| m.kept).map(|m| m.sample).collect();
+        for forced in self.forced {
+            if kept.next() == Some(true) {
+                self.report.forced += 1;
+                self.report.surface_area += f64::from(forced.area);
+                samples.push(forced);
+            }
+        }
+        VoxelSamples { samples, report: self.report }
+    }
+
     /// Scales the areas of masked triangles by the share of points that are no holes.
     fn leave_holes_out(&mut self) {
         for clipped in 0..self.triangles.len() {
@@ -322,37 +363,35 @@ impl<K: Fn(&Sample) -> bool> Voxel<'_, K> {
             triangle: hit.triangle,
             ..Sample::default()
         };
-        Some(Met { clipped: clipped as u32, back, kept: (self.keep)(&sample), projected: cell * cosine.abs(), sample })
+        Some(Met { clipped: clipped as u32, back, kept: true, projected: cell * cosine.abs(), sample })
     }
 
     /// Gives the area of a triangle that no ray met to samples of the voxel, or makes samples of it.
-    fn donate(&mut self, clipped: usize, counts: &[[u32; 2]], met: &mut [Met], forced: &mut Vec<Sample>) {
+    fn donate(&mut self, clipped: usize, counts: &[[u32; 2]]) {
         let (triangle, area) = (self.triangles[clipped], self.areas[clipped]);
         let centre = self.grid.clipped_triangle(self.scene, self.number, triangle).centroid().as_vec3();
         let normal = self.scene.tables().normal(triangle);
-        let Some(neighbour) = nearest(met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {
+        let Some(neighbour) = nearest(&self.met, centre, |m| m.sample.normal.dot(normal) != 0.0) else {
             // The centre may be a hole.
             let position = if self.is_masked(clipped) { self.opaque_points(clipped).next() } else { None };
             let position = position.unwrap_or(centre);
             for normal in [normal, -normal] {
                 let sample = Sample { position, area, normal, triangle, ..Sample::default() };
-                if normal.is_finite() && (self.keep)(&sample) {
-                    forced.push(sample);
-                    self.report.forced += 1;
-                    self.report.surface_area += f64::from(area);
+                if normal.is_finite() {
+                    self.forced.push(sample);
                 }
             }
             return;
         };
-        let neighbour = met[neighbour];
+        let neighbour = self.met[neighbour];
         for back in [false, true] {
             if counts[neighbour.clipped as usize][usize::from(back)] == 0 {
                 continue;
             }
             let side = if back == neighbour.back { neighbour.sample.normal } else { -neighbour.sample.normal };
             let own = if normal.dot(side) > 0.0 { normal } else { -normal };
-            if let Some(target) = nearest(met, centre, |m| m.kept && m.sample.normal.dot(own) > 0.0) {
-                met[target].sample.area += area;
+            if let Some(target) = nearest(&self.met, centre, |m| m.kept && m.sample.normal.dot(own) > 0.0) {
+                self.met[target].sample.area += area;
                 self.report.surface_area += f64::from(area);
                 self.report.donated_area += f64::from(area);
             }

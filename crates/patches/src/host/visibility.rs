@@ -1,7 +1,7 @@
 //! Whether points of a surface see each other.
 
 use glam::Vec3;
-use scene::{Scene, SurfacePoint, Visibility};
+use scene::{Ray, Scene, SurfacePoint, Visibility};
 
 use crate::types::Sample;
 
@@ -55,7 +55,14 @@ pub fn is_in_gap(scene: &Scene, place: SurfacePlace, edge: f32) -> bool {
 
 /// Whether nothing stands between two places of a surface with samples every `edge` m.
 pub fn is_visible(scene: &Scene, from: SurfacePlace, to: SurfacePlace, edge: f32) -> bool {
+    let Ray { origin, direction, t_max, .. } = sight(scene, from, to, edge);
+    !scene.occluded(origin, direction, t_max)
+}
+
+/// The ray that is stopped where something stands between two places of a surface with samples every `edge` m.
+pub fn sight(scene: &Scene, from: SurfacePlace, to: SurfacePlace, edge: f32) -> Ray {
     let arc = ARC * from.position.distance(to.position) * from.normal.distance(to.normal);
     let height = scene.geometry.ray_offset + LIFT * edge + arc;
-    !scene.any_hit(from.position + from.normal * height, to.position + to.normal * height)
+    let origin = from.position + from.normal * height;
+    Ray { origin, t_max: 1.0, direction: to.position + to.normal * height - origin, reserved: 0 }
 }

@@ -3,8 +3,7 @@
 use gpu_kernels::params::CountParams;
 use scene::{Ray, Scene};
 
-use super::Tables;
-use super::scene::SceneTables;
+use super::scene::{SceneTables, load_scene};
 use crate::executor::{Executor, ExecutorError};
 use crate::plan::{BufferId, PassId, Plan, Range};
 
@@ -37,14 +36,7 @@ impl RayStops {
     /// # Errors
     /// What the device says: a scene too large for it, say.
     pub fn load(executor: &mut (dyn Executor + 'static), scene: &Scene) -> Result<Self, ExecutorError> {
-        let mut plan = Plan::new();
-        let mut tables = Tables::new();
-        let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, scene.lighting.lights.len().max(1));
-        let new = Self::add(&mut plan, &scene_tables)?;
-        executor.load(plan)?;
-        tables.upload(executor)?;
-        scene_tables.set_sky_and_emission(executor, scene)?;
-        Ok(new)
+        load_scene(executor, scene, Self::add)
     }
 
     /// 1 for every ray that is stopped, else 0. Waits.

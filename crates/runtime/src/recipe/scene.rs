@@ -309,6 +309,26 @@ impl SceneTables {
     }
 }
 
+/// Loads a plan that has a scene, with its lights, and what `add` adds. The plan that the device had goes.
+///
+/// # Errors
+/// What `add` says; what the device says: a scene too large for it, say.
+pub fn load_scene<T>(
+    executor: &mut (dyn Executor + 'static),
+    scene: &Scene,
+    add: impl FnOnce(&mut Plan, &SceneTables) -> Result<T, ExecutorError>,
+) -> Result<T, ExecutorError> {
+    let (mut plan, mut tables) = (Plan::new(), Tables::new());
+    let lights = &scene.lighting.lights;
+    let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, lights.len().max(1));
+    let added = add(&mut plan, &scene_tables)?;
+    executor.load(plan)?;
+    tables.upload(executor)?;
+    scene_tables.set_lights(executor, lights)?;
+    scene_tables.set_sky_and_emission(executor, scene)?;
+    Ok(added)
+}
+
 /// Adds the pass that adds the radiance from rectangles and emitters to the sums of pixels, W/m²/sr: with nothing in the way,
 /// times the share of the samples that is seen. Bindings: `points`, `open`, `seen`, `sampled`, `full`, `direct`.
 ///

@@ -22,7 +22,7 @@ use crate::host::lit::{LitSampler, Walker};
 use crate::host::lookup::{Lookup, LookupSettings};
 use crate::host::patch_set::PatchSet;
 use crate::host::printed::PrintedPatches;
-use crate::host::sample::{SampleSet, SampleSettings, sample_voxels};
+use crate::host::sample::{SampleSet, SampleSettings, sample_voxels_by};
 use crate::host::subdivide::{PatchSize, SubdivideSettings, Subdivision, cell_grids, check_cells, subdivide};
 use crate::host::view::{ViewSettings, view_clusters};
 use crate::types::{Member, Sample, VirtualPatch};
@@ -321,7 +321,7 @@ impl VoxelPatches<'_> {
     /// The patches that light reaches.
     fn lit_patches(&self, grid: &Grid) -> Result<PatchSet, Error> {
         check_count("occupied voxels", grid.len())?;
-        let samples = sample_voxels(self.scene, grid, &self.sampling(), &|s: &Sample| self.is_lit(s))?;
+        let samples = sample_voxels_by(self.scene, grid, &self.sampling(), &|samples| self.are_lit(samples))?;
         let set = self.gather(grid, samples)?;
         check_count("patches", set.len())?;
         Ok(set)
@@ -329,7 +329,8 @@ impl VoxelPatches<'_> {
 
     /// The others. They send nothing, but must not show the light of the other side of their wall.
     fn dark_patches(&self, grid: &Grid) -> Result<PatchSet, Error> {
-        match sample_voxels(self.scene, grid, &self.sampling(), &|s: &Sample| !self.is_lit(s)) {
+        let are_dark = |samples: &[Sample]| Ok(self.are_lit(samples)?.into_iter().map(|is_lit| !is_lit).collect());
+        match sample_voxels_by(self.scene, grid, &self.sampling(), &are_dark) {
             Ok(samples) => self.gather(grid, samples),
             Err(Error::NoSamples) => Ok(PatchSet::default()),
             Err(error) => Err(error),
@@ -340,8 +341,11 @@ impl VoxelPatches<'_> {
         SampleSettings { seed: self.seed, ..SampleSettings::default() }
     }
 
-    fn is_lit(&self, sample: &Sample) -> bool {
-        self.sampler.is_none_or(|sampler| sampler.is_lit(sample, self.seed))
+    fn are_lit(&self, samples: &[Sample]) -> Result<Vec<bool>, Error> {
+        match self.sampler {
+            Some(sampler) => sampler.are_lit(samples, self.seed),
+            None => Ok(alloc::vec![true; samples.len()]),
+        }
     }
 
     fn gather(&self, grid: &Grid, samples: SampleSet) -> Result<PatchSet, Error> {

@@ -9,21 +9,24 @@ use num_traits::Float as _;
 use scene::math::sqrt;
 use scene::parallel::*;
 use scene::sampling::frame;
-use scene::{Sides, SurfacePoint};
+use scene::{Ray, Sides, SurfacePoint};
+use transport::check_length;
 
 use super::refinement::ReceiverSamples;
 use super::{Entry, sample_at};
 use crate::error::Error;
 use crate::host::interpolation_mesh::InterpolationMesh;
-use crate::host::lit::LitSampler;
+use crate::host::lit::{LitSampler, Walker};
 use crate::host::nearest::Nearest;
 use crate::host::test_lights::{LIGHT_VECTORS, Lights};
-use crate::host::visibility::{SurfacePlace, is_visible};
+use crate::host::visibility::{SurfacePlace, is_visible, sight};
 use crate::types::Sample;
 
 /// Receivers that an interpolation point takes its value from; one more gives the distance at which
 /// the weight is zero.
 const NEIGHBOURS: usize = 8;
+/// Interpolation points that look for them together.
+const POINTS_TOGETHER: usize = 1 << 15;
 /// Receivers among which they are chosen.
 const SEARCHED: usize = 20;
 /// Ridge of the linear fit through them, in squared edges between receivers.
@@ -93,7 +96,11 @@ impl<'a> ReceiverField<'a> {
             WELD * edge,
             |point, size| self.spacing_about(&spacing, point, size),
             // Light may come where no receiver is: interpolation points there gather it themselves.
-            |point| sampler.is_lit(&sample_at(point), seed).then(|| SMALL * self.edge_at(point.position)),
+            |points| {
+                let samples: Vec<Sample> = points.iter().map(sample_at).collect();
+                let lit = sampler.are_lit(&samples, seed)?.into_iter().zip(points);
+                Ok(lit.map(|(is_lit, point)| is_lit.then(|| SMALL * self.edge_at(point.position))).collect())
+            },
         )
     }
 
@@ -121,29 +128,60 @@ impl<'a> ReceiverField<'a> {
         Some(mean.max(LEAST_SPACING * edge))
     }
 
-    /// The receivers that an interpolation point takes, with weights that sum to 1: the nearest in
-    /// position and normal. Empty when it must see them and sees none.
-    pub fn weights(&self, point: &SurfacePoint, must_see: bool) -> Vec<Entry> {
+    /// The receivers that interpolation points take, with weights that sum to 1: the nearest in position and normal that they see.
+    /// Empty for a point that sees none. With a walker the points of a block look together.
+    ///
+    /// # Errors
+    /// What the walker says.
+    pub fn visible_weights(
+        &self,
+        points: &[SurfacePoint],
+        walker: Option<&dyn Walker>,
+    ) -> Result<Vec<Vec<Entry>>, Error> {
+        let Some(walker) = walker else {
+            let weights = |point: &SurfacePoint| {
+                let mut choice = self.choice(point);
+                while !choice.next().is_empty() {
+                    let place = choice.place;
+                    choice.take(|receiver| self.is_receiver_visible(place, receiver));
+                }
+                choice.weights()
+            };
+            return Ok(points.par_iter().map(weights).collect());
+        };
+        let mut found = Vec::with_capacity(points.len());
+        for block in points.chunks(POINTS_TOGETHER) {
+            let mut choices: Vec<Choice> = block.par_iter().map(|point| self.choice(point)).collect();
+            loop {
+                let sights = |choice: &Choice| {
+                    let place = choice.place;
+                    choice.next().iter().map(|entry| self.sight(place, entry.0)).collect::<Vec<Ray>>()
+                };
+                let rays = choices.par_iter().map(sights).collect::<Vec<_>>().concat();
+                if rays.is_empty() {
+                    break;
+                }
+                let stopped = walker.stopped(self.set.scene, &rays)?;
+                check_length("stopped", rays.len(), stopped.len())?;
+                let mut stopped = stopped.into_iter();
+                choices.iter_mut().for_each(|choice| choice.take(|_| stopped.next() == Some(0)));
+            }
+            found.extend(choices.into_par_iter().map(Choice::weights).collect::<Vec<_>>());
+        }
+        Ok(found)
+    }
+
+    /// The same of the nearest receivers, whether the point sees them or not.
+    pub fn nearest_weights(&self, point: &SurfacePoint) -> Vec<Entry> {
+        let mut choice = self.choice(point);
+        choice.take(|_| true);
+        choice.weights()
+    }
+
+    /// All receivers that an interpolation point may take, and none taken yet.
+    fn choice(&self, point: &SurfacePoint) -> Choice {
         let place = SurfacePlace::from(point);
-        let mut kept = Vec::new();
-        for entry in self.similar_receivers(place) {
-            if !must_see || self.is_receiver_visible(place, entry.0) {
-                kept.push(entry);
-            }
-            if kept.len() > NEIGHBOURS {
-                break;
-            }
-        }
-        let Some(&(_, last)) = kept.last() else { return kept };
-        let range = if kept.len() > NEIGHBOURS { last } else { 2.0 * last };
-        let weights = shepard_weights(&kept, range);
-        let total: f32 = weights.iter().sum();
-        for (entry, weight) in kept.iter_mut().zip(weights) {
-            entry.1 = weight / total;
-        }
-        kept.truncate(NEIGHBOURS);
-        kept.shrink_to_fit();
-        kept
+        Choice { place, similar: self.similar_receivers(place), asked: 0, kept: Vec::new() }
     }
 
     /// The receivers nearest to a place in position and normal, the nearest first.
@@ -166,6 +204,12 @@ impl<'a> ReceiverField<'a> {
     pub fn is_receiver_visible(&self, place: SurfacePlace, receiver: u32) -> bool {
         let there = SurfacePlace::from(&self.set.samples[receiver as usize]);
         is_visible(self.set.scene, place, there, self.edge_at(place.position))
+    }
+
+    /// The ray that is stopped where it is not.
+    fn sight(&self, place: SurfacePlace, receiver: u32) -> Ray {
+        let there = SurfacePlace::from(&self.set.samples[receiver as usize]);
+        sight(self.set.scene, place, there, self.edge_at(place.position))
     }
 
     /// Makes the weights of an interpolation point those of a linear fit through its receivers, as
@@ -224,6 +268,45 @@ impl<'a> ReceiverField<'a> {
         }
         let slope = covariance.inverse() * -mean;
         offsets.iter().map(|&offset| slope.dot(offset - mean)).collect()
+    }
+}
+
+/// The receivers that an interpolation point takes, while it looks for them.
+struct Choice {
+    place: SurfacePlace,
+    /// Those that it may take, the nearest first, and how many of them it has asked about.
+    similar: Vec<Entry>,
+    asked: usize,
+    kept: Vec<Entry>,
+}
+
+impl Choice {
+    /// Those that it asks about next: as many as are missing.
+    fn next(&self) -> &[Entry] {
+        let missing = NEIGHBOURS + 1 - self.kept.len();
+        &self.similar[self.asked..self.similar.len().min(self.asked + missing)]
+    }
+
+    /// Takes those of them that it sees.
+    fn take(&mut self, mut is_seen: impl FnMut(u32) -> bool) {
+        let next = self.asked..self.asked + self.next().len();
+        self.asked = next.end;
+        self.kept.extend(self.similar[next].iter().filter(|entry| is_seen(entry.0)));
+    }
+
+    /// Their weights.
+    fn weights(self) -> Vec<Entry> {
+        let mut kept = self.kept;
+        let Some(&(_, last)) = kept.last() else { return kept };
+        let range = if kept.len() > NEIGHBOURS { last } else { 2.0 * last };
+        let weights = shepard_weights(&kept, range);
+        let total: f32 = weights.iter().sum();
+        for (entry, weight) in kept.iter_mut().zip(weights) {
+            entry.1 = weight / total;
+        }
+        kept.truncate(NEIGHBOURS);
+        kept.shrink_to_fit();
+        kept
     }
 }
 

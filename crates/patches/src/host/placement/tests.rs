@@ -1,11 +1,15 @@
 //! Smoothing and interpolation of known light.
 
+use core::sync::atomic::{AtomicUsize, Ordering};
+
 use glam::Vec4;
+use scene::kernel::walk::LIT;
 use scene::math::sqrt;
 use scene::sampling::{hash, hash3, unit};
-use scene::{SceneParts, Triangle, TriangleUv};
+use scene::{Ray, SceneParts, Triangle, TriangleUv};
 
 use super::*;
+use crate::host::lit::Walker;
 
 /// Receivers at random places of a square of 10 × 10 m, one a square metre, far from a scene of one triangle.
 fn square(scene: &Scene) -> ReceiverField<'_> {
@@ -41,7 +45,7 @@ fn interpolation_points_take_a_slope_as_it_is_and_leave_no_range() {
     for k in 0..400 {
         let position = Vec3::new(10.0 * unit(hash3(k, 3, 5)), 10.0 * unit(hash3(k, 4, 5)), 100.0);
         let point = SurfacePoint { position, normal: Vec3::Z, ..SurfacePoint::default() };
-        let mut weights = field.weights(&point, true);
+        let mut weights = field.visible_weights(&[point], None).unwrap().remove(0);
         let mean = weighted_sum(&weights, &smooth);
         let range = |v: usize| {
             let each = || weights.iter().map(|w| smooth[w.0 as usize][v].x);
@@ -73,6 +77,52 @@ fn interpolation_points_take_a_slope_as_it_is_and_leave_no_range() {
     assert!(fit < 0.01 && mean > 2.0 * fit, "fit {fit}, mean {mean}, slope 0.1 an edge");
 }
 
+/// Traces rays on the host, and counts how often it is asked. Of a liar every third ray is stopped that is not, and the other way
+/// round.
+struct Looks {
+    calls: AtomicUsize,
+    is_liar: bool,
+}
+
+impl Walker for Looks {
+    fn parts_taken(&self, _: &Scene, places: &[SurfacePoint], _: u32, _: u32) -> Result<Vec<u32>, Error> {
+        Ok(vec![LIT; places.len()])
+    }
+
+    fn stopped(&self, scene: &Scene, rays: &[Ray]) -> Result<Vec<u32>, Error> {
+        self.calls.fetch_add(1, Ordering::Relaxed);
+        let is_stopped = |(k, ray): (usize, &Ray)| {
+            let is_stopped = scene.occluded(ray.origin, ray.direction, ray.t_max);
+            u32::from(is_stopped != (self.is_liar && k.is_multiple_of(3)))
+        };
+        Ok(rays.iter().enumerate().map(is_stopped).collect())
+    }
+}
+
+/// A wall through the middle of the square: beside it points ask again and again.
+#[test]
+fn points_that_look_together_take_the_receivers_that_each_would_take() {
+    let corner = Vec3::new(5.0, -20.0, 80.0);
+    let wall = Triangle { corner, edge_a: 80.0 * Vec3::Y, edge_b: 80.0 * Vec3::Z, ..Triangle::default() };
+    let (uvs, materials) = (vec![TriangleUv::default()], vec![<_>::default()]);
+    let scene = Scene::new(SceneParts { triangles: vec![wall], uvs, materials, ..<_>::default() }).unwrap();
+    let field = square(&scene);
+    let point = |k: u32| {
+        let position = Vec3::new(10.0 * unit(hash3(k, 3, 5)), 10.0 * unit(hash3(k, 4, 5)), 100.0);
+        SurfacePoint { position, normal: Vec3::Z, ..SurfacePoint::default() }
+    };
+    let points: Vec<SurfacePoint> = (0..400).map(point).collect();
+    let alone = field.visible_weights(&points, None).unwrap();
+    let beyond = |(point, own): (&SurfacePoint, &Vec<Entry>)| {
+        own.iter().any(|w| (field.set.samples[w.0 as usize].position.x > 5.0) != (point.position.x > 5.0))
+    };
+    assert!(!points.iter().zip(&alone).any(beyond), "nobody sees through the wall");
+    let [honest, liar] = [false, true].map(|is_liar| Looks { calls: AtomicUsize::new(0), is_liar });
+    assert!(field.visible_weights(&points, Some(&honest)).unwrap() == alone);
+    assert!((2..20).contains(&honest.calls.into_inner()));
+    assert!(field.visible_weights(&points, Some(&liar)).unwrap() != alone);
+}
+
 /// Nine receivers on an arc round a point: the ninth, which gives the range, has as much weight as each of the others.
 #[test]
 fn a_fit_through_receivers_that_are_equally_far_stays_in_range() {
@@ -88,7 +138,7 @@ fn a_fit_through_receivers_that_are_equally_far_stays_in_range() {
     for seed in 0..400 {
         let value = |k: u32| Vec4::splat(2.0 * unit(hash3(k, seed, 9)));
         let smooth: Vec<Lights> = (0..9).map(|k| [value(k), Vec4::ZERO, Vec4::ZERO]).collect();
-        let mut weights = field.weights(&point, true);
+        let mut weights = field.visible_weights(&[point], None).unwrap().remove(0);
         assert_eq!(weights.len(), 8);
         field.fit(&point, &mut weights, &smooth);
         let sum: f32 = weights.iter().map(|w| w.1).sum();
