@@ -11,8 +11,8 @@ mod tracer;
 pub use alias::alias_table;
 pub use emission::{Emission, Texels};
 pub use light_elements::{
-    CornerLight, LightElement, LightElementSettings, LightElements, Subdivision, corner_light, light_elements,
-    light_elements_by,
+    CornerLight, LightElement, LightElementSettings, LightElements, Subdivision, TraceRays, corner_light,
+    light_elements, light_elements_by,
 };
 pub use maps::IlluminationMaps;
 pub use sums::{Sums, flux_words, group_areas, register_photons, relative_error, tally_words};

@@ -42,7 +42,7 @@ pub use printed::{
     PRINTED_PATCHES, PointRows, PrintedPatches, RowsOfPoints, printed_axis_patches, printed_cluster_patches,
     printed_samples,
 };
-pub use sample::{AreaRule, SampleReport, SampleSet, SampleSettings, sample_voxels, sample_voxels_by};
+pub use sample::{AreaRule, Keep, SampleReport, SampleSet, SampleSettings, sample_voxels, sample_voxels_by};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,
     divisions_for_gradient, subdivide,

@@ -10,11 +10,11 @@ use scene::kernel::light::{sky_radiance, spot_falloff};
 use scene::math::{luminance, sin_cos_2pi};
 use scene::parallel::*;
 use scene::sampling::uniform_triangle;
-use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Ray, Scene};
+use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, NONE, Scene};
 
 use super::Proceed;
 use super::alias::alias_table;
-use super::light_elements::{LightElement, LightElementSettings, light_elements, light_elements_by};
+use super::light_elements::{LightElement, LightElementSettings, TraceRays, light_elements, light_elements_by};
 use crate::error::Error;
 use crate::kernel::start::area_across;
 use crate::types::*;
@@ -115,7 +115,7 @@ impl Emission {
     /// # Errors
     /// As [`Emission::first_shot`]; what `trace` gives.
     pub fn first_shot_by<E: From<Error>>(
-        trace: &mut dyn FnMut(&[Ray]) -> Result<Vec<u32>, E>,
+        trace: &mut TraceRays<E>,
         scene: &Scene,
         settings: &LightElementSettings,
         texels: Texels,

@@ -248,8 +248,7 @@ impl<'a> Search<'a> {
         let color = scene.lighting.lights[light as usize].color;
         let mut large = Vec::new();
         let mut groups = [const { Vec::<Group>::new() }; 2];
-        for t in first..(first + BLOCK).min(wholes.len()) {
-            let whole = &wholes[t];
+        for (t, whole) in (first..).zip(&wholes[first..wholes.len().min(first + BLOCK)]) {
             let (reflected, open) = (luminance(whole.onward * color), self.open[t * self.lights.len() + n]);
             let power = reflected * whole.area * open.abs();
             if reflected <= 0.0 || whole.area <= 0.0 {
@@ -467,14 +466,16 @@ pub fn light_elements(
     Ok(LightElements::of(&found))
 }
 
-/// [`light_elements`] with shadow rays that are traced by somebody else, on a GPU perhaps: `trace` says of each ray whether it is
-/// stopped, 1, or not, 0. All triangles and lights ask together, in some 2 steps for every split in a row and 2 before them; the
-/// same answers make the same elements.
+/// Says of each ray whether something stops it, 1, or not, 0.
+pub type TraceRays<'a, E> = dyn FnMut(&[Ray]) -> Result<Vec<u32>, E> + 'a;
+
+/// [`light_elements`] with shadow rays that are traced by somebody else, on a GPU perhaps. All triangles and lights ask together, in two
+/// steps for every split in a row, at most three as printed, and two before them; the same answers make the same elements.
 ///
 /// # Errors
 /// As [`light_elements`]; what `trace` gives; [`Error::Length`] where it gives another number of answers.
 pub fn light_elements_by<E: From<Error>>(
-    trace: &mut dyn FnMut(&[Ray]) -> Result<Vec<u32>, E>,
+    trace: &mut TraceRays<E>,
     scene: &Scene,
     settings: &LightElementSettings,
     progress: &(dyn Fn(usize, usize) -> Proceed + Sync),

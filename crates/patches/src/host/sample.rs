@@ -102,6 +102,9 @@ pub fn sample_voxels(
     sample_voxels_by(scene, grid, settings, &|samples| Ok(samples.par_iter().map(keep).collect()))
 }
 
+/// Says of each of some samples, which have neither area nor albedo yet, whether it stays.
+pub type Keep<'a> = dyn Fn(&[Sample]) -> Result<Vec<bool>, Error> + 'a;
+
 /// [`sample_voxels`] where `keep` is asked about many samples together.
 ///
 /// # Errors
@@ -110,7 +113,7 @@ pub fn sample_voxels_by(
     scene: &Scene,
     grid: &Grid,
     settings: &SampleSettings,
-    keep: &dyn Fn(&[Sample]) -> Result<Vec<bool>, Error>,
+    keep: &Keep,
 ) -> Result<SampleSet, Error> {
     for (name, value) in [("points", settings.points), ("layers", settings.layers)] {
         if value == 0 {
@@ -162,7 +165,7 @@ pub fn sample_voxels_by(
 }
 
 /// Which of some samples stay.
-fn asked(keep: &dyn Fn(&[Sample]) -> Result<Vec<bool>, Error>, samples: &[Sample]) -> Result<Vec<bool>, Error> {
+fn asked(keep: &Keep, samples: &[Sample]) -> Result<Vec<bool>, Error> {
     let kept = if samples.is_empty() { Vec::new() } else { keep(samples)? };
     check_length("kept samples", samples.len(), kept.len())?;
     Ok(kept)
