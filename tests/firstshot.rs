@@ -7,8 +7,8 @@ use std::sync::atomic::Ordering;
 
 use assets::{load_or_build, procedural};
 use firstshot::{
-    Emission, IlluminationMaps, LightElement, LightElementSettings, LightElements, PhotonAccumulator, PhotonSettings,
-    Round, Sums, Texels, Tracer, light_elements, light_elements_by,
+    Emission, IlluminationMaps, LightElement, LightElementSettings, PhotonAccumulator, PhotonSettings, Round, Sums,
+    Texels, Tracer, light_elements, light_elements_by,
 };
 use formfactor::{Hemisphere, balance, form_factors};
 use glam::{DVec3, Vec2, Vec3, Vec4};
@@ -344,17 +344,6 @@ fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
         let is_shared = |element: &LightElement| element.seen < 1.0;
         let split = own.elements.iter().filter(|element| element.corners[1] != Vec2::X).count();
         assert!(split > 500 && own.elements.iter().any(is_shared) && own.shadow_rays > 10_000);
-        // Light that falls on the elements of each lamp, over its colour.
-        let sums = |found: &LightElements| {
-            let mut sums = vec![0.0f64; lights.len()];
-            found.elements.iter().for_each(|e| sums[e.light as usize] += f64::from(e.area * e.mean()));
-            sums
-        };
-        let expected = sums(&own);
-        let difference = |found: &LightElements| {
-            sums(found).iter().zip(&expected).map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f64::max)
-        };
-        assert!(expected.iter().all(|&light| light > 0.0));
         for executor in &mut executors {
             let executor = executor.as_mut();
             let stops = RayStops::load(executor, scene).unwrap();
@@ -373,13 +362,7 @@ fn light_elements_by_rays_of_a_device_are_those_of_the_host() {
                 found
             };
             let theirs = found(false);
-            if settings == ours {
-                assert!(theirs.shadow_rays == own.shadow_rays && theirs.elements == own.elements);
-            }
-            // What was in the way of the last ray is asked first by the host, and rays that touch an edge may hit it beside the boxes of
-            // the hierarchy: 5 of 54,513 as printed.
-            let [off, rays] = [difference(&theirs), theirs.shadow_rays as f64 / own.shadow_rays as f64 - 1.0];
-            assert!(off < 1e-4 && rays.abs() < 2e-4, "power {off}, rays {rays}");
+            assert!(theirs.shadow_rays == own.shadow_rays && theirs.elements == own.elements);
             assert!(found(true).elements != theirs.elements, "a ray that goes wrong is noticed");
             assert!(asked.len() < 40, "{} steps", asked.len());
         }

@@ -106,6 +106,39 @@ fn rays_pass_holes() {
     assert!(passed > 200, "{passed}");
 }
 
+/// Rays in the plane of a face of a triangle's box touch its edge there, and pass beside the box: that it is asked first changes no
+/// answer.
+#[test]
+fn a_last_occluder_that_is_only_touched_changes_no_answer() {
+    let mut parts = soup(100);
+    let axes = |k: u32| [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)][(k % 3) as usize];
+    for (k, triangle) in (0u32..).zip(&mut parts.triangles) {
+        let (a, b) = axes(k);
+        (triangle.edge_a, triangle.edge_b) = (-a * (0.1 + unit(hash3(k, 5, 3))), b * (0.1 + unit(hash3(k, 6, 3))));
+    }
+    let scene = Scene::new(parts).unwrap();
+    let tables = scene.tables();
+    let host = GeometryTables { hierarchy: scene.geometry.hierarchy(), ..scene.tables() };
+    let (mut stopped, mut disputed) = (0, 0);
+    for k in 0..20_000 {
+        let number = k % scene.geometry.triangles.len() as u32;
+        let triangle = &scene.geometry.triangles[number as usize];
+        let on_edge = triangle.corner + triangle.edge_b * unit(hash3(k, 1, 3));
+        let away = 20.0 * Vec3::new(unit(hash3(k, 2, 3)), unit(hash3(k, 3, 3)), unit(hash3(k, 4, 3))) - 10.0;
+        let across = Vec3::from_array(triangle.edge_a.to_array().map(|edge| f32::from(u8::from(edge == 0.0))));
+        let (origin, direction) = (on_edge + away * across, away * across * -1.5);
+        let expected = any_hit(&tables, origin, direction, 1.0);
+        assert_eq!(occluder(&tables, origin, direction, 1.0, number) != NONE, expected, "ray {k}");
+        let packet = host_occluder(&host, origin, direction, 1.0, [k % 50, k % 7]);
+        assert_eq!(packet != NONE, expected, "ray {k}");
+        let met = intersect_triangle(triangle, number, origin, direction, 1.0);
+        stopped += u32::from(expected);
+        disputed += u32::from(met.triangle != NONE && !expected);
+    }
+    println!("{stopped} rays are stopped, {disputed} meet a triangle beside its box");
+    assert!((2_000..18_000).contains(&stopped) && disputed > 1_000, "{stopped} {disputed}");
+}
+
 /// Rays to one lamp from places that follow each other: what was in the way of the last changes no answer, through holes
 /// and with what another scene left behind neither.
 #[test]

@@ -7,6 +7,7 @@ use scene::kernel::walk::{APART, DARK, LIT};
 use scene::parallel::*;
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{POINT_WALKS, Ray, Scene, SurfacePoint, Triangle, part_taken};
+use transport::check_length;
 
 use super::focus::Density;
 use super::nearest::Nearest;
@@ -243,6 +244,20 @@ fn parts_taken(
         Some(walker) if !places.is_empty() => walker.parts_taken(scene, places, walks, seed),
         _ => Ok(places.par_iter().map(|place| part_taken(scene, place, walks, seed)).collect()),
     }
+}
+
+/// Whether so many random walks from each place come to light ([`scene::is_open`]), by a walker or on all cores of the host. The
+/// number that a place has as its patch is the seed of its walks.
+pub(super) fn are_open(
+    walker: Option<&dyn Walker>,
+    scene: &Scene,
+    places: &[SurfacePoint],
+    walks: u32,
+) -> Result<Vec<bool>, Error> {
+    let walks_alone: Vec<SurfacePoint> = places.iter().map(|place| SurfacePoint { weight: -1.0, ..*place }).collect();
+    let parts = parts_taken(walker, scene, &walks_alone, walks, 0)?;
+    check_length("parts", places.len(), parts.len())?;
+    Ok(parts.into_iter().map(|part| part == LIT).collect())
 }
 
 /// Lights dark samples that see, of those near, no more dark than lit ones; about a place they lie `edge` m from each

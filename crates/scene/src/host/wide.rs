@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 use arrayvec::ArrayVec;
 use glam::{Vec3, Vec4};
 
-use crate::kernel::bvh::safe_inverse;
+use crate::kernel::bvh::{is_well_inside, safe_inverse};
 use crate::types::{BvhNode, Hit, NONE, Triangle};
 
 /// Children of a node.
@@ -191,7 +191,7 @@ impl WideBvh {
     }
 
     /// A packet with a triangle in the way in (0, t_max) that `is_hole(triangle, u, v)` does not let pass, or [`NONE`]. Those that
-    /// are `likely`, [`NONE`] or packets, are asked first.
+    /// are `likely`, [`NONE`] or packets, are asked first: they answer where the ray meets them well inside.
     #[inline]
     pub(crate) fn occluder(
         &self,
@@ -208,7 +208,9 @@ impl WideBvh {
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
-                if packet.masked >> lane & 1 == 0 || !is_hole(packet.first + lane as u32, u[lane], v[lane]) {
+                let is_solid =
+                    || packet.masked >> lane & 1 == 0 || !is_hole(packet.first + lane as u32, u[lane], v[lane]);
+                if is_well_inside(u[lane], v[lane]) && is_solid() {
                     return number;
                 }
             }

@@ -11,6 +11,8 @@ pub const STACK_SIZE: usize = 64;
 
 /// A distance beyond every scene: `t_max` of a ray without an end.
 pub const FAR: f32 = 1e30;
+/// Width of the outline of a triangle, as a share of its edges.
+const OUTLINE: f32 = 1.0 / 256.0;
 
 /// The hierarchy of a scene's triangles.
 #[derive(Clone, Copy, Debug)]
@@ -218,14 +220,21 @@ pub fn any_hit(g: &GeometryTables, origin: Vec3, direction: Vec3, t_max: f32) ->
     traverse(g, origin, direction, t_max, true).triangle != NONE
 }
 
-/// Whether this triangle is in the way along `origin + t·direction`, t in (0, t_max); [`NONE`] is not.
+/// Whether a hit at shares (u, v) of a triangle's edges is not so near to its outline that a ray which touches it there may pass beside
+/// the boxes of the hierarchy: only then it may be taken for granted that the hierarchy knows it.
+#[inline]
+pub fn is_well_inside(u: f32, v: f32) -> bool {
+    u >= OUTLINE && v >= OUTLINE && u + v <= 1.0 - OUTLINE
+}
+
+/// Whether this triangle is in the way along `origin + t·direction`, t in (0, t_max), well inside of its outline; [`NONE`] is not.
 #[inline]
 fn is_in_the_way(g: &GeometryTables, triangle: u32, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
     if triangle == NONE {
         return false;
     }
     let hit = intersect_triangle(&g.triangles[triangle as usize], triangle, origin, direction, t_max);
-    hit.triangle != NONE && !g.is_hole(triangle, hit.u, hit.v)
+    hit.triangle != NONE && is_well_inside(hit.u, hit.v) && !g.is_hole(triangle, hit.u, hit.v)
 }
 
 /// A triangle in the way along `origin + t·direction`, t in (0, t_max), or [`NONE`]. What was in the way of a ray like this one

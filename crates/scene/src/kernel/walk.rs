@@ -40,15 +40,17 @@ pub struct Lamps<'a> {
 }
 
 /// Whether a place sees geometry, or is known to where its weight is above 0, and whether light comes to it: [`APART`], [`DARK`]
-/// or [`LIT`]. What also sees the sky is lit without a walk. `patch` numbers the place for its random numbers.
+/// or [`LIT`]. What also sees the sky is lit without a walk. `patch` numbers the place for its random numbers. Where the weight is
+/// below 0 walks alone decide between [`DARK`] and [`LIT`], and `patch` is their seed: [`is_open`].
 #[inline]
 pub fn part_taken(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: SurfacePoint) -> u32 {
     let seed = p.seed ^ RAYS_SALT;
     let shift = (hash3(point.patch, 0, seed), hash3(point.patch, 1, seed));
     let origin = point.position + point.normal * p.ray_offset;
     let mut sky = false;
-    let mut met = point.weight > 0.0;
-    let mut k = 0;
+    let walks_alone = point.weight < 0.0;
+    let mut met = point.weight != 0.0;
+    let mut k = if walks_alone { RAYS } else { 0 };
     while k < RAYS && !(met && sky) {
         let direction = cosine_hemisphere(point.normal, hammersley(k, RAYS, shift));
         let hit = closest_hit(g, origin, direction, FAR);
@@ -62,7 +64,8 @@ pub fn part_taken(g: &GeometryTables, lamps: &Lamps, p: &WalkParams, point: Surf
     let mut part = APART;
     if met {
         part = DARK;
-        if sky || is_open(g, lamps, p, point, hash3(point.patch, 2, seed)) {
+        let of_walks = if walks_alone { point.patch } else { hash3(point.patch, 2, seed) };
+        if sky || is_open(g, lamps, p, point, of_walks) {
             part = LIT;
         }
     }

@@ -106,7 +106,7 @@ impl PatchMesh {
         let set = &printed.set;
         let lookup = Lookup::new(grid, set, LookupSettings::Thesis)?;
         let patch_elements = (0..=set.len() as u32).collect();
-        let mesh = Self::of_samples(scene, &Density::default(), set.clone(), &set.patches, patch_elements)?;
+        let mesh = Self::of_samples((scene, None), &Density::default(), set.clone(), &set.patches, patch_elements)?;
         let (mut points, mut point_albedo, mut offsets) = (Vec::new(), Vec::new(), vec![0]);
         let mut of_voxel: HashMap<u32, Vec<u32>> = HashMap::new();
         for (i, patch) in set.patches.iter().enumerate() {
@@ -183,13 +183,14 @@ impl PatchMesh {
         let no_voxels = vec![NONE; clusters.elements.len() - 1];
         let patches = clusters.set.patches;
         let elements = PatchSet::from_groups(clusters.set.samples, &no_voxels, clusters.elements, members)?;
-        Self::of_samples(sampler.scene(), sampler.density(), elements, &patches, clusters.patch_elements)
+        let scene = (sampler.scene(), sampler.walker());
+        Self::of_samples(scene, sampler.density(), elements, &patches, clusters.patch_elements)
     }
 
     /// Patches whose elements are the patches of a set: patch i owns the elements
     /// `patch_elements[i]..patch_elements[i + 1]`.
     fn of_samples(
-        scene: &Scene,
+        (scene, walker): (&Scene, Option<&dyn Walker>),
         density: &Density,
         elements: PatchSet,
         patches: &[VirtualPatch],
@@ -201,7 +202,7 @@ impl PatchMesh {
         let lookup_cells = elements.len().max((LOOKUP_CELLS * patches.len()).min(MOST_LOOKUP_CELLS));
         let grids = lookup_grids(scene, density, scene::math::sqrt((area / lookup_cells as f64) as f32))?;
         let sample_edge = scene::math::sqrt((area / elements.samples.len() as f64) as f32);
-        let cells = cell_elements(scene, density, &grids, &elements.samples, &points.owner, sample_edge);
+        let cells = cell_elements((scene, walker), density, &grids, &elements.samples, &points.owner, sample_edge)?;
         Ok(Self {
             patches: patches.iter().map(patch).collect(),
             albedo: patches.iter().map(|p| p.albedo.extend(0.0)).collect(),
@@ -314,7 +315,8 @@ impl VoxelPatches<'_> {
         )?;
         let patches = lit.patches.clone();
         let patch_elements = (0..=patches.len() as u32).collect();
-        let mesh = PatchMesh::of_samples(self.scene, &Density::default(), lit, &patches, patch_elements)?;
+        let scene = (self.scene, self.sampler.and_then(LitSampler::walker));
+        let mesh = PatchMesh::of_samples(scene, &Density::default(), lit, &patches, patch_elements)?;
         Ok(PatchMesh { lookup: Some(Arc::new(lookup)), ..mesh })
     }
 

@@ -6,10 +6,12 @@ use alloc::vec::Vec;
 use glam::{Vec2, Vec3};
 use scene::parallel::*;
 use scene::sampling::hash3;
-use scene::{NONE, Scene, SurfacePoint, Triangle, is_open};
+use scene::{NONE, Scene, SurfacePoint, Triangle};
 use transport::TriangleGrid;
 
+use crate::error::Error;
 use crate::host::focus::Density;
+use crate::host::lit::{Walker, are_open};
 use crate::host::nearest::Nearest;
 use crate::host::visibility::{SurfacePlace, is_in_gap, is_visible};
 use crate::types::Sample;
@@ -34,17 +36,36 @@ type Near = (u32, f32);
 
 /// The element of each cell, or [`NONE`]: the `owner` of the most similar sample that the middle of
 /// the cell sees, with samples every `edge` m in the focus of the density. Cells in one place have one element.
+///
+/// # Errors
+/// What the walker says.
 pub(super) fn cell_elements(
-    scene: &Scene,
+    (scene, walker): (&Scene, Option<&dyn Walker>),
     density: &Density,
     grids: &[TriangleGrid],
     samples: &[Sample],
     owner: &[u32],
     edge: f32,
-) -> Vec<u32> {
+) -> Result<Vec<u32>, Error> {
     let search = ElementSearch { scene, density, samples, owner, nearest: Nearest::new(samples, density), edge };
     let triangles = (0..grids.len()).into_par_iter();
-    triangles.flat_map_iter(|t| search.triangle(t as u32, grids[t].divisions)).collect()
+    let found: Vec<Choice> = triangles.flat_map_iter(|t| search.triangle(t as u32, grids[t].divisions)).collect();
+    let hidden: Vec<SurfacePoint> = found.iter().filter_map(|choice| choice.place).collect();
+    let mut open = are_open(walker, scene, &hidden, WALKS)?.into_iter();
+    let element = |choice: Choice| match choice.place {
+        Some(_) if open.next() != Some(true) => NONE,
+        _ => choice.element,
+    };
+    Ok(found.into_iter().map(element).collect())
+}
+
+/// The element of a cell, or [`NONE`].
+#[derive(Clone, Copy)]
+struct Choice {
+    element: u32,
+    /// Where the cell sees no sample: its middle. It has the element only if random walks from there come to light, which is the
+    /// reachability test; the place's patch is their seed.
+    place: Option<SurfacePoint>,
 }
 
 /// Finds the elements of cells.
@@ -61,7 +82,7 @@ struct ElementSearch<'a> {
 
 impl ElementSearch<'_> {
     /// The elements of the cells of a triangle's front, then of its back.
-    fn triangle(&self, triangle: u32, divisions: u32) -> Vec<u32> {
+    fn triangle(&self, triangle: u32, divisions: u32) -> Vec<Choice> {
         let normal = self.scene.tables().normal(triangle);
         let cells = cells_in_places(&self.scene.geometry.triangles[triangle as usize], divisions);
         let mut elements = Vec::with_capacity(2 * cells.len());
@@ -70,7 +91,7 @@ impl ElementSearch<'_> {
         elements
     }
 
-    fn add_side(&self, triangle: u32, normal: Vec3, cells: &[CellPlace], elements: &mut Vec<u32>) {
+    fn add_side(&self, triangle: u32, normal: Vec3, cells: &[CellPlace], elements: &mut Vec<Choice>) {
         let first_of_side = elements.len();
         for (k, cell) in (0u32..).zip(cells) {
             let element = if cell.first != k {
@@ -88,11 +109,13 @@ impl ElementSearch<'_> {
                     chosen = similar.iter().find(|near| self.is_seen(place, edge, near));
                 }
                 // What is small may hide from all samples of similar normal, and be lit nevertheless.
-                if chosen.is_none() && cells.len() == 1 {
-                    let seed = hash3(triangle, k, WALKS_SEED);
-                    chosen = similar.first().filter(|_| self.is_reached(place, seed));
+                let hides = chosen.is_none() && cells.len() == 1 && !similar.is_empty();
+                if hides {
+                    chosen = similar.first();
                 }
-                chosen.map_or(NONE, |near| self.owner[near.0 as usize])
+                let element = chosen.map_or(NONE, |near| self.owner[near.0 as usize]);
+                let patch = hash3(triangle, k, WALKS_SEED);
+                Choice { element, place: hides.then_some(SurfacePoint { position, patch, normal, weight: 1.0 }) }
             };
             elements.push(element);
         }
@@ -100,13 +123,6 @@ impl ElementSearch<'_> {
 
     fn is_seen(&self, place: SurfacePlace, edge: f32, near: &Near) -> bool {
         is_visible(self.scene, place, (&self.samples[near.0 as usize]).into(), edge)
-    }
-
-    /// The reachability test: whether random walks from a place come to light.
-    fn is_reached(&self, place: SurfacePlace, seed: u32) -> bool {
-        let SurfacePlace { position, normal } = place;
-        let point = SurfacePoint { position, patch: NONE, normal, weight: 1.0 };
-        is_open(self.scene, &point, WALKS, seed)
     }
 }
 
