@@ -79,7 +79,8 @@ fn an_invocation_that_is_left_out_is_noticed() {
         };
         // A row may be out of view, a pixel may see nothing, or what others see, and a photon may not start.
         let name = input.kernel.name;
-        let is_seen = name.starts_with("formfactor_mark") || name.ends_with("_view") || name == "scene_seen_light";
+        let is_seen =
+            name.starts_with("formfactor_mark") || name.ends_with("_view") || name.starts_with("scene_seen_light");
         // Nor may a row be bound, or an entry lie in the upper half.
         let is_of_half = matches!(name, "multibounce_pivot_rows" | "multibounce_eliminate");
         let others = match is_seen || name == "firstshot_trace" {

@@ -140,11 +140,14 @@ fn bindings_are_those_of_the_table() {
         ("scene_follow", "distributions"),
         ("scene_chain_surface", "nodes"),
         ("scene_sharp_light", "emitters"),
+        ("scene_sharp_light_medium", "emitters"),
         ("scene_open_light", "nodes"),
         ("scene_open_light", "sky_map"),
         ("scene_open_light", "distributions"),
         ("scene_seen_light", "sky_map"),
         ("scene_seen_light", "distributions"),
+        ("scene_seen_light_medium", "sky_map"),
+        ("scene_seen_light_medium", "distributions"),
     ];
     assert_eq!(unused, expected);
 }

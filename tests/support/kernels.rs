@@ -16,7 +16,9 @@ use formfactor::kernel::view::needed;
 use formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid, ViewParams};
 use glam::{Vec2, Vec3, Vec4};
 use gpu_kernels::host::{HostBinding, HostCall, HostError};
-use gpu_kernels::params::{CountParams, FollowParams, PixelParams, ToneMapParams};
+use gpu_kernels::params::{
+    CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams,
+};
 use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
 use gpu_kernels::table::{
     MULTIBOUNCE_BLOCKS_GATHER_BC1, MULTIBOUNCE_BLOCKS_GATHER_BC3, MULTIBOUNCE_BLOCKS_GATHER_BC6H,
@@ -213,6 +215,9 @@ impl Random {
 const VIEW: u32 = 7;
 /// Number of the light.
 const LIGHT: u32 = 9;
+
+/// Absorption of a medium in the inputs, 1/m, with a channel that it leaves.
+const ABSORPTION: Vec3 = Vec3::new(0.7, 0.0, 1.9);
 
 fn view(count: u32, first_quad: u32) -> ViewParams {
     ViewParams { count, first_quad, view: VIEW, light: LIGHT }
@@ -523,6 +528,9 @@ fn large_light(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tabl
             };
             call(count, share, tables)
         }
+        "scene_seen_light_medium" => {
+            call(p.count, MediumLargeParams { large: p, absorption: ABSORPTION, count: p.count }, tables)
+        }
         _ => call(p.count, p, tables),
     }
 }
@@ -536,11 +544,12 @@ fn chains(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Tables) {
     let ray_offset = scene.geometry.ray_offset;
     let n = count as usize;
     if name == "scene_follow" {
-        let p = FollowParams { pixels, count, ray_offset, ..FollowParams::default() };
+        let p = FollowParams { pixels, absorption: ABSORPTION, ray_offset, count, ..FollowParams::default() };
         return call(count, p, vec![room::<Hit>("hits", n), room::<SpecularChain>("chains", n)]);
     }
     let (tables, lights) = (scene.tables(), scene.all_lights());
-    let follow = |k: u32| follow_primary(&tables, &lights, light_count, &camera, pixels.first + k, 5, ray_offset);
+    let follow =
+        |k: u32| follow_primary(&tables, &lights, light_count, &camera, pixels.first + k, 5, ray_offset, Vec3::ZERO);
     let (hits, chains): (Vec<Hit>, Vec<SpecularChain>) = (0..count).map(follow).unzip();
     assert!(chains.iter().filter(|chain| chain.surfaces > 0).count() > 20, "some rays go on");
     let tables = vec![
@@ -581,7 +590,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             let p = WalkParams { count: 150, first_walk: 1, ..scene.walk_params(3, 5) };
             call(150, p, vec![buffer("points", &points), room::<u32>("parts", 150)])
         }
-        "scene_direct_light" | "scene_direct_shares" | "scene_add_lights" => {
+        "scene_direct_light" | "scene_direct_light_medium" | "scene_direct_shares" | "scene_add_lights" => {
             let points = surface_points(r, scene, 150);
             let lights = scene.lighting.lights.len();
             let triangles = scene.geometry.triangles.len() as u32;
@@ -607,17 +616,28 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
                 buffer("surroundings", &r.colors(150)),
                 room::<Vec4>("irradiance", 150),
             ];
-            call(150, p, tables)
+            match name {
+                "scene_direct_light_medium" => {
+                    call(150, MediumDirectParams { direct: p, absorption: ABSORPTION, count: 150 }, tables)
+                }
+                _ => call(150, p, tables),
+            }
         }
-        "scene_sharp_light" => {
+        "scene_sharp_light" | "scene_sharp_light_medium" => {
             let points = surface_points(r, scene, 150);
             let ray_offset = scene.geometry.ray_offset;
             let light_count = scene.lighting.lights.len() as u32;
             let p = DirectParams { count: 150, light_count, ray_offset, ..DirectParams::default() };
             let from_sky = buffer("from_sky", &r.colors(150));
-            call(150, p, vec![buffer("points", &points), from_sky, room::<Vec4>("irradiance", 150)])
+            let tables = vec![buffer("points", &points), from_sky, room::<Vec4>("irradiance", 150)];
+            match name {
+                "scene_sharp_light" => call(150, p, tables),
+                _ => call(150, MediumDirectParams { direct: p, absorption: ABSORPTION, count: 150 }, tables),
+            }
         }
-        "scene_open_light" | "scene_seen_light" | "scene_add_large_light" => large_light(r, name, scene),
+        "scene_open_light" | "scene_seen_light" | "scene_seen_light_medium" | "scene_add_large_light" => {
+            large_light(r, name, scene)
+        }
         "scene_follow" | "scene_chain_surface" | "scene_chain_shade" => chains(r, name, scene),
         "scene_primary" | "scene_albedo" | "scene_shade" | "formfactor_interpolate" | "formfactor_mark_pixels" => {
             let eye = Vec3::new(1.7, 1.2, 1.9);

@@ -21,7 +21,7 @@ use experiments::say;
 use patchlight::energy::EnergyCheck;
 use patchlight::file::{Section, beginning_of};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::method::FeedbackSettings;
+use patchlight::method::{FeedbackSettings, FirstShotSettings};
 use patchlight::operator::{Build, BuildOn, Codec, OperatorKey};
 use patchlight::{
     BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
@@ -330,7 +330,13 @@ impl Lightable {
         let out = output::folder_or(&common.out, &format!("{}-{command}", loaded.name));
         output::make_folder(&out)?;
         // No picture is made: the least there is.
-        let frame = RenderSettings { size: (1, 1), sub_frames: 1, eye: loaded.view.eye, ..RenderSettings::default() };
+        // Of all methods photons alone know a medium.
+        let method = match bake.scene.has_medium() {
+            true => MethodSettings::FirstShot(FirstShotSettings::DEFAULT),
+            false => MethodSettings::Classic,
+        };
+        let eye = loaded.view.eye;
+        let frame = RenderSettings { method, size: (1, 1), sub_frames: 1, eye, ..RenderSettings::default() };
         let renderer = interruptible(|| Renderer::new(bake, executor, &frame, progress))?;
         Ok(Self { loaded, renderer, out })
     }
@@ -443,6 +449,9 @@ struct Info {
     energy: Option<EnergyCheck>,
     sections: Vec<Part>,
     operators: Vec<Operator>,
+    /// Methods that need no operator.
+    #[serde(skip)]
+    methods: &'static str,
 }
 
 /// A section.
@@ -474,6 +483,10 @@ pub fn info(common: &Common, path: &Path) -> Result<(), Error> {
         energy: bake.energy,
         sections: sections.iter().map(part).collect(),
         operators: operators(&bake),
+        methods: match bake.scene.has_medium() {
+            true => "firstshot, path",
+            false => "classic, temporal, local, firstshot, path",
+        },
     };
     match common.json {
         true => say!("{}", output::json(&info)),
@@ -497,7 +510,7 @@ impl Info {
         for Part { name, offset, bytes } in &self.sections {
             say!("{:14} {name}: {} from byte {offset}", "section", output::bytes(*bytes));
         }
-        say!("{:14} classic, temporal, local, firstshot, path", "methods");
+        say!("{:14} {}", "methods", self.methods);
         print_operators(&self.operators);
     }
 }

@@ -77,6 +77,9 @@ pub fn run_bake(common: &Common, args: &Render) -> Result<(), Error> {
     let opened = Opened::read(path, &progress)?;
     let seed = if args.method == Method::Path { common.seed } else { opened.bake.settings.seed };
     let asked = method_settings(args, opened.loaded.exposure_stops, seed);
+    if args.method != Method::Path {
+        asked.check_medium(&opened.bake.scene)?;
+    }
     let method = opened.method(path, args.method, asked, &args.operators)?;
     let Opened { loaded, bake, .. } = opened;
     render(common, args, &Subject { loaded, bake: Some(Arc::new(bake)), method, seed }, &progress)
@@ -260,6 +263,7 @@ impl Job<'_> {
     fn bake(&self, device: &mut (dyn Executor + 'static), settings: &RenderSettings) -> Result<Arc<Bake>, Error> {
         let Self { args, subject, loaded, progress, .. } = *self;
         let of_scene = |error: patchlight::Error| Error::of_scene(error, &args.scene);
+        settings.method.check_medium(&loaded.scene).map_err(of_scene)?;
         let check =
             |patches, bounces| settings.method.check_memory(patches, bounces, &settings.build).map_err(of_scene);
         if let Some(bake) = &subject.bake {

@@ -40,7 +40,7 @@ use viewer::{Display, MethodDefaults, Settings};
 pub struct View {
     /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
-    /// How the light is found at first [default: tiles where there is an operator for it, else classic].
+    /// How the light is found at first [default: tiles where there is an operator for it, else classic; firstshot in a medium].
     #[arg(long, value_parser = parse_purpose)]
     pub method: Option<Method>,
     /// Methods whose operators are made of a scene, so that the window can switch to them: tiles, multibounce, feedback. All others
@@ -153,7 +153,8 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
         return Ok((loaded, bake));
     }
     let shared = Arc::new(bake.clone());
-    for key in methods.iter().filter_map(|method| OperatorKey::of(method, &settings)) {
+    let serves = |method: &&MethodSettings| method.check_medium(&loaded.scene).is_ok();
+    for key in methods.iter().filter(serves).filter_map(|method| OperatorKey::of(method, &settings)) {
         let eye = loaded.view.eye;
         let with = Preparation { bake: &shared, decode: Decode::Auto, build: &build, eye, observer: progress };
         let made = interruptible(|| key.find_or_build(&with, device.as_mut())).map_err(of_scene)?;
@@ -162,8 +163,11 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
     Ok((loaded, bake))
 }
 
-/// The method that a bake has the best operator for.
+/// The method that a bake has the best operator for; photons where there is a medium.
 fn best(bake: &Bake) -> String {
+    if bake.scene.has_medium() {
+        return Method::Firstshot.name().to_owned();
+    }
     let has_operator = bake.operators.iter().any(|baked| matches!(baked.key, OperatorKey::Bounces { .. }));
     let has_tiles = bake.operators.iter().any(|baked| {
         matches!(baked.key, OperatorKey::Bounces { codec: patchlight::operator::Codec::LowRank { .. }, .. })

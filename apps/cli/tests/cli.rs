@@ -91,12 +91,25 @@ fn a_medium_is_path_traced_and_refused_by_name_where_form_factors_are_needed() {
     let medium = "[medium]\nabsorption = [0.1, 0.2, 0.3]\n";
     std::fs::write(path("fog.toml"), format!("version = 1\nmesh = \"a.obj\"\n{lamp}{medium}")).unwrap();
     let (scene, out) = (path("fog.toml"), path("out"));
-    for method in ["classic", "tiles", "firstshot"] {
+    for method in ["classic", "tiles", "multibounce", "feedback", "temporal", "local"] {
         let own = ["render", &scene, "--method", method, "--out", &out];
         let message = fails(1, &[&own[..], &SMALL].concat());
         assert!(message.contains("medium") && message.contains("path trace"), "{method}: {message}");
+        assert!(message.contains(method) && message.contains("firstshot"), "{method}: {message}");
     }
-    succeeds(&["render", &scene, "--method", "path", "--out", &out, "--size", "32x24", "--spp", "2", "--quiet"]);
+    let bake = path("fog.bake");
+    for command in ["bake", "world"] {
+        let message = fails(1, &[command, &scene, "--patch-count", "60", "--out", &bake]);
+        assert!(message.contains("medium") && message.contains("firstshot"), "{command}: {message}");
+    }
+    succeeds(&["bake", &scene, "--for", "firstshot", "--patch-count", "60", "--out", &bake, "--quiet"]);
+    assert!(succeeds(&["info", &bake]).contains("firstshot, path\n"));
+    assert!(fails(1, &["render", &bake, "--method", "tiles", "--out", &out]).contains("medium"));
+    let small = ["--out", &out, "--size", "32x24", "--spp", "2", "--quiet"];
+    for (scene, method) in [(&scene, "path"), (&scene, "firstshot"), (&bake, "firstshot")] {
+        succeeds(&[&["render", scene.as_str(), "--method", method][..], &small].concat());
+    }
+    succeeds(&["export", &bake, "--lightmap", "--out", &out, "--quiet"]);
 }
 
 #[test]

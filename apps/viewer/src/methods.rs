@@ -40,6 +40,7 @@ impl Methods {
     pub fn of(bake: &Bake, defaults: &MethodDefaults) -> Self {
         let mut choices = Vec::new();
         let mut add = |name: &str, settings: MethodSettings, why_not: Option<String>| {
+            let why_not = settings.check_medium(&bake.scene).err().map(|error| error.to_string()).or(why_not);
             choices.push(MethodChoice { name: name.to_owned(), settings, why_not });
         };
         add("classic", MethodSettings::Classic, None);

@@ -4,7 +4,9 @@ mod support;
 
 use std::f32::consts::PI;
 
-use firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels};
+use firstshot::{
+    Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels,
+};
 use glam::Vec3;
 use scene::Material;
 use scene::math::luminance;
@@ -96,4 +98,29 @@ fn all_ways_to_shoot_agree_in_a_medium() {
     let mut endless = filled(&room_with_a_window(vec![lights()[2]]), absorption);
     endless.lighting.sky.radiance = Vec3::ONE;
     assert!(first_shot(&endless).is_dark() && Emission::classical(&endless).unwrap().is_dark());
+}
+
+#[test]
+fn light_from_infinity_comes_in_channels_that_a_medium_leaves_alone() {
+    let settings = PhotonSettings { batches: 16, ..photons(1 << 18) };
+    let of = |absorption: Vec3| {
+        let mut scene = filled(&room_with_a_window(vec![lights()[2]]), absorption);
+        scene.lighting.sky.radiance = Vec3::ONE;
+        scene
+    };
+    let scene = of(Vec3::new(0.0, 1.0, 2.0));
+    let maps = IlluminationMaps::new(&scene, 0.25).unwrap();
+    let classical = trace(&scene, &Emission::classical(&scene).unwrap(), &maps, settings);
+    let found = trace(&scene, &first_shot(&scene), &maps, settings);
+    for estimate in [&classical, &found] {
+        let sum: Vec3 = estimate.irradiance.iter().sum();
+        assert!(sum.x > 0.0 && sum.y == 0.0 && sum.z == 0.0, "{sum}");
+    }
+    let (sigma, all) = deviation(&maps, &found, &classical);
+    assert!(sigma < 1.3 && all.abs() < 0.02, "{sigma} {all}");
+    // All of it: red light is that of air.
+    let red = |estimate: &Estimate| estimate.irradiance.iter().zip(maps.areas()).map(|(h, a)| h.x * a).sum::<f32>();
+    let air = of(Vec3::ZERO);
+    let in_air = trace(&air, &first_shot(&air), &maps, settings);
+    assert!((red(&found) / red(&in_air) - 1.0).abs() < 0.02, "{} {}", red(&found), red(&in_air));
 }

@@ -1,8 +1,8 @@
 //! Push constants of the kernels that have no settings type in their own crate.
 
-use ::scene::Camera;
+use ::scene::{Camera, DirectParams, LargeParams};
 use bytemuck::{Pod, Zeroable};
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 
 /// Kernels that need to know only how many elements there are.
 #[repr(C)]
@@ -60,14 +60,42 @@ const _: () = assert!(size_of::<PixelParams>() == 80);
 pub struct FollowParams {
     /// As for other primary rays.
     pub pixels: PixelParams,
-    /// Number of pixels of this dispatch.
-    pub count: u32,
+    /// Absorption of the medium between surfaces, 1/m; 0 for air.
+    pub absorption: Vec3,
     /// Distance by which rays start above a surface, m.
     pub ray_offset: f32,
+    /// Number of pixels of this dispatch.
+    pub count: u32,
     /// Keeps the size a multiple of 16.
-    pub reserved: [u32; 2],
+    pub reserved: [u32; 3],
 }
-const _: () = assert!(size_of::<FollowParams>() == 96);
+const _: () = assert!(size_of::<FollowParams>() == 112);
+
+/// Direct light through a medium.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MediumDirectParams {
+    /// As without one.
+    pub direct: DirectParams,
+    /// Absorption of the medium, 1/m.
+    pub absorption: Vec3,
+    /// Number of points.
+    pub count: u32,
+}
+const _: () = assert!(size_of::<MediumDirectParams>() == 48);
+
+/// Light of rectangles and emissive triangles at pixels through a medium.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MediumLargeParams {
+    /// As without one.
+    pub large: LargeParams,
+    /// Absorption of the medium, 1/m.
+    pub absorption: Vec3,
+    /// Number of pixels of this dispatch.
+    pub count: u32,
+}
+const _: () = assert!(size_of::<MediumLargeParams>() == 128);
 
 /// Tone mapping.
 #[repr(C)]

@@ -1,5 +1,6 @@
 //! Kernels over the scene: rays, direct light, primary visibility, shading, tone mapping.
 
+use ::scene::kernel::medium::{Absorbing, Air};
 use ::scene::kernel::{bvh, camera, large, light, shade, specular, walk};
 use ::scene::{
     DirectParams, Emitter, EmitterGroup, Hit, LargeParams, Light, NONE, Ray, Rgb, ShareParams, SpecularChain,
@@ -7,7 +8,7 @@ use ::scene::{
 };
 use glam::Vec3;
 
-use crate::params::{CountParams, FollowParams, PixelParams, ToneMapParams};
+use crate::params::{CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams};
 
 kernels! {
     /// Nearest hit of every ray: [`bvh::closest_hit`]. One invocation per ray.
@@ -55,7 +56,22 @@ kernels! {
             bvh::any_hit(&geometry, origin, direction, t_max)
         };
         let at = p.first + k;
-        light::direct_irradiance(&geometry, p, at, points[k as usize], &lights, stopped).extend(0.0)
+        light::direct_irradiance(&geometry, p, at, points[k as usize], &lights, Air, stopped).extend(0.0)
+    }
+
+    /// The same through a medium that absorbs. One invocation per point.
+    SCENE_DIRECT_LIGHT_MEDIUM = "scene_direct_light_medium"(p: MediumDirectParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        irradiance: write [Rgb],
+    } each {
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        let (direct, medium) = (p.direct, Absorbing(p.absorption));
+        let at = direct.first + k;
+        light::direct_irradiance(&geometry, &direct, at, points[k as usize], &lights, medium, stopped).extend(0.0)
     }
 
     /// Share of the colour of every light in `changed` that arrives at every point as irradiance:
@@ -167,6 +183,7 @@ kernels! {
             pixels.first + k,
             pixels.seed,
             p.ray_offset,
+            p.absorption,
         )
     }
 
@@ -211,7 +228,24 @@ kernels! {
         };
         let i = k as usize;
         let at = p.first + k;
-        large::sharp_irradiance(p, at, points[i], &lights, from_sky[i], stopped).extend(0.0)
+        large::sharp_irradiance(p, at, points[i], &lights, from_sky[i], Air, stopped).extend(0.0)
+    }
+
+    /// The same through a medium that absorbs. One invocation per point.
+    SCENE_SHARP_LIGHT_MEDIUM = "scene_sharp_light_medium"(p: MediumDirectParams) for k in 0..count {
+        points: read [SurfacePoint; count],
+        from_sky: read [Rgb; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        irradiance: write [Rgb],
+    } each {
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        let (direct, medium) = (p.direct, Absorbing(p.absorption));
+        let i = k as usize;
+        let at = direct.first + k;
+        large::sharp_irradiance(&direct, at, points[i], &lights, from_sky[i], medium, stopped).extend(0.0)
     }
 
     /// Adds one sub-frame to every pixel's radiance from rectangles and emitters, were nothing in
@@ -247,7 +281,30 @@ kernels! {
         let i = k as usize;
         let at = p.first + k;
         let sums = (seen_before, sampled_before);
-        large::add_seen_light(&geometry, &lights, p, at, hits[i], albedo[i], points[i], sums, stopped)
+        large::add_seen_light(&geometry, &lights, p, at, hits[i], albedo[i], points[i], sums, Air, stopped)
+    }
+
+    /// The same through a medium that absorbs: samples that are seen count as far as it leaves them. One
+    /// invocation per pixel.
+    SCENE_SEEN_LIGHT_MEDIUM = "scene_seen_light_medium"(p: MediumLargeParams) for k in 0..count {
+        hits: read [Hit; count],
+        albedo: read [Rgb; count],
+        points: read [SurfacePoint; count],
+        geometry: GeometryTables,
+        lights: Lights,
+        seen: update [Rgb] as seen_before,
+        sampled: update [Rgb] as sampled_before,
+    } each {
+        let stopped = |origin: Vec3, direction: Vec3, t_max: f32| {
+            bvh::any_hit(&geometry, origin, direction, t_max)
+        };
+        let (large, medium) = (p.large, Absorbing(p.absorption));
+        let i = k as usize;
+        let at = large.first + k;
+        let sums = (seen_before, sampled_before);
+        large::add_seen_light(
+            &geometry, &lights, &large, at, hits[i], albedo[i], points[i], sums, medium, stopped,
+        )
     }
 
     /// Adds the light of rectangles and emitters to every pixel's sums, W/m²/sr:

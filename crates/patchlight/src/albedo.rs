@@ -12,6 +12,8 @@ use transport::Variant;
 
 use crate::bake::{Bake, enough_bounces};
 use crate::error::Error;
+use crate::frame::FramePlan;
+use crate::stage::source::Source;
 
 /// Greatest albedo of a material.
 pub const MOST_ALBEDO: f32 = 0.95;
@@ -44,6 +46,15 @@ pub(crate) struct AlbedoBuffers {
 }
 
 impl AlbedoBuffers {
+    /// Those of a frame's plan.
+    pub fn of(frame: &FramePlan, source: &Source) -> Self {
+        Self {
+            points: source.point_albedo,
+            elements: frame.elements.albedo.buffer,
+            patches: frame.patches.albedo.buffer,
+        }
+    }
+
     /// # Errors
     /// What the device says.
     pub fn set(&self, executor: &mut (dyn Executor + 'static), albedo: &Albedo) -> Result<(), ExecutorError> {

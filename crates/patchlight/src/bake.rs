@@ -127,7 +127,8 @@ pub struct Bake {
     pub receivers: MeshReceivers,
     /// How densely patches and receivers stand.
     pub density: Density,
-    /// What is known of its errors; none for a bake without patches, or of printed ones, whose light has no scale.
+    /// What is known of its errors; none for a bake without patches, of printed ones, whose light has no scale, or of a scene with a
+    /// medium, through which no light goes by form factors.
     pub energy: Option<EnergyCheck>,
     /// How direct light is measured at the samples.
     pub direct: DirectParams,
@@ -176,7 +177,6 @@ impl Bake {
         settings: &BakeSettings,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
-        check_medium(scene)?;
         let density = density_of(scene, settings, observer)?;
         let cut = cut_scene(scene, &density, settings)?;
         let patches = PatchBake::with_density(cut.as_ref().unwrap_or(scene), density, settings, rays, observer)?;
@@ -210,7 +210,6 @@ impl<'a> PatchBake<'a> {
         rays: &'a RowRays<'_>,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
-        check_medium(scene)?;
         check_variant(settings)?;
         check_receivers(settings)?;
         let triangles = scene.geometry.triangles.len();
@@ -455,11 +454,6 @@ fn place(
         Ok(())
     };
     MeshReceivers::place(scene, sampler, mesh.elements.len(), &placing, &lights, &add).map_err(own_error)
-}
-
-/// Refuses a medium: light between patches, to receivers and to pixels would go through it as if it were air.
-fn check_medium(scene: &Scene) -> Result<(), Error> {
-    if scene.has_medium() { Err(Error::Medium) } else { Ok(()) }
 }
 
 /// Only voxels have a lookup between patches.

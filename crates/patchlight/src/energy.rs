@@ -80,12 +80,12 @@ impl EnergyCheck {
     /// than 1,024 lights, each of which costs a shadow ray where a ray hits. Where a
     /// ray hits, direct light is found anew, and indirect light is that of the bake's element there: what is compared is the
     /// last bounce with all that patches, elements, receivers and interpolation do to it. The same again under light from some of
-    /// the patches. None without patches.
+    /// the patches. None without patches, and in a medium.
     ///
     /// # Errors
     /// Operators that have not the shapes of the mesh.
     pub fn of(bake: &Bake) -> Result<Option<Self>, Error> {
-        if bake.mesh.patches.is_empty() {
+        if bake.mesh.patches.is_empty() || bake.scene.has_medium() {
             return Ok(None);
         }
         let places = places(bake, place_count(bake.scene.lighting.lights.len()));

@@ -25,10 +25,16 @@ pub enum Error {
     Temporal(transport::Error),
     /// A medium between surfaces, of which form factors know nothing.
     #[error(
-        "the medium of the scene absorbs light between surfaces, of which form factors know nothing; path trace the scene, trace \
-         photons through it without a bake (firstshot::Tracer), or leave the medium out"
+        "{what} goes by form factors, which know nothing of the medium that absorbs light between the surfaces of the scene; choose \
+         firstshot, whose photons do, path trace the scene, or leave the medium out"
     )]
-    Medium,
+    Medium {
+        /// What does not serve it.
+        what: &'static str,
+    },
+    /// Receivers at pixels, whose light in a medium nothing finds.
+    #[error("photons in a medium light receivers on the mesh, not at the pixels; choose receivers on the mesh")]
+    MediumReceivers,
     /// Receivers that photons do not serve.
     #[error("photons light receivers on the mesh or at the pixels, not the patches themselves; choose other receivers")]
     FirstShotReceivers,

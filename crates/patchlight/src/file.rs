@@ -1,6 +1,6 @@
 //! Bakes in files: written stage by stage, gone on with after an interruption, and opened without the scene's files.
 //!
-//! # Format, version 4
+//! # Format, version 6
 //!
 //! | part | bytes |
 //! |---|---|
@@ -180,7 +180,7 @@ impl Bake {
     /// for any number of threads and interruptions. `device` traces rays, as in [`Bake::build_on`], and may build operators.
     ///
     /// # Errors
-    /// As [`Bake::build`]; what the file says. What was made until then stays in `PATH.beginning` for the next run.
+    /// As [`Bake::build`]; [`Error::Medium`] for operators of a scene with a medium; what the file says. What was made until then stays in `PATH.beginning` for the next run.
     pub fn build_into(
         path: &Path,
         scene: &Scene,
@@ -189,6 +189,9 @@ impl Bake {
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
         let operators = operators(settings);
+        if !operators.is_empty() && scene.has_medium() {
+            return Err(Error::Medium { what: "an operator of a method" });
+        }
         let mut writer = SectionWriter::begin(path, settings.key(&operators))?;
         let head = || Ok::<_, Error>(Head { origin: settings.origin.clone(), settings: settings.kept() });
         writer.section(Kind::Origin, head)?;

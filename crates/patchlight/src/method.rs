@@ -66,6 +66,11 @@ pub trait Method: Send {
         false
     }
 
+    /// Whether light loses what a medium between surfaces absorbs of it, up to the irradiance of the receivers.
+    fn knows_media(&self) -> bool {
+        false
+    }
+
     /// Whether H follows from E alone: nothing of it from the frames before, nothing from the camera. Then a light update under
     /// the lighting of the one before has nothing to do.
     fn depends_on_source_alone(&self) -> bool {
@@ -187,6 +192,31 @@ pub struct Preparation<'a> {
 const PAIR_BYTES: f64 = 16.0;
 
 impl MethodSettings {
+    /// The method in a word.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Classic | Self::Solved(_) => "classic",
+            Self::Multibounce(Codec::LowRank { .. }) => "tiles",
+            Self::Multibounce(_) => "multibounce",
+            Self::Feedback(_) => "feedback",
+            Self::Temporal(_) => "temporal",
+            Self::Local(_) => "local",
+            Self::FirstShot(_) => "firstshot",
+        }
+    }
+
+    /// Refuses a scene with a medium, for methods that know of none; asked before anything is baked.
+    ///
+    /// # Errors
+    /// [`Error::Medium`].
+    pub fn check_medium(&self, scene: &Scene) -> Result<(), Error> {
+        match self {
+            Self::FirstShot(_) => Ok(()),
+            _ if scene.has_medium() => Err(Error::Medium { what: self.name() }),
+            _ => Ok(()),
+        }
+    }
+
     /// Whether the matrices of so many patches fit into memory, asked before anything is baked. Operators in tiles always do: they
     /// are built panel by panel in a file.
     ///

@@ -147,6 +147,19 @@ pub struct ReceiverBuffers {
     pub source: BufferId,
 }
 
+impl ReceiverBuffers {
+    fn of(frame: &FramePlan, direct: &direct::DirectLight) -> Self {
+        Self {
+            direct: direct.irradiance,
+            patches: frame.irradiance(),
+            elements: frame.elements.irradiance.buffer,
+            element_exitance: frame.elements.exitance.buffer,
+            interpolated: frame.interpolated,
+            source: frame.patches.source.buffer,
+        }
+    }
+}
+
 /// A bake on a device.
 pub struct Renderer {
     bake: Arc<Bake>,
@@ -202,7 +215,7 @@ impl Renderer {
     /// Makes what the method needs, and loads the plan of a frame into the executor.
     ///
     /// # Errors
-    /// An operator that does not fit into memory, a device that is too small, cancellation.
+    /// An operator that does not fit into memory, a device that is too small, [`Error::Medium`], cancellation.
     pub fn new(
         bake: Arc<Bake>,
         mut executor: Box<dyn Executor>,
@@ -216,13 +229,16 @@ impl Renderer {
     /// The same with any method.
     ///
     /// # Errors
-    /// A device that is too small.
+    /// A device that is too small; [`Error::Medium`].
     pub fn with_method(
         bake: Arc<Bake>,
         mut executor: Box<dyn Executor>,
         settings: &RenderSettings,
         mut method: Box<dyn Method>,
     ) -> Result<Self, Error> {
+        if bake.scene.has_medium() && !method.knows_media() {
+            return Err(Error::Medium { what: "this method" });
+        }
         let scene = bake.scene.clone();
         let frame = Frame::load(&bake, &scene, None, executor.as_mut(), settings, method.as_mut())?;
         let sample_light = KeptLight::Traced;
@@ -800,6 +816,7 @@ fn prepare(
     executor: &mut (dyn Executor + 'static),
     observer: &dyn Observer,
 ) -> Result<Box<dyn Method>, Error> {
+    settings.method.check_medium(&bake.scene)?;
     let with = Preparation { bake, decode: settings.decode, build: &settings.build, eye: settings.eye, observer };
     if !matches!(settings.method, MethodSettings::FirstShot(_)) {
         warn_of_specular_materials(&bake.scene, observer);
@@ -874,24 +891,9 @@ impl Frame {
         let in_view = receiver_tables.filter(|_| settings.receivers == ReceiverUpdate::InView);
         let view = view::add(&mut frame, &tables, in_view.as_ref(), &indirect, &mut shade)?;
         let display = display::add(&mut frame, &shade, settings.size)?;
-        let buffers = ReceiverBuffers {
-            direct: direct.irradiance,
-            patches: frame.irradiance(),
-            elements: frame.elements.irradiance.buffer,
-            element_exitance: frame.elements.exitance.buffer,
-            interpolated: frame.interpolated,
-            source: frame.patches.source.buffer,
-        };
-        let albedo_buffers = AlbedoBuffers {
-            points: source.point_albedo,
-            elements: frame.elements.albedo.buffer,
-            patches: frame.patches.albedo.buffer,
-        };
-        let cleared = frame.initial_zeros();
-        let FramePlan { plan, tables: stay, .. } = frame;
-        executor.load(plan)?;
-        stay.upload(executor)?;
-        cleared.into_iter().try_for_each(|buffer| executor.clear(buffer))?;
+        let buffers = ReceiverBuffers::of(&frame, &direct);
+        let albedo_buffers = AlbedoBuffers::of(&frame, &source);
+        load_plan(frame, executor)?;
         direct.clear(executor)?;
         shade.clear(executor)?;
         view.iter().try_for_each(|view| view.clear(executor))?;
@@ -935,12 +937,21 @@ impl Frame {
     ) -> Result<(), Error> {
         self.tables.set_sky_and_emission(executor, scene)?;
         if let Some(sky) = &self.sky {
-            sky.set(executor, &scene.lighting)?;
+            sky.set(executor, scene)?;
             self.has_sky_light = false;
         }
         let elements = albedo.map_or(&bake.mesh.element_albedo, |albedo| &albedo.elements);
         Ok(executor.upload(self.source.emission, &source::sky_exitance(bake, elements, &scene.lighting))?)
     }
+}
+
+/// Loads a plan with the tables that stay, and clears what the first frame adds to.
+fn load_plan(frame: FramePlan, executor: &mut (dyn Executor + 'static)) -> Result<(), Error> {
+    let cleared = frame.initial_zeros();
+    let FramePlan { plan, tables, .. } = frame;
+    executor.load(plan)?;
+    tables.upload(executor)?;
+    Ok(cleared.into_iter().try_for_each(|buffer| executor.clear(buffer))?)
 }
 
 /// Irradiance at points by rows of their own over the elements, W/m².

@@ -36,6 +36,7 @@ use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
+use scene::kernel::medium::Air;
 use scene::math::pow;
 use scene::sampling::hash3;
 use scene::{DirectParams, Lighting, Scene};
@@ -294,7 +295,7 @@ impl Ddgi {
         }
         let point = surface_point(&tables, hit, direction);
         let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
-        let direct = direct_irradiance(&tables, params, index, point, &scene.all_lights(), occluded);
+        let direct = direct_irradiance(&tables, params, index, point, &scene.all_lights(), Air, occluded);
         let before = ViewedPoint { position: point.position, normal: point.normal, to_eye: -direction };
         let albedo = tables.albedo(hit.triangle, hit.u, hit.v);
         let indirect = albedo.min(Vec3::splat(MOST_ALBEDO)) * self.lookup(&before);

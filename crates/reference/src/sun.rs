@@ -181,7 +181,8 @@ impl Sun {
         let cosine = -point.normal.dot(self.light.direction);
         // The cell of the point, as a path that lands there finds it: rounding may put it across a border.
         let across = self.density(self.cell_of(point.position));
-        let radiance = geometry.albedo(hit.triangle, hit.u, hit.v) * self.light.color * (cosine * FRAC_1_PI);
+        let color = self.light.color * scene.transmittance(FAR);
+        let radiance = geometry.albedo(hit.triangle, hit.u, hit.v) * color * (cosine * FRAC_1_PI);
         let density = across * cosine;
         let flux = if density > 0.0 { radiance / density } else { Vec3::ZERO };
         LitPoint { position: point.position, normal: point.normal, flux, density }

@@ -73,3 +73,27 @@ fn a_lamp_in_a_medium_on_a_plane() {
     b.parts.absorption = Vec3::new(0.0, -0.1, 0.0);
     assert!(matches!(Scene::new(b.parts.clone()), Err(scene::Error::Absorption { .. })));
 }
+
+#[test]
+fn no_light_of_a_sun_comes_through_a_medium_over_a_reflection() {
+    let mut b = floor();
+    let white = b.material(Vec3::splat(0.9), Vec3::ZERO);
+    // A wall beside the point that the sun falls on, so that paths connect with points in its light.
+    b.quad(Vec3::new(0.5, 0.0, -2.0), Vec3::Y * 4.0, Vec3::Z * 4.0, white);
+    b.light(Light {
+        kind: LIGHT_DIRECTIONAL,
+        direction: Vec3::new(1.0, -1.0, 0.0).normalize(),
+        color: Vec3::ONE,
+        ..Light::default()
+    });
+    let of = |b: &Builder| {
+        PathTracer::new(&b.build()).irradiance(&[point(Vec3::ZERO, Vec3::Y)], 256, &PathSettings::default())[0]
+    };
+    let air = of(&b);
+    b.parts.absorption = Vec3::new(0.0, 0.2, 1.0);
+    let found = of(&b);
+    assert!(air.indirect.min_element() > 0.05, "{air:?}");
+    // Of the channel that the medium does not absorb all is left.
+    assert!((found.indirect.x / air.indirect.x - 1.0).abs() < 0.05, "{found:?}");
+    assert!(found.direct.y == 0.0 && found.indirect.y == 0.0 && found.indirect.z == 0.0, "{found:?}");
+}

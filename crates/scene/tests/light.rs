@@ -4,7 +4,9 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
-use scene::kernel::light::{sky_radiance, spot_falloff};
+use scene::kernel::large::{add_seen_light, sharp_irradiance};
+use scene::kernel::light::{direct_irradiance, sky_radiance, spot_falloff};
+use scene::kernel::medium::{Absorbing, Air, Medium, transmittance};
 use scene::*;
 
 /// A floor of 200 m and whatever else is given.
@@ -269,4 +271,73 @@ fn lighting_of_another_scene_is_an_error() {
     let wrong = Error::TableLength { name: "sky_map", expected: 4, found: 0 };
     assert_eq!(scene.set_lighting(mapless).err(), Some(wrong));
     assert_eq!(scene.lighting, before);
+}
+
+/// What kernels of direct light find through a medium at a point over a floor: at samples, at pixels of points and suns, and of
+/// areas.
+fn through(scene: &Scene, medium: impl Medium, point: SurfacePoint) -> [Vec4; 4] {
+    let p = DirectParams {
+        count: 1,
+        light_count: scene.lighting.lights.len() as u32,
+        emitter_count: scene.emitters.len() as u32,
+        area_rays: 4,
+        sky_rays: 4,
+        ray_offset: scene.geometry.ray_offset,
+        ..DirectParams::default()
+    };
+    let (tables, lights) = (scene.tables(), scene.all_lights());
+    let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
+    let large = LargeParams {
+        camera: Camera::look_at(point.position + Vec3::Y, point.position, Vec3::X, 1.0, 1, 1),
+        light_count: 0,
+        emitter_count: p.emitter_count,
+        rays: 4,
+        stride: 4,
+        ray_offset: p.ray_offset,
+        ..LargeParams::default()
+    };
+    let hit = Hit { triangle: 0, u: 0.5, v: 0.5, t: 1.0 };
+    let albedo = Vec3::splat(0.5).extend(0.0);
+    let sums = (Vec4::ZERO, Vec4::ZERO);
+    let (seen, all) = add_seen_light(&tables, &lights, &large, 0, hit, albedo, point, sums, medium, occluded);
+    let direct = direct_irradiance(&tables, &p, 0, point, &lights, medium, occluded);
+    let sharp = sharp_irradiance(&p, 0, point, &lights, Vec4::ZERO, medium, occluded);
+    [direct.extend(0.0), sharp.extend(0.0), seen, all]
+}
+
+#[test]
+fn a_medium_takes_of_direct_light_what_it_absorbs_on_the_way() {
+    let base = Light { position: Vec3::Y * 3.0, color: Vec3::new(1.0, 2.0, 3.0), ..Light::default() };
+    let (x, z) = (Vec3::X * 0.02, Vec3::Z * 0.02);
+    let lamp = Triangle { corner: Vec3::new(0.5, 2.0, 0.0), edge_a: x, edge_b: z, material: 1, ..Triangle::default() };
+    let rect = Light { kind: LIGHT_RECT, edge_a: x, edge_b: z, area: x.cross(z).length(), ..base };
+    let sun = Light { kind: LIGHT_DIRECTIONAL, direction: Vec3::NEG_Y, ..base };
+    let point = Light { kind: LIGHT_POINT, ..base };
+    let place = SurfacePoint { position: Vec3::ZERO, patch: NONE, normal: Vec3::Y, weight: 1.0 };
+    let sky = Sky { radiance: Vec3::ONE, ..Sky::default() };
+    let all = floor_and(vec![lamp], vec![rect, sun, point], sky, Vec3::splat(50.0));
+    let in_air = through(&all, Air, place);
+    assert!(in_air.iter().all(|light| light.min_element() >= 0.0 && light.x > 0.0), "{in_air:?}");
+    assert_eq!(through(&all, Absorbing(Vec3::ZERO), place), in_air);
+    // The last are all samples, whatever is left of them.
+    let absorption = Vec3::new(0.0, 0.3, 1.0);
+    let nothing = Sky::default();
+    let none = floor_and(Vec::new(), Vec::new(), nothing, Vec3::ZERO);
+    assert_eq!(through(&none, Absorbing(absorption), place), [Vec4::ZERO; 4]);
+    let of_lamp = lamp.corner.length();
+    for (scene, distance) in [
+        (floor_and(vec![lamp], Vec::new(), nothing, Vec3::splat(50.0)), of_lamp),
+        (floor_and(Vec::new(), vec![rect], nothing, Vec3::ZERO), 3.0),
+        (floor_and(Vec::new(), vec![point], nothing, Vec3::ZERO), 3.0),
+        (floor_and(Vec::new(), vec![sun], nothing, Vec3::ZERO), 1e30),
+        (floor_and(Vec::new(), Vec::new(), sky, Vec3::ZERO), 1e30),
+    ] {
+        let left = transmittance(absorption, distance);
+        let [air, found] = [through(&scene, Air, place), through(&scene, Absorbing(absorption), place)];
+        for (k, (air, found)) in air.iter().zip(&found).enumerate() {
+            let expected = if k < 3 { air.truncate() * left } else { air.truncate() };
+            let error = (found.truncate() - expected).abs().max_element();
+            assert!(error <= 0.01 * air.max_element(), "{k} at {distance}: {found} for {expected}");
+        }
+    }
 }

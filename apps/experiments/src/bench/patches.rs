@@ -23,7 +23,9 @@ use crate::summary::PassTimes;
 use ::patches::{MOST_PATCHES, PatchKind};
 use assets::import::LoadedScene;
 use patchlight::renderer::with_lights;
-use patchlight::{BakeSettings, Estimator, PatchBake, Pictures, ReceiverKind, RenderSettings, Renderer};
+use patchlight::{
+    BakeSettings, Estimator, MethodSettings, PatchBake, Pictures, ReceiverKind, RenderSettings, Renderer,
+};
 
 /// The break-down, the lights and the pictures are of the most clusters asked for up to this number.
 const MAIN_COUNT: u32 = 10_000;
@@ -104,6 +106,7 @@ pub fn one_scene(
 ) -> Result<SceneResult, Error> {
     let progress = Progress::new(common.quiet);
     let loaded = output::import(scene, &progress)?;
+    MethodSettings::Classic.check_medium(&loaded.scene)?;
     progress.note(&format!("{}: reference", loaded.name));
     let truth = match Truth::find(args.reference_folder(), &loaded)? {
         Some(truth) => truth,

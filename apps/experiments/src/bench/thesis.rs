@@ -173,6 +173,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
     for scene in scenes {
         let progress = Progress::new(common.quiet);
         let loaded = output::import(scene, &progress)?;
+        patchlight::MethodSettings::Classic.check_medium(&loaded.scene)?;
         let study = Study { common, args, loaded: &loaded, counts: counts.clone(), out: &out, progress: &progress };
         let Outcome { rows, tables, plots } = (figure.measure)(&study)?;
         for (name, plot) in &plots {

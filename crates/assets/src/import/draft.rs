@@ -307,7 +307,7 @@ pub fn finish(mut mesh: Mesh, setting: Setting, options: &LoadOptions) -> Result
     })
 }
 
-/// Warns of light that a medium without end takes as a whole.
+/// Warns of light that a medium without end takes as a whole, in every channel in which it takes any.
 fn warn_of_endless_light(lights: &[Light], sky: &Sky, warnings: &mut Vec<String>) {
     if sky.radiance.max_element() > 0.0 || lights.iter().any(|light| light.kind == LIGHT_DIRECTIONAL) {
         warnings.push(

@@ -6,6 +6,7 @@ use core::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
+use scene::kernel::bvh::FAR;
 use scene::kernel::light::{sky_radiance, spot_falloff};
 use scene::math::{luminance, sin_cos_2pi};
 use scene::parallel::*;
@@ -159,9 +160,8 @@ impl Emission {
             let color = luminance(light.color);
             match light.kind {
                 LIGHT_RECT => {}
-                // A medium without end takes all light from infinity.
-                LIGHT_DIRECTIONAL if scene.has_medium() => {}
                 LIGHT_DIRECTIONAL => {
+                    let color = luminance(light.color * scene.transmittance(FAR));
                     let power = color * area_across(bounds.0, bounds.1, light.direction);
                     elements.add(Element { kind: ELEMENT_BEAM, scale: 1.0 / power, ..element }, f64::from(power));
                 }
@@ -245,7 +245,8 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
         let element = Element { kind: ELEMENT_RECT, triangle: NONE, light: k as u32, ..Element::default() };
         elements.add(Element { scale: 1.0 / radiance, ..element }, f64::from(PI * light.area * radiance));
     }
-    if scene.has_sky() && !scene.has_medium() {
+    if scene.has_sky() {
+        let left = scene.transmittance(FAR);
         let (low, high) = entry_box(scene);
         let lights = scene.all_lights();
         let (rows, columns) = SKY_PARTS;
@@ -260,10 +261,11 @@ fn add_areas(scene: &Scene, elements: &mut Elements) {
                 let r = (1.0 - z * z).max(0.0).sqrt();
                 let towards = Vec3::new(r * s, z, -r * c);
                 let light = sky_radiance(&lights.sky, lights.sky_map, towards).max(Vec3::ZERO);
-                mean += luminance(light) * area_across(low, high, towards) / (SKY_PLACES * SKY_PLACES) as f32;
+                mean += luminance(light * left) * area_across(low, high, towards) / (SKY_PLACES * SKY_PLACES) as f32;
             }
             // A part that is dark where it was looked at may hold a star: it keeps a thousandth of the mean sky.
-            let power = f64::from(mean.max(1e-3 * luminance(scene.lighting.sky.radiance)) * TAU * size.x * size.y);
+            let least = 1e-3 * luminance(scene.lighting.sky.radiance * left);
+            let power = f64::from(mean.max(least) * TAU * size.x * size.y);
             let element = Element { kind: ELEMENT_SKY, triangle: NONE, light: NONE, corner, ..Element::default() };
             let extent = Element { edge_a: size, ..element };
             let solid_angle = TAU * size.x * size.y;

@@ -3,7 +3,8 @@
 use core::f32::consts::TAU;
 
 use glam::{Vec3, Vec4};
-use scene::kernel::light::{Arrival, luminaire_share, sky_radiance, spot_falloff, unoccluded};
+use scene::kernel::bvh::FAR;
+use scene::kernel::light::{luminaire_share, sky_radiance, spot_falloff, unoccluded};
 use scene::kernel::medium::transmittance;
 use scene::kernel::specular::specular_parts;
 use scene::math::{abs, luminance, sin_cos_2pi, sqrt};
@@ -80,12 +81,6 @@ fn on_sphere(axis: Vec3, z: f32, azimuth: f32) -> Vec3 {
     let r = sqrt(if inside > 0.0 { inside } else { 0.0 });
     let (a, b) = frame(axis);
     a * (r * c) + b * (r * s) + axis * z
-}
-
-/// Length of the way to a light, m.
-#[inline]
-pub fn way_of(arrival: &Arrival) -> f32 {
-    arrival.to_light.length() * arrival.t_max
 }
 
 /// Share of a light's luminance that is left where `left` of each channel is.
@@ -177,7 +172,7 @@ fn start_on_light_element(
             flux *= 1.0 / chance;
         }
     }
-    let left = transmittance(p.absorption, way_of(&arrival));
+    let left = transmittance(p.absorption, arrival.distance());
     if p.flags & FLAG_EXACT != 0 {
         let density = interpolate(e.values, at);
         let lit = arrival.share > 0.0 && density > 0.0 && flux != Vec3::ZERO;
@@ -283,7 +278,8 @@ pub fn start_from(
             direction = beam.direction;
             light = beam.color;
         }
-        flux = light * (area_across(p.low, p.high, direction) * e.scale);
+        let left = transmittance(p.absorption, FAR);
+        flux = light * left * (area_across(p.low, p.high, direction) * e.scale);
         origin = enter_box(p, direction, unit(w.place.0), unit(w.place.1));
     }
     Photon { origin, reflections: 0, direction, segments: 0, flux, reserved: 0 }

@@ -40,6 +40,7 @@ pub fn cut_at_feet(scene: &Scene, density: &Density, least: f32) -> Result<Optio
         textures: scene.geometry.textures.clone(),
         texels: scene.geometry.texels.clone(),
         ray_offset: Some(scene.geometry.ray_offset),
+        absorption: scene.geometry.absorption,
         ..SceneParts::default()
     };
     for (t, fragments) in fragments.iter().enumerate() {

@@ -24,6 +24,7 @@ use runtime::recipe::{Tables, rgb_bytes};
 use scene::kernel::bvh::FAR;
 use scene::kernel::camera::surface_point;
 use scene::kernel::light::direct_irradiance;
+use scene::kernel::medium::Absorbing;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3};
 use scene::{DirectParams, Hit, Lighting, NONE, Ray, Scene, SurfacePoint};
 use transport::{Csr, Observer, Patch, Phase, QUADRANTS};
@@ -407,9 +408,9 @@ impl FirstShot {
         [("maps", self.maps.maps.len() as u64 * cell), ("light elements", self.emission.bytes())]
     }
 
-    /// Indirect irradiance at points, W/m²: the mean over rays of `ρ (H_d + H)` at what they meet, H of the illumination maps,
-    /// H_d by shadow rays. Where anything mirrors light or lets it through, that of the maps' cell under the point: no ray finds what
-    /// a lamp sends by way of a mirror.
+    /// Indirect irradiance at points, W/m²: the mean over rays of `T ρ (H_d + H)` at what they meet, H of the illumination maps,
+    /// H_d by shadow rays, T what the medium leaves on the way. Where anything mirrors light or lets it through, that of the maps'
+    /// cell under the point: no ray finds what a lamp sends by way of a mirror.
     pub fn irradiance_at(&self, scene: &Scene, points: &[SurfacePoint], seed: u32) -> Vec<Vec3> {
         let maps = &self.maps;
         let estimate = &self.estimate;
@@ -456,6 +457,7 @@ fn rows_of_elements(scene: &Scene, mesh: &PatchMesh, receivers: &[SurfacePoint])
 fn gather(maps: &PatchMaps, estimate: &Estimate, scene: &Scene, index: u32, point: &SurfacePoint, seed: u32) -> Vec3 {
     let tables = scene.tables();
     let lights = scene.all_lights();
+    let medium = Absorbing(scene.geometry.absorption);
     let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
     let direct = DirectParams { area_rays: 1, sky_rays: u32::from(scene.has_sky()), seed, ..direct_params(scene) };
     let shift = (hash3(index, 0, seed), hash3(index, 1, seed));
@@ -469,11 +471,11 @@ fn gather(maps: &PatchMaps, estimate: &Estimate, scene: &Scene, index: u32, poin
         }
         let there = surface_point(&tables, hit, direction);
         let number = hash3(index, k, seed);
-        let first = direct_irradiance(&tables, &direct, number, there, &lights, occluded);
+        let first = direct_irradiance(&tables, &direct, number, there, &lights, medium, occluded);
         let is_back = tables.normal(hit.triangle).dot(direction) > 0.0;
         let cell = maps.cell(hit.triangle, hit.u, hit.v, is_back);
         let more = estimate.irradiance.get(cell as usize).copied().unwrap_or(Vec3::ZERO);
-        sum += tables.albedo(hit.triangle, hit.u, hit.v) * (first + more);
+        sum += tables.albedo(hit.triangle, hit.u, hit.v) * (first + more) * scene.transmittance(hit.t);
     }
     sum / POINT_RAYS as f32
 }
@@ -489,8 +491,8 @@ fn per_mille_done(photons: u64, error: f64, settings: &PhotonSettings) -> usize 
 pub struct FirstShotMethod {
     bake: Arc<Bake>,
     shot: FirstShot,
-    /// From the elements to the receivers, where something mirrors light or lets it through: form factors do not know what light
-    /// comes that way, the maps do.
+    /// From the elements to the receivers, where something mirrors light or lets it through, or a medium absorbs it: form factors do
+    /// not know what light comes that way, the maps do.
     receivers: Option<Arc<Csr>>,
     passes: Option<PhotonPasses>,
     /// Shadow rays of light elements, where the device is not native code: the host's hierarchy is faster than its kernels.
@@ -505,7 +507,7 @@ impl FirstShotMethod {
     /// Lays out the maps and traces for the lights of the bake.
     ///
     /// # Errors
-    /// Patches as receivers, which photons do not serve; cancellation.
+    /// Patches as receivers, which photons do not serve; receivers at pixels in a medium; cancellation.
     pub fn new(
         settings: &FirstShotSettings,
         with: &Preparation,
@@ -514,6 +516,9 @@ impl FirstShotMethod {
         let bake = Arc::clone(with.bake);
         if bake.settings.receivers == ReceiverKind::Patches {
             return Err(Error::FirstShotReceivers);
+        }
+        if bake.settings.receivers == ReceiverKind::Pixels && bake.scene.has_medium() {
+            return Err(Error::MediumReceivers);
         }
         let seed = bake.settings.seed;
         let mut shot = FirstShot::new(&bake.scene, &bake.mesh, *settings, seed, with.observer)?;
@@ -534,7 +539,8 @@ impl FirstShotMethod {
             ));
         }
         let rows = || Arc::new(rows_of_elements(&bake.scene, &bake.mesh, &bake.receivers.points));
-        let receivers = bake.scene.specular_material().map(|_| rows());
+        let needs_maps = bake.scene.specular_material().is_some() || bake.scene.has_medium();
+        let receivers = needs_maps.then(rows);
         Ok(Self { bake, shot, receivers, passes: None, stops: None, is_traced: false, start: None, host_ms: 0.0 })
     }
 
@@ -609,6 +615,10 @@ impl Method for FirstShotMethod {
     }
 
     fn finds_element_irradiance(&self) -> bool {
+        true
+    }
+
+    fn knows_media(&self) -> bool {
         true
     }
 

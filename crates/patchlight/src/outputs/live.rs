@@ -25,11 +25,14 @@ impl LiveProbes {
     /// About `count` probes over the bounds of a bake, with so many rays from each of their six sides; no light yet.
     ///
     /// # Errors
-    /// [`Error::OutputReceivers`] unless receivers are on the mesh, which say where light comes; a scene without room for
-    /// probes; cancellation.
+    /// [`Error::OutputReceivers`] unless receivers are on the mesh, which say where light comes; [`Error::Medium`]; a scene without
+    /// room for probes; cancellation.
     pub fn new(bake: &Bake, count: u32, rays: u32, report: &Report) -> Result<Self, Error> {
         if bake.settings.receivers != ReceiverKind::Mesh {
             return Err(Error::OutputReceivers);
+        }
+        if bake.scene.has_medium() {
+            return Err(Error::Medium { what: "the light of live probes" });
         }
         let settings = VolumeSettings { size: VolumeSize::Count(count), ..VolumeSettings::default() };
         let volume = VoxelVolume::new(&bake.scene, &settings, &|point| is_lit(bake, point))?;

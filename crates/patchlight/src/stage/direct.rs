@@ -5,7 +5,7 @@ use glam::{Vec3, Vec4};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::rgb_bytes;
-use runtime::recipe::scene::SceneTables;
+use runtime::recipe::scene::{PassMedium, SceneTables};
 use scene::{DirectParams, Light};
 
 use crate::frame::FramePlan;
@@ -22,6 +22,7 @@ pub struct DirectLight {
     pub points: Range,
     /// What emitters and sky send, and all lights where nothing is kept of them.
     surround: PassId,
+    medium: PassMedium,
     kept: Option<KeptLights>,
 }
 
@@ -54,10 +55,12 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
     let count = params.count as usize;
     let irradiance = plan.storage("direct irradiance", rgb_bytes(count));
     let share_bytes = (capacity * count * size_of::<f32>()) as u64;
-    if share_bytes > binding_bytes.min(MOST_KEPT) {
+    let medium = scene.medium();
+    // What is kept of a light is one number for all channels.
+    if share_bytes > binding_bytes.min(MOST_KEPT) || medium != PassMedium::default() {
         let own = [("points", points), ("irradiance", Range::from(irradiance))];
         let surround = scene.direct_light(plan, "direct", &own, params)?;
-        return Ok(DirectLight { irradiance, points, surround, kept: None });
+        return Ok(DirectLight { irradiance, points, surround, medium, kept: None });
     }
     let surroundings = plan.storage("surroundings", rgb_bytes(count));
     let shares = plan.storage("light shares", share_bytes);
@@ -72,7 +75,7 @@ pub fn add(frame: &mut FramePlan, scene: &SceneTables) -> Result<DirectLight, Ex
     let own = [("shares", shares.into()), ("surroundings", surroundings.into()), ("irradiance", irradiance.into())];
     let add = scene.add_lights(plan, "direct", &own, params)?;
     let kept = KeptLights { trace, add, changed, shares, occluders, traced: Vec::new(), is_surrounded: false };
-    Ok(DirectLight { irradiance, points, surround, kept: Some(kept) })
+    Ok(DirectLight { irradiance, points, surround, medium, kept: Some(kept) })
 }
 
 impl DirectLight {
@@ -94,12 +97,12 @@ impl DirectLight {
     /// What the device says.
     pub fn set(
         &mut self,
-        executor: &mut dyn Executor,
+        executor: &mut (dyn Executor + 'static),
         lights: &[Light],
         params: &DirectParams,
     ) -> Result<Vec<PassId>, ExecutorError> {
         let Some(kept) = &mut self.kept else {
-            executor.push(self.surround, params)?;
+            self.medium.push_direct(executor, self.surround, params)?;
             return Ok(vec![self.surround]);
         };
         let mut passes = Vec::new();
@@ -110,7 +113,7 @@ impl DirectLight {
             passes.push(kept.trace);
         }
         if !kept.is_surrounded {
-            executor.push(self.surround, &DirectParams { light_count: 0, ..*params })?;
+            self.medium.push_direct(executor, self.surround, &DirectParams { light_count: 0, ..*params })?;
             passes.push(self.surround);
             kept.is_surrounded = true;
         }

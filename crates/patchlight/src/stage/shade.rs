@@ -6,7 +6,7 @@ use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::formfactor::interpolate;
 use runtime::recipe::patches::LookupTables;
-use runtime::recipe::scene::SceneTables;
+use runtime::recipe::scene::{PassMedium, SceneTables};
 use runtime::recipe::{Named, rgb_bytes};
 use scene::sampling::hash3;
 use scene::{Camera, DirectParams, Hit, Rgb, SpecularChain, SurfacePoint};
@@ -46,7 +46,8 @@ pub struct PixelSettings {
     pub direct: DirectParams,
     /// Whether direct light has a sum of its own, too.
     pub has_separate_direct: bool,
-    /// Whether primary rays go on at mirrors and through glass: in each sub-frame chance picks what a surface shows.
+    /// Whether primary rays go on at mirrors and through glass, and lose light in a medium: in each sub-frame chance picks what a
+    /// surface shows.
     pub follows: bool,
     /// Irradiance of the interpolation points from the sky, for direct light without noise, which needs a sum of its own;
     /// without it light is sampled.
@@ -64,6 +65,7 @@ pub struct Shade {
     pub pixels: PixelBuffers,
     no_light: BufferId,
     settings: PixelSettings,
+    medium: PassMedium,
     bands: Vec<Band>,
     smooth: Option<SmoothLight>,
     sub_frames: Vec<SubFrame>,
@@ -150,7 +152,7 @@ pub fn add(
         binding_bytes: frame.binding_bytes(),
         direct,
         has_separate_direct: true,
-        follows: frame.bake.scene.specular_material().is_some(),
+        follows: frame.bake.scene.specular_material().is_some() || frame.bake.scene.has_medium(),
         smooth_sky,
     };
     add_pixels(&mut frame.plan, scene, indirect, &settings)
@@ -185,13 +187,14 @@ pub fn add_pixels(
     let direct = plan.storage("direct sum", direct_bytes);
     let sub_frames = settings.sub_frames.max(1);
     let smooth_sky = settings.smooth_sky.filter(|_| settings.has_separate_direct);
-    let smooth = smooth_sky.map(|sky| SmoothLight::new(plan, sky, sub_frames, settings));
+    let smooth = smooth_sky.map(|sky| SmoothLight::new(plan, sky, sub_frames, settings, scene.medium()));
     let mut shade = Shade {
         full,
         direct,
         pixels,
         no_light,
         settings: *settings,
+        medium: scene.medium(),
         bands,
         smooth,
         sub_frames: Vec::new(),
@@ -479,14 +482,15 @@ impl Shade {
             let pixels = PixelParams { camera, seed, light_count, ..PixelParams::default() };
             for ((band, primary), passes) in self.bands.iter().zip(&sub.primary).zip(&sub.bands) {
                 let &Band { first, count } = band;
-                executor.push(passes.light, &DirectParams { first, count, ..light })?;
+                self.medium.push_direct(executor, passes.light, &DirectParams { first, count, ..light })?;
                 if let (Some(smooth), Some(large)) = (&self.smooth, &passes.smooth) {
                     smooth.set(executor, large, *band, &camera, shot, number)?;
                 }
                 let pixels = PixelParams { first, count, ..pixels };
                 if self.pixels.chains.is_some() {
-                    let ray_offset = direct.ray_offset;
-                    executor.push(*primary, &FollowParams { pixels, count, ray_offset, ..FollowParams::default() })?;
+                    let (ray_offset, absorption) = (direct.ray_offset, self.medium.absorption);
+                    let follow = FollowParams { pixels, absorption, ray_offset, count, ..FollowParams::default() };
+                    executor.push(*primary, &follow)?;
                     continue;
                 }
                 for pass in [*primary, passes.shade_full].into_iter().chain(passes.shade_direct) {

@@ -1,11 +1,13 @@
 //! Irradiance straight from the sky at the interpolation points, W/m²: from the rays of the receivers that escape, smoothed and
 //! interpolated as indirect light is. It follows from the sky alone, and is found anew only where the sky changes.
 
+use glam::Vec4;
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId};
 use runtime::recipe::formfactor::HitTables;
 use runtime::recipe::rgb_bytes;
-use scene::{Lighting, SKY_BINS, sky_exitance};
+use scene::kernel::bvh::FAR;
+use scene::{SKY_BINS, Scene, sky_exitance};
 use transport::QUADRANTS;
 
 use super::gather::ReceiverTables;
@@ -52,14 +54,16 @@ pub fn add(frame: &mut FramePlan, tables: &ReceiverTables) -> Result<SkyLight, E
 }
 
 impl SkyLight {
-    /// Puts a sky on the device; the passes then find its light.
+    /// Puts the sky of a scene on the device, as far as a medium leaves it; the passes then find its light.
     ///
     /// # Errors
     /// What the device says.
-    pub fn set(&self, executor: &mut dyn Executor, lighting: &Lighting) -> Result<(), ExecutorError> {
+    pub fn set(&self, executor: &mut dyn Executor, scene: &Scene) -> Result<(), ExecutorError> {
         if self.passes.is_empty() {
             return executor.clear(self.interpolated);
         }
-        executor.upload(self.bins, &sky_exitance(lighting))
+        let left = scene.transmittance(FAR).extend(1.0);
+        let bins: Vec<Vec4> = sky_exitance(&scene.lighting).into_iter().map(|exitance| exitance * left).collect();
+        executor.upload(self.bins, &bins)
     }
 }

@@ -5,7 +5,7 @@
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan, Range};
 use runtime::recipe::rgb_bytes;
-use runtime::recipe::scene::{SceneTables, add_large_light};
+use runtime::recipe::scene::{PassMedium, SceneTables, add_large_light};
 use scene::{Camera, DirectParams, LargeParams, Rgb, ShareParams, SurfacePoint};
 
 use super::bands::Band;
@@ -31,6 +31,7 @@ pub struct SmoothLight {
     sub_frames: u32,
     /// How direct light is measured.
     direct: DirectParams,
+    medium: PassMedium,
 }
 
 /// The passes of a sub-frame.
@@ -43,7 +44,7 @@ pub struct SmoothPasses {
 
 impl SmoothLight {
     /// The buffers of so many sub-frames of a picture, with the irradiance of the interpolation points from the sky.
-    pub fn new(plan: &mut Plan, sky: Range, sub_frames: u32, settings: &PixelSettings) -> Self {
+    pub fn new(plan: &mut Plan, sky: Range, sub_frames: u32, settings: &PixelSettings, medium: PassMedium) -> Self {
         let size = settings.size;
         let bytes = rgb_bytes(size.0 as usize * size.1 as usize);
         Self {
@@ -55,6 +56,7 @@ impl SmoothLight {
             size,
             sub_frames,
             direct: settings.direct,
+            medium,
         }
     }
 
@@ -164,6 +166,6 @@ impl SmoothLight {
             first: band.first,
             reserved: [0; 2],
         };
-        passes.large.into_iter().try_for_each(|pass| executor.push(pass, &push))
+        self.medium.push_large(executor, passes.large, &push)
     }
 }

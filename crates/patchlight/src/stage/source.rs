@@ -8,6 +8,7 @@ use runtime::plan::{BufferId, PassId, Range};
 use runtime::recipe::add_pass;
 use runtime::recipe::formfactor::assemble_source;
 use scene::Lighting;
+use scene::kernel::bvh::FAR;
 
 use super::direct::DirectLight;
 use crate::bake::Bake;
@@ -59,12 +60,12 @@ pub fn add(frame: &mut FramePlan, direct: &DirectLight) -> Result<Source, Execut
     Ok(Source { passes: [of_elements, of_patches], emission, point_albedo: point_albedo.buffer })
 }
 
-/// First exitance that a constant sky gives each element: `ρ π L s`, with its albedo ρ and the share s of its hemisphere that sees the sky.
-/// A sky with a map is sampled instead.
+/// First exitance that a constant sky gives each element: `ρ π L s`, with its albedo ρ and the share s of its hemisphere that sees the sky,
+/// as far as a medium leaves light from infinity. A sky with a map is sampled instead.
 pub fn sky_exitance(bake: &Bake, element_albedo: &[Vec4], lighting: &Lighting) -> Vec<Vec4> {
     let sky = lighting.sky;
     let radiance = if sky.map_width == 0 { sky.radiance } else { glam::Vec3::ZERO };
-    let irradiance = radiance * std::f32::consts::PI;
+    let irradiance = radiance * bake.scene.transmittance(FAR) * std::f32::consts::PI;
     let shares = &bake.form_factors.sky_factor;
     element_albedo.iter().zip(shares).map(|(albedo, share)| *albedo * (irradiance * *share).extend(0.0)).collect()
 }

@@ -120,6 +120,9 @@ pub fn bake_on(
     memory_limit: u64,
     observer: &dyn Observer,
 ) -> Result<BakedWorld, Error> {
+    if scene.has_medium() {
+        return Err(Error::Medium { what: "a world" });
+    }
     warn_of_specular_materials(scene, observer);
     let key = settings.key();
     // What was begun is asked for first: a name that is taken should not cost minutes.

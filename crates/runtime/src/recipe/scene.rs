@@ -1,7 +1,10 @@
 //! Recipes of `scene`: tables that rays need, rays themselves, direct light, primary rays, shading and tone mapping.
 
-use gpu_kernels::params::{CountParams, FollowParams, PixelParams, ToneMapParams};
-use gpu_kernels::table;
+use glam::Vec3;
+use gpu_kernels::params::{
+    CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams,
+};
+use gpu_kernels::table::{self, Kernel};
 use scene::{DirectParams, EmitterGroup, LargeParams, Light, MOST_EMITTER_GROUPS, Scene, ShareParams};
 
 use super::{Bindings, Named, Tables, add_pass};
@@ -20,6 +23,67 @@ pub struct SceneTables {
     sky: BufferId,
     sky_map: BufferId,
     distributions: BufferId,
+    medium: PassMedium,
+}
+
+/// What is between the surfaces of a scene, by which passes of direct light have one kernel or another, and push constants of one
+/// type or another.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PassMedium {
+    /// Absorption, 1/m; 0 for air.
+    pub absorption: Vec3,
+}
+
+impl PassMedium {
+    /// That of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        Self { absorption: scene.geometry.absorption }
+    }
+
+    fn is_air(self) -> bool {
+        self.absorption == Vec3::ZERO
+    }
+
+    fn direct(self, direct: &DirectParams) -> MediumDirectParams {
+        MediumDirectParams { direct: *direct, absorption: self.absorption, count: direct.count }
+    }
+
+    fn large(self, large: &LargeParams) -> MediumLargeParams {
+        MediumLargeParams { large: *large, absorption: self.absorption, count: large.count }
+    }
+
+    /// Changes the settings of a pass of [`SceneTables::direct_light`] or [`SceneTables::sharp_light`].
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn push_direct(
+        self,
+        executor: &mut (dyn Executor + 'static),
+        pass: PassId,
+        params: &DirectParams,
+    ) -> Result<(), ExecutorError> {
+        match self.is_air() {
+            true => executor.push(pass, params),
+            false => executor.push(pass, &self.direct(params)),
+        }
+    }
+
+    /// Changes the settings of the passes of [`SceneTables::large_light`].
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn push_large(
+        self,
+        executor: &mut (dyn Executor + 'static),
+        [open, seen]: [PassId; 2],
+        params: &LargeParams,
+    ) -> Result<(), ExecutorError> {
+        executor.push(open, params)?;
+        match self.is_air() {
+            true => executor.push(seen, params),
+            false => executor.push(seen, &self.large(params)),
+        }
+    }
 }
 
 impl SceneTables {
@@ -51,12 +115,18 @@ impl SceneTables {
             ("lights", lights),
         ];
         named.extend(changing.map(|(name, buffer)| (name, Range::from(buffer))));
-        Self { named, lights, light_capacity, materials, emitters, groups, sky, sky_map, distributions }
+        let medium = PassMedium::of(scene);
+        Self { named, lights, light_capacity, materials, emitters, groups, sky, sky_map, distributions, medium }
     }
 
     /// The buffers by the names of the kernels' bindings.
     pub fn bindings(&self) -> &[Named] {
         &self.named
+    }
+
+    /// What is between the surfaces.
+    pub fn medium(&self) -> PassMedium {
+        self.medium
     }
 
     /// Lights that fit.
@@ -126,7 +196,25 @@ impl SceneTables {
         bindings: Bindings,
         params: &DirectParams,
     ) -> Result<PassId, ExecutorError> {
-        add_pass(plan, pass, &table::SCENE_DIRECT_LIGHT, bindings, &self.named, params, params.count)
+        self.add_direct(plan, pass, [&table::SCENE_DIRECT_LIGHT, &table::SCENE_DIRECT_LIGHT_MEDIUM], bindings, params)
+    }
+
+    /// Adds the first of two kernels in air, the second in a medium.
+    fn add_direct(
+        &self,
+        plan: &mut Plan,
+        pass: &str,
+        [in_air, in_medium]: [&'static Kernel; 2],
+        bindings: Bindings,
+        params: &DirectParams,
+    ) -> Result<PassId, ExecutorError> {
+        match self.medium.is_air() {
+            true => add_pass(plan, pass, in_air, bindings, &self.named, params, params.count),
+            false => {
+                let push = self.medium.direct(params);
+                add_pass(plan, pass, in_medium, bindings, &self.named, &push, params.count)
+            }
+        }
     }
 
     /// Adds the pass of the share of each changed light's colour that arrives at points. `params.light_count` is the number of
@@ -171,11 +259,12 @@ impl SceneTables {
         bindings: Bindings,
         params: &DirectParams,
     ) -> Result<PassId, ExecutorError> {
-        add_pass(plan, pass, &table::SCENE_SHARP_LIGHT, bindings, &self.named, params, params.count)
+        self.add_direct(plan, pass, [&table::SCENE_SHARP_LIGHT, &table::SCENE_SHARP_LIGHT_MEDIUM], bindings, params)
     }
 
     /// Adds the passes of a sub-frame's radiance from rectangles and emitters, W/m²/sr: were nothing in the way, and of
-    /// samples of it, those that are seen and all. Bindings: `hits`, `albedo`, `points`, `open`, `seen`, `sampled`.
+    /// samples of it, those that are seen, as far as the medium leaves them, and all. Bindings: `hits`, `albedo`, `points`, `open`,
+    /// `seen`, `sampled`.
     ///
     /// # Errors
     /// Buffers that are missing or too short.
@@ -186,8 +275,16 @@ impl SceneTables {
         bindings: Bindings,
         params: &LargeParams,
     ) -> Result<[PassId; 2], ExecutorError> {
-        let mut add = |kernel| add_pass(plan, pass, kernel, bindings, &self.named, params, params.count);
-        Ok([add(&table::SCENE_OPEN_LIGHT)?, add(&table::SCENE_SEEN_LIGHT)?])
+        let count = params.count;
+        let open = add_pass(plan, pass, &table::SCENE_OPEN_LIGHT, bindings, &self.named, params, count)?;
+        let seen = match self.medium.is_air() {
+            true => add_pass(plan, pass, &table::SCENE_SEEN_LIGHT, bindings, &self.named, params, count)?,
+            false => {
+                let push = self.medium.large(params);
+                add_pass(plan, pass, &table::SCENE_SEEN_LIGHT_MEDIUM, bindings, &self.named, &push, count)?
+            }
+        };
+        Ok([open, seen])
     }
 
     /// Adds the pass of the nearest hits of rays. Bindings: `rays`, `hits`.

@@ -50,8 +50,8 @@ pub struct Geometry {
     /// four times that of the box of the triangles' middles without the outermost 2.5 % at either end
     /// of each axis. Never below 2⁻¹⁸ of the greatest coordinate, of which single precision keeps 2⁻²⁴.
     pub ray_offset: f32,
-    /// Absorption of the medium between surfaces, 1/m; 0 for air. No file of tables has it: what is baked knows no medium.
-    #[cfg_attr(feature = "serde", serde(skip))]
+    /// Absorption of the medium between surfaces, 1/m; 0 for air.
+    #[cfg_attr(feature = "serde", serde(with = "crate::pod::value"))]
     pub absorption: Vec3,
     #[cfg_attr(feature = "serde", serde(skip))]
     wide: WideBvh,

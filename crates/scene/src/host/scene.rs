@@ -16,7 +16,7 @@ use crate::Visibility;
 use crate::error::{Error, ReflectanceFault};
 use crate::kernel::GeometryTables;
 use crate::kernel::light::{Lights, direct_irradiance};
-use crate::kernel::medium::transmittance;
+use crate::kernel::medium::{Absorbing, transmittance};
 use crate::kernel::texture::texel;
 use crate::kernel::walk::Lamps;
 use crate::parallel::*;
@@ -254,15 +254,16 @@ impl Scene {
     }
 
     /// Direct irradiance at many points, W/m², on all cores:
-    /// [`direct_irradiance`] with this scene's rays.
+    /// [`direct_irradiance`] with this scene's rays and medium.
     pub fn direct_irradiance(&self, p: &DirectParams, points: &[SurfacePoint]) -> Vec<Vec3> {
+        let medium = Absorbing(self.geometry.absorption);
         let tables = self.tables();
         let lights = self.all_lights();
         let occluded = |origin: Vec3, direction: Vec3, t_max: f32| self.occluded(origin, direction, t_max);
         points
             .par_iter()
             .enumerate()
-            .map(|(k, point)| direct_irradiance(&tables, p, p.first + k as u32, *point, &lights, occluded))
+            .map(|(k, point)| direct_irradiance(&tables, p, p.first + k as u32, *point, &lights, medium, occluded))
             .collect()
     }
 }

@@ -3,6 +3,7 @@
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 
+use glam::Vec3;
 use serde::Deserialize;
 
 use super::geometry::Geometry;
@@ -31,15 +32,17 @@ pub(super) struct Tables {
     #[serde(with = "crate::pod::table")]
     nodes: Vec<BvhNode>,
     ray_offset: f32,
+    #[serde(with = "crate::pod::value")]
+    absorption: Vec3,
 }
 
 impl TryFrom<Tables> for Geometry {
     type Error = Error;
 
     fn try_from(tables: Tables) -> Result<Self, Error> {
-        let Tables { triangles, uvs, materials, textures, texels, nodes, ray_offset } = tables;
-        let parts =
-            SceneParts { triangles, uvs, materials: materials.to_vec(), textures, texels, ..SceneParts::default() };
+        let Tables { triangles, uvs, materials, textures, texels, nodes, ray_offset, absorption } = tables;
+        let materials = materials.to_vec();
+        let parts = SceneParts { triangles, uvs, materials, textures, texels, absorption, ..SceneParts::default() };
         // Beyond these no size can be counted.
         let is_countable = |t: &Texture| t.width.max(t.height) <= MOST_TEXELS && t.levels <= MOST_LEVELS;
         if !parts.textures.iter().all(is_countable) {
@@ -57,8 +60,6 @@ impl TryFrom<Tables> for Geometry {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
     use crate::Scene;
 
@@ -85,6 +86,7 @@ mod tests {
             texels: Vec::new(),
             nodes: g.nodes.clone(),
             ray_offset: g.ray_offset,
+            absorption: g.absorption,
         }
     }
 

@@ -9,6 +9,7 @@ use glam::{Vec3, Vec4};
 use super::bvh::{FAR, GeometryTables};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, pick_emitter, sky_irradiance, unoccluded};
+use super::medium::{Medium, Share as _};
 use crate::math::{abs, atan2, clamp, luminance};
 use crate::sampling::{hash3, sobol2_fast, uniform_triangle, unit};
 use crate::types::{
@@ -265,19 +266,20 @@ pub fn add_open_light(
     sum + (factor * light).extend(1.0)
 }
 
-/// Light of the samples of a rectangle: what is not stopped, and all.
+/// Light of the samples of a rectangle: what is neither stopped nor absorbed, and all.
 #[inline]
-fn rect_samples(
+fn rect_samples<M: Medium>(
     p: &LargeParams,
     first: u32,
     slot: u32,
     light: &Light,
     from: (Vec3, Vec3),
+    medium: M,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> (Vec3, Vec3) {
     let (origin, normal) = from;
     let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
-    let (mut seen, mut all) = (0.0, 0.0);
+    let (mut seen, mut all) = (M::Left::NOTHING, 0.0);
     for k in 0..p.rays {
         let (u, v) = fixed_point(first + k, 2 + slot);
         let to = light.position + light.edge_a * u + light.edge_b * v - origin;
@@ -285,11 +287,11 @@ fn rect_samples(
         if c > 0.0 {
             all += c;
             if !occluded(origin, to, 1.0) {
-                seen += c;
+                seen += medium.left(to.length()) * c;
             }
         }
     }
-    (light.color * (seen * light.area), light.color * (all * light.area))
+    ((seen * light.area).of(light.color), light.color * (all * light.area))
 }
 
 /// The emitter to which `x` of the unit interval falls when they share it by weight, what of it is left of x, uniform, and its
@@ -318,7 +320,7 @@ fn emitter_at(
     (k, clamp((wanted - (sum - weight)) / weight, 0.0, 1.0), weight / total)
 }
 
-/// Light of the samples of few emitters: what is not stopped, and all.
+/// Light of the samples of few emitters: what is neither stopped nor absorbed, and all.
 #[inline]
 fn emitter_samples(
     g: &GeometryTables,
@@ -326,6 +328,7 @@ fn emitter_samples(
     first: u32,
     lights: &Lights,
     from: (Vec3, Vec3),
+    medium: impl Medium,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> (Vec3, Vec3) {
     let mut total = 0.0;
@@ -343,7 +346,7 @@ fn emitter_samples(
             if luminance(light) > 0.0 {
                 all += light;
                 if !occluded(from.0, to, 1.0) {
-                    seen += light;
+                    seen += medium.left(to.length()).of(light);
                 }
             }
         }
@@ -370,6 +373,7 @@ fn many_emitter_samples(
     first: u32,
     lights: &Lights,
     from: (Vec3, Vec3),
+    medium: impl Medium,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool,
 ) -> (Vec3, Vec3) {
     let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
@@ -395,7 +399,7 @@ fn many_emitter_samples(
         if total > 0.0 {
             all += sum;
             if !occluded(from.0, to, 1.0) {
-                seen += sum;
+                seen += medium.left(to.length()).of(sum);
             }
         }
     }
@@ -403,7 +407,7 @@ fn many_emitter_samples(
 }
 
 /// Sums of a pixel's radiance from samples of all rectangles and emitters after one more sub-frame, W/m²/sr: of those that
-/// the pixel sees, and of all. Their ratio is the share of the light that is not stopped.
+/// the pixel sees, as far as the medium leaves it, and of all. Their ratio is the share of the light that arrives.
 #[inline]
 #[allow(clippy::too_many_arguments)]
 pub fn add_seen_light(
@@ -415,6 +419,7 @@ pub fn add_seen_light(
     albedo: Vec4,
     point: SurfacePoint,
     sums: (Vec4, Vec4),
+    medium: impl Medium,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool + Copy,
 ) -> (Vec4, Vec4) {
     let factor = reflection(lights, p, index, hit, albedo) * (1.0 / p.rays as f32);
@@ -426,16 +431,16 @@ pub fn add_seen_light(
     let (mut seen, mut all) = (Vec3::ZERO, Vec3::ZERO);
     for slot in 0..p.light_count {
         if lights.lights[slot as usize].kind == LIGHT_RECT {
-            let found = rect_samples(p, first, slot, &lights.lights[slot as usize], from, occluded);
+            let found = rect_samples(p, first, slot, &lights.lights[slot as usize], from, medium, occluded);
             seen += found.0;
             all += found.1;
         }
     }
     if p.emitter_count > 0 {
         let found = if p.emitter_count > MOST_EXACT_EMITTERS {
-            many_emitter_samples(g, p, first, lights, from, occluded)
+            many_emitter_samples(g, p, first, lights, from, medium, occluded)
         } else {
-            emitter_samples(g, p, first, lights, from, occluded)
+            emitter_samples(g, p, first, lights, from, medium, occluded)
         };
         seen += found.0;
         all += found.1;
@@ -444,7 +449,8 @@ pub fn add_seen_light(
 }
 
 /// Irradiance at point `index`, W/m²: from parallel, point and spot lights and luminaires by a shadow ray each, and what the sky sends. Where no
-/// receiver tells the latter (`sky.w` is 0: there is hardly anything but sky to be seen), `sky_rays` rays do.
+/// receiver tells the latter (`sky.w` is 0: there is hardly anything but sky to be seen), `sky_rays` rays do. What receivers tell is
+/// what the medium has left.
 #[inline]
 pub fn sharp_irradiance(
     p: &DirectParams,
@@ -452,6 +458,7 @@ pub fn sharp_irradiance(
     point: SurfacePoint,
     lights: &Lights,
     sky: Vec4,
+    medium: impl Medium,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool + Copy,
 ) -> Vec3 {
     let normal = point.normal;
@@ -461,14 +468,14 @@ pub fn sharp_irradiance(
     let origin = point.position + normal * p.ray_offset;
     let mut sum = sky.truncate();
     if sky.w == 0.0 {
-        sum = sky_irradiance(p, index, (origin, normal), lights, occluded);
+        sum = medium.left(FAR).of(sky_irradiance(p, index, (origin, normal), lights, occluded));
     }
     for slot in 0..p.light_count {
         let light = lights.lights[slot as usize];
         if light.kind != LIGHT_RECT {
             let arrival = unoccluded(&light, lights.distributions, origin, normal);
             if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) {
-                sum += light.color * arrival.share;
+                sum += (medium.left(arrival.distance()) * arrival.share).of(light.color);
             }
         }
     }

@@ -5,6 +5,7 @@ use core::f32::consts::PI;
 use glam::{Vec2, Vec3, Vec4};
 
 use super::bvh::{FAR, GeometryTables};
+use super::medium::{Air, Medium, Share as _};
 use crate::math::{acos, atan2, clamp, floor, sqrt};
 use crate::sampling::{cosine_hemisphere, hammersley, hash3, uniform_triangle};
 use crate::types::{
@@ -142,6 +143,14 @@ pub struct Arrival {
     pub t_max: f32,
 }
 
+impl Arrival {
+    /// Length of the way to the light, m.
+    #[inline]
+    pub fn distance(&self) -> f32 {
+        self.to_light.length() * self.t_max
+    }
+}
+
 /// What a light that is not an area sends to a point with this unit normal, without shadows.
 #[inline]
 pub fn unoccluded(light: &Light, distributions: &[f32], origin: Vec3, normal: Vec3) -> Arrival {
@@ -168,31 +177,37 @@ pub fn unoccluded(light: &Light, distributions: &[f32], origin: Vec3, normal: Ve
 /// Irradiance from one light over its `color`, without shadow rays for parts behind the surface. `index` numbers the point,
 /// `slot` the light.
 #[inline]
-fn light_share(
+#[allow(clippy::too_many_arguments)]
+fn light_share<M: Medium>(
     p: &DirectParams,
     index: u32,
     slot: u32,
     light: &Light,
     distributions: &[f32],
     (origin, normal): (Vec3, Vec3),
+    medium: M,
     mut occluded: impl FnMut(Vec3, Vec3, f32) -> bool,
-) -> f32 {
+) -> M::Left {
     if light.kind == LIGHT_RECT {
         let n = light.edge_a.cross(light.edge_b) * (1.0 / light.area);
         let shift = (hash3(index, 2 * slot, p.seed), hash3(index, 2 * slot + 1, p.seed));
-        let mut sum = 0.0;
+        let mut sum = M::Left::NOTHING;
         for k in 0..p.area_rays {
             let (u, v) = hammersley(k, p.area_rays, shift);
             let to = light.position + light.edge_a * u + light.edge_b * v - origin;
             let c = coupling(to, normal, n);
             if c > 0.0 && !occluded(origin, to, 1.0) {
-                sum += c;
+                sum += medium.left(to.length()) * c;
             }
         }
         return sum * light.area / p.area_rays as f32;
     }
     let arrival = unoccluded(light, distributions, origin, normal);
-    if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) { arrival.share } else { 0.0 }
+    if arrival.share > 0.0 && !occluded(origin, arrival.to_light, arrival.t_max) {
+        medium.left(arrival.distance()) * arrival.share
+    } else {
+        M::Left::NOTHING
+    }
 }
 
 /// Share of a light's `color` that arrives at a point as irradiance: 1 (parallel light), 1/m² (point, spot) or sr (rectangle).
@@ -211,7 +226,7 @@ pub fn irradiance_share(
     if normal.dot(normal) < 0.5 {
         return 0.0;
     }
-    light_share(p, index, slot, light, distributions, (point.position + normal * p.ray_offset, normal), occluded)
+    light_share(p, index, slot, light, distributions, (point.position + normal * p.ray_offset, normal), Air, occluded)
 }
 
 /// H_d of point `k`, W/m²: the light of emitters and sky there, and of each light its colour times the point's share of it.
@@ -227,7 +242,8 @@ pub fn add_lights(k: u32, p: &DirectParams, lights: &[Light], shares: &[f32], su
 
 /// Direct irradiance H_d at a point, W/m², by shadow rays: one to each parallel, point and spot light and to each luminaire,
 /// `area_rays` to each rectangle, as many to all emitters together (picked in proportion to their power, uniform on the
-/// triangle), `sky_rays` cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells whether a ray is stopped.
+/// triangle), `sky_rays` cosine-weighted ones to the sky. `occluded(origin, direction, t_max)` tells whether a ray is stopped. Of
+/// light of suns and of the sky the medium leaves what it leaves after [`FAR`].
 #[inline]
 pub fn direct_irradiance(
     g: &GeometryTables,
@@ -235,6 +251,7 @@ pub fn direct_irradiance(
     index: u32,
     point: SurfacePoint,
     lights: &Lights,
+    medium: impl Medium,
     occluded: impl Fn(Vec3, Vec3, f32) -> bool + Copy,
 ) -> Vec3 {
     let normal = point.normal;
@@ -245,8 +262,8 @@ pub fn direct_irradiance(
     let mut sum = Vec3::ZERO;
     for slot in 0..p.light_count {
         let light = &lights.lights[slot as usize];
-        let share = light_share(p, index, slot, light, lights.distributions, (origin, normal), occluded);
-        sum += light.color * share;
+        let share = light_share(p, index, slot, light, lights.distributions, (origin, normal), medium, occluded);
+        sum += share.of(light.color);
     }
     if p.emitter_count > 0 && p.area_rays > 0 {
         let shift = (hash3(index, 0x656d_6974, p.seed), hash3(index, 0x656d_6975, p.seed));
@@ -261,12 +278,13 @@ pub fn direct_irradiance(
             let to = g.position(e.triangle, u, v) + n * p.ray_offset - origin;
             let c = coupling(to, normal, n);
             if c > 0.0 && !g.is_hole(e.triangle, u, v) && !occluded(origin, to, 1.0) {
-                light += g.radiance(e.triangle, u, v) * (c * e.area / e.probability);
+                let left = medium.left(to.length());
+                light += (left * (c * e.area / e.probability)).of(g.radiance(e.triangle, u, v));
             }
         }
         sum += light * (1.0 / p.area_rays as f32);
     }
-    sum += sky_irradiance(p, index, (origin, normal), lights, occluded);
+    sum += medium.left(FAR).of(sky_irradiance(p, index, (origin, normal), lights, occluded));
     sum
 }
 

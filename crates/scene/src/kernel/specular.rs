@@ -8,6 +8,7 @@ use glam::{Vec3, Vec4};
 use super::bvh::{FAR, GeometryTables, closest_hit};
 use super::camera::primary_direction;
 use super::light::{Lights, meet_rect, sky_radiance};
+use super::medium::transmittance;
 use super::shade::pixel_albedo;
 use crate::math::{abs, luminance, sqrt};
 use crate::sampling::{hash3, owen_scramble, unit};
@@ -98,8 +99,10 @@ fn chance(index: u32, seed: u32, surface: u32) -> f32 {
 
 /// What the primary ray of pixel `index` shows in sub-frame `seed`, by way of mirrors and through clear glass, where chance picks among
 /// the parts of each surface by luminance: the surface whose diffuse part it comes to, or [`Hit::MISS`], and what it has been through
-/// and seen shine, the sky and rectangle lights among it. The distance t is that of the first surface.
+/// and seen shine, the sky and rectangle lights among it, as far as a medium with this `absorption` leaves it. The distance t is that of
+/// the first surface.
 #[inline]
+#[allow(clippy::too_many_arguments)]
 pub fn follow_primary(
     g: &GeometryTables,
     lights: &Lights,
@@ -108,6 +111,7 @@ pub fn follow_primary(
     index: u32,
     seed: u32,
     ray_offset: f32,
+    absorption: Vec3,
 ) -> (Hit, SpecularChain) {
     let mut origin = camera.eye;
     let mut chain = SpecularChain { through: Vec3::ONE, ..SpecularChain::default() };
@@ -123,6 +127,7 @@ pub fn follow_primary(
                 rect = k;
             }
         }
+        chain.through *= transmittance(absorption, nearest);
         if rect != NONE {
             chain.shone += chain.through * lights.lights[rect as usize].color;
             break;

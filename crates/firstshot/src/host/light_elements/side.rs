@@ -8,7 +8,7 @@ use scene::kernel::light::{Arrival, unoccluded};
 use scene::{Occluder, Ray, Scene};
 
 use super::LightElement;
-use crate::kernel::start::{share_left, way_of};
+use crate::kernel::start::share_left;
 
 /// Corners are moved to the middle of their triangle by this share: on the very edge a neighbour would shade them.
 const INWARDS: f32 = 1e-3;
@@ -103,7 +103,7 @@ impl<'a> Side<'a> {
         let light = &lighting.lights[self.light as usize];
         let mut arrival = unoccluded(light, &lighting.distributions, origin, self.normal);
         if self.scene.has_medium() {
-            arrival.share *= share_left(light.color, self.scene.transmittance(way_of(&arrival)));
+            arrival.share *= share_left(light.color, self.scene.transmittance(arrival.distance()));
         }
         (origin, arrival)
     }
