@@ -17,8 +17,9 @@ pub struct MethodOptions {
     /// twice as many.
     #[arg(long)]
     pub plain: bool,
-    /// Relative error of the patches' irradiance at which photons are enough (firstshot). With 0 all
-    /// of `--photons` are traced, and no frame waits to hear of the error.
+    /// Relative error of the patches' irradiance at which photons are enough (firstshot); of the
+    /// elements', which are smaller, among mirrors and glass and in a medium. With 0 all of
+    /// `--photons` are traced, and no frame waits to hear of the error.
     #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_goal)]
     pub error: f64,
     /// Most photons (firstshot).

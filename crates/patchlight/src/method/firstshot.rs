@@ -42,7 +42,8 @@ const POINT_RAYS: u32 = 4096;
 /// How much is traced, and from where.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstShotSettings {
-    /// Relative error of the irradiance of the patches at which photons are enough: it is asked for after each round of photons.
+    /// Relative error of the irradiance of the patches at which photons are enough, or of the elements where pictures show the maps
+    /// themselves, which is among mirrors and glass and in a medium. It is asked for after each round of photons.
     /// With 0 all photons are traced, and no frame waits for what the device has found.
     pub error: f64,
     /// Most photons.
@@ -141,10 +142,12 @@ impl FirstShotSettings {
 pub struct PatchMaps {
     /// The maps.
     pub maps: IlluminationMaps,
-    /// Patch of each cell, or [`NONE`].
-    patches: Vec<u32>,
-    /// Areas of the patches that have cells, m².
-    patch_areas: Vec<f32>,
+    /// Patch of each cell whose error is judged, or element where these are shown, or [`NONE`].
+    groups: Vec<u32>,
+    /// Areas of those that have cells, m².
+    group_areas: Vec<f32>,
+    /// Whether errors are those of elements.
+    by_elements: bool,
     /// The cells of each element one after the other, those without area left out, and where each element's begin.
     cells_of_elements: Vec<u32>,
     cell_start: Vec<u32>,
@@ -162,7 +165,7 @@ impl PhotonAccumulator for PatchMaps {
     }
 
     fn groups(&self) -> &[u32] {
-        &self.patches
+        &self.groups
     }
 }
 
@@ -172,13 +175,15 @@ impl PatchMaps {
     /// # Errors
     /// More cells than there may be.
     pub fn new(scene: &Scene, mesh: &PatchMesh) -> Result<Self, Error> {
+        let by_elements = are_shown(scene);
         let maps = IlluminationMaps::with_divisions(scene, &mesh.divisions())?;
         let sides = (0..scene.geometry.triangles.len() as u32)
             .into_par_iter()
             .flat_map_iter(|triangle| [(triangle, false), (triangle, true)]);
         let elements: Vec<u32> =
             sides.flat_map_iter(|(triangle, is_back)| element_of_cells(&maps, mesh, triangle, is_back)).collect();
-        let patches = elements.iter().map(|&element| mesh.patch_of(element)).collect();
+        let group = |&element: &u32| if by_elements { element } else { mesh.patch_of(element) };
+        let groups = elements.iter().map(group).collect();
         let count = mesh.elements.len();
         let (cells_of_elements, cell_start) = lists(&elements, maps.areas(), count);
         let mut areas = vec![0.0f64; count];
@@ -188,21 +193,44 @@ impl PatchMaps {
             }
         }
         let element_areas = areas.into_iter().map(|area| area as f32).collect();
-        let mut whole = Self { maps, patches, patch_areas: Vec::new(), cells_of_elements, cell_start, element_areas };
-        whole.patch_areas = group_areas(&whole);
+        let mut whole =
+            Self { maps, groups, group_areas: Vec::new(), by_elements, cells_of_elements, cell_start, element_areas };
+        whole.group_areas = group_areas(&whole);
         Ok(whole)
     }
 
-    /// Mean of the cells of each of so many patches, W/m²; 0 where none is owned.
-    fn patch_means(&self, count: usize, irradiance: &[Vec3]) -> Vec<Vec3> {
-        let mut sums = vec![Vec4::ZERO; count];
-        for ((&patch, light), &area) in self.patches.iter().zip(irradiance).zip(self.areas()) {
-            if let Some(sum) = sums.get_mut(patch as usize) {
+    fn patch_of(&self, mesh: &PatchMesh, group: u32) -> u32 {
+        if self.by_elements { mesh.patch_of(group) } else { group }
+    }
+
+    /// Mean of the cells of each patch, W/m²; 0 where none is owned.
+    fn patch_means(&self, mesh: &PatchMesh, irradiance: &[Vec3]) -> Vec<Vec3> {
+        let mut sums = vec![Vec4::ZERO; mesh.patches.len()];
+        for ((&group, light), &area) in self.groups.iter().zip(irradiance).zip(self.areas()) {
+            if let Some(sum) = sums.get_mut(self.patch_of(mesh, group) as usize) {
                 *sum += (*light * area).extend(area);
             }
         }
         sums.into_iter().map(|s| if s.w > 0.0 { s.truncate() / s.w } else { Vec3::ZERO }).collect()
     }
+
+    /// Standard errors of the patches from those of the groups, W/m²: elements err independently of each other.
+    fn patch_errors(&self, mesh: &PatchMesh, errors: &[f32]) -> Vec<f32> {
+        // Of a patch: square of the error of its flux, and area.
+        let mut sums = vec![Vec2::ZERO; mesh.patches.len()];
+        for ((group, &error), &area) in (0..).zip(errors).zip(&self.group_areas) {
+            if let Some(sum) = sums.get_mut(self.patch_of(mesh, group) as usize) {
+                *sum += Vec2::new((error * area).powi(2), area);
+            }
+        }
+        sums.into_iter().map(|s| if s.y > 0.0 { s.x.sqrt() / s.y } else { 0.0 }).collect()
+    }
+}
+
+/// Whether pictures show the maps themselves: rows of form factors know nothing of light that comes by way of a mirror, through glass
+/// or through a medium.
+fn are_shown(scene: &Scene) -> bool {
+    scene.specular_material().is_some() || scene.has_medium()
 }
 
 /// The cells of each of `count` owners one after the other, those without area left out, and where each owner's begin.
@@ -309,8 +337,8 @@ impl FirstShot {
         let maps = &self.maps;
         let bindings = [
             tables.named_part(plan, "grids", maps, |maps| &maps.maps.grids),
-            tables.named_part(plan, "groups", maps, |maps| &maps.patches),
-            tables.named_part(plan, "group_areas", maps, |maps| &maps.patch_areas),
+            tables.named_part(plan, "groups", maps, |maps| &maps.groups),
+            tables.named_part(plan, "group_areas", maps, |maps| &maps.group_areas),
             tables.named_part(plan, "cell_start", maps, |maps| &maps.cell_start),
             tables.named_part(plan, "cells", maps, |maps| &maps.cells_of_elements),
             tables.named_part(plan, "element_areas", maps, |maps| &maps.element_areas),
@@ -318,7 +346,7 @@ impl FirstShot {
         ];
         let targets = PhotonTargets {
             cells: maps.areas().len() as u32,
-            groups: maps.patch_areas.len() as u32,
+            groups: maps.group_areas.len() as u32,
             elements: maps.element_areas.len() as u32,
             batches: self.settings.photons(self.seed).batches,
         };
@@ -341,7 +369,7 @@ impl FirstShot {
             return Ok(());
         }
         let settings = self.settings.photons(self.seed);
-        let targets = [self.maps.areas().len() as u32, self.maps.patch_areas.len() as u32];
+        let targets = [self.maps.areas().len() as u32, self.maps.group_areas.len() as u32];
         let mut error = f64::INFINITY;
         loop {
             let count = settings.next_round(self.per_batch, error);
@@ -373,7 +401,7 @@ impl FirstShot {
         }
         let (flux, tallies) = passes.words(executor)?;
         let batches = self.settings.photons(self.seed).batches;
-        let (cells, areas) = (self.maps.areas().len(), self.maps.patch_areas.clone());
+        let (cells, areas) = (self.maps.areas().len(), self.maps.group_areas.clone());
         let sums = Sums::from_words(flux, tallies, cells, areas, batches).map_err(Error::Photons)?;
         self.estimate = sums.estimate(self.maps.areas(), self.emission.power, self.per_batch);
         self.sums = Some(sums);
@@ -382,13 +410,11 @@ impl FirstShot {
 
     /// Indirect irradiance of the patches, W/m².
     pub fn patch_light(&self, mesh: &PatchMesh) -> Vec<PatchLight> {
-        let means = self.maps.patch_means(mesh.patches.len(), &self.estimate.irradiance);
-        let mut light = Vec::with_capacity(means.len());
-        for (k, (patch, irradiance)) in mesh.patches.iter().zip(means).enumerate() {
-            let error = self.estimate.error.get(k).copied().unwrap_or(0.0);
-            light.push(PatchLight { patch: *patch, irradiance, error });
-        }
-        light
+        let means = self.maps.patch_means(mesh, &self.estimate.irradiance);
+        let errors = self.maps.patch_errors(mesh, &self.estimate.error);
+        let light =
+            |((patch, irradiance), error): ((&Patch, Vec3), f32)| PatchLight { patch: *patch, irradiance, error };
+        mesh.patches.iter().zip(means).zip(errors).map(light).collect()
     }
 
     /// What was traced, and its error; as of when it was counted last.
@@ -539,8 +565,7 @@ impl FirstShotMethod {
             ));
         }
         let rows = || Arc::new(rows_of_elements(&bake.scene, &bake.mesh, &bake.receivers.points));
-        let needs_maps = bake.scene.specular_material().is_some() || bake.scene.has_medium();
-        let receivers = needs_maps.then(rows);
+        let receivers = are_shown(&bake.scene).then(rows);
         Ok(Self { bake, shot, receivers, passes: None, stops: None, is_traced: false, start: None, host_ms: 0.0 })
     }
 
