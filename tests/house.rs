@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Crates of the project that each crate may depend on directly, besides those of [`BELOW_ALL`]. The picture is that of
 /// ARCHITECTURE.md.
-const ARROWS: [(&str, &[&str]); 18] = [
+const ARROWS: [(&str, &[&str]); 19] = [
     ("scene", &[]),
     ("transport", &["scene"]),
     ("formfactor", &["scene", "transport"]),
@@ -17,9 +17,10 @@ const ARROWS: [(&str, &[&str]); 18] = [
     ("localmatrix", &["scene", "transport"]),
     ("temporal", &["scene", "transport"]),
     ("firstshot", &["scene", "transport"]),
+    ("ddgi", &["scene"]),
     (
         "gpu-kernels",
-        &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"],
+        &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "ddgi"],
     ),
     (
         "runtime",
@@ -55,7 +56,7 @@ const ARROWS: [(&str, &[&str]); 18] = [
         &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"],
     ),
     ("assets", &["scene"]),
-    ("reference", &["scene"]),
+    ("reference", &["scene", "ddgi"]),
     ("viewer", &["scene", "transport", "temporal", "runtime", "patchlight", "assets", "reference"]),
     ("experiments", EVERYTHING),
     ("cli", EVERYTHING),
@@ -71,6 +72,7 @@ const EVERYTHING: &[&str] = &[
     "localmatrix",
     "temporal",
     "firstshot",
+    "ddgi",
     "gpu-kernels",
     "runtime",
     "patchlight",

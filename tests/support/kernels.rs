@@ -1,6 +1,7 @@
 //! Seeded inputs for every row of the kernel table: a small scene with everything that a scene may have, and the tables
 //! that the kernels need beside it.
 
+mod ddgi;
 mod firstshot;
 mod localmatrix;
 mod multibounce;
@@ -805,6 +806,7 @@ fn own_tables(r: &mut Random, name: &str, scene: &Scene) -> (u32, Vec<u8>, Table
             ];
             call(rows, p, tables)
         }
+        name if name.starts_with("ddgi_") => ddgi::own_tables(r, name, scene),
         name if name.starts_with("firstshot_") => firstshot::own_tables(r, name, scene),
         name if name.starts_with("localmatrix_") => localmatrix::own_tables(r, name),
         name if name.starts_with("multibounce_") => multibounce::own_tables(r, name),

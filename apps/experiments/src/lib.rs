@@ -15,6 +15,7 @@ pub mod measure;
 pub mod output;
 pub mod path;
 pub mod photons;
+pub mod probes;
 pub mod progress;
 pub mod proxy;
 pub mod references;

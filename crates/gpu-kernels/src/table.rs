@@ -5,6 +5,7 @@ mod row;
 
 pub use row::{Access, Binding, BindingKind, ImageFormat, Invocation, Kernel, MAX_GROUPS_X};
 
+pub use crate::ddgi::*;
 pub use crate::firstshot::*;
 pub use crate::formfactor::*;
 pub use crate::localmatrix::*;
@@ -15,7 +16,7 @@ pub use crate::temporal::*;
 pub use crate::tiles::*;
 
 /// The kernels of each method.
-static METHODS: [&[&Kernel]; 8] = [
+static METHODS: [&[&Kernel]; 9] = [
     crate::scene::KERNELS,
     crate::formfactor::KERNELS,
     crate::patches::KERNELS,
@@ -24,6 +25,7 @@ static METHODS: [&[&Kernel]; 8] = [
     crate::temporal::KERNELS,
     crate::localmatrix::KERNELS,
     crate::firstshot::KERNELS,
+    crate::ddgi::KERNELS,
 ];
 
 const fn count() -> usize {

@@ -25,61 +25,47 @@
 
 mod blend;
 mod grid;
-mod octahedral;
 mod place;
 
-use std::f32::consts::FRAC_1_PI;
 use std::ops::ControlFlow;
 
+use ::ddgi::kernel::lookup::irradiance_at;
+use ::ddgi::kernel::trace::{Met, ProbeTables, probe_ray};
+use ::ddgi::{
+    BlendParams, IRRADIANCE_TEXELS, LookupParams, LookupPoint, Probe, ProbeRay, TraceParams, VISIBILITY_TEXELS,
+};
 use glam::{Mat3, UVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
-use scene::kernel::camera::surface_point;
-use scene::kernel::light::direct_irradiance;
-use scene::kernel::medium::Air;
-use scene::math::pow;
 use scene::sampling::hash3;
-use scene::{DirectParams, Lighting, Scene};
+use scene::{DirectParams, Lighting, Rgb, Scene};
 
 use crate::error::Error;
 use crate::harmonics::{random_turn, spherical_fibonacci};
-use blend::{ProbeRay, Weights};
+use blend::Weights;
 pub(crate) use grid::Grid;
 pub use grid::{PROBE_LIMIT, Spacing};
-use octahedral::{sample, stored};
-use place::{Placed, place};
+use place::place;
 
-/// Texels along the edge of a probe's irradiance, and of its visibility, without borders.
-const IRRADIANCE_EDGE: usize = 8;
-const VISIBILITY_EDGE: usize = 16;
 /// Bytes that the library stores of a probe: irradiance in 10 + 10 + 10 + 2 bits a texel, two halves of visibility, and four
 /// halves for its offset and state.
-const IRRADIANCE_BYTES: usize = stored(IRRADIANCE_EDGE) * 4;
-const VISIBILITY_BYTES: usize = stored(VISIBILITY_EDGE) * 4;
+const IRRADIANCE_BYTES: usize = IRRADIANCE_TEXELS as usize * 4;
+const VISIBILITY_BYTES: usize = VISIBILITY_TEXELS as usize * 4;
 const STATE_BYTES: usize = 8;
 /// Rays of a probe at most.
 const MOST_RAYS: u32 = 4096;
-/// Reflectance for which light of the frame before counts at most, so that it dies out.
-const MOST_ALBEDO: f32 = 0.9;
 /// Distances count up to this many diagonals of a cell.
 const MOST_DISTANCE: f32 = 1.5;
-/// Share of its distance at which the back of a surface counts for visibility: probes in things are seen from nowhere.
-const BACK_DISTANCE: f32 = 0.2;
 /// After a change of the lights so many frames forget faster, by this factor on the hysteresis (2021, section 4).
 const CHANGE_FRAMES: u32 = 10;
 const CHANGE_FACTOR: f32 = 0.5;
-/// Self-shadow bias: (normal · 0.2 + direction to the eye · 0.8) · 0.75 least spacing · bias (2021, section 3).
-const BIAS_NORMAL: f32 = 0.2;
-const BIAS_VIEW: f32 = 0.8;
+/// Self-shadow bias: this share of the least spacing, times B (2021, section 3).
 const BIAS_SPACING: f32 = 0.75;
-/// Least weight of a probe that is not seen, and of one behind the surface.
-const LEAST_VISIBILITY: f32 = 0.05;
-const LEAST_FACING: f32 = 0.2;
-/// Power whose root irradiance is stored as, unless it is said.
-const DEFAULT_ENCODING: f32 = 5.0;
-const MOST_ENCODING: f32 = 16.0;
-/// Weights below this are crushed.
-const CRUSH: f32 = 0.2;
+/// Degree of the root that irradiance is stored as, unless it is said.
+const DEFAULT_ENCODING: u32 = 5;
+const MOST_ENCODING: u32 = 16;
+/// Power of the cosine that weights distances at most.
+const MOST_EXPONENT: u32 = 1000;
 
 /// What [`Ddgi`] depends on, besides the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,9 +79,9 @@ pub struct DdgiSettings {
     /// Self-shadow bias B.
     pub bias: f32,
     /// Power of the cosine that weights distances.
-    pub exponent: f32,
-    /// Irradiance is stored raised to 1 over this; 1 stores it as it is.
-    pub encoding: f32,
+    pub exponent: u32,
+    /// Irradiance is stored as its root of this degree; 1 stores it as it is.
+    pub encoding: u32,
     /// Shadow rays of each hit of a ray to each area light, and to all emitters together.
     pub area_rays: u32,
     /// Chebyshev weights; without them light leaks.
@@ -118,7 +104,7 @@ impl Default for DdgiSettings {
             rays: 144,
             hysteresis: 0.97,
             bias: 0.3,
-            exponent: 50.0,
+            exponent: 50,
             encoding: DEFAULT_ENCODING,
             area_rays: 1,
             visibility: true,
@@ -141,15 +127,35 @@ pub struct ViewedPoint {
     pub to_eye: Vec3,
 }
 
+impl From<&ViewedPoint> for LookupPoint {
+    fn from(p: &ViewedPoint) -> Self {
+        let ViewedPoint { position, normal, to_eye } = *p;
+        Self { position: position.extend(0.0), normal: normal.extend(0.0), to_eye: to_eye.extend(0.0) }
+    }
+}
+
+/// What a light update needs beside the scene and the probes, for a device that makes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProbeFrame {
+    /// Unit directions of the rays, the same for all probes.
+    pub directions: Vec<Vec3>,
+    /// Rays of the probes.
+    pub trace: TraceParams,
+    /// Texels of irradiance.
+    pub irradiance: BlendParams,
+    /// Texels of visibility.
+    pub visibility: BlendParams,
+}
+
 /// The probes of a scene, with the light of the last update.
 pub struct Ddgi {
     scene: Scene,
     settings: DdgiSettings,
     grid: Grid,
-    probes: Vec<Placed>,
-    active: Vec<usize>,
+    probes: Vec<Probe>,
+    active: Vec<u32>,
     /// H^(1/5), `[probes · 100]`.
-    irradiance: Vec<Vec3>,
+    irradiance: Vec<Rgb>,
     /// Mean distance, m, and its square, `[probes · 324]`.
     visibility: Vec<Vec2>,
     /// Of the active probes, `[active · rays]`.
@@ -170,13 +176,14 @@ impl Ddgi {
         check(&settings)?;
         let grid = Grid::new(scene, settings.spacing)?;
         let probes = place(scene, &grid, &settings);
-        let active: Vec<usize> = (0..probes.len()).filter(|&probe| probes[probe].is_active).collect();
+        let active: Vec<u32> =
+            (0..probes.len() as u32).filter(|&probe| probes[probe as usize].is_active != 0).collect();
         Ok(Self {
             scene: scene.clone(),
             settings,
             grid,
-            irradiance: vec![Vec3::ZERO; probes.len() * stored(IRRADIANCE_EDGE)],
-            visibility: vec![Vec2::ZERO; probes.len() * stored(VISIBILITY_EDGE)],
+            irradiance: vec![Rgb::ZERO; probes.len() * IRRADIANCE_TEXELS as usize],
+            visibility: vec![Vec2::ZERO; probes.len() * VISIBILITY_TEXELS as usize],
             rays: vec![ProbeRay::default(); active.len() * settings.rays as usize],
             directions: spherical_fibonacci(settings.rays),
             probes,
@@ -192,17 +199,47 @@ impl Ddgi {
     /// # Errors
     /// [`Error::Scene`] for lighting that does not suit the scene.
     pub fn update(&mut self, lighting: &Lighting, frame: u32) -> Result<(), Error> {
+        let frame = self.begin(lighting, frame)?;
+        self.trace(&frame);
+        self.blend(&Weights::new(&frame.directions, self.settings.exponent), &frame);
+        Ok(())
+    }
+
+    /// Begins a light update that a device makes; the probes that are here stay as they are.
+    ///
+    /// # Errors
+    /// As [`Ddgi::update`].
+    pub fn begin(&mut self, lighting: &Lighting, frame: u32) -> Result<ProbeFrame, Error> {
         if self.updates > 0 && *lighting != self.scene.lighting {
             self.changing = CHANGE_FRAMES;
         }
         self.scene.set_lighting(lighting.clone())?;
         let rotation = Mat3::from_quat(random_turn(hash3(self.settings.seed, frame, 0x7475_726e)));
-        let directions: Vec<Vec3> = self.directions.iter().map(|d| rotation * *d).collect();
-        self.trace(&directions, hash3(self.settings.seed, frame, 0x7261_7973));
-        self.blend(&Weights::new(&directions, self.settings.exponent));
+        let directions = self.directions.iter().map(|d| rotation * *d).collect();
+        let rays = self.settings.rays;
+        // Until there are enough frames for the hysteresis, the mean of all.
+        let past = self.settings.hysteresis.min(self.updates as f32 / (self.updates + 1) as f32);
+        let light = if self.changing > 0 { past * CHANGE_FACTOR } else { past };
+        let probes = self.probes.len() as u32;
+        let visibility = BlendParams {
+            count: probes * VISIBILITY_TEXELS,
+            rays,
+            hysteresis: past,
+            encoding: self.settings.encoding,
+            most: MOST_DISTANCE * self.grid.spacing.length(),
+        };
+        let trace = TraceParams {
+            count: probes * rays,
+            rays,
+            two_sided: u32::from(self.settings.two_sided),
+            reserved: 0,
+            lookup: self.lookup_params(),
+            direct: self.direct_params(hash3(self.settings.seed, frame, 0x7261_7973)),
+        };
+        let irradiance = BlendParams { count: probes * IRRADIANCE_TEXELS, hysteresis: light, ..visibility };
         self.updates += 1;
         self.changing = self.changing.saturating_sub(1);
-        Ok(())
+        Ok(ProbeFrame { directions, trace, irradiance, visibility })
     }
 
     /// Updates of frames `first`, `first + 1` and so on under still light. After each, `progress(done, count)` may stop the
@@ -228,7 +265,9 @@ impl Ddgi {
 
     /// Indirect irradiance at points, W/m², on all cores.
     pub fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
-        points.par_iter().map(|p| self.lookup(p)).collect()
+        let params = self.lookup_params();
+        let Self { probes, irradiance, visibility, .. } = self;
+        points.par_iter().map(|p| irradiance_at(&params, &p.into(), probes, irradiance, visibility)).collect()
     }
 
     /// Probes of the grid, and those of them that are on.
@@ -238,7 +277,29 @@ impl Ddgi {
 
     /// Where each probe is, m, and whether it is on.
     pub fn probes(&self) -> impl Iterator<Item = (Vec3, bool)> {
-        self.probes.iter().map(|probe| (probe.position, probe.is_active))
+        self.probes.iter().map(|probe| (probe.position, probe.is_active != 0))
+    }
+
+    /// All probes as kernels read them.
+    pub fn probe_table(&self) -> &[Probe] {
+        &self.probes
+    }
+
+    /// What the probes are set to.
+    pub fn settings(&self) -> &DdgiSettings {
+        &self.settings
+    }
+
+    /// How probes are looked up.
+    pub fn lookup_params(&self) -> LookupParams {
+        LookupParams {
+            counts: self.grid.counts,
+            encoding: self.settings.encoding,
+            first: self.grid.first,
+            bias: self.settings.bias * BIAS_SPACING * self.grid.spacing.min_element(),
+            spacing: self.grid.spacing,
+            visibility: u32::from(self.settings.visibility),
+        }
     }
 
     /// Probes along the axes.
@@ -257,14 +318,13 @@ impl Ddgi {
     }
 
     /// Fills [`Ddgi::rays`].
-    fn trace(&mut self, directions: &[Vec3], seed: u32) {
+    fn trace(&mut self, frame: &ProbeFrame) {
         let mut rays = std::mem::take(&mut self.rays);
         let this = &*self;
-        let params = this.direct_params(seed);
-        rays.par_chunks_mut(directions.len()).zip(&this.active).for_each(|(rays, &probe)| {
-            let origin = this.probes[probe].position;
-            for (k, (ray, &direction)) in rays.iter_mut().zip(directions).enumerate() {
-                *ray = this.ray(&params, (probe * directions.len() + k) as u32, origin, direction);
+        let count = frame.directions.len();
+        rays.par_chunks_mut(count).zip(&this.active).for_each(|(rays, &probe)| {
+            for (k, (ray, &direction)) in rays.iter_mut().zip(&frame.directions).enumerate() {
+                *ray = this.ray(&frame.trace, probe, k as u32, direction);
             }
         });
         self.rays = rays;
@@ -282,99 +342,30 @@ impl Ddgi {
         }
     }
 
-    /// What a ray of a probe brings: ρ/π (H_d + H) of the front of what it meets.
-    fn ray(&self, params: &DirectParams, index: u32, origin: Vec3, direction: Vec3) -> ProbeRay {
+    /// What ray `k` of a probe brings.
+    fn ray(&self, params: &TraceParams, probe: u32, k: u32, direction: Vec3) -> ProbeRay {
         let scene = &self.scene;
-        let tables = scene.tables();
-        let hit = scene.closest_before(origin, direction, FAR);
-        if hit.is_miss() {
-            return ProbeRay { radiance: Vec3::ZERO, distance: FAR };
-        }
-        if !self.settings.two_sided && tables.normal(hit.triangle).dot(direction) > 0.0 {
-            return ProbeRay { radiance: Vec3::ZERO, distance: -BACK_DISTANCE * hit.t };
-        }
-        let point = surface_point(&tables, hit, direction);
+        let hit = scene.closest_before(self.probes[probe as usize].position, direction, FAR);
         let occluded = |origin: Vec3, direction: Vec3, t_max: f32| scene.occluded(origin, direction, t_max);
-        let direct = direct_irradiance(&tables, params, index, point, &scene.all_lights(), Air, occluded);
-        let before = ViewedPoint { position: point.position, normal: point.normal, to_eye: -direction };
-        let albedo = tables.albedo(hit.triangle, hit.u, hit.v);
-        let indirect = albedo.min(Vec3::splat(MOST_ALBEDO)) * self.lookup(&before);
-        ProbeRay { radiance: (albedo * direct + indirect) * FRAC_1_PI, distance: hit.t }
+        let tables = ProbeTables { probes: &self.probes, irradiance: &self.irradiance, visibility: &self.visibility };
+        let met = Met { index: probe * params.rays + k, direction, hit };
+        probe_ray(&scene.tables(), params, &scene.all_lights(), tables, met, occluded)
     }
 
     /// Blends the rays into the probes.
-    fn blend(&mut self, weights: &Weights) {
-        let count = self.settings.rays as usize;
-        let most = MOST_DISTANCE * self.grid.spacing.length();
-        // Until there are enough frames for the hysteresis, the mean of all.
-        let past = self.settings.hysteresis.min(self.updates as f32 / (self.updates + 1) as f32);
-        let light = if self.changing > 0 { past * CHANGE_FACTOR } else { past };
-        let encoding = self.settings.encoding;
+    fn blend(&mut self, weights: &Weights, frame: &ProbeFrame) {
         let mut slots: Vec<Option<&[ProbeRay]>> = vec![None; self.probes.len()];
-        for (&probe, rays) in self.active.iter().zip(self.rays.chunks(count)) {
-            slots[probe] = Some(rays);
+        for (&probe, rays) in self.active.iter().zip(self.rays.chunks(frame.directions.len())) {
+            slots[probe as usize] = Some(rays);
         }
-        let irradiance = self.irradiance.par_chunks_mut(stored(IRRADIANCE_EDGE));
-        let visibility = self.visibility.par_chunks_mut(stored(VISIBILITY_EDGE));
+        let irradiance = self.irradiance.par_chunks_mut(IRRADIANCE_TEXELS as usize);
+        let visibility = self.visibility.par_chunks_mut(VISIBILITY_TEXELS as usize);
         irradiance.zip(visibility).zip(slots).for_each(|((irradiance, visibility), rays)| {
             if let Some(rays) = rays {
-                weights.blend_irradiance(rays, light, encoding, irradiance);
-                weights.blend_visibility(rays, most, past, visibility);
+                weights.blend_irradiance(rays, &frame.irradiance, irradiance);
+                weights.blend_visibility(rays, &frame.visibility, visibility);
             }
         });
-    }
-
-    /// Indirect irradiance at a point, W/m².
-    fn lookup(&self, point: &ViewedPoint) -> Vec3 {
-        let ViewedPoint { position, normal, to_eye } = *point;
-        let bias = self.settings.bias * BIAS_SPACING * self.grid.spacing.min_element();
-        let biased = position + (normal * BIAS_NORMAL + to_eye * BIAS_VIEW) * bias;
-        let (mut sum, mut total) = (Vec3::ZERO, 0.0);
-        for (probe, trilinear) in self.grid.around(biased) {
-            let Placed { position: place, is_active } = self.probes[probe];
-            if !is_active {
-                continue;
-            }
-            let facing = ((place - position).normalize_or_zero().dot(normal) + 1.0) * 0.5;
-            let mut weight = facing * facing + LEAST_FACING;
-            if self.settings.visibility {
-                weight *= self.visibility(probe, biased - place).max(LEAST_VISIBILITY);
-            }
-            if weight < CRUSH {
-                weight *= weight * weight / (CRUSH * CRUSH);
-            }
-            weight *= trilinear;
-            let texels = &self.irradiance[probe * stored(IRRADIANCE_EDGE)..][..stored(IRRADIANCE_EDGE)];
-            let encoded = sample(texels, IRRADIANCE_EDGE, normal);
-            // The mean is taken of square roots.
-            sum += encoded.map(|x| self.root(x)) * weight;
-            total += weight;
-        }
-        if total > 0.0 { (sum / total) * (sum / total) } else { Vec3::ZERO }
-    }
-
-    /// Square root of irradiance that is stored as x.
-    #[inline]
-    fn root(&self, x: f32) -> f32 {
-        // x⁵ᐟ² by products: lookups are most of an update.
-        if self.settings.encoding == DEFAULT_ENCODING { x * x * x.sqrt() } else { pow(x, 0.5 * self.settings.encoding) }
-    }
-
-    /// Chance that a point so far from a probe is seen from it, by Chebyshev's inequality, to the third power.
-    fn visibility(&self, probe: usize, from_probe: Vec3) -> f32 {
-        let distance = from_probe.length();
-        if distance <= 0.0 {
-            return 1.0;
-        }
-        let texels = &self.visibility[probe * stored(VISIBILITY_EDGE)..][..stored(VISIBILITY_EDGE)];
-        let moments = sample(texels, VISIBILITY_EDGE, from_probe / distance);
-        let beyond = distance - moments.x;
-        if beyond <= 0.0 {
-            return 1.0;
-        }
-        let variance = (moments.y - moments.x * moments.x).abs();
-        let chance = variance / (variance + beyond * beyond);
-        chance * chance * chance
     }
 }
 
@@ -394,17 +385,19 @@ fn check(settings: &DdgiSettings) -> Result<(), Error> {
         let value = f64::from(area_rays);
         return Err(Error::Setting { name: "shadow rays to an area light", value, rule: "from 1 to 4096" });
     }
-    if !(1.0..=MOST_ENCODING).contains(&encoding) {
+    if !(1..=MOST_ENCODING).contains(&encoding) {
         return Err(Error::Setting {
             name: "encoding of irradiance",
             value: f64::from(encoding),
             rule: "from 1 to 16",
         });
     }
-    for (name, value) in [("self-shadow bias", bias), ("exponent of distances", exponent)] {
-        if !(value.is_finite() && value >= 0.0) {
-            return Err(Error::Setting { name, value: f64::from(value), rule: "finite and not negative" });
-        }
+    if exponent > MOST_EXPONENT {
+        return Err(Error::Setting { name: "exponent of distances", value: f64::from(exponent), rule: "at most 1000" });
+    }
+    if !(bias.is_finite() && bias >= 0.0) {
+        let value = f64::from(bias);
+        return Err(Error::Setting { name: "self-shadow bias", value, rule: "finite and not negative" });
     }
     Ok(())
 }

@@ -62,7 +62,7 @@ pub mod voxel_proxy;
 
 pub use accumulation::{Accumulation, BlockErrors, fingerprint};
 pub use data::{ReferenceData, ReferencePoint};
-pub use ddgi::{Ddgi, DdgiSettings, Spacing, ViewedPoint};
+pub use ddgi::{Ddgi, DdgiSettings, ProbeFrame, Spacing, ViewedPoint};
 pub use error::{Error, ResumeError};
 pub use irradiance_volume::{IrradianceVolume, VolumeSettings};
 pub use lpv::{Lpv, LpvSettings};

@@ -1,5 +1,6 @@
 //! Which probes are moved, and which are off (Majercik et al. 2021, sections 4 and 5).
 
+use ::ddgi::Probe;
 use glam::Vec3;
 use rayon::prelude::*;
 use scene::Scene;
@@ -18,13 +19,6 @@ const MOST_MOVE: f32 = 0.45;
 /// Least distance of a probe from the front of a surface, in least spacings.
 const LEAST_FRONT: f32 = 0.2;
 
-/// A probe that is where it shall be.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placed {
-    pub position: Vec3,
-    pub is_active: bool,
-}
-
 /// What the fixed rays of a probe see.
 struct Sight {
     backs: f32,
@@ -36,7 +30,7 @@ struct Sight {
 }
 
 /// Moves and classifies all probes.
-pub fn place(scene: &Scene, grid: &Grid, settings: &DdgiSettings) -> Vec<Placed> {
+pub fn place(scene: &Scene, grid: &Grid, settings: &DdgiSettings) -> Vec<Probe> {
     let directions = spherical_fibonacci(FIXED_RAYS);
     let one = |probe: usize| {
         let home = grid.position(probe);
@@ -46,7 +40,7 @@ pub fn place(scene: &Scene, grid: &Grid, settings: &DdgiSettings) -> Vec<Placed>
         }
         let sight = look(scene, grid, settings, &directions, position);
         let is_active = !settings.classification || (sight.backs <= MOST_BACKS && sight.is_near);
-        Placed { position, is_active }
+        Probe { position, is_active: u32::from(is_active) }
     };
     (0..grid.count()).into_par_iter().map(one).collect()
 }

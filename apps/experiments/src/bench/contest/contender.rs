@@ -12,6 +12,7 @@ use reference::{
     Accumulation, Ddgi, DdgiSettings, IrradianceVolume, Lpv, LpvSettings, PathSettings, PathTracer, Picture,
     ProxyLookup, Strategy, ViewedPoint, VolumeSettings,
 };
+use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::sampling::hash3;
 use scene::{Lighting, NONE, Scene, SurfacePoint};
 
@@ -19,6 +20,7 @@ use super::View;
 use super::field::PatchMethod;
 use crate::bench::load;
 use crate::error::Error;
+use crate::probes::DeviceDdgi;
 use crate::progress::{Progress, interruptible};
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::sequence::pass_ms;
@@ -176,26 +178,83 @@ impl Contender for OwnPatches<'_> {
 /// Light that is kept in a volume and looked up at points.
 pub trait Volume {
     fn update(&mut self, lighting: &Lighting, frame: u32) -> Result<(), Error>;
-    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3>;
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, patchlight::Error>;
+    /// The same at the points in view, where a frame needs it: for the time that it takes.
+    fn look_up_view(&self, view: &[ViewedPoint]) -> Result<(), Error> {
+        std::hint::black_box(self.irradiance_at(view)?);
+        Ok(())
+    }
     fn bytes(&self) -> u64;
     fn size(&self) -> String;
 }
 
-impl Volume for Ddgi {
-    fn update(&mut self, lighting: &Lighting, frame: u32) -> Result<(), Error> {
-        Ok(Self::update(self, lighting, frame)?)
+/// The device of the options.
+fn executor_of(view: &View) -> Result<Box<dyn Executor>, Error> {
+    Ok(open(&DeviceChoice::parse(&view.common.device))?.0)
+}
+
+/// Whether kernels run on a graphics processor, of whose work processor time knows nothing.
+pub fn has_graphics_processor(view: &View) -> Result<bool, Error> {
+    let kind = executor_of(view)?.device().kind;
+    Ok(!matches!(kind, DeviceKind::Native | DeviceKind::EmulatedOnCpu))
+}
+
+/// DDGI as native code, or on the device that the project's own methods run on.
+pub enum Probes {
+    Native(Box<Ddgi>),
+    OnDevice(Box<DeviceDdgi>),
+}
+
+impl Probes {
+    fn new(view: &View, settings: DdgiSettings) -> Result<Self, Error> {
+        let scene = &view.loaded.scene;
+        let executor = executor_of(view)?;
+        if executor.device().kind == DeviceKind::Native {
+            return Ok(Self::Native(Box::new(Ddgi::new(scene, settings)?)));
+        }
+        Ok(Self::OnDevice(Box::new(DeviceDdgi::new(scene, settings, executor, &view.points)?)))
     }
 
-    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
-        Self::irradiance_at(self, points)
+    /// Where probes are, and how many.
+    fn placed(&self) -> &Ddgi {
+        match self {
+            Self::Native(probes) => probes,
+            Self::OnDevice(probes) => probes.placed(),
+        }
+    }
+}
+
+impl Volume for Probes {
+    fn update(&mut self, lighting: &Lighting, frame: u32) -> Result<(), Error> {
+        match self {
+            Self::Native(probes) => Ok(probes.update(lighting, frame)?),
+            Self::OnDevice(probes) => probes.update(&lighting.lights, frame),
+        }
+    }
+
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, patchlight::Error> {
+        match self {
+            Self::Native(probes) => Ok(probes.irradiance_at(points)),
+            Self::OnDevice(probes) => Ok(probes.irradiance_at(points)?),
+        }
+    }
+
+    fn look_up_view(&self, view: &[ViewedPoint]) -> Result<(), Error> {
+        match self {
+            Self::Native(probes) => {
+                std::hint::black_box(probes.irradiance_at(view));
+                Ok(())
+            }
+            Self::OnDevice(probes) => Ok(probes.look_up_view()?),
+        }
     }
 
     fn bytes(&self) -> u64 {
-        Self::bytes(self)
+        self.placed().bytes()
     }
 
     fn size(&self) -> String {
-        let (all, on) = self.probe_counts();
+        let (all, on) = self.placed().probe_counts();
         format!("{on} of {all} probes")
     }
 }
@@ -205,8 +264,8 @@ impl Volume for Lpv {
         Ok(Self::update(self, lighting)?)
     }
 
-    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
-        Self::irradiance_at(self, points)
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, patchlight::Error> {
+        Ok(Self::irradiance_at(self, points))
     }
 
     fn bytes(&self) -> u64 {
@@ -224,8 +283,8 @@ impl Volume for IrradianceVolume {
         Ok(self.bake(lighting)?)
     }
 
-    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
-        Self::irradiance_at(self, points)
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, patchlight::Error> {
+        Ok(Self::irradiance_at(self, points))
     }
 
     fn bytes(&self) -> u64 {
@@ -242,10 +301,10 @@ impl Volume for ProxyRadiosity<'_> {
         Self::update(self, lighting)
     }
 
-    fn irradiance_at(&self, points: &[ViewedPoint]) -> Vec<Vec3> {
+    fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, patchlight::Error> {
         let point = |p: &ViewedPoint| SurfacePoint { position: p.position, patch: NONE, normal: p.normal, weight: 1.0 };
         let points: Vec<SurfacePoint> = points.iter().map(point).collect();
-        Self::irradiance_at(self, &points, ProxyLookup::Bilinear)
+        Ok(Self::irradiance_at(self, &points, ProxyLookup::Bilinear))
     }
 
     fn bytes(&self) -> u64 {
@@ -267,19 +326,20 @@ pub struct Volumetric<'a, V> {
     remembers: bool,
 }
 
-impl<'a> Volumetric<'a, Ddgi> {
+impl<'a> Volumetric<'a, Probes> {
     /// `label` says why the spacing is what it is, where it was not asked for.
     pub fn ddgi(view: &'a View<'a>, settings: DdgiSettings, label: &str) -> Result<Self, Error> {
         let start = Instant::now();
-        let volume = Ddgi::new(&view.loaded.scene, settings)?;
+        let volume = Probes::new(view, settings)?;
         let build_s = start.elapsed().as_secs_f64();
-        let name = format!("DDGI {:.2} m, {} rays{label}", volume.spacing().max_element(), settings.rays);
+        let spacing = volume.placed().spacing().max_element();
+        let name = format!("DDGI {spacing:.2} m, {} rays{label}", settings.rays);
         Ok(Self { view, family: "DDGI", name, volume, build_s, remembers: true })
     }
 
     /// Probes that are on.
     pub fn probe_count(&self) -> usize {
-        self.volume.probe_counts().1
+        self.volume.placed().probe_counts().1
     }
 }
 
@@ -324,12 +384,12 @@ impl<V: Volume + Sync> Contender for Volumetric<'_, V> {
 
     fn frame(&mut self, lighting: &Lighting, number: u32) -> Result<FrameTime, Error> {
         let ((), update) = Time::of(|| interruptible(|| self.volume.update(lighting, number)))?;
-        let (_, lookup) = Time::of(|| Ok(std::hint::black_box(self.volume.irradiance_at(&self.view.points))))?;
+        let ((), lookup) = Time::of(|| self.volume.look_up_view(&self.view.points))?;
         Ok(FrameTime { update, lookup: Some(lookup), method_ms: None })
     }
 
     fn light(&mut self) -> Result<Vec<Vec3>, Error> {
-        Ok(self.volume.irradiance_at(&self.view.points))
+        Ok(self.volume.irradiance_at(&self.view.points)?)
     }
 
     fn remembers(&self) -> bool {
@@ -340,14 +400,14 @@ impl<V: Volume + Sync> Contender for Volumetric<'_, V> {
         let view = self.view;
         let gather = |points: &[SurfacePoint], _: u32| {
             let points: Vec<ViewedPoint> = points.iter().map(|p| view.viewed(p)).collect();
-            Ok(self.volume.irradiance_at(&points).iter().map(|h| h.extend(0.0)).collect())
+            Ok(self.volume.irradiance_at(&points)?.iter().map(|h| h.extend(0.0)).collect())
         };
         view.with_direct(view.gathered(&gather)?, direct)
     }
 
     fn at_points(&mut self, points: &[SurfacePoint]) -> Result<Option<Vec<Vec3>>, Error> {
         let points: Vec<ViewedPoint> = points.iter().map(|p| self.view.viewed(p)).collect();
-        Ok(Some(self.volume.irradiance_at(&points)))
+        Ok(Some(self.volume.irradiance_at(&points)?))
     }
 
     fn bytes(&self) -> u64 {

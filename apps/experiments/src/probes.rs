@@ -1,0 +1,226 @@
+//! DDGI on a device: the light update of [`reference::Ddgi`] as the passes of a plan.
+//!
+//! Probes are placed, moved and classified on the host, once, for geometry does not move; so are the few numbers of a frame (the turn
+//! of its rays, its hysteresis). Rays, their light, blending and lookups are the device's: the same bodies, and on lavapipe the same
+//! bits as on the host.
+
+use std::sync::{Mutex, PoisonError};
+
+use ddgi::{
+    BlendParams, IRRADIANCE_TEXELS, LookupPoint, PointParams, ProbeRay, RAY_WEIGHTS, TraceParams, VISIBILITY_TEXELS,
+    WeightParams,
+};
+use glam::{Vec2, Vec3, Vec4};
+use gpu_kernels::table;
+use reference::{Ddgi, DdgiSettings, ProbeFrame, ViewedPoint};
+use runtime::executor::{Executor, ExecutorError};
+use runtime::plan::{BufferId, PassId, Plan};
+use runtime::recipe::scene::SceneTables;
+use runtime::recipe::{Named, Tables, add_pass, rgb_bytes};
+use scene::{Light, Lighting, Scene};
+
+use crate::error::Error;
+
+/// Points beside those in view that are looked up together.
+const TOGETHER: usize = 1 << 16;
+
+/// Probes on a device.
+pub struct DeviceDdgi {
+    /// Where probes are, and the numbers of each frame; its own probes stay dark.
+    host: Ddgi,
+    /// What shines; only its lights change.
+    lighting: Lighting,
+    scene: SceneTables,
+    passes: ProbePasses,
+    /// A lookup writes to the device, and changes nothing that is seen.
+    executor: Mutex<Box<dyn Executor>>,
+}
+
+impl DeviceDdgi {
+    /// Places the probes, and puts them on the device with the scene and the points in view; probes are dark.
+    ///
+    /// # Errors
+    /// Settings out of range; what the device says.
+    pub fn new(
+        scene: &Scene,
+        settings: DdgiSettings,
+        mut executor: Box<dyn Executor>,
+        view: &[ViewedPoint],
+    ) -> Result<Self, Error> {
+        let host = Ddgi::new(scene, settings)?;
+        let lighting = scene.lighting.clone();
+        let mut plan = Plan::new();
+        let mut tables = Tables::new();
+        let scene_tables = SceneTables::new(&mut plan, &mut tables, scene, lighting.lights.len());
+        let passes = ProbePasses::add(&mut plan, &mut tables, &scene_tables, &host, view.len())?;
+        executor.load(plan)?;
+        tables.upload(executor.as_mut())?;
+        scene_tables.set_distributions(executor.as_mut(), &lighting.distributions)?;
+        scene_tables.set_sky_and_emission(executor.as_mut(), scene)?;
+        passes.start(executor.as_mut(), view)?;
+        Ok(Self { host, lighting, scene: scene_tables, passes, executor: Mutex::new(executor) })
+    }
+
+    /// A whole light update as that of [`Ddgi::update`], with these lights in place of the scene's, no more of them than the scene
+    /// has; sky and emission are the scene's. Waits for it.
+    ///
+    /// # Errors
+    /// More lights than there is room for, or luminaires without their distributions; what the device says.
+    pub fn update(&mut self, lights: &[Light], number: u32) -> Result<(), Error> {
+        let most = self.scene.light_capacity();
+        if lights.len() > most {
+            let (value, rule) = (lights.len() as f64, "no more than the scene of the probes has");
+            return Err(reference::Error::Setting { name: "lights", value, rule }.into());
+        }
+        self.lighting.lights.clear();
+        self.lighting.lights.extend_from_slice(lights);
+        let frame = self.host.begin(&self.lighting, number)?;
+        let executor = self.executor.get_mut().unwrap_or_else(PoisonError::into_inner).as_mut();
+        self.scene.set_lights(executor, lights)?;
+        Ok(self.passes.update(executor, &frame)?)
+    }
+
+    /// Indirect irradiance at points, W/m².
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn irradiance_at(&self, points: &[ViewedPoint]) -> Result<Vec<Vec3>, ExecutorError> {
+        let mut executor = self.executor.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut found = Vec::with_capacity(points.len());
+        for part in points.chunks(TOGETHER) {
+            found.extend(self.passes.look_up(executor.as_mut(), part)?);
+        }
+        Ok(found)
+    }
+
+    /// Finds indirect irradiance at the points in view, which stays on the device; waits for it.
+    ///
+    /// # Errors
+    /// What the device says.
+    pub fn look_up_view(&self) -> Result<(), ExecutorError> {
+        let mut executor = self.executor.lock().unwrap_or_else(PoisonError::into_inner);
+        executor.run_passes(&[self.passes.view.pass])?;
+        Ok(())
+    }
+
+    /// Where probes are, and how many.
+    pub fn placed(&self) -> &Ddgi {
+        &self.host
+    }
+}
+
+/// The passes of probes, and the buffers that change.
+struct ProbePasses {
+    directions: BufferId,
+    probe_irradiance: BufferId,
+    probe_visibility: BufferId,
+    weights: PassId,
+    trace: PassId,
+    blend_irradiance: PassId,
+    blend_visibility: PassId,
+    view: LookupPass,
+    any: LookupPass,
+    point_params: PointParams,
+}
+
+/// A pass that looks up points.
+struct LookupPass {
+    points: BufferId,
+    irradiance: BufferId,
+    pass: PassId,
+}
+
+impl ProbePasses {
+    /// Adds the passes of a light update, and those of lookups at the points in view and at any others.
+    fn add(
+        plan: &mut Plan,
+        tables: &mut Tables,
+        scene: &SceneTables,
+        host: &Ddgi,
+        in_view: usize,
+    ) -> Result<Self, ExecutorError> {
+        let DdgiSettings { rays, exponent, .. } = *host.settings();
+        let probes = host.probe_table();
+        let count = probes.len() as u32;
+        let shared = scene.bindings();
+        let mut storage = |name: &str, count: u32, bytes: usize| plan.storage(name, u64::from(count) * bytes as u64);
+        let directions = storage("directions", rays, size_of::<Vec4>());
+        let probe_irradiance = storage("probe_irradiance", count * IRRADIANCE_TEXELS, size_of::<Vec4>());
+        let probe_visibility = storage("probe_visibility", count * VISIBILITY_TEXELS, size_of::<Vec2>());
+        let weights = storage("weights", RAY_WEIGHTS * rays, size_of::<f32>());
+        let brought = storage("rays", count * rays, size_of::<ProbeRay>());
+        let own: [Named; 6] = [
+            ("directions", directions.into()),
+            ("probe_irradiance", probe_irradiance.into()),
+            ("probe_visibility", probe_visibility.into()),
+            ("weights", weights.into()),
+            ("rays", brought.into()),
+            tables.named(plan, "probes", probes.to_vec()),
+        ];
+        let weight = WeightParams { count: RAY_WEIGHTS * rays, rays, exponent };
+        let trace = TraceParams { count: count * rays, rays, ..TraceParams::default() };
+        let light = BlendParams { count: count * IRRADIANCE_TEXELS, rays, ..BlendParams::default() };
+        let sight = BlendParams { count: count * VISIBILITY_TEXELS, ..light };
+        let point_params = PointParams { count: 0, lookup: host.lookup_params(), ..PointParams::default() };
+        let irradiance = &table::DDGI_BLEND_IRRADIANCE;
+        let visibility = &table::DDGI_BLEND_VISIBILITY;
+        Ok(Self {
+            directions,
+            probe_irradiance,
+            probe_visibility,
+            weights: add_pass(plan, "weights", &table::DDGI_WEIGHTS, &own, &[], &weight, weight.count)?,
+            trace: add_pass(plan, "trace", &table::DDGI_TRACE, &own, shared, &trace, trace.count)?,
+            blend_irradiance: add_pass(plan, "blend irradiance", irradiance, &own, &[], &light, light.count)?,
+            blend_visibility: add_pass(plan, "blend visibility", visibility, &own, &[], &sight, sight.count)?,
+            view: LookupPass::add(plan, &own, point_params, in_view)?,
+            any: LookupPass::add(plan, &own, point_params, TOGETHER)?,
+            point_params,
+        })
+    }
+
+    /// Dark probes, and the points in view.
+    fn start(&self, executor: &mut dyn Executor, view: &[ViewedPoint]) -> Result<(), ExecutorError> {
+        executor.clear(self.probe_irradiance)?;
+        executor.clear(self.probe_visibility)?;
+        executor.upload(self.view.points, &lookup_points(view))
+    }
+
+    /// Makes a light update.
+    fn update(&self, executor: &mut dyn Executor, frame: &ProbeFrame) -> Result<(), ExecutorError> {
+        let directions: Vec<Vec4> = frame.directions.iter().map(|d| d.extend(0.0)).collect();
+        executor.upload(self.directions, &directions)?;
+        executor.push(self.trace, &frame.trace)?;
+        executor.push(self.blend_irradiance, &frame.irradiance)?;
+        executor.push(self.blend_visibility, &frame.visibility)?;
+        executor.run_passes(&[self.weights, self.trace, self.blend_irradiance, self.blend_visibility])?;
+        Ok(())
+    }
+
+    /// Irradiance at no more than [`TOGETHER`] points, W/m².
+    fn look_up(&self, executor: &mut dyn Executor, points: &[ViewedPoint]) -> Result<Vec<Vec3>, ExecutorError> {
+        let LookupPass { points: buffer, irradiance, pass } = self.any;
+        let count = points.len() as u32;
+        executor.upload_at(buffer, 0, bytemuck::cast_slice(&lookup_points(points)))?;
+        executor.push(pass, &PointParams { count, ..self.point_params })?;
+        executor.set_elements(pass, count)?;
+        executor.run_passes(&[pass])?;
+        let found: Vec<Vec4> = executor.download_table(irradiance)?;
+        Ok(found[..points.len()].iter().map(|h| h.truncate()).collect())
+    }
+}
+
+impl LookupPass {
+    /// Adds the pass for so many points.
+    fn add(plan: &mut Plan, probes: &[Named], params: PointParams, count: usize) -> Result<Self, ExecutorError> {
+        let points = plan.storage("points", (count * size_of::<LookupPoint>()) as u64);
+        let irradiance = plan.storage("irradiance", rgb_bytes(count));
+        let own: [Named; 2] = [("points", points.into()), ("irradiance", irradiance.into())];
+        let params = PointParams { count: count as u32, ..params };
+        let pass = add_pass(plan, "lookup", &table::DDGI_LOOKUP, &own, probes, &params, params.count)?;
+        Ok(Self { points, irradiance, pass })
+    }
+}
+
+fn lookup_points(points: &[ViewedPoint]) -> Vec<LookupPoint> {
+    points.iter().map(LookupPoint::from).collect()
+}
