@@ -453,10 +453,14 @@ fn bench_table3_measures_every_method_alike() {
         // Two spacings, as many probes as take the time of tiles, and as many as fill their memory, if time allows.
         let count = match family {
             "DDGI" => 4,
-            "LPV" | "irradiance volume" | "path tracing, denoised" => 2,
+            "tiles 1 %" | "temporal" | "LPV" | "irradiance volume" | "path tracing, denoised" => 2,
             _ => 1,
         };
-        assert_eq!(of(family).len(), count, "{family}: {summary}");
+        assert_eq!(of(family).len(), count, "{family}");
+    }
+    for own in ["tiles 1 %", "temporal"] {
+        let bytes = |row: &serde_json::Value| row["bytes"].as_u64().unwrap();
+        assert!(4 * bytes(of(own)[1]) < bytes(of(own)[0]), "{own}, small: {}", of(own)[1]);
     }
     assert_eq!(of("path tracing").len(), 2);
     for baseline in ["dense product", "shooting", "hierarchical"] {
