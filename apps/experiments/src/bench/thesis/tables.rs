@@ -1,13 +1,12 @@
 //! Tables 1 and 2: sampled light beside products with the form factors, their time over the number of patches and their errors
 //! against path tracing. Table 3 is `bench table3`.
 
-use glam::Vec4;
 use reference::PictureErrors;
 use serde::Serialize;
 use temporal::{AliasTables, Blend, Distribution, Packing, RayLists, Settings, State};
 use transport::{Csr, Dense, LinearOperator};
 
-use super::matrix::{Subject, timed};
+use super::matrix::{Subject, product_ms, timed};
 use super::{Outcome, Study};
 use crate::bench::bake_settings;
 use crate::bench::contest::field::{Field, OWN, PatchMethod};
@@ -30,7 +29,7 @@ pub(super) const SAMPLES: u32 = 64;
 pub(super) const WEIGHT: f32 = 0.9;
 /// Entries of a list that stands for a row.
 const LIST_ENTRIES: usize = 1024;
-/// Products and frames whose mean counts.
+/// Frames whose mean counts.
 const ROUNDS: u32 = 8;
 /// Bytes of the largest dense matrix that is made.
 const MOST_DENSE: usize = 2_000_000_000;
@@ -137,14 +136,6 @@ fn dense(factors: &Csr) -> Dense {
         factors.row(i).for_each(|(j, f)| values[i * columns + j] = f);
     }
     Dense { rows, columns, values }
-}
-
-fn product_ms(operator: &dyn LinearOperator, light: &[Vec4]) -> Result<f64, Error> {
-    let mut out = vec![Vec4::ZERO; light.len()];
-    // The first makes memory ready.
-    operator.apply(light, &mut out)?;
-    let ((), seconds) = timed(|| (0..ROUNDS).try_for_each(|_| Ok(operator.apply(light, &mut out)?)))?;
-    Ok(1e3 * seconds / f64::from(ROUNDS))
 }
 
 /// Frames in which the light goes up and down by a tenth, so that there are changes to sample.
