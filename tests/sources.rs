@@ -1,4 +1,4 @@
-//! docs/sources.md says where the equations, figures and claims of the sources are in the project: what it names exists, and no number
+//! lab/docs/sources.md says where the equations, figures and claims of the sources are in the project: what it names exists, and no number
 //! of theirs is left out.
 
 use std::collections::BTreeSet;
@@ -73,7 +73,7 @@ fn options_of(text: &str) -> BTreeSet<String> {
 
 /// Options of the program.
 fn options() -> BTreeSet<String> {
-    let mut files = vec![root().join("apps/experiments/src/args.rs")];
+    let mut files = vec![root().join("lab/experiments/src/args.rs")];
     rust_files(&root().join("apps/cli/src"), &mut files);
     files.iter().flat_map(|file| options_of(&std::fs::read_to_string(file).expect("a file of the project"))).collect()
 }
@@ -178,7 +178,7 @@ impl<'a> Row<'a> {
         let words: Vec<&str> = text.split(' ').collect();
         match words[..] {
             ["patchlight", "bench", name, ..] => {
-                check_variant("apps/experiments/src/args.rs", name)?;
+                check_variant("lab/experiments/src/args.rs", name)?;
                 check_words(&words[3..], options)
             }
             ["patchlight", name, ..] => {
@@ -246,7 +246,7 @@ fn check_test_file(name: &str) -> Result<(), String> {
 fn check_links(cell: &str) -> Result<(), String> {
     let links = cell.split("](").skip(1).filter_map(|rest| rest.split(')').next());
     for link in links {
-        read(&format!("docs/{link}"))?;
+        read(&format!("lab/docs/{link}"))?;
     }
     Ok(())
 }
@@ -285,7 +285,7 @@ fn missing(document: &str) -> Vec<String> {
 
 #[test]
 fn what_the_table_names_exists() {
-    let document = read("docs/sources.md").expect("the table");
+    let document = read("lab/docs/sources.md").expect("the table");
     assert_eq!(faults(&document, &options()), Vec::<String>::new());
     for state in STATES {
         let rows = lines(&document).filter_map(|(_, line)| Row::new(line).ok());
@@ -326,7 +326,7 @@ fn wrong_rows_are_noticed() {
         ("corrected: in double precision ([direct.md](measurements/direct.md))", "corrected", "without a reason"),
         ("corrected:", "not here:", "not here, and its place is"),
         ("`crates/formfactor/src/host/solve.rs`: `lu`", "none", "corrected, and its place is none"),
-        ("measurements/direct.md)", "measurements/nothing.md)", "there is no file docs/measurements/nothing.md"),
+        ("measurements/direct.md)", "measurements/nothing.md)", "there is no file lab/docs/measurements/nothing.md"),
         (" | All at once", "", "6 cells in the place of 7"),
         ("All at once", "", "cell 1 is empty"),
     ] {
@@ -341,7 +341,7 @@ fn wrong_rows_are_noticed() {
 
 #[test]
 fn every_number_of_the_sources_has_a_row() {
-    let document = read("docs/sources.md").expect("the table");
+    let document = read("lab/docs/sources.md").expect("the table");
     assert_eq!(missing(&document), Vec::<String>::new());
     for number in numbers() {
         let without = document.replace(&format!("| {number} |"), "| T 0 |");

@@ -133,7 +133,7 @@ pub enum Command {
         points, jumps of the lights\n  \
         thesis     figures of the thesis, as printed beside ours: bench thesis 5.3 cornell; bench thesis lists them
   \
-        report     docs/experiments.md and its plots from docs/data (another folder than docs: --out)\n  \
+        report     lab/docs/experiments.md and its plots from lab/docs/data (another folder: --out)\n  \
         all        every experiment, one after the other; with --quick in minutes\n  \
         firstshot  photons and time to an error, first shot against photons from the lights")]
     Bench(Bench),

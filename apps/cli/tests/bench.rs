@@ -579,7 +579,7 @@ fn bench_thesis_measures_what_is_printed_beside_ours() {
 
 #[test]
 fn bench_report_gives_what_is_committed() {
-    let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+    let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../lab/docs");
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
     std::fs::create_dir(&data).unwrap();

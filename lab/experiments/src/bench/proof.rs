@@ -1,4 +1,4 @@
-//! `bench report`: docs/experiments.md with its plots, from nothing but docs/data. The same data give the same bytes.
+//! `bench report`: lab/docs/experiments.md with its plots, from nothing but lab/docs/data. The same data give the same bytes.
 
 mod bar;
 
@@ -19,7 +19,7 @@ use crate::output;
 use crate::report::significant;
 
 /// Folder of documents, unless it is said, and what is read and written there.
-const DOCUMENTS: &str = "docs";
+const DOCUMENTS: &str = "lab/docs";
 const CLAIMS: &str = "data/claims.json";
 const REPORT: &str = "experiments.md";
 const PLOTS: &str = "experiments";
@@ -50,7 +50,7 @@ fn text(folder: &Path) -> Result<String, Error> {
     // Their numbers are those of the experiments, which are there by now.
     let claims = Claims::read(&folder.join(CLAIMS))?;
     let mut text = String::from(
-        "# Experiments\n\nThis page and its plots are made by `patchlight bench report` from `docs/data`; a test compares them.\n\n\
+        "# Experiments\n\nThis page and its plots are made by `patchlight bench report` from `data`; a test compares them.\n\n\
          ## What does not hold\n\n",
     );
     text += &bar::text(&methods);

@@ -207,7 +207,7 @@ pub enum Experiment {
     Unseen,
     /// Light updates and memory over patches, receivers, triangles, lights and pixels.
     Scaling,
-    /// docs/experiments.md and its plots from docs/data.
+    /// lab/docs/experiments.md and its plots from lab/docs/data.
     Report,
     /// Every experiment, one after the other.
     All,
