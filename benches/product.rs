@@ -14,7 +14,6 @@ use assets::import::load_or_build;
 use benches::{PRODUCT_SIZES, Stream, exitance, factors, stream_gb_s};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use experiments::Error;
-use experiments::progress::Progress;
 use glam::Vec4;
 use multibounce::BlockCodec;
 use patchlight::method::Preparation;
@@ -22,6 +21,7 @@ use patchlight::operator::build::{all_bounces_operator, form_factor_operator};
 use patchlight::operator::{Build, Codec, Decode, PatchOperator};
 use patchlight::{Bake, BakeSettings, ReceiverKind};
 use runtime::cpu::Cpu;
+use shell::progress::Progress;
 use transport::LinearOperator;
 
 /// Rounds of the table: product, stream, product, …

@@ -11,13 +11,13 @@ use std::sync::Arc;
 
 use assets::import::LoadedScene;
 use benches::SEED;
-use experiments::progress::Progress;
 use experiments::proxy::{ProxyRadiosity, ProxySettings};
 use patches::PatchKind;
 use patchlight::{Bake, BakeSettings, RenderSettings, Renderer};
 use reference::metrics::compare_points;
 use reference::{PointErrors, ProxyLookup, ReferenceData};
 use runtime::cpu::Cpu;
+use shell::progress::Progress;
 
 const SHARED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
 /// Scenes: the name of the folder, of the file in it, and of the folder with the reference.

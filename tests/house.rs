@@ -145,5 +145,5 @@ fn libraries_know_no_command_line() {
             assert!(!crates[library].contains(unwanted), "{library} knows {unwanted}");
         }
     }
-    assert!(crates["cli"].contains("clap"), "the program has a command line");
+    assert!(crates["patchlight-cli"].contains("clap"), "the program has a command line");
 }

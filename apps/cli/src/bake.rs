@@ -4,31 +4,27 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use clap::{ArgMatches, Args, ValueEnum as _};
+use clap::Args;
 use localmatrix::BakeError;
 use serde::Serialize;
 
-use super::args::{
-    BakeOptions, FormFactors, Input, Method, OperatorSettings, PatchOptions, parse_bytes, warn_of_idle_in_bake,
-};
 use super::world::check_file;
-use assets::import::{LoadedScene, load_or_build};
-use experiments::Error;
-use experiments::args::Common;
-use experiments::output;
-use experiments::progress::{Progress, continue_in, interruptible};
-use experiments::say;
+use assets::import::LoadedScene;
 use patchlight::energy::EnergyCheck;
 use patchlight::file::{Section, beginning_of};
 use patchlight::memory::peak_memory_bytes;
-use patchlight::method::{FeedbackSettings, FirstShotSettings};
-use patchlight::operator::{Build, BuildOn, Codec, OperatorKey};
+use patchlight::method::FirstShotSettings;
+use patchlight::operator::{Build, BuildOn};
 use patchlight::{
-    BakeFile, BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
-    Variant,
+    BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer, Variant,
 };
-use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
-use scene::Scene;
+use runtime::executor::{DeviceChoice, DeviceKind, Executor};
+use shell::Error;
+use shell::args::bake::parse_bytes;
+use shell::args::{BakeOptions, Common, FormFactors, Input, Method, OperatorSettings, PatchOptions, parse_purpose};
+use shell::opened::{Opened, build, is_younger, open_device, operator_of, options_of};
+use shell::output;
+use shell::progress::{Progress, continue_in, interruptible};
 
 /// Bake a scene into a file: patches, form factors, receivers, and the operators of the methods that are named. `render` then
 /// begins with the first frame, by any method that needs no operator or whose operator is there. Goes on where an interrupted
@@ -46,7 +42,7 @@ pub struct Bake {
     pub scene: String,
     /// Methods that the file is for: tiles, multibounce and feedback have operators, which take time to make; all others need
     /// nothing but what every bake has.
-    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose)]
+    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose, help_heading = "Method")]
     pub methods: Vec<Method>,
     #[command(flatten)]
     pub bake: BakeOptions,
@@ -63,18 +59,6 @@ pub struct Bake {
 fn refuse_plan(_: &str) -> Result<u32, String> {
     let why = "the bake of a scene is made whole: each round of its receivers follows from the one before";
     Err(format!("{why}; bakes of worlds have parts: `patchlight world SCENE --plan N`"))
-}
-
-pub fn parse_purpose(text: &str) -> Result<Method, String> {
-    match Method::from_str(text, true) {
-        Ok(Method::Path) => Err("path tracing needs no bake".to_owned()),
-        Ok(method) => Ok(method),
-        Err(_) => {
-            let names = Method::value_variants().iter().map(|method| method.name()).filter(|name| *name != "path");
-            let names: Vec<&str> = names.collect();
-            Err(format!("`{text}` is no method; choose from {}", names.join(", ")))
-        }
-    }
 }
 
 #[derive(Serialize)]
@@ -98,24 +82,8 @@ struct Operator {
     what: String,
 }
 
-/// The method of an operator, or one without.
-pub fn operator_of(options: &OperatorSettings, method: Method) -> MethodSettings {
-    match method {
-        Method::Tiles => MethodSettings::Multibounce(options.tiles()),
-        Method::Multibounce => MethodSettings::Multibounce(options.storage()),
-        Method::Feedback => {
-            let FeedbackSettings { products, accelerated, .. } = FeedbackSettings::default();
-            MethodSettings::Feedback(options.feedback(products, accelerated))
-        }
-        _ => MethodSettings::Classic,
-    }
-}
-
-pub fn run(common: &Common, args: &Bake, matches: Option<&ArgMatches>) -> Result<(), Error> {
+pub fn run(common: &Common, args: &Bake) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
-    if let Some(matches) = matches {
-        warn_of_idle_in_bake(matches, args, &progress);
-    }
     match &common.out {
         Some(path) => check_file(path)?,
         None => output::check_folder(Path::new("."))?,
@@ -198,103 +166,6 @@ fn file_bytes(path: &Path) -> Result<u64, Error> {
     Ok(std::fs::metadata(path).map_err(read)?.len())
 }
 
-/// The method and options of `render` that take an operator.
-fn options_of(key: &OperatorKey) -> String {
-    match *key {
-        OperatorKey::Bounces { codec: Codec::LowRank { epsilon }, .. } => format!("tiles --epsilon {epsilon}"),
-        OperatorKey::Bounces { codec, .. } => format!("multibounce --codec {}", codec.name()),
-        OperatorKey::FormFactors { epsilon } => format!("feedback --epsilon {epsilon}"),
-    }
-}
-
-/// A bake that was opened.
-pub struct Opened {
-    /// The scene as the application knows it.
-    pub loaded: LoadedScene,
-    /// The bake.
-    pub bake: patchlight::Bake,
-    origin: Origin,
-    sections: Vec<Section>,
-    has_changed: bool,
-}
-
-impl Opened {
-    /// Opens and checks a bake.
-    fn new(path: &Path, progress: &Progress) -> Result<Self, Error> {
-        let BakeFile { bake, origin, sections } = progress.phase("open", |_| patchlight::Bake::open(path))?;
-        let loaded = std::str::from_utf8(&origin.application)
-            .map_err(|error| error.to_string())
-            .and_then(|text| LoadedScene::of_description(bake.scene.clone(), text))
-            .map_err(|reason| BakeError::Damaged {
-                path: path.display().to_string(),
-                part: "origin",
-                offset: sections.first().map_or(0, |section| section.offset),
-                reason,
-            })?;
-        let has_changed = has_changed(path, &loaded, &origin);
-        Ok(Self { loaded, bake, origin, sections, has_changed })
-    }
-
-    /// Opens a bake, and says so where its scene has changed since.
-    ///
-    /// # Errors
-    /// What is wrong with the file.
-    pub fn read(path: &Path, progress: &Progress) -> Result<Self, Error> {
-        let opened = Self::new(path, progress)?;
-        if opened.has_changed {
-            progress.warn(&format!(
-                "{} has changed since it was baked into {}; the light is that of the scene as it was: bake it again",
-                opened.origin.scene,
-                path.display()
-            ));
-        }
-        Ok(opened)
-    }
-
-    /// A method with the operator that the bake has, where the options leave open which.
-    ///
-    /// # Errors
-    /// [`Error::NotHeld`] where the bake has none that suits.
-    pub fn method(
-        &self,
-        path: &Path,
-        method: Method,
-        asked: MethodSettings,
-        options: &OperatorSettings,
-    ) -> Result<MethodSettings, Error> {
-        let Some(key) = OperatorKey::of(&asked, &self.bake.settings) else { return Ok(asked) };
-        let held: Vec<OperatorKey> = self.bake.operators.iter().map(|baked| baked.key).collect();
-        if self.bake.mesh.patches.is_empty() || held.contains(&key) {
-            return Ok(asked);
-        }
-        let is_open = method == Method::Multibounce && options.codec.is_none() && options.epsilon.is_none();
-        let suits = |held: &&OperatorKey| match (key, **held) {
-            (OperatorKey::Bounces { codec, .. }, OperatorKey::Bounces { codec: other, .. }) => {
-                let are_tiles = matches!((codec, other), (Codec::LowRank { .. }, Codec::LowRank { .. }));
-                is_open || are_tiles && options.epsilon.is_none()
-            }
-            (OperatorKey::FormFactors { .. }, OperatorKey::FormFactors { .. }) => options.epsilon.is_none(),
-            _ => false,
-        };
-        match (held.iter().find(suits), asked) {
-            (Some(OperatorKey::Bounces { codec, .. }), _) => Ok(MethodSettings::Multibounce(*codec)),
-            (Some(OperatorKey::FormFactors { epsilon }), MethodSettings::Feedback(settings)) => {
-                Ok(MethodSettings::Feedback(FeedbackSettings { epsilon: *epsilon, ..settings }))
-            }
-            _ => {
-                let asked = options_of(&key);
-                let (name, more) = asked.split_once(' ').unwrap_or((&asked, ""));
-                Err(Error::NotHeld {
-                    path: path.to_path_buf(),
-                    held: held.iter().map(options_of).collect(),
-                    again: format!("--for {name} {more}"),
-                    asked: asked.clone(),
-                })
-            }
-        }
-    }
-}
-
 /// What commands that write light take.
 #[derive(Args, Clone, Debug)]
 pub struct LightOptions {
@@ -342,18 +213,6 @@ impl Lightable {
     }
 }
 
-/// The device that is asked for; a note where it is another one than a user may expect.
-///
-/// # Errors
-/// A device that is not there, or lacks a feature.
-pub fn open_device(common: &Common, progress: &Progress) -> Result<Box<dyn Executor>, Error> {
-    let (executor, note) = open(&DeviceChoice::parse(&common.device))?;
-    if let Some(note) = note {
-        progress.note(&note);
-    }
-    Ok(executor)
-}
-
 /// Where a bake on a device of this kind builds operators: there, if it was asked for by name, else if it is a graphics processor
 /// that is large enough.
 fn operators_on(common: &Common, kind: DeviceKind) -> BuildOn {
@@ -362,23 +221,6 @@ fn operators_on(common: &Common, kind: DeviceKind) -> BuildOn {
         (DeviceChoice::Auto, _) => BuildOn::Auto,
         _ => BuildOn::Device,
     }
-}
-
-/// Bakes a scene on the host, or on a device that is to.
-///
-/// # Errors
-/// As [`patchlight::Bake::build_on`]; cancellation.
-pub fn build(
-    device: &mut (dyn Executor + 'static),
-    on: BuildOn,
-    scene: &Scene,
-    settings: &BakeSettings,
-    progress: &Progress,
-) -> Result<patchlight::Bake, patchlight::Error> {
-    interruptible(|| match on.is_device(device.device().kind) {
-        true => patchlight::Bake::build_on(device, scene, settings, progress),
-        false => patchlight::Bake::build(scene, settings, progress),
-    })
 }
 
 /// A scene and its bake, opened or made.
@@ -414,20 +256,6 @@ fn baked(
     let bake = bake.map_err(|error| Error::of_scene(error, scene))?;
     loaded.scene = bake.scene.clone();
     Ok((loaded, Arc::new(bake)))
-}
-
-/// Whether the scene of a bake, where it still lies where it lay, is another one by now. It is only read again where one of
-/// its files is younger than the bake, or gone.
-fn has_changed(bake: &Path, loaded: &LoadedScene, origin: &Origin) -> bool {
-    let written = std::fs::metadata(bake).and_then(|meta| meta.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
-    Path::new(&origin.scene).is_file()
-        && loaded.files.iter().any(|file| is_younger(file, written))
-        && load_or_build(&origin.scene).map_or(true, |now| now.content_hash != origin.scene_hash)
-}
-
-/// Whether a file was changed after a time, or is gone.
-fn is_younger(file: &Path, than: SystemTime) -> bool {
-    !std::fs::metadata(file).and_then(|meta| meta.modified()).is_ok_and(|changed| changed <= than)
 }
 
 #[derive(Serialize)]

@@ -9,10 +9,9 @@ use scene::math::luminance;
 use serde::Serialize;
 
 use super::args::Compare;
-use experiments::Error;
-use experiments::args::Common;
-use experiments::say;
-use experiments::{errors, output};
+use shell::Error;
+use shell::args::Common;
+use shell::{errors, output};
 
 #[derive(Serialize)]
 struct Comparison {

@@ -4,26 +4,15 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use clap::Args;
 use reference::metrics::difference_picture;
 use reference::path::PathSettings;
 use reference::{PictureErrors, PictureFile as _};
 use scene::Light;
 use temporal::Settings;
 
-use super::bake::build;
 use assets::import::{Animation, LoadedScene, View};
 use assets::procedural;
-use experiments::Error;
-use experiments::args::Common;
-use experiments::errors::picture_errors;
-use experiments::output;
-use experiments::output::write_pictures;
-use experiments::path;
-use experiments::progress::{Progress, interruptible, is_cancelled};
-use experiments::report::{Comparison, Figure, FrameGraph, Plot, Section, Series, Table, page, significant};
-use experiments::say;
-use experiments::sequence::frame_time;
-use experiments::summary::{PassTimes, PhotonCounts, Summary};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
@@ -34,6 +23,17 @@ use patchlight::renderer::with_lights;
 use patchlight::{Bake, BakeSettings, Estimator, MethodSettings, Pictures, RenderSettings, Renderer};
 use runtime::executor::{DeviceChoice, open};
 use runtime::graph::{Graph, Stage};
+use shell::Error;
+use shell::args::Common;
+use shell::errors::picture_errors;
+use shell::opened::build;
+use shell::output;
+use shell::output::write_pictures;
+use shell::path;
+use shell::progress::{Progress, interruptible, is_cancelled};
+use shell::report::{Comparison, Figure, FrameGraph, Plot, Section, Series, Table, page, significant};
+use shell::sequence::frame_time;
+use shell::summary::{PassTimes, PhotonCounts, Summary};
 
 /// How much the demo does.
 struct Effort {
@@ -46,8 +46,22 @@ struct Effort {
     rays: u32,
 }
 
+const QUICK: Effort = Effort { size: (240, 180), frames: 6, checked: 1, paths: 16, patches: 600, rays: 512 };
 const FULL: Effort = Effort { size: (480, 360), frames: 24, checked: 2, paths: 48, patches: 2000, rays: 1024 };
-const FAST: Effort = Effort { size: (160, 120), frames: 3, checked: 1, paths: 8, patches: 400, rays: 256 };
+
+/// `patchlight demo`.
+#[derive(Args, Clone, Copy, Debug, Default)]
+#[command(
+    after_help = "Examples:\n  patchlight demo\n  patchlight demo --full --out out/full\n  patchlight demo --device vulkan"
+)]
+pub struct Demo {
+    /// Larger pictures, more frames, patches and paths: minutes.
+    #[arg(long, help_heading = "Picture")]
+    pub full: bool,
+}
+
+/// Scenes of the demo.
+const SCENES: [&str; 3] = ["cornell", "atrium", "office"];
 
 /// Relative error of the compressed operators.
 const EPSILON: f64 = 0.02;
@@ -130,9 +144,10 @@ type Errors = (u32, PictureErrors, PictureErrors);
 /// What a method gave.
 struct Run {
     times: Times,
+    /// Pictures of the checked frames.
+    pictures: Vec<(u32, Pictures)>,
+    /// Their errors, once they are compared.
     errors: Vec<Errors>,
-    /// The last of these.
-    pictures: Option<Pictures>,
     /// Seconds before the first frame that other methods do not need.
     phases: Vec<(String, f64)>,
     /// The stages of a frame, and which each reads from.
@@ -146,14 +161,22 @@ struct Checked {
     traced: Pictures,
 }
 
-pub fn run(common: &Common, fast: bool) -> Result<(), Error> {
-    let effort = if fast { FAST } else { FULL };
+pub fn run(common: &Common, args: Demo) -> Result<(), Error> {
+    let effort = if args.full { FULL } else { QUICK };
     let out = common.out.clone().unwrap_or_else(|| "out".into());
     output::check_folder(&out)?;
     output::make_folder(&out)?;
     let mut outcomes = Vec::new();
     let mut device = String::new();
-    for name in ["cornell", "atrium", "office"] {
+    Progress::new(common.quiet).note(&format!(
+        "Lights {} built-in rooms by {} methods while their lights move, and path traces a frame of each to compare with.\n\
+         {} Pictures and report.html: {}. Your own scene: patchlight render SCENE",
+        SCENES.len(),
+        METHODS.len(),
+        if args.full { "This takes minutes." } else { "About a minute; with --full larger and longer." },
+        out.display()
+    ));
+    for name in SCENES {
         let progress = Progress::new(common.quiet);
         progress.note(&format!("{name}:"));
         let loaded = progress.phase("import", |_| procedural::build(name))?;
@@ -223,11 +246,14 @@ fn one_scene(
     let bake = Arc::new(build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress)?);
     drop(device);
     let show = Show { common, effort, loaded, bake: &bake, out };
-    let checked = show.trace_some(progress)?;
     let mut runs = Vec::new();
     for method in &METHODS {
         progress.note(&format!("{}:", method.name));
-        runs.push(show.run(method, &checked)?);
+        runs.push(show.run(method)?);
+    }
+    let checked = show.trace_some(progress)?;
+    for run in &mut runs {
+        run.compare(&checked, loaded.exposure_stops)?;
     }
     let mut shared = progress.phases();
     shared.retain(|(name, _)| name != "path tracing");
@@ -299,32 +325,31 @@ impl Show<'_> {
         Ok(interruptible(|| Renderer::new(Arc::clone(self.bake), executor, &settings, progress))?)
     }
 
-    /// All frames of the first method; of the others only the light, but for the frames that are
-    /// checked.
-    fn run(&self, method: &Method, checked: &[Checked]) -> Result<Run, Error> {
+    /// Pictures of all frames by the first method; by the others only the light, but for the frames that are checked.
+    fn run(&self, method: &Method) -> Result<Run, Error> {
         let effort = self.effort;
         let progress = Progress::new(self.common.quiet);
         let mut renderer = self.load(method, &progress)?;
         let phases = progress.phases();
         let is_first = method.settings == MethodSettings::Classic;
         let mut times = Times::new();
-        let mut errors = Vec::new();
-        let mut pictures = None;
+        let mut pictures = Vec::new();
         for frame in 0..effort.frames {
             let (lights, view) = self.at(frame);
             let lighting = with_lights(&self.loaded.scene, &lights);
             let camera = view.camera(effort.size.0, effort.size.1);
-            let check = checked.iter().find(|check| check.frame == frame);
-            let passes = if is_first || check.is_some() {
+            let is_checked = effort.is_checked(frame);
+            let passes = if is_first || is_checked {
                 let done = progress.timed("frame", || renderer.picture(&lighting, &camera, frame))?;
                 if is_first {
                     let path = self.out.join(frame_file(frame));
                     done.pictures.full.write_png(&path, self.loaded.exposure_stops)?;
+                    if frame == 0 {
+                        progress.note(&format!("first picture: {}", path.display()));
+                    }
                 }
-                if let Some(Checked { traced, .. }) = check {
-                    let (full, indirect) = picture_errors(&done.pictures, traced, self.loaded.exposure_stops)?;
-                    errors.push((frame, full, indirect));
-                    pictures = Some(done.pictures);
+                if is_checked {
+                    pictures.push((frame, done.pictures));
                 }
                 done.times
             } else {
@@ -339,12 +364,12 @@ impl Show<'_> {
             add_times(&mut times, passes);
         }
         renderer.counted_report()?;
-        let summary = self.summary(method, &mut renderer, &times, errors.last());
+        let summary = self.summary(method, &mut renderer, &times);
         let stages = Graph::new(renderer.executor_mut().plan().clone()).stages();
-        Ok(Run { times, errors, pictures, phases, stages, summary })
+        Ok(Run { times, pictures, errors: Vec::new(), phases, stages, summary })
     }
 
-    fn summary(&self, method: &Method, renderer: &mut Renderer, times: &Times, last: Option<&Errors>) -> Summary {
+    fn summary(&self, method: &Method, renderer: &mut Renderer, times: &Times) -> Summary {
         let device = renderer.executor_mut().device().name.clone();
         let own = renderer.method().as_any();
         let decoder = own.downcast_ref::<Multibounce>().and_then(Multibounce::decoder);
@@ -367,8 +392,8 @@ impl Show<'_> {
             energy: self.bake.energy,
             peak_memory_bytes: peak_memory_bytes(),
             bytes: renderer.bytes(),
-            full: last.map(|errors| errors.1),
-            indirect: last.map(|errors| errors.2),
+            full: None,
+            indirect: None,
             points: None,
         }
     }
@@ -437,6 +462,23 @@ fn over_frames(title: &str, series: Vec<Series>) -> Plot {
 }
 
 impl Run {
+    /// Compares the checked frames with what was path traced.
+    fn compare(&mut self, checked: &[Checked], stops: f32) -> Result<(), Error> {
+        for (frame, pictures) in &self.pictures {
+            let Some(Checked { traced, .. }) = checked.iter().find(|check| check.frame == *frame) else { continue };
+            let (full, indirect) = picture_errors(pictures, traced, stops)?;
+            self.errors.push((*frame, full, indirect));
+        }
+        self.summary.full = self.errors.last().map(|errors| errors.1);
+        self.summary.indirect = self.errors.last().map(|errors| errors.2);
+        Ok(())
+    }
+
+    /// The picture of the last checked frame.
+    fn last(&self) -> Option<&Pictures> {
+        self.pictures.last().map(|(_, pictures)| pictures)
+    }
+
     /// The frame graph with median times.
     fn graph(&self, method: &Method) -> FrameGraph {
         let ms = |name: &str| self.summary.passes.get(name).map(|times| times.median_ms);
@@ -450,14 +492,14 @@ fn comparisons(out: &Path, runs: &[Run], checked: Option<&Checked>, stops: f32) 
     let Some(Checked { frame, traced }) = checked else { return Ok(Vec::new()) };
     write_pictures(&out.join("path"), traced, stops)?;
     for (method, run) in METHODS.iter().zip(runs) {
-        if let Some(ours) = &run.pictures {
+        if let Some(ours) = run.last() {
             write_pictures(&out.join(method.name), ours, stops)?;
         }
     }
     let compare = |file: &str, light: &str| -> Result<Comparison, Error> {
         let caption = format!("path traced, {light}, frame {frame}");
         let beneath = Figure::photograph(&out.join("path"), file, caption)?;
-        let shown = METHODS.iter().zip(runs).filter(|(_, run)| run.pictures.is_some());
+        let shown = METHODS.iter().zip(runs).filter(|(_, run)| run.last().is_some());
         let above = shown.map(|(method, _)| Figure::photograph(&out.join(method.name), file, method.title.to_owned()));
         Ok(Comparison { beneath, above: above.collect::<Result<_, Error>>()? })
     };
@@ -468,7 +510,7 @@ fn differences(out: &Path, runs: &[Run], checked: Option<&Checked>) -> Result<Ve
     let Some(Checked { traced, .. }) = checked else { return Ok(Vec::new()) };
     let mut figures = Vec::new();
     for (method, run) in METHODS.iter().zip(runs) {
-        let Some(ours) = &run.pictures else { continue };
+        let Some(ours) = run.last() else { continue };
         let folder = out.join(method.name);
         let blocks = [&ours.full, &traced.full].map(|picture| picture.block_means(8));
         difference_picture(&blocks[0], &blocks[1], 0.25)?.write_png(&folder.join("difference.png"), 0.0)?;

@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use experiments::Error;
-use experiments::args::Common;
-use experiments::output;
-use experiments::say;
+use shell::Error;
+use shell::args::Common;
+use shell::output;
+
 use runtime::executor::{DeviceInfo, devices};
 
 #[derive(Serialize)]

@@ -5,12 +5,6 @@ use std::path::{Path, PathBuf};
 use assets::export::lit::{LitBy, LitSide, lit_gltf, lit_ply};
 use assets::import::LoadedScene;
 use clap::{ArgGroup, Args};
-use experiments::Error;
-use experiments::args::{Animate, Common, parse_metres};
-use experiments::output;
-use experiments::progress::{Progress, interruptible, is_cancelled};
-use experiments::say;
-use experiments::sequence::Movement;
 use glam::Vec3;
 use patches::{LightmapTexels, VolumeSettings, VolumeSize, VoxelVolume};
 use patchlight::outputs::{LightPart, ProbeVolume, at_corners, in_volume, is_lit, lit_sides, on_lightmap};
@@ -20,6 +14,11 @@ use reference::PictureFile as _;
 use reference::file::write_whole;
 use reference::picture::Precision;
 use scene::{Scene, Sides, SurfacePoint};
+use shell::Error;
+use shell::args::common::{Animate, Common, parse_metres};
+use shell::output;
+use shell::progress::{Progress, interruptible, is_cancelled};
+use shell::sequence::Movement;
 
 use super::bake::{LightOptions, Lightable};
 

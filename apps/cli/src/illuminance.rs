@@ -10,12 +10,12 @@ use embedded_graphics::mono_font::ascii::FONT_8X13;
 use embedded_graphics::pixelcolor::Rgb888;
 use embedded_graphics::prelude::{DrawTarget, Drawable as _, OriginDimensions, Pixel, Point, RgbColor as _, Size};
 use embedded_graphics::text::{Baseline, Text};
-use experiments::Error;
-use experiments::args::{Common, parse_metres, parse_size};
-use experiments::output;
-use experiments::progress::Progress;
-use experiments::report::significant;
-use experiments::say;
+use shell::Error;
+use shell::args::common::{Common, parse_metres, parse_size};
+use shell::output;
+use shell::progress::Progress;
+use shell::report::significant;
+
 use glam::{Vec2, Vec3};
 use patchlight::Picture;
 use patchlight::outputs::{CalculationPlane, LightPart, PlaneKind, PlaneLight, illuminance, on_view};

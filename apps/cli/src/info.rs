@@ -8,13 +8,12 @@ use scene::math::luminance;
 use scene::{LIGHT_DIRECTIONAL, LIGHT_LUMINAIRE, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, LUMENS_PER_WATT, NONE};
 use serde::Serialize;
 
-use super::args::{FormFactors, OperatorOptions, PatchOptions};
 use assets::import::{LoadedScene, load_or_build};
-use experiments::Error;
-use experiments::args::Common;
-use experiments::output;
-use experiments::progress::interruptible;
-use experiments::{say, tell};
+use shell::Error;
+use shell::args::{Common, FormFactors, OperatorOptions, PatchOptions};
+use shell::output;
+use shell::progress::interruptible;
+
 use patches::{Density, MeshSettings, PatchKind, PatchMesh, lit_sampler};
 use patchlight::BakeSettings;
 

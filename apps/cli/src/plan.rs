@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use experiments::Error;
-use experiments::output;
 use serde_json::{Value, json};
+use shell::Error;
+use shell::output;
 
 /// Bytes of a mebibyte, in which both formats count memory.
 const MEBIBYTE: u64 = 1 << 20;

@@ -9,20 +9,10 @@ use reference::metrics::{compare_pictures, compare_points, difference_picture, i
 use reference::path::{PathSettings, PathTracer};
 use reference::{BlockErrors, PictureFile as _, ReferenceData, stops_to_scale};
 
-use super::args::{Bounces, DirectLight, Method, Render};
-use super::bake::{Opened, build, open_device};
+use super::args::{DirectLight, Render};
+use crate::photons;
+use crate::worst_blocks::worst_blocks;
 use assets::import::LoadedScene;
-use experiments::Error;
-use experiments::args::Common;
-use experiments::output;
-use experiments::path;
-use experiments::photons;
-use experiments::progress::{Progress, interruptible, is_cancelled};
-use experiments::report::significant;
-use experiments::say;
-use experiments::sequence::{Movement, Sequence, Shot, light_update_ms};
-use experiments::summary::{LightUpdate, LinkCounts, PassTimes, PhotonCounts, Summary};
-use experiments::worst_blocks::worst_blocks;
 use patchlight::debug::DebugPicture;
 use patchlight::memory::{check_free, peak_memory_bytes};
 use patchlight::method::firstshot::FirstShotMethod;
@@ -36,6 +26,15 @@ use patchlight::{
 use runtime::executor::{DeviceChoice, Executor, open};
 use runtime::graph::Graph;
 use runtime::recipe::multibounce::Decoder;
+use shell::Error;
+use shell::args::{Bounces, Common, Method};
+use shell::opened::{Opened, best_method, build, open_device};
+use shell::output;
+use shell::path;
+use shell::progress::{Progress, interruptible, is_cancelled};
+use shell::report::significant;
+use shell::sequence::{Movement, Sequence, Shot, light_update_ms};
+use shell::summary::{LightUpdate, LinkCounts, PassTimes, PhotonCounts, Summary};
 
 /// Most sub-frames with which frames update only the receivers in view.
 const MOST_SUB_FRAMES_IN_VIEW: u32 = 2;
@@ -62,19 +61,25 @@ const BAKE_PHASES: [&str; 12] = [
 ];
 
 /// `render` of a scene.
-pub fn run(common: &Common, args: &Render) -> Result<(), Error> {
+pub fn run(common: &Common, args: &mut Render) -> Result<(), Error> {
     let progress = begin(common, args)?;
     let loaded = output::import_within(&args.scene, args.operators.memory_limit, &progress)?;
+    if !args.is_method_given && loaded.scene.has_medium() {
+        args.method = Method::Firstshot;
+    }
     let seed = common.seed;
     let method = method_settings(args, loaded.exposure_stops, seed);
     render(common, args, &Subject { loaded, bake: None, method, seed }, &progress)
 }
 
 /// `render` of a bake.
-pub fn run_bake(common: &Common, args: &Render) -> Result<(), Error> {
+pub fn run_bake(common: &Common, args: &mut Render) -> Result<(), Error> {
     let progress = begin(common, args)?;
     let path = Path::new(&args.scene);
     let opened = Opened::read(path, &progress)?;
+    if !args.is_method_given {
+        args.method = best_method(&opened.bake);
+    }
     let seed = if args.method == Method::Path { common.seed } else { opened.bake.settings.seed };
     let asked = method_settings(args, opened.loaded.exposure_stops, seed);
     if args.method != Method::Path {

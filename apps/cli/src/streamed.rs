@@ -9,17 +9,16 @@ use localmatrix::{BakeFile, LocalSettings};
 use reference::PictureFile as _;
 use serde::Serialize;
 
-use super::args::{Method, Render};
-use experiments::Error;
-use experiments::args::Common;
-use experiments::output;
-use experiments::progress::{Progress, interruptible, is_cancelled};
-use experiments::say;
-use experiments::sequence::Movement;
-use experiments::summary::PassTimes;
+use super::args::Render;
 use patchlight::memory::{peak_memory_bytes, resident_bytes};
 use patchlight::world::{StreamFrame, StreamSettings, Streamed, scene_of};
 use runtime::executor::{DeviceChoice, open};
+use shell::Error;
+use shell::args::{Common, Method};
+use shell::output;
+use shell::progress::{Progress, interruptible, is_cancelled};
+use shell::sequence::Movement;
+use shell::summary::PassTimes;
 
 /// Pixels when no size is given: few enough for native code.
 const SIZE: (u32, u32) = (640, 360);

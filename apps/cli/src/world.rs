@@ -6,19 +6,19 @@ use clap::Args;
 use localmatrix::{BakeFile, Part, beginning_of, is_begun_as_bake};
 use serde::Serialize;
 
-use super::args::{kind, parse_bytes};
-use super::bake::open_device;
 use super::plan::{Format, Plan};
 use assets::import::LoadedScene;
-use experiments::Error;
-use experiments::args::{Common, parse_metres};
-use experiments::output;
-use experiments::progress::{Progress, continue_in, interruptible};
-use experiments::say;
 use patchlight::file::BakeKind;
 use patchlight::memory::peak_memory_bytes;
 use patchlight::world::{BakedWorld, Extra, LEAST_PATCHES, MOST_PATCHES, WorldSettings, bake_on, job_bytes, merge};
 use runtime::executor::{DeviceChoice, open};
+use shell::Error;
+use shell::args::bake::parse_bytes;
+use shell::args::common::{Common, parse_metres};
+use shell::args::input::kind;
+use shell::opened::open_device;
+use shell::output;
+use shell::progress::{Progress, continue_in, interruptible};
 
 /// Patches without --patch-count: one for so many triangles, within these bounds.
 const TRIANGLES_A_PATCH: usize = 20;

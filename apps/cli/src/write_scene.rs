@@ -1,11 +1,10 @@
 //! `patchlight scene`.
 
 use assets::{export, procedural};
-use experiments::Error;
-use experiments::args::Common;
-use experiments::output;
-use experiments::progress::{interruptible, is_cancelled};
-use experiments::say;
+use shell::Error;
+use shell::args::Common;
+use shell::output;
+use shell::progress::{interruptible, is_cancelled};
 
 pub fn run(common: &Common, name: &str) -> Result<(), Error> {
     common.native_only("scene")?;

@@ -6,7 +6,11 @@
 //! where they have changed, and [`screen`] copies the picture into the window and draws the panels over it. With an executor on
 //! the device of the window the picture never leaves it.
 
+#[macro_use]
+extern crate shell;
+
 mod app;
+pub mod command;
 pub mod error;
 pub mod eye;
 mod fit;

@@ -58,22 +58,52 @@ pub struct MeanRatio {
     pub places: usize,
 }
 
+/// Greatest standard error of a ratio that is believed; beyond it the places are too few, most of all where light comes from
+/// small bright spots, which few rays meet.
+pub const MAX_STANDARD_ERROR: f64 = 0.03;
+/// Share of the energy that form factors may lose or add without a word.
+const MAX_IMBALANCE: f64 = 0.005;
+
+impl MeanRatio {
+    /// Whether there were enough rays to believe it.
+    pub fn is_believed(&self) -> bool {
+        self.standard_error <= MAX_STANDARD_ERROR
+    }
+
+    /// How this light is, as a part of a sentence.
+    fn in_words(&self, light: &str) -> String {
+        let error = 100.0 * self.standard_error;
+        match self.is_believed() {
+            true => format!("{light} {:+.1} % (± {error:.1} %) beside rays", 100.0 * (self.ratio - 1.0)),
+            false => format!(
+                "{light} not judged, for {} places with {RAYS} rays each tell it to ± {error:.0} % only",
+                self.places
+            ),
+        }
+    }
+}
+
 impl EnergyCheck {
-    /// A part of a sentence that says how much light is lost or made.
+    /// Sentences that say what was checked, and what is known of it: a ratio is a statement only where its standard error is at
+    /// most [`MAX_STANDARD_ERROR`].
     pub fn in_words(&self) -> String {
-        let percent = |share: f64| format!("{:+.1} %", 100.0 * share);
-        let ratio = |light: &str, ratio: Option<MeanRatio>| {
-            let said = |r: MeanRatio| {
-                format!("; {light} {} (± {:.1} %) beside rays", percent(r.ratio - 1.0), 100.0 * r.standard_error)
-            };
-            ratio.map(said).unwrap_or_default()
-        };
-        let [near, far, unseen] = [
-            ratio("indirect light", self.near),
-            ratio("indirect light far off", self.far),
-            ratio("light that it was not made for", self.unseen),
+        let checks = [
+            ("indirect light", self.near),
+            ("indirect light far off", self.far),
+            ("light that the bake was not made for", self.unseen),
         ];
-        format!("{} between patches{near}{far}{unseen}", percent(self.balance))
+        let mut sentences: Vec<String> =
+            checks.iter().filter_map(|(light, ratio)| Some(ratio.as_ref()?.in_words(light))).collect();
+        let percent = 100.0 * self.balance.abs();
+        sentences.push(match self.balance {
+            balance if balance.abs() < MAX_IMBALANCE => "form factors keep the energy".to_owned(),
+            balance => format!(
+                "form factors {} {percent:.1} % of light that all patches send alike, most of it in bounces that a picture \
+                 gathers anew",
+                if balance < 0.0 { "lose" } else { "add" }
+            ),
+        });
+        sentences.join("; ")
     }
 
     /// That of a bake: the balance of its patches, and 65,536 rays from 4,096 places that are shared out as patches are; fewer for more
@@ -328,6 +358,19 @@ fn hit_point(bake: &Bake, hit: Hit, direction: Vec3) -> SurfacePoint {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ratios_are_said_only_where_they_can_be_believed() {
+        let check = |standard_error: f64, balance: f64| {
+            let near = Some(MeanRatio { ratio: 1.181, standard_error, places: 4096 });
+            EnergyCheck { balance, near, far: None, unseen: None }.in_words()
+        };
+        let sure = check(0.004, 0.001);
+        assert!(sure.contains("+18.1 % (± 0.4 %)") && sure.ends_with("form factors keep the energy"), "{sure}");
+        let unsure = check(0.082, -0.348);
+        assert!(!unsure.contains("18.1") && unsure.contains("not judged") && unsure.contains("± 8 %"), "{unsure}");
+        assert!(unsure.contains("lose 34.8 %"), "{unsure}");
+    }
 
     #[test]
     fn many_lights_have_fewer_places_and_no_more_shadow_rays() {

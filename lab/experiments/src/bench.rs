@@ -187,7 +187,7 @@ fn run_patches(common: &Common, args: &Bench) -> Result<(), Error> {
     let mut results = Vec::new();
     for scene in scenes {
         // What is known is kept when the rest fails or is stopped.
-        let keep = |rows: &[Row]| output::write_text(&numbers, &text(&results, rows));
+        let keep = |rows: &[Row]| Ok(output::write_text(&numbers, &text(&results, rows))?);
         let result = patches::one_scene(common, args, scene, &out, &known, &keep)?;
         results.push(result);
         write(&machine, &results, &out)?;
@@ -230,7 +230,7 @@ fn write(machine: &Machine, results: &[SceneResult], out: &Path) -> Result<(), E
             .to_owned(),
     ];
     let sections = results.iter().map(|result| &result.section);
-    output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))
+    Ok(output::write_text(&out.join("report.html"), &page("Patchlight: virtual patches", &introduction, sections))?)
 }
 
 /// How so many patches of a scene are baked.

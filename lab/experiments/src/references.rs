@@ -151,7 +151,7 @@ impl ReferenceStore {
     /// end that was asked for loses nothing.
     ///
     /// # Errors
-    /// [`Error::Cancelled`], and what reading or writing gives.
+    /// [`shell::Error::Cancelled`], and what reading or writing gives.
     pub fn make(
         &self,
         loaded: &LoadedScene,
@@ -211,7 +211,7 @@ impl<'a> Tracing<'a> {
             }
             Ok(true)
         })?;
-        if finished { Ok(()) } else { Err(Error::Cancelled) }
+        if finished { Ok(()) } else { Err(shell::Error::Cancelled.into()) }
     }
 
     /// The pictures of sums; none of fewer than two passes, which do not tell their noise.
@@ -239,7 +239,7 @@ impl<'a> Tracing<'a> {
             error.write_exr(&self.folder.join(name), Precision::Single)?;
         }
         let card = Card { scene: &self.loaded.name, size: kept.size(), noise: kept.noise() };
-        output::write_text(&self.folder.join("reference.json"), &output::json(&card))
+        Ok(output::write_text(&self.folder.join("reference.json"), &output::json(&card))?)
     }
 }
 

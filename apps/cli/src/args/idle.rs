@@ -1,24 +1,10 @@
 //! Options that have nothing to do in a run of `render`, `bake` or `info`: one table each says which options are for which runs.
 
-use clap::ArgMatches;
-use clap::parser::ValueSource;
-
-use experiments::args::{Patches, VariantChoice};
-use experiments::progress::Progress;
-
-use super::super::bake::Bake;
-use super::super::view::View;
-use super::{ClassicSolver, FormFactors, Input, Method, ReceiverPlaces, Render, Storage, Switch};
-
-/// Options of a command that are for some runs only.
-struct Rule<T: 'static> {
-    /// Their names, as the program has them.
-    options: &'static [&'static str],
-    /// What they are for, as the user reads it.
-    whom: &'static str,
-    /// Whether a run with these options, and this input, is one of these.
-    suits: fn(&T, Input) -> bool,
-}
+use super::{ClassicSolver, Render};
+use crate::bake::Bake;
+use shell::args::common::{Patches, VariantChoice};
+use shell::args::idle::Rule;
+use shell::args::{FormFactors, Input, Method, ReceiverPlaces, Storage, Switch};
 
 /// A rule for one method.
 macro_rules! of_method {
@@ -32,7 +18,7 @@ macro_rules! of_method {
 }
 
 /// Which options are for which runs; those that are not here are for all.
-const RULES: &[Rule<Render>] = &[
+pub const RULES: &[Rule<Render>] = &[
     of_method!(Temporal, "temporal", ["samples", "control_variate", "rotated", "rows", "sampled"]),
     Rule {
         options: &["blend"],
@@ -159,7 +145,7 @@ fn makes_patches(args: &Render, input: Input) -> bool {
 }
 
 /// The same for `bake`.
-const BAKE_RULES: &[Rule<Bake>] = &[
+pub const BAKE_RULES: &[Rule<Bake>] = &[
     Rule {
         options: &["codec"],
         whom: "--for multibounce",
@@ -199,93 +185,17 @@ const BAKE_RULES: &[Rule<Bake>] = &[
     },
 ];
 
-/// The same for `view`.
-const VIEW_RULES: &[Rule<View>] = &[
-    Rule {
-        options: &[
-            "methods",
-            "epsilon",
-            "bounces",
-            "patches",
-            "patch_count",
-            "voxel_size",
-            "variant",
-            "form_factors",
-            "receivers",
-            "receiver_rays",
-        ],
-        whom: "scenes, not bakes, which have their own",
-        suits: |_, input| input == Input::Scene,
-    },
-    Rule {
-        options: &["codec"],
-        whom: "scenes, not bakes, with --for multibounce",
-        suits: |args, input| input == Input::Scene && args.methods.contains(&Method::Multibounce),
-    },
-    Rule {
-        options: &["focus"],
-        whom: "scenes, not bakes, with --patches polygon or cluster",
-        suits: |args, input| {
-            input == Input::Scene && !matches!(args.bake.patches.patches, Some(Patches::Voxel | Patches::Axis))
-        },
-    },
-    Rule {
-        options: &["rays"],
-        whom: "scenes, not bakes, with --form-factors hemisphere",
-        suits: |args, input| input == Input::Scene && args.bake.form_factors == FormFactors::Hemisphere,
-    },
-    Rule {
-        options: &["receiver_edge", "most_receivers"],
-        whom: "scenes, not bakes, with --receivers mesh",
-        suits: |args, input| input == Input::Scene && args.bake.receivers == ReceiverPlaces::Mesh,
-    },
-    Rule {
-        options: &["form_factors", "rays", "receivers", "receiver_rays"],
-        whom: "--variant corrected",
-        suits: |args, _| args.bake.variant == VariantChoice::Corrected,
-    },
-];
-
 /// The same for `info`.
-const INFO_RULES: &[Rule<()>] = &[Rule {
+pub const INFO_RULES: &[Rule<()>] = &[Rule {
     options: &["patches", "patch_count", "voxel_size", "focus", "operator", "codec", "epsilon", "decode"],
     whom: "scenes, not bakes",
     suits: |(), input| input == Input::Scene,
 }];
 
-/// What there is to say of the options that were given, and that the run ignores.
-fn idle_options<T>(rules: &[Rule<T>], matches: &ArgMatches, (args, input): (&T, Input)) -> Vec<String> {
-    let given = |option: &str| matches.value_source(option) == Some(ValueSource::CommandLine);
-    let idle = rules.iter().filter(|rule| !(rule.suits)(args, input));
-    let options = idle.flat_map(|rule| rule.options.iter().map(|option| (rule.whom, *option)));
-    options
-        .filter(|(_, option)| given(option))
-        .map(|(whom, option)| format!("--{} is for {whom}; this run ignores it", option.replace('_', "-")))
-        .collect()
-}
-
-/// Warns of each option that was given and has nothing to do in a run of `render`.
-pub fn warn_of_idle(matches: &ArgMatches, args: &Render, input: Input, progress: &Progress) {
-    idle_options(RULES, matches, (args, input)).iter().for_each(|line| progress.warn(line));
-}
-
-/// The same for `bake`.
-pub fn warn_of_idle_in_bake(matches: &ArgMatches, args: &Bake, progress: &Progress) {
-    idle_options(BAKE_RULES, matches, (args, Input::Scene)).iter().for_each(|line| progress.warn(line));
-}
-
-/// The same for `view`.
-pub fn warn_of_idle_in_view(matches: &ArgMatches, args: &View, input: Input, progress: &Progress) {
-    idle_options(VIEW_RULES, matches, (args, input)).iter().for_each(|line| progress.warn(line));
-}
-
-/// The same for `info`.
-pub fn warn_of_idle_in_info(matches: &ArgMatches, input: Input, progress: &Progress) {
-    idle_options(INFO_RULES, matches, (&(), input)).iter().for_each(|line| progress.warn(line));
-}
-
 #[cfg(test)]
 mod tests {
+    use shell::args::idle::idle_options;
+
     use super::*;
     use crate::args::{Cli, Command};
 
@@ -326,7 +236,6 @@ mod tests {
         };
         RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("render", option));
         BAKE_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("bake", option));
-        VIEW_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("view", option));
         INFO_RULES.iter().flat_map(|rule| rule.options).for_each(|option| check("info", option));
     }
 

@@ -9,14 +9,13 @@ use multibounce::{Channels, LowRank, spectral_radius};
 use serde::Serialize;
 use transport::LinearOperator as _;
 
-use crate::args::{OperatorOptions, Storage};
 use assets::import::LoadedScene;
-use experiments::Error;
-use experiments::args::Common;
-use experiments::measure::{block_orders, compact_lights, matrix_pictures, order_errors, own_light};
-use experiments::output;
-use experiments::progress::Progress;
-use experiments::say;
+use shell::Error;
+use shell::args::{Common, OperatorOptions, Storage};
+use shell::measure::{block_orders, compact_lights, matrix_pictures, order_errors, own_light};
+use shell::output;
+use shell::progress::Progress;
+
 use patches::PatchMesh;
 use patchlight::operator::build::{MATRICES, check_memory};
 use patchlight::operator::measure::{exact_product, relative_error};

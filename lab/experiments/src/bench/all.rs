@@ -24,7 +24,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
             continue;
         }
         if is_cancelled() {
-            return Err(Error::Cancelled);
+            return Err(shell::Error::Cancelled.into());
         }
         if name == Experiment::Thesis {
             thesis_figures(common, args, &folder)?;

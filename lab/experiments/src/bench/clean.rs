@@ -249,7 +249,7 @@ impl Measuring<'_> {
             let mut render = |number: u32| -> Result<Pictures, Error> {
                 let done = renderer.picture(&lighting, &camera, number)?;
                 if report(number as usize + 1, frames as usize).is_break() || is_cancelled() {
-                    return Err(Error::Cancelled);
+                    return Err(shell::Error::Cancelled.into());
                 }
                 Ok(done.pictures)
             };
@@ -494,5 +494,5 @@ fn write_report(machine: &Machine, args: &Bench, outcomes: &[Outcome], out: &Pat
     ];
     let summary = Section { title: "Faults".to_owned(), tables: tables(outcomes), ..Section::default() };
     let sections = [&summary].into_iter().chain(outcomes.iter().map(|outcome| &outcome.section));
-    output::write_text(&out.join("report.html"), &page("Patchlight: clean pictures", &introduction, sections))
+    Ok(output::write_text(&out.join("report.html"), &page("Patchlight: clean pictures", &introduction, sections))?)
 }

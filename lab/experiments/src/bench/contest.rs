@@ -258,12 +258,12 @@ pub fn pictures_at_rest(
 
 /// Errors of all light and of indirect light against path tracing.
 pub fn errors(view: &View, pictures: &Pictures, truth: &Truth) -> Result<(PictureErrors, PictureErrors), Error> {
-    picture_errors(pictures, &truth.pictures, view.loaded.exposure_stops)
+    Ok(picture_errors(pictures, &truth.pictures, view.loaded.exposure_stops)?)
 }
 
 /// The end of work that was asked to stop.
 pub fn cancelled() -> Result<(), Error> {
-    if is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+    if is_cancelled() { Err(shell::Error::Cancelled.into()) } else { Ok(()) }
 }
 
 /// Pictures in a row of those that are side by side.

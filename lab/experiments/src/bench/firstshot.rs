@@ -372,7 +372,7 @@ fn one_run(
     let is_done =
         finished && progress.phase("on", |report| tracer.run(&|round| curve.add(round, settings.error, report)));
     if !is_done {
-        return Err(Error::Cancelled);
+        return Err(shell::Error::Cancelled.into());
     }
     let row = Row {
         scene: loaded.name.clone(),

@@ -242,7 +242,7 @@ impl Measuring<'_> {
             let times = interruptible(|| renderer.advance(&lighting, &camera))?;
             let ms = 1e3 * start.elapsed().as_secs_f64() - pass_ms(&times, PIXELS);
             if is_cancelled() {
-                return Err(Error::Cancelled);
+                return Err(shell::Error::Cancelled.into());
             }
             if number > 0 {
                 whole.push(ms);
@@ -359,5 +359,5 @@ fn write_report(machine: &Machine, operations_g: f64, rows: &[Row], out: &Path) 
         tables: tables(machine, operations_g, rows),
         ..Section::default()
     };
-    output::write_text(&out.join("report.html"), &page("Patchlight: light updates", &[], [&section]))
+    Ok(output::write_text(&out.join("report.html"), &page("Patchlight: light updates", &[], [&section]))?)
 }

@@ -119,7 +119,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
                 rows.extend(row);
                 views.extend(shown);
                 // What is known is kept when the rest fails or is stopped.
-                output::write_text(&out.join("summary.json"), &results(&rows, &views))
+                Ok(output::write_text(&out.join("summary.json"), &results(&rows, &views))?)
             })?;
         }
         let section = Section {
@@ -231,7 +231,7 @@ impl Measuring<'_> {
                 _ => interruptible(|| light.advance(&self.loaded.scene.lighting, &camera))?,
             };
             if is_cancelled() {
-                return Err(Error::Cancelled);
+                return Err(shell::Error::Cancelled.into());
             }
             let now = light.surface_irradiance()?;
             if before.len() == now.len() {

@@ -416,7 +416,7 @@ impl<'a> Subject<'a> {
     fn settling_bounces(&self, own: &[Vec4], both: &[Acceleration; 2]) -> Result<[usize; 2], Error> {
         let factors = &self.factors.factors;
         let settling = Settling { share: 1e-3, albedo: &self.mesh.albedo, source: own, factors };
-        settling.bounces(*both)
+        Ok(settling.bounces(*both)?)
     }
 
     /// Finds what lights give without compression.

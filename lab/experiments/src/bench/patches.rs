@@ -260,7 +260,7 @@ impl Experiment<'_> {
         let renderer = load(self.common, &bake, &settings, &self.progress)?;
         let own = seconds_since(&self.progress, first);
         self.patches = Some((patches, before));
-        if is_cancelled() { Err(Error::Cancelled) } else { Ok((renderer, before + own)) }
+        if is_cancelled() { Err(shell::Error::Cancelled.into()) } else { Ok((renderer, before + own)) }
     }
 
     /// The first frame under these lights, and the median times of all.
@@ -278,7 +278,7 @@ impl Experiment<'_> {
         for number in 1..frames {
             times.push(interruptible(|| renderer.picture(&lighting, &camera, number))?.times);
             if is_cancelled() {
-                return Err(Error::Cancelled);
+                return Err(shell::Error::Cancelled.into());
             }
         }
         let light: Vec<f64> = times.iter().map(|frame| all_ms(frame) - pass_ms(frame, "shade")).collect();
@@ -324,7 +324,7 @@ impl Experiment<'_> {
             }
             self.proxy(count, truth)?;
             if is_cancelled() {
-                return Err(Error::Cancelled);
+                return Err(shell::Error::Cancelled.into());
             }
         }
         Ok(())

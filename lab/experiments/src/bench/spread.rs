@@ -127,7 +127,7 @@ fn measure(
     let mut rows = vec![row("all bounces at once", &exact)];
     for (name, mut way) in ways(factors, albedo, common.seed)? {
         if is_cancelled() {
-            return Err(Error::Cancelled);
+            return Err(shell::Error::Cancelled.into());
         }
         let mut shown = Vec::new();
         for _ in 0..BEFORE {

@@ -234,7 +234,7 @@ fn write_report<S: Study>(out: &Path, record: &Record<S::Row>, figures: &[Sectio
     introduction.push(S::ABOUT.to_owned());
     let title = format!("Patchlight: {}", S::TITLE.to_lowercase());
     let sections = S::sections(&record.scenes);
-    output::write_text(&out.join("report.html"), &page(&title, &introduction, sections.iter().chain(figures)))
+    Ok(output::write_text(&out.join("report.html"), &page(&title, &introduction, sections.iter().chain(figures)))?)
 }
 
 /// Writes what `bench report` reads, and the picture of the scene that it links.
@@ -250,7 +250,7 @@ fn keep_in_docs<S: Study>(
     if is_shown::<S>(scene) {
         let from = out.join(file_name(&scene.scene)).join(SIDE_BY_SIDE);
         let to = docs.join(PICTURES).join(picture_name::<S>(&scene.scene));
-        std::fs::copy(&from, &to).map_err(|source| Error::Write { path: to, source })?;
+        std::fs::copy(&from, &to).map_err(|source| shell::Error::Write { path: to, source })?;
     }
     Ok(())
 }

@@ -119,7 +119,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
             measuring.measure(count as usize, &progress, &mut |row| {
                 rows.push(row);
                 // What is known is kept when the rest fails or is stopped.
-                output::write_text(&out.join("summary.json"), &results(&rows))
+                Ok(output::write_text(&out.join("summary.json"), &results(&rows))?)
             })?;
             output::write_text(&out.join("report.html"), &report(&machine, &rows))?;
         }
@@ -154,7 +154,7 @@ impl Measuring<'_> {
         keep(classic)?;
         for (name, method) in variants(args.epsilons.first().copied().unwrap_or(0.01), common.seed) {
             if is_cancelled() {
-                return Err(Error::Cancelled);
+                return Err(shell::Error::Cancelled.into());
             }
             progress.note(&format!("{name}:"));
             keep(self.variant(&bake, name, method, Some(&exact))?.0)?;

@@ -55,7 +55,7 @@ pub(super) fn overlapping(study: &Study) -> Result<Outcome, Error> {
             for &overlap in if clusters == 1 { &OVERLAPS[..1] } else { &OVERLAPS[..] } {
                 rows.push(measure(&subject, &whole, clusters, overlap)?);
                 if is_cancelled() {
-                    return Err(Error::Cancelled);
+                    return Err(shell::Error::Cancelled.into());
                 }
             }
         }

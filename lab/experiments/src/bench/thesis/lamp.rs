@@ -130,7 +130,7 @@ fn carry(study: &Study, subject: &Subject) -> Result<Carried, Error> {
         carried.source.push(source);
         carried.exact.push(truncated(&exact));
         if is_cancelled() {
-            return Err(Error::Cancelled);
+            return Err(shell::Error::Cancelled.into());
         }
     }
     Ok(carried)
@@ -202,7 +202,7 @@ fn small(subject: &Subject, carried: &Carried, slots: usize) -> Result<[Row; 2],
             total.2.push(distance(&light, &carried.exact[frame]));
         }
         if is_cancelled() {
-            return Err(Error::Cancelled);
+            return Err(shell::Error::Cancelled.into());
         }
     }
     let name = |whose: &str| format!("the nearest {slots} patches, {whose}");

@@ -160,7 +160,7 @@ fn fly(study: &Study, subject: &Subject) -> Result<(Row, Vec<(f64, f64)>), Error
         row.visible += share(&seen) / f64::from(FRAMES);
         row.lit += share(&lit) / f64::from(FRAMES);
         if is_cancelled() {
-            return Err(Error::Cancelled);
+            return Err(shell::Error::Cancelled.into());
         }
     }
     Ok((row, shares))

@@ -81,7 +81,7 @@ pub(super) fn time(study: &Study) -> Result<Outcome, Error> {
         let subject = Subject::new(study, count)?;
         rows.push(times(study, &subject)?);
         if is_cancelled() {
-            return Err(Error::Cancelled);
+            return Err(shell::Error::Cancelled.into());
         }
     }
     let series = |name: &str, of: fn(&Times) -> Option<f64>| Series {

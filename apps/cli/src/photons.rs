@@ -12,7 +12,7 @@ use reference::file::write_whole;
 use reference::{Picture, PictureFile as _, Precision};
 use scene::Scene;
 
-use crate::error::Error;
+use shell::Error;
 
 /// Texels of a row of the maps' picture.
 const MAP_WIDTH: usize = 1024;

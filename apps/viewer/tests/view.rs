@@ -113,7 +113,7 @@ fn baked() -> (tempfile::TempDir, String) {
 fn show(display: &Xvfb, folder: &Path, bake: &str, script: &str, more: &[&str]) {
     let script = write(folder, script);
     let out = folder.display().to_string();
-    let options = ["view", bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out];
+    let options = [bake, "--size", "160x120", "--script", &script, "--device", "cpu", "--out", &out];
     display.succeeds(&[&options[..], more].concat());
 }
 
@@ -183,18 +183,8 @@ fn the_window_shows_the_pictures_of_the_library() {
     // By the processor, whose pictures are copied into the window, and on the device of the window.
     for device in ["cpu", "vulkan"] {
         let out = folder.path().join(device);
-        let options = [
-            "view",
-            &bake,
-            "--size",
-            "160x120",
-            "--script",
-            &script,
-            "--device",
-            device,
-            "--out",
-            out.to_str().unwrap(),
-        ];
+        let options =
+            [&bake, "--size", "160x120", "--script", &script, "--device", device, "--out", out.to_str().unwrap()];
         let printed = display.succeeds(&options);
         assert!(printed.contains("a second") && printed.contains("presenting"), "what limits the rate: {printed}");
         let shown: Vec<Vec<u8>> = expected
@@ -337,20 +327,20 @@ fn the_window_shows_the_albedo_that_a_material_is_given() {
     assert!(blue(&shot("blue.png")) > blue(&shot("own.png")) + 3000, "{}", blue(&shot("blue.png")));
     assert_eq!(difference(&shot("again.png"), &shot("own.png")).1, 0);
     let script = write(folder.path(), "method tiles\nalbedo white 0.5 0.5 0.5\nquit");
-    let message = display.fails(&["view", &bake, "--size", "64x48", "--device", "cpu", "--script", &script]);
+    let message = display.fails(&[&bake, "--size", "64x48", "--device", "cpu", "--script", &script]);
     assert!(message.contains("line 2") && message.contains("tiles") && message.contains("feedback"), "{message}");
 }
 
 #[test]
 fn without_a_display_or_a_driver_render_is_named() {
-    let mut command = command(&["view", "cornell"]);
+    let mut command = command(&["cornell"]);
     command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
     let output = command.output().unwrap();
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("patchlight render") && !message.contains(".rs"), "{message}");
     let Some(display) = Xvfb::start() else { return };
-    let mut command = display.command(&["view", "cornell"]);
+    let mut command = display.command(&["cornell"]);
     command.env("VK_DRIVER_FILES", "/nowhere.json").env("VK_ICD_FILENAMES", "/nowhere.json");
     let output = command.output().unwrap();
     let message = text(&output.stderr);
@@ -360,12 +350,12 @@ fn without_a_display_or_a_driver_render_is_named() {
 
 #[test]
 fn mistakes_are_named() {
-    assert!(fails(2, &["view", "cornell", "--spp", "3"]).contains("[1, 2, 4, 16]"));
-    assert!(fails(2, &["view", "cornell", "--for", "path"]).contains("path tracing"));
+    assert!(fails(2, &["cornell", "--spp", "3"]).contains("[1, 2, 4, 16]"));
+    assert!(fails(2, &["cornell", "--for", "path"]).contains("path tracing"));
     let Some(display) = Xvfb::start() else { return };
     let (folder, bake) = baked();
     let script = write(folder.path(), "wait 1\nlight 9 off\nquit");
-    let options = ["view", &bake, "--size", "64x48", "--device", "cpu"];
+    let options = [&bake, "--size", "64x48", "--device", "cpu"];
     let failing = |more: &[&str]| display.fails(&[&options[..], more].concat());
     let message = failing(&["--script", &script]);
     assert!(message.contains("script.txt, line 2: there is no light 9; there are 1"), "{message}");
@@ -374,9 +364,9 @@ fn mistakes_are_named() {
     assert!(message.contains("line 1") && message.contains("--for feedback"), "{message}");
     assert!(failing(&["--script", "no such"]).contains("no such"));
     assert!(failing(&["--reference", "no such.exr"]).contains("no such.exr"));
-    let message = display.fails(&["view", &bake, "--device", "Voodoo"]);
+    let message = display.fails(&[&bake, "--device", "Voodoo"]);
     assert!(message.contains("Voodoo") && message.contains("0: "), "{message}");
-    let ignored = display.run(&["view", &bake, "--patch-count", "9", "--device", "Voodoo"]);
+    let ignored = display.run(&[&bake, "--patch-count", "9", "--device", "Voodoo"]);
     assert!(text(&ignored.stderr).contains("--patch-count is for scenes"), "{}", text(&ignored.stderr));
 }
 
@@ -386,7 +376,7 @@ fn ctrl_c_closes_the_window() {
     let (folder, bake) = baked();
     let script = write(folder.path(), "screenshot open.png\nwait 1000000");
     let out = folder.path().display().to_string();
-    let options = ["view", &bake, "--size", "64x48", "--device", "cpu", "--script", &script, "--out", &out];
+    let options = [&bake, "--size", "64x48", "--device", "cpu", "--script", &script, "--out", &out];
     let mut child = display.command(&options).spawn().unwrap();
     let begun = Instant::now();
     while !folder.path().join("open.png").exists() {
@@ -406,5 +396,5 @@ fn the_tour_is_a_script() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/view/tour.txt");
     let script = std::fs::read_to_string(&path).unwrap();
     viewer::script::Script::parse(&path, &script).unwrap();
-    assert!(text(&run(&["view", "--help"]).stdout).contains("sun-hour H [TO N]"));
+    assert!(text(&run(&["--help"]).stdout).contains("sun-hour H [TO N]"));
 }

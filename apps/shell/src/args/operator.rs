@@ -3,8 +3,15 @@
 use clap::{Args, ValueEnum};
 use multibounce::BlockCodec;
 
-use experiments::args::parse_epsilon;
+use patchlight::method::FeedbackSettings;
 use patchlight::operator::{BuildOn, Codec, Decode};
+
+use super::bake::parse_bytes;
+use super::common::parse_epsilon;
+use super::definition::RESEARCH;
+
+/// Relative error of compressed operators unless another one is asked for.
+const EPSILON: f64 = 0.01;
 
 /// How the operator of all bounces is stored.
 #[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -99,15 +106,53 @@ impl OperatorOptions {
 pub struct OperatorOptions {
     /// Also make the operator of all bounces between the patches: bytes, ranks, errors; with --out also pictures of the matrix
     /// before and after it is reordered, and of the error of its compression.
-    #[arg(long)]
+    #[arg(long, help_heading = RESEARCH)]
     pub operator: bool,
     /// How the operator is stored; with tiles also form factors for feedback.
-    #[arg(long, value_enum, default_value_t = Storage::default(), requires = "operator")]
+    #[arg(long, value_enum, default_value_t = Storage::default(), requires = "operator", help_heading = RESEARCH)]
     pub codec: Storage,
     /// Relative error of tiles, in the sense of Frobenius.
-    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator")]
+    #[arg(long, default_value_t = 0.01, value_parser = parse_epsilon, requires = "operator", help_heading = "Method")]
     pub epsilon: f64,
     /// What is to decode texture blocks in frames on the device: says what is taken.
-    #[arg(long, value_enum, default_value_t, requires = "operator")]
+    #[arg(long, value_enum, default_value_t, requires = "operator", help_heading = RESEARCH)]
     pub decode: Decoding,
+}
+
+/// What operators are made, and in how much memory.
+#[derive(Args, Clone, Copy, Debug, PartialEq)]
+pub struct OperatorSettings {
+    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun; tiles of a larger
+    /// operator are built panel by panel in a file beside the results [default: what is free].
+    #[arg(long, value_parser = parse_bytes, help_heading = "Bake")]
+    pub memory_limit: Option<u64>,
+    /// How the operator is stored (multibounce) [default: tiles; of a bake: as it is there].
+    #[arg(long, value_enum, help_heading = RESEARCH)]
+    pub codec: Option<Storage>,
+    /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius [default: 0.01; of a bake: as it is
+    /// there].
+    #[arg(long, value_parser = parse_epsilon, help_heading = "Method")]
+    pub epsilon: Option<f64>,
+}
+
+impl OperatorSettings {
+    /// The relative error of compressed operators.
+    pub fn error(&self) -> f64 {
+        self.epsilon.unwrap_or(EPSILON)
+    }
+
+    /// How the operator of --method multibounce is stored.
+    pub fn storage(&self) -> Codec {
+        self.codec.unwrap_or_default().codec(self.error())
+    }
+
+    /// That of --method tiles.
+    pub fn tiles(&self) -> Codec {
+        Codec::LowRank { epsilon: self.error() }
+    }
+
+    /// Feedback with so many products a frame, accelerated or not.
+    pub fn feedback(&self, products: u32, accelerated: bool) -> FeedbackSettings {
+        FeedbackSettings { epsilon: self.error(), products, accelerated }
+    }
 }

@@ -1,49 +1,46 @@
-//! Options of bakes, which `bake` and `render` share.
+//! Options of bakes, of `bake`, `render` and the viewer.
 
 use clap::Args;
 
 use assets::import::{Animation, LoadedScene};
-use experiments::args::{VariantChoice, parse_epsilon, parse_metres};
-use patchlight::method::FeedbackSettings;
-use patchlight::operator::Codec;
 use patchlight::{BakeSettings, Estimator, ReceiverKind};
 
-use super::{Bounces, FormFactors, PatchOptions, ReceiverPlaces, Storage, parse_bounces, parse_bytes};
-
-/// Relative error of compressed operators unless another one is asked for.
-const EPSILON: f64 = 0.01;
+use super::common::{VariantChoice, parse_metres};
+use super::definition::RESEARCH;
+use super::patches::{FormFactors, PatchOptions, ReceiverPlaces};
 
 /// What a bake is made with.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct BakeOptions {
+    /// Its patches.
     #[command(flatten)]
     pub patches: PatchOptions,
     /// Bounces: a number, or all.
-    #[arg(long, default_value = "all", value_parser = parse_bounces)]
+    #[arg(long, default_value = "all", value_parser = parse_bounces, help_heading = "Method")]
     pub bounces: Bounces,
     /// Where irradiance is gathered.
-    #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh)]
+    #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh, help_heading = RESEARCH)]
     pub receivers: ReceiverPlaces,
     /// Distance between receivers where light is even, m [default: a third of the patches' mean
     /// edge]. Receivers are the points at which indirect light is gathered.
-    #[arg(long, value_name = "METRES", value_parser = parse_metres)]
+    #[arg(long, value_name = "METRES", value_parser = parse_metres, help_heading = "Bake")]
     pub receiver_edge: Option<f32>,
     /// Most receivers; where light bends they stand closer [default: ten thirds of as many as that
     /// distance gives].
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000), help_heading = "Bake")]
     pub most_receivers: Option<u32>,
     /// Which form of the equations voxel and axis patches, their form factors, first exitance and light at points have. With
     /// thesis, form factors are those of points and the patches receive.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub variant: VariantChoice,
     /// Estimator of the form factors.
-    #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere)]
+    #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere, help_heading = RESEARCH)]
     pub form_factors: FormFactors,
     /// Rays a row of the form factors (hemisphere).
-    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
     pub rays: u32,
     /// Rays from each receiver.
-    #[arg(long, default_value_t = BakeSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+    #[arg(long, default_value_t = BakeSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
     pub receiver_rays: u32,
 }
 
@@ -89,40 +86,66 @@ impl BakeOptions {
     }
 }
 
-/// What operators are made, and in how much memory.
-#[derive(Args, Clone, Copy, Debug, PartialEq)]
-pub struct OperatorSettings {
-    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun; tiles of a larger
-    /// operator are built panel by panel in a file beside the results [default: what is free].
-    #[arg(long, value_parser = parse_bytes)]
-    pub memory_limit: Option<u64>,
-    /// How the operator is stored (multibounce) [default: tiles; of a bake: as it is there].
-    #[arg(long, value_enum)]
-    pub codec: Option<Storage>,
-    /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius [default: 0.01; of a bake: as it is
-    /// there].
-    #[arg(long, value_parser = parse_epsilon)]
-    pub epsilon: Option<f64>,
+/// A number of bounces, or all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bounces {
+    /// This many.
+    Count(u32),
+    /// Until nothing changes.
+    All,
 }
 
-impl OperatorSettings {
-    /// The relative error of compressed operators.
-    pub fn error(&self) -> f64 {
-        self.epsilon.unwrap_or(EPSILON)
+/// A number of bounces, or `all`.
+///
+/// # Errors
+/// Text that is neither.
+pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
+    if text == "all" {
+        return Ok(Bounces::All);
+    }
+    match text.parse() {
+        Ok(count) if (1..=1000).contains(&count) => Ok(Bounces::Count(count)),
+        _ => Err(format!("`{text}` is neither `all` nor a number from 1 to 1000")),
+    }
+}
+
+/// A number of bytes, with K, M or G.
+///
+/// # Errors
+/// Text that is none.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("`{text}` is no number of bytes; write for example 2G or 800M");
+    let (digits, shift) = match text.char_indices().last() {
+        Some((at, 'K' | 'k')) => (&text[..at], 10),
+        Some((at, 'M' | 'm')) => (&text[..at], 20),
+        Some((at, 'G' | 'g')) => (&text[..at], 30),
+        _ => (text, 0),
+    };
+    let number: f64 = digits.parse().map_err(|_| wrong())?;
+    let bytes = number * f64::from(1u32 << shift);
+    if bytes.is_finite() && (1.0..1e15).contains(&bytes) { Ok(bytes as u64) } else { Err(wrong()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes() {
+        assert_eq!(parse_bytes("2G"), Ok(2 << 30));
+        assert_eq!(parse_bytes("1.5m"), Ok(3 << 19));
+        assert_eq!(parse_bytes("4096"), Ok(4096));
+        for wrong in ["", "G", "-1", "2T", "nan", "inf", "0", "1e99"] {
+            assert!(parse_bytes(wrong).is_err(), "{wrong}");
+        }
     }
 
-    /// How the operator of --method multibounce is stored.
-    pub fn storage(&self) -> Codec {
-        self.codec.unwrap_or_default().codec(self.error())
-    }
-
-    /// That of --method tiles.
-    pub fn tiles(&self) -> Codec {
-        Codec::LowRank { epsilon: self.error() }
-    }
-
-    /// Feedback with so many products a frame, accelerated or not.
-    pub fn feedback(&self, products: u32, accelerated: bool) -> FeedbackSettings {
-        FeedbackSettings { epsilon: self.error(), products, accelerated }
+    #[test]
+    fn bounces() {
+        assert_eq!(parse_bounces("all"), Ok(Bounces::All));
+        assert_eq!(parse_bounces("3"), Ok(Bounces::Count(3)));
+        for wrong in ["0", "-1", "many", "1001"] {
+            assert!(parse_bounces(wrong).is_err(), "{wrong}");
+        }
     }
 }

@@ -9,7 +9,7 @@ use scene::kernel::shade::encode_srgb;
 use scene::math::luminance;
 use scene::{Camera, LIGHT_DIRECTIONAL, Light, Lighting};
 
-use crate::args::{Animate, CameraPath};
+use crate::args::common::{Animate, CameraPath};
 use crate::error::Error;
 use crate::output;
 use crate::progress::{Progress, interruptible};

@@ -1,38 +1,40 @@
-//! `patchlight view`.
+//! The command line of the window, and the bake that it shows.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::{ArgMatches, Args};
-use serde::Serialize;
-
-use super::args::{
-    BakeOptions, Input, LocalArgs, Method, MethodOptions, OperatorSettings, TemporalOptions, warn_of_idle_in_view,
-};
-use super::bake::{self, Opened, open_device, operator_of, parse_purpose};
 use assets::import::LoadedScene;
-use experiments::Error;
-use experiments::args::{Common, parse_size};
-use experiments::output;
-use experiments::progress::{Progress, interruptible, is_cancelled};
-use experiments::say;
+use clap::{ArgMatches, Args};
 use patchlight::method::Preparation;
 use patchlight::operator::{BakedOperator, Build, BuildOn, Decode, OperatorKey};
 use patchlight::{Bake, MethodSettings};
 use runtime::executor::DeviceChoice;
-use viewer::script::HELP;
-use viewer::{Display, MethodDefaults, Settings};
+use serde::Serialize;
+use shell::Error;
+use shell::args::common::parse_size;
+use shell::args::idle::warn_of_idle;
+use shell::args::{
+    BakeOptions, Common, Input, LocalArgs, Method, MethodOptions, OperatorSettings, TemporalOptions, parse_purpose,
+};
+use shell::opened::{self, Opened, best_method, open_device, operator_of};
+use shell::output;
+use shell::progress::{Progress, interruptible, is_cancelled};
+
+mod idle;
+
+use crate::script::HELP;
+use crate::{Display, MethodDefaults, Report, Settings};
 
 /// Open a window on a scene or a bake: fly through it, move its lights and its sun, switch methods while it runs, compare with
 /// the path tracer or a picture. A scene is baked first. F1 in the window lists the keys.
 #[derive(Args, Clone, Debug)]
 #[command(after_help = format!(
     "Examples:\n  \
-    patchlight view cornell\n  \
-    patchlight view sponza.toml --patch-count 2000 --size 640x360\n  \
-    patchlight view sponza.bake --method temporal\n  \
-    patchlight view office.bake --reference reference/office/full.exr\n  \
-    patchlight view atrium --script tests/view/tour.txt --out out/tour\n\n\
+    patchlight-view cornell\n  \
+    patchlight-view sponza.toml --patch-count 2000 --size 640x360\n  \
+    patchlight-view sponza.bake --method temporal\n  \
+    patchlight-view office.bake --reference reference/office/full.exr\n  \
+    patchlight-view atrium --script tests/view/tour.txt --out out/tour\n\n\
     Commands of a script, one a line, # begins a comment:\n  {}\n\n\
     The window needs some Vulkan driver; Mesa's lavapipe will do. docs/viewer.md has more.",
     HELP.replace('\n', "\n  ")
@@ -41,38 +43,43 @@ pub struct View {
     /// A scene file (.toml, .obj, .gltf, .glb), a built-in scene, or the bake of one.
     pub scene: String,
     /// How the light is found at first [default: tiles where there is an operator for it, else classic; firstshot in a medium].
-    #[arg(long, value_parser = parse_purpose)]
+    #[arg(long, value_parser = parse_purpose, help_heading = "Method")]
     pub method: Option<Method>,
     /// Methods whose operators are made of a scene, so that the window can switch to them: tiles, multibounce, feedback. All others
     /// need none.
-    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose)]
+    #[arg(long = "for", value_name = "METHODS", value_delimiter = ',', default_value = "tiles", value_parser = parse_purpose, help_heading = "Method")]
     pub methods: Vec<Method>,
     /// Size of the window, pixels.
-    #[arg(long, value_parser = parse_size, default_value = "1280x720")]
+    #[arg(long, value_parser = parse_size, default_value = "1280x720", help_heading = "Picture")]
     pub size: (u32, u32),
     /// Sub-frames a pixel at first: 1, 2, 4 or 16.
-    #[arg(long, default_value_t = 1, value_parser = parse_sub_frames)]
+    #[arg(long, default_value_t = 1, value_parser = parse_sub_frames, help_heading = "Picture")]
     pub spp: u32,
     /// A picture (EXR, HDR, PNG) to compare with, in place of path tracing: of the scene's camera and lights.
-    #[arg(long)]
+    #[arg(long, help_heading = "Picture")]
     pub reference: Option<PathBuf>,
     /// A script of input events that drives the window.
     #[arg(long)]
     pub script: Option<PathBuf>,
+    /// Sampled light.
     #[command(flatten)]
     pub temporal: TemporalOptions,
+    /// The matrix round the camera.
     #[command(flatten)]
     pub local: LocalArgs,
+    /// Other methods.
     #[command(flatten)]
     pub method_options: MethodOptions,
+    /// The bake of a scene.
     #[command(flatten)]
     pub bake: BakeOptions,
+    /// Its operators.
     #[command(flatten)]
     pub operators: OperatorSettings,
 }
 
 fn parse_sub_frames(text: &str) -> Result<u32, String> {
-    let known = viewer::state::SUB_FRAMES;
+    let known = crate::state::SUB_FRAMES;
     text.parse().ok().filter(|count| known.contains(count)).ok_or_else(|| format!("`{text}`: choose from {known:?}"))
 }
 
@@ -91,15 +98,13 @@ struct Summary {
 }
 
 /// Bakes or opens, and shows the window until it is closed.
-pub fn run(common: &Common, args: &View, matches: Option<&ArgMatches>) -> Result<(), Error> {
+pub fn run(common: &Common, args: &View, matches: &ArgMatches) -> Result<(), Error> {
     let progress = Progress::new(common.quiet);
     let input = Input::of(&args.scene);
     if input == Input::World {
         return Err(Error::BakeMethod { path: PathBuf::from(&args.scene) });
     }
-    if let Some(matches) = matches {
-        warn_of_idle_in_view(matches, args, input, &progress);
-    }
+    warn_of_idle(idle::RULES, matches, (args, input), &progress);
     output::check_out(&common.out)?;
     // Before minutes of baking.
     let display = Display::open().map_err(window)?;
@@ -113,7 +118,7 @@ pub fn run(common: &Common, args: &View, matches: Option<&ArgMatches>) -> Result
     let settings = Settings {
         device: DeviceChoice::parse(&common.device),
         size: args.size,
-        method: args.method.map_or_else(|| best(&bake), |method| method.name().to_owned()),
+        method: args.method.unwrap_or_else(|| best_method(&bake)).name().to_owned(),
         methods: defaults(args, loaded.exposure_stops, common.seed),
         sub_frames: args.spp,
         reference: args.reference.clone(),
@@ -129,7 +134,7 @@ pub fn run(common: &Common, args: &View, matches: Option<&ArgMatches>) -> Result
     Ok(())
 }
 
-fn window(error: viewer::Error) -> Error {
+fn window(error: crate::Error) -> Error {
     Error::Window(Box::new(error))
 }
 
@@ -147,7 +152,7 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
         methods.iter().try_for_each(check).map_err(of_scene)?;
     }
     let mut device = open_device(common, progress)?;
-    let built = bake::build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress);
+    let built = opened::build(device.as_mut(), BuildOn::Auto, &loaded.scene, &settings, progress);
     let mut bake = built.map_err(of_scene)?;
     if bake.mesh.patches.is_empty() {
         return Ok((loaded, bake));
@@ -163,23 +168,6 @@ fn bake(common: &Common, args: &View, progress: &Progress) -> Result<(LoadedScen
     Ok((loaded, bake))
 }
 
-/// The method that a bake has the best operator for; photons where there is a medium.
-fn best(bake: &Bake) -> String {
-    if bake.scene.has_medium() {
-        return Method::Firstshot.name().to_owned();
-    }
-    let has_operator = bake.operators.iter().any(|baked| matches!(baked.key, OperatorKey::Bounces { .. }));
-    let has_tiles = bake.operators.iter().any(|baked| {
-        matches!(baked.key, OperatorKey::Bounces { codec: patchlight::operator::Codec::LowRank { .. }, .. })
-    });
-    let name = match (has_tiles, has_operator) {
-        (true, _) => Method::Tiles,
-        (false, true) => Method::Multibounce,
-        (false, false) => Method::Classic,
-    };
-    name.name().to_owned()
-}
-
 fn defaults(args: &View, exposure_stops: f32, seed: u32) -> MethodDefaults {
     MethodDefaults {
         feedback: args.method_options.feedback(&args.operators),
@@ -189,8 +177,8 @@ fn defaults(args: &View, exposure_stops: f32, seed: u32) -> MethodDefaults {
     }
 }
 
-fn print(common: &Common, report: &viewer::Report) {
-    let viewer::Report { device, screen, size, rate } = report;
+fn print(common: &Common, report: &Report) {
+    let Report { device, screen, size, rate } = report;
     let Some(rate) = rate else { return };
     if common.json {
         let [update_ms, shading_ms, presenting_ms] = rate.means;

@@ -1,45 +1,99 @@
-//! Options of single methods.
+//! Methods and the options of single ones.
 
 use clap::{Args, ValueEnum};
 use patchlight::method::firstshot::{Cubic, Sequences, StartLight, Subdivision, Texels};
 use patchlight::method::{FeedbackSettings, FirstShotSettings};
 
-use super::OperatorSettings;
-use experiments::args::parse_error;
+use super::common::parse_error;
+use super::definition::RESEARCH;
+use super::operator::OperatorSettings;
+
+/// How the light is found.
+#[derive(ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Classic radiosity: patches of any kind, one product a bounce.
+    Classic,
+    /// All bounces in one product with an operator that is stored as --codec says.
+    Multibounce,
+    /// Short for --method multibounce --codec tiles.
+    Tiles,
+    /// One product a frame with compressed form factors, from the light of the frame before.
+    Feedback,
+    /// A few samples a row and frame, from the light of the frame before: --samples, --blend, --control-variate.
+    Temporal,
+    /// All bounces in one product, with the matrix of the patches round the camera: --slots, --budget, --look-ahead, --fade.
+    Local,
+    /// Photons that start where lights fall first, until the error is what --error says.
+    Firstshot,
+    /// Path tracing on the CPU, the reference.
+    Path,
+}
+
+impl Method {
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Classic => "classic",
+            Self::Multibounce => "multibounce",
+            Self::Tiles => "tiles",
+            Self::Feedback => "feedback",
+            Self::Temporal => "temporal",
+            Self::Local => "local",
+            Self::Firstshot => "firstshot",
+            Self::Path => "path",
+        }
+    }
+}
+
+/// A method that a bake can serve.
+///
+/// # Errors
+/// Text that names none; path tracing.
+pub fn parse_purpose(text: &str) -> Result<Method, String> {
+    match Method::from_str(text, true) {
+        Ok(Method::Path) => Err("path tracing needs no bake".to_owned()),
+        Ok(method) => Ok(method),
+        Err(_) => {
+            let names = Method::value_variants().iter().map(|method| method.name()).filter(|name| *name != "path");
+            let names: Vec<&str> = names.collect();
+            Err(format!("`{text}` is no method; choose from {}", names.join(", ")))
+        }
+    }
+}
 
 /// What feedback and firstshot are made with.
 #[derive(Args, Clone, Debug)]
 pub struct MethodOptions {
     /// Bounces in a frame (feedback).
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = RESEARCH)]
     pub products: u32,
     /// Bounces are not accelerated by where the light was going (feedback): it settles in about
     /// twice as many.
-    #[arg(long)]
+    #[arg(long, help_heading = RESEARCH)]
     pub plain: bool,
     /// Relative error of the patches' irradiance at which photons are enough (firstshot); of the
     /// elements', which are smaller, among mirrors and glass and in a medium. With 0 all of
     /// `--photons` are traced, and no frame waits to hear of the error.
-    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_goal)]
+    #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_goal, help_heading = "Method")]
     pub error: f64,
     /// Most photons (firstshot).
-    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33))]
+    #[arg(long, default_value_t = FirstShotSettings::default().most_photons, value_parser = clap::value_parser!(u64).range(1..=1 << 33), help_heading = "Method")]
     pub photons: u64,
     /// How triangles are split by the light on them (firstshot): across the edges on which it bends, or as Kopylov's algorithm 1.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub subdivision: SubdivisionChoice,
     /// What stands for the reflectance of textured triangles in the choice of a start (firstshot): the mean texel, or the brightest,
     /// where photons of darker ones are rejected.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub texels: TexelChoice,
     /// Where the light at a start comes from (firstshot): a shadow ray, or the table of the lit triangles alone, as Kopylov has it.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub start_light: StartLightChoice,
     /// How the cubic equation of a start is solved (firstshot): Newton's method, or Cardano's formula.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub cubic: CubicChoice,
     /// Numbers that photons are made of (firstshot): Sobol's points, or random ones.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub sequence: SequenceChoice,
 }
 

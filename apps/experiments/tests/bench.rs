@@ -13,7 +13,7 @@ fn parts(list: &[String]) -> Vec<&str> {
 fn the_bench_of_patches_writes_its_tables_plots_and_report() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let mut arguments = vec!["bench", "patches", "cornell", "--out", out, "--device", "cpu", "--quiet"];
+    let mut arguments = vec!["patches", "cornell", "--out", out, "--device", "cpu", "--quiet"];
     arguments.extend(["--size", "160x120", "--spp", "8", "--sub-frames", "1", "--frames", "1", "--counts", "200,400"]);
     arguments.extend(["--densities", "1", "--rays", "64", "--receiver-rays", "32", "--kinds", "axis,cluster"]);
     let markdown = succeeds(&arguments);
@@ -83,7 +83,7 @@ fn the_bench_of_patches_writes_its_tables_plots_and_report() {
 fn bench_operator_keeps_the_error_of_every_kind_of_patches() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let mut arguments = vec!["bench", "operator", "cornell", "--out", out, "--device", "cpu", "--quiet"];
+    let mut arguments = vec!["operator", "cornell", "--out", out, "--device", "cpu", "--quiet"];
     arguments.extend(["--kinds", "axis,cluster", "--counts", "300", "--rays", "256", "--epsilons", "0.1,0.02"]);
     arguments.extend(["--codecs", "bc1", "--receivers", "700", "--receiver-rays", "64", "--receiver-epsilons", "0.1"]);
     let markdown = succeeds(&arguments);
@@ -123,7 +123,7 @@ fn bench_operator_keeps_the_error_of_every_kind_of_patches() {
 fn bench_firstshot_compares_both_ways_to_shoot() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    succeeds(&["bench", "firstshot", "atrium:3000", "--counts", "100", "--error", "0.05", "--quiet", "--out", out]);
+    succeeds(&["firstshot", "atrium:3000", "--counts", "100", "--error", "0.05", "--quiet", "--out", out]);
     let text = std::fs::read_to_string(folder.path().join("summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
     let rows = summary["rows"].as_array().unwrap();
@@ -153,7 +153,7 @@ fn bench_firstshot_compares_both_ways_to_shoot() {
 fn bench_frame_tells_where_the_time_of_light_updates_goes() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let mut arguments = vec!["bench", "frame", "atrium:3000", "--counts", "150", "--frames", "3", "--quiet"];
+    let mut arguments = vec!["frame", "atrium:3000", "--counts", "150", "--frames", "3", "--quiet"];
     arguments.extend(["--size", "64x48", "--rays", "64", "--receiver-rays", "32", "--device", "cpu", "--out", out]);
     let markdown = succeeds(&arguments);
     assert!(markdown.contains("| nothing moves |") && markdown.contains("ms to read once"), "{markdown}");
@@ -187,8 +187,7 @@ fn study(name: &str) -> (tempfile::TempDir, serde_json::Value, String) {
     let folder = tempfile::tempdir().unwrap();
     let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (out, docs) = (text("out"), text("docs"));
-    let arguments =
-        ["bench", name, "--quick", "--note", "in a test", "--out", &out, "--docs", &docs, "--device", "cpu"];
+    let arguments = [name, "--quick", "--note", "in a test", "--out", &out, "--docs", &docs, "--device", "cpu"];
     let markdown = succeeds(&[&arguments[..], &["--quiet"]].concat());
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&read("out/summary.json")).unwrap();
@@ -336,8 +335,7 @@ fn a_scene_is_added_to_those_that_documents_have() {
     let text = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (out, docs) = (text("out"), text("docs"));
     let run = |scene: &str, note: &str| {
-        let mut arguments =
-            vec!["bench", "step", scene, "--note", note, "--out", &out, "--docs", &docs, "--device", "cpu"];
+        let mut arguments = vec!["step", scene, "--note", note, "--out", &out, "--docs", &docs, "--device", "cpu"];
         arguments.extend(["--counts", "100", "--size", "32x24", "--rays", "64", "--receiver-rays", "16", "--quiet"]);
         arguments.extend(["--spacings", "4", "--probe-rays", "16", "--sub-frames", "1"]);
         succeeds(&arguments);
@@ -359,7 +357,7 @@ fn a_scene_is_added_to_those_that_documents_have() {
     assert_eq!(third[1], second[1]);
     // What cannot be added to is said before anything is measured.
     std::fs::write(folder.path().join("docs/data/step.json"), "{}").unwrap();
-    let message = fails(1, &["bench", "step", "cornell", "--out", &out, "--docs", &docs, "--quiet"]);
+    let message = fails(1, &["step", "cornell", "--out", &out, "--docs", &docs, "--quiet"]);
     assert!(message.contains("step.json") && message.contains("bench step"), "{message}");
 }
 
@@ -371,7 +369,7 @@ fn bench_clean_counts_faults_against_references_that_it_keeps() {
     let shared = ["--cache", cache.as_str(), "--size", "48x32", "--quiet", "--device", "cpu"];
     let small = ["--counts", "150", "--rays", "64", "--receiver-rays", "32", "--sub-frames", "2", "--frames", "2"];
     let run = |scenes: &[&str], more: &[&str]| -> Vec<String> {
-        let parts = [&["bench", "clean"][..], scenes, &shared, more];
+        let parts = [&["clean"][..], scenes, &shared, more];
         parts.concat().into_iter().map(str::to_owned).collect()
     };
     let measure = |scenes: &[&str]| run(scenes, &[&small[..], &["--out", out.as_str()]].concat());
@@ -431,15 +429,15 @@ fn bench_clean_counts_faults_against_references_that_it_keeps() {
 
 #[test]
 fn a_bench_that_is_not_known_is_wrong_usage() {
-    let message = fails(2, &["bench", "chairs"]);
+    let message = fails(2, &["chairs"]);
     assert!(message.contains("chairs") && message.contains("patches"), "{message}");
-    fails(2, &["bench"]);
+    fails(2, &[]);
     for wrong in [["--counts", "0"], ["--densities", "-1"], ["--kinds", "hexagon"], ["--spp", "1"]] {
-        fails(2, &["bench", "patches", "cornell", wrong[0], wrong[1]]);
+        fails(2, &["patches", "cornell", wrong[0], wrong[1]]);
     }
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let message = fails(1, &["bench", "patches", "no/such/scene.toml", "--quiet", "--out", out]);
+    let message = fails(1, &["patches", "no/such/scene.toml", "--quiet", "--out", out]);
     assert!(message.contains("no/such/scene.toml"), "{message}");
 }
 
@@ -500,7 +498,7 @@ fn bench_table3_measures_every_method_alike() {
 fn bench_spread_shows_jumps_and_flicker_of_naive_ways() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let mut arguments = vec!["bench", "spread", "cornell", "--counts", "200", "--rays", "128", "--out", out];
+    let mut arguments = vec!["spread", "cornell", "--counts", "200", "--rays", "128", "--out", out];
     arguments.extend(["--receiver-rays", "16", "--quiet", "--json"]);
     let summary: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();
     let rows = summary["rows"].as_array().unwrap();
@@ -523,8 +521,8 @@ fn bench_spread_shows_jumps_and_flicker_of_naive_ways() {
 
 #[test]
 fn bench_thesis_measures_what_is_printed_beside_ours() {
-    let listed = succeeds(&["bench", "thesis"]);
-    let message = fails(1, &["bench", "thesis", "9.9"]);
+    let listed = succeeds(&["thesis"]);
+    let message = fails(1, &["thesis", "9.9"]);
     let folder = tempfile::tempdir().unwrap();
     for (figure, scene, files) in [
         ("3.2", "cornell", &["logarithmic.svg", "linear.svg"][..]),
@@ -541,7 +539,7 @@ fn bench_thesis_measures_what_is_printed_beside_ours() {
     ] {
         assert!(listed.contains(&format!("{figure} ")) && message.contains(figure), "{listed} {message}");
         let out = folder.path().join(figure);
-        let mut arguments = vec!["bench", "thesis", figure, scene, "--out", out.to_str().unwrap(), "--quiet"];
+        let mut arguments = vec!["thesis", figure, scene, "--out", out.to_str().unwrap(), "--quiet"];
         arguments.extend(["--counts", "60,120", "--size", "64x48", "--spp", "8", "--sub-frames", "1", "--rays", "64"]);
         arguments.extend(["--receiver-rays", "32", "--device", "cpu"]);
         let markdown = succeeds(&arguments);
@@ -587,7 +585,7 @@ fn bench_report_gives_what_is_committed() {
         std::fs::copy(&file, data.join(file.file_name().unwrap())).unwrap();
     }
     let out = folder.path().to_str().unwrap();
-    succeeds(&["bench", "report", "--out", out]);
+    succeeds(&["report", "--out", out]);
     let read = |path: std::path::PathBuf| std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path:?}: {e}"));
     let made = read(folder.path().join("experiments.md"));
     assert!(made == read(docs.join("experiments.md")), "docs/experiments.md is not what `bench report` makes");
@@ -605,9 +603,9 @@ fn bench_report_gives_what_is_committed() {
     // Other data give another report.
     let text = read(data.join("table3.json"));
     std::fs::write(data.join("table3.json"), text.replacen("\"psnr_db\": ", "\"psnr_db\": 9", 1)).unwrap();
-    succeeds(&["bench", "report", "--out", out]);
+    succeeds(&["report", "--out", out]);
     assert_ne!(read(folder.path().join("experiments.md")), made);
     std::fs::write(data.join("table3.json"), "{}").unwrap();
-    let message = fails(1, &["bench", "report", "--out", out]);
+    let message = fails(1, &["report", "--out", out]);
     assert!(message.contains("table3.json") && message.contains("bench table3"), "{message}");
 }

@@ -1,5 +1,6 @@
 //! Options of the matrix round the camera.
 
+use super::definition::RESEARCH;
 use clap::Args;
 use patchlight::method::LocalSettings;
 use patchlight::method::local::display_white;
@@ -8,22 +9,22 @@ use patchlight::method::local::display_white;
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct LocalArgs {
     /// Patches and merged patches in the matrix; 16 bytes for each pair (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64))]
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.slots as u32, value_parser = clap::value_parser!(u32).range(4..=localmatrix::MOST_SLOTS as i64), help_heading = "Method")]
     pub slots: u32,
     /// How many of them enter or leave in a frame at most (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.budget as u32, value_parser = clap::value_parser!(u32).range(1..=65_535), help_heading = RESEARCH)]
     pub budget: u32,
     /// Frames for which the camera's path is predicted (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.predicted_frames, value_parser = parse_frames)]
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.predicted_frames, value_parser = parse_frames, help_heading = RESEARCH)]
     pub look_ahead: f32,
     /// Frames over which changes of the matrix come into the light, more where displayed values
     /// would change by more than two 255ths a frame; 1 for at once (local).
-    #[arg(long, default_value_t = LocalSettings::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = LocalSettings::DEFAULT.fade, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = RESEARCH)]
     pub fade: u32,
     /// Make all changes that suit the camera in each frame, wait for the disk, and let nothing
     /// fade: pictures as of a camera at rest, to compare those of a moving one with. --budget,
     /// --look-ahead and --fade make no difference then (local).
-    #[arg(long)]
+    #[arg(long, help_heading = RESEARCH)]
     pub at_rest: bool,
 }
 

@@ -1,0 +1,302 @@
+//! What can go wrong in the programs, as the user sees it.
+
+use std::path::PathBuf;
+
+use runtime::executor::ExecutorError;
+
+/// Why a command failed. Messages name the file, the place and the remedy; the exit code is 1, or 130 after Ctrl-C.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A scene file.
+    #[error("{}", import_with_hint(.0))]
+    Import(#[from] assets::ImportError),
+    /// The library.
+    #[error("{}", with_hint(.0))]
+    Library(#[from] patchlight::Error),
+    /// A picture, a comparison, a saved accumulation.
+    #[error(transparent)]
+    Reference(#[from] reference::Error),
+    /// A result could not be written.
+    #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Standard output could not be written.
+    #[error("cannot write to standard output: {source}; files were written as asked, only the text is lost")]
+    Print {
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The bake of a world goes with one method.
+    #[error("{} is the bake of a world; render it with --method local, or render its scene", path.display())]
+    BakeMethod {
+        /// The bake.
+        path: PathBuf,
+    },
+    /// A bake without the operator of a method.
+    #[error(
+        "{} holds no operator for --method {asked}, {}; bake the scene again with `patchlight bake SCENE {again}`, or render the \
+         scene itself",
+        path.display(),
+        what_is_held(held)
+    )]
+    NotHeld {
+        /// The bake.
+        path: PathBuf,
+        /// The method and options that were asked for.
+        asked: String,
+        /// Those that it has operators for.
+        held: Vec<String>,
+        /// What `bake` needs to be told.
+        again: String,
+    },
+    /// The bake of a world where light is to be written.
+    #[error("{} is the bake of a world, whose light is never there as a whole; give a scene or the bake of one", path.display())]
+    WorldLight {
+        /// The bake.
+        path: PathBuf,
+    },
+    /// The bake of a scene where parts of a world are joined.
+    #[error(
+        "{} is the bake of a scene, which has no parts; give those of a world (`patchlight world SCENE --part K/N`)",
+        path.display()
+    )]
+    NoPart {
+        /// The bake.
+        path: PathBuf,
+    },
+    /// A path whose folder cannot be told.
+    #[error("{}: where it is cannot be told: {source}; give an absolute path", path.display())]
+    NoPath {
+        /// The path.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A word that a job template would take for an expression.
+    #[error("`{word}` holds two opening brackets, which a job template takes for an expression; rename it")]
+    Unplannable {
+        /// The path or name.
+        word: String,
+    },
+    /// A file that is no bake where a bake is to be written.
+    #[error("{} is there and is no bake; remove it, or choose another name with --out", path.display())]
+    Overwrites {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A bake with blocks that cannot be read.
+    #[error(
+        "{}: {lost} of {blocks} blocks cannot be read; copy the file again, or bake the scene again",
+        path.display()
+    )]
+    LostBlocks {
+        /// The bake.
+        path: PathBuf,
+        /// Blocks that are lost.
+        lost: usize,
+        /// All blocks.
+        blocks: u32,
+    },
+    /// A device where only native code works.
+    #[error("{command} runs as native code on the CPU only; leave out --device {device}, or choose --device cpu")]
+    NoDevice {
+        /// The command.
+        command: &'static str,
+        /// The device asked for.
+        device: String,
+    },
+    /// Another program of the project is not there.
+    #[error("`{name}` cannot be started: {reason}; build it with `{build}`")]
+    NoProgram {
+        /// The program.
+        name: &'static str,
+        /// What builds it.
+        build: &'static str,
+        /// Why not.
+        reason: String,
+    },
+    /// The thread pool could not be made.
+    #[error("cannot start {threads} threads: {reason}; choose fewer with --threads")]
+    Threads {
+        /// Threads asked for.
+        threads: usize,
+        /// What the system says.
+        reason: String,
+    },
+    /// A picture with a pixel that is no number.
+    #[error(
+        "frame {frame}: pixel ({x}, {y}) is not a finite number; lower the light or the emission that shines there"
+    )]
+    NotFinite {
+        /// The frame, from 0.
+        frame: u32,
+        /// The pixel, from the left.
+        x: u32,
+        /// And from the top.
+        y: u32,
+    },
+    /// Two pictures that cannot be compared.
+    #[error("{} beside {}: {source}", ours.display(), reference.display())]
+    Compared {
+        /// The first picture.
+        ours: PathBuf,
+        /// The reference.
+        reference: PathBuf,
+        /// Why not.
+        source: Box<reference::Error>,
+    },
+    /// A window that cannot be shown any longer.
+    #[error(transparent)]
+    Window(Box<dyn std::error::Error + Send + Sync>),
+    /// What cannot be done with a scene.
+    #[error("{scene}: {source}")]
+    OfScene {
+        /// The scene as the command line names it.
+        scene: String,
+        /// What is wrong.
+        source: Box<Self>,
+    },
+    /// The user asked to stop.
+    #[error("stopped")]
+    Cancelled,
+}
+
+impl Error {
+    /// Whether the user, or whoever watches, asked to stop.
+    pub fn is_cancelled(&self) -> bool {
+        match self {
+            Self::Cancelled => true,
+            Self::Library(error) => error.is_cancelled(),
+            Self::OfScene { source, .. } => source.is_cancelled(),
+            _ => false,
+        }
+    }
+
+    /// Names the scene that it is about.
+    pub fn of_scene(error: impl Into<Self>, scene: &str) -> Self {
+        Self::OfScene { scene: scene.to_owned(), source: Box::new(error.into()) }
+    }
+}
+
+/// The operators that a bake has.
+fn what_is_held(held: &[String]) -> String {
+    match held.is_empty() {
+        true => "nor any other".to_owned(),
+        false => format!("but for --method {}", held.join(", ")),
+    }
+}
+
+/// What is wrong with a scene, and which option does what is advised.
+fn import_with_hint(error: &assets::ImportError) -> String {
+    match error {
+        assets::ImportError::Memory { .. } => format!("{error} (--memory-limit)"),
+        _ => error.to_string(),
+    }
+}
+
+/// The library's error, and which options of the program do what it advises.
+fn with_hint(error: &patchlight::Error) -> String {
+    match hint(error) {
+        Some(options) => format!("{error} ({options})"),
+        None => error.to_string(),
+    }
+}
+
+/// The options that do what an error of the library advises.
+fn hint(error: &patchlight::Error) -> Option<String> {
+    use patchlight::Error as Library;
+    let options = match error {
+        Library::FirstShotReceivers => "--receivers mesh or pixels",
+        Library::PatchesAsReceivers { .. } => {
+            "--receivers self needs --patches voxel or axis; or choose --receivers mesh"
+        }
+        Library::TooLarge { .. } => {
+            "--receiver-edge or --most-receivers, --patch-count, --method tiles, --slots, --size; or a larger --memory-limit"
+        }
+        Library::OperatorMemory { instead, .. } => return Some(format!("--patch-count, --method {instead}")),
+        Library::NoTextureUnit { .. } => "--decode kernel, or another --device",
+        Library::WideBlocks { .. } => "--decode kernel, or a smaller --patch-count",
+        Library::OperatorPanels { .. } => "--memory-limit, --patch-count, --method feedback",
+        Library::DeviceMemory { .. } => "--build-on host, or a smaller --patch-count",
+        Library::TooManyPatches { .. } => "--patches cluster, --method path",
+        Library::TooManyVoxels { .. } => "a larger --voxel-size, or a smaller --patch-count",
+        Library::MemoryLimit { .. } => "--memory-limit, or a larger --voxel-size",
+        Library::Patches(error) => return patches_hint(error).map(str::to_owned),
+        Library::Bake(error) | Library::Local(localmatrix::Error::Bake(error)) => return bake_hint(error),
+        _ => return None,
+    };
+    Some(options.to_owned())
+}
+
+fn patches_hint(error: &patches::Error) -> Option<&'static str> {
+    match error {
+        patches::Error::VoxelSizeWithoutVoxels { .. } => {
+            Some("--voxel-size needs --patches voxel or axis; or give --patch-count instead")
+        }
+        patches::Error::Shared(transport::Error::PolygonShape { .. }) => Some("--patches cluster"),
+        patches::Error::LongTriangle { .. } => Some("--receiver-edge, or a smaller --patch-count"),
+        patches::Error::TooMany { .. } | patches::Error::Shared(transport::Error::TooMany { .. }) => {
+            Some("a larger --voxel-size, or a smaller --patch-count")
+        }
+        _ => None,
+    }
+}
+
+fn bake_hint(error: &localmatrix::BakeError) -> Option<String> {
+    match error {
+        localmatrix::BakeError::NotABake { .. } => Some("patchlight bake SCENE -o FILE".to_owned()),
+        localmatrix::BakeError::Kind { .. } => Some("patchlight merge PART... -o FILE".to_owned()),
+        localmatrix::BakeError::MissingParts { parts, .. } => Some(format!("--part K/{parts}")),
+        _ => None,
+    }
+}
+
+/// What the crates of the library say goes the same way as what the library says.
+macro_rules! through_library {
+    ($($error:ty),+) => {
+        $(impl From<$error> for Error {
+            fn from(error: $error) -> Self {
+                Self::Library(error.into())
+            }
+        })+
+    };
+}
+
+through_library!(
+    ExecutorError,
+    scene::Error,
+    transport::Error,
+    formfactor::Error,
+    patches::Error,
+    multibounce::Error,
+    localmatrix::Error,
+    localmatrix::BakeError
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_the_library_name_the_options_that_help() {
+        let error = Error::from(patchlight::Error::NoTextureUnit { device: "card".into() });
+        assert!(error.to_string().contains("card") && error.to_string().contains("--decode kernel"), "{error}");
+        let memory = patchlight::Error::OperatorMemory { patches: 1, needed: 2.0, available: 1.0, instead: "feedback" };
+        assert!(with_hint(&memory).contains("--method feedback") && with_hint(&memory).contains("--patch-count"));
+        let parts = Error::from(localmatrix::BakeError::MissingParts { parts: 3, missing: vec![2] });
+        assert!(parts.to_string().contains("--part K/3"), "{parts}");
+    }
+
+    #[test]
+    fn an_end_that_was_asked_for_is_told_from_a_failure() {
+        let cancelled = transport::Error::Cancelled { done: 1, total: 2 };
+        assert!(Error::Cancelled.is_cancelled() && Error::from(cancelled.clone()).is_cancelled());
+        assert!(Error::from(formfactor::Error::from(cancelled)).is_cancelled());
+        assert!(Error::from(localmatrix::Error::Cancelled).is_cancelled());
+        assert!(!Error::from(localmatrix::Error::NotThere { patch: 1 }).is_cancelled());
+    }
+}
