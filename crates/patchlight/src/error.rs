@@ -124,6 +124,12 @@ pub enum Error {
         /// What it says.
         source: Box<runtime::executor::ExecutorError>,
     },
+    /// Texture blocks without their encoder.
+    #[error("this build cannot make texture blocks ({codec}): choose another codec, or build with the feature `texture-blocks`")]
+    NoBlockEncoder {
+        /// The codec.
+        codec: &'static str,
+    },
     /// A result could not be written.
     #[error("cannot write {}: {source}; check that the folder exists, may be written to and has room", path.display())]
     Write {

@@ -37,6 +37,7 @@
 
 pub mod albedo;
 pub mod bake;
+#[cfg(feature = "debug-pictures")]
 pub mod debug;
 pub mod energy;
 pub mod error;

@@ -235,6 +235,9 @@ impl MethodSettings {
         };
         match *self {
             Self::Multibounce(Codec::LowRank { .. }) => Ok(()),
+            Self::Multibounce(codec @ Codec::Blocks(_)) if has_operator && !cfg!(feature = "texture-blocks") => {
+                Err(Error::NoBlockEncoder { codec: codec.name() })
+            }
             Self::Multibounce(_) if has_operator => check_operator("choose fewer patches, or tiles"),
             Self::Temporal(TemporalSettings { rows: temporal::RowKind::AllBounces, .. }) if has_operator => {
                 check_operator("choose fewer patches, or rows of one bounce")

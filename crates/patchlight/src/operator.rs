@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 use multibounce::{
-    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, LowRank, MatrixRows, Permutation, TileSide,
-    TileSource, projected_order, spectral_radius, spectral_range,
+    Acceleration, BlockCodec, BlockMatrix, Channels, LowRank, MatrixRows, Permutation, TileSide,
+    TileSource, spectral_radius, spectral_range,
 };
 use rayon::prelude::*;
 use runtime::plan::Plan;
@@ -98,6 +98,19 @@ impl LinearOperator for PatchOperator {
     }
 }
 
+/// A matrix in texture blocks, in an order that brings like rows together.
+#[cfg(feature = "texture-blocks")]
+fn in_blocks(codec: BlockCodec, (n, rows): (usize, &MatrixRows), seed: u32, report: &Report) -> Result<BlockMatrix, Error> {
+    let order = multibounce::projected_order(n, rows, seed);
+    Ok(BlockMatrix::encode(n, rows, order, multibounce::BlockSettings::of(codec), &report)?)
+}
+
+/// What it is without the encoder.
+#[cfg(not(feature = "texture-blocks"))]
+fn in_blocks(codec: BlockCodec, _: (usize, &MatrixRows), _: u32, _: &Report) -> Result<BlockMatrix, Error> {
+    Err(Error::NoBlockEncoder { codec: Codec::Blocks(codec).name() })
+}
+
 fn to_planar(exitance: &[Vec4]) -> Vec<Vec4> {
     planar(exitance.len()).map(|at| at.map_or(Vec4::ZERO, |(j, c)| Vec4::AXES[c] * exitance[j][c])).collect()
 }
@@ -120,11 +133,7 @@ impl PatchOperator {
             Ok(match codec {
                 Codec::Dense => Self::Dense(Arc::new(encode_dense(n, &rows))),
                 Codec::Half => Self::Half(Arc::new(encode_half(n, &rows))),
-                Codec::Blocks(codec) => {
-                    let settings = BlockSettings::of(codec);
-                    let order = projected_order(n, &rows, seed);
-                    Self::Blocks(Arc::new(BlockMatrix::encode(n, &rows, order, settings, &report)?))
-                }
+                Codec::Blocks(codec) => Self::Blocks(Arc::new(in_blocks(codec, (n, &rows), seed, report)?)),
                 Codec::LowRank { epsilon } => {
                     let patches = TileSide { area: &factors.area, order: &factors.order };
                     let source = TileSource::Symmetric { channels, patches };

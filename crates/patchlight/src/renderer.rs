@@ -16,6 +16,7 @@ use transport::{LinearOperator as _, Observer};
 
 use crate::albedo::{Albedo, AlbedoBuffers, sample_materials};
 use crate::bake::{Bake, ReceiverKind};
+#[cfg(feature = "debug-pictures")]
 use crate::debug::{DebugKind, DebugPicture, DebugView};
 use crate::error::Error;
 use crate::frame::{FrameInput, FramePlan, LAST_BOUNCES};
@@ -656,6 +657,7 @@ impl Renderer {
     ///
     /// # Errors
     /// What the device says.
+    #[cfg(feature = "debug-pictures")]
     pub fn debug_pictures(&mut self, camera: &Camera, stops: f32) -> Result<Vec<DebugPicture>, Error> {
         self.with_debug_view(camera, stops, |view| view.pictures())
     }
@@ -664,10 +666,12 @@ impl Renderer {
     ///
     /// # Errors
     /// What the device says.
+    #[cfg(feature = "debug-pictures")]
     pub fn debug_picture(&mut self, kind: DebugKind, camera: &Camera, stops: f32) -> Result<DebugPicture, Error> {
         self.with_debug_view(camera, stops, |view| view.picture(kind))
     }
 
+    #[cfg(feature = "debug-pictures")]
     fn with_debug_view<T>(
         &mut self,
         camera: &Camera,

@@ -151,6 +151,10 @@ fn most_decoded(bytes: u64) -> u64 {
 
 fn reader<R: BufRead + Seek>(encoded: R, bytes: u64) -> Result<ImageReader<R>, String> {
     let mut reader = ImageReader::new(encoded).with_guessed_format().map_err(|e| e.to_string())?;
+    if let Some(format) = reader.format().filter(|format| !format.reading_enabled()) {
+        let ending = format.extensions_str().first().copied().unwrap_or("this format");
+        return Err(format!("pictures in {ending} are not read by this build; save it as PNG"));
+    }
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(SIDE_LIMIT);
     limits.max_image_height = Some(SIDE_LIMIT);

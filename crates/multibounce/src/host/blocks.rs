@@ -1,6 +1,6 @@
 //! A matrix in texture blocks with its largest entries beside them (thesis, chapter 3).
 
-#[cfg(feature = "std")]
+#[cfg(feature = "texture-blocks")]
 mod encode;
 mod planes;
 mod product;
@@ -67,7 +67,7 @@ impl Companding {
     }
 
     /// `c(x)` for x in [0, 1]; [`crate::kernel::blocks::expand`] is its inverse.
-    #[cfg(feature = "std")]
+    #[cfg(feature = "texture-blocks")]
     fn compress(self, x: Vec3) -> Vec3 {
         match self {
             Self::None => x,

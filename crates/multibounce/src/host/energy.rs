@@ -15,7 +15,7 @@ use crate::error::Error;
 /// So constant exitance gives the irradiance that it gave, and `‖diag(ρ) M'‖∞ ≤ ‖diag(ρ) M‖∞`: for entries ≥ 0 the
 /// spectral radius is no greater than this norm, so that repeated bounces converge as those of the original must
 /// (row sums of form factors are at most 1).
-#[cfg(feature = "std")]
+#[cfg(feature = "texture-blocks")]
 pub(super) fn row_factor(original: Vec3, decoded: Vec3, limit: f32) -> Vec3 {
     let one = |s: f32, d: f32| if d > 0.0 { (s / d).min(limit) } else { 1.0 };
     Vec3::new(one(original.x, decoded.x), one(original.y, decoded.y), one(original.z, decoded.z))

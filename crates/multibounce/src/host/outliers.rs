@@ -1,6 +1,6 @@
 //! The largest entries of a matrix, kept beside its blocks.
 
-#[cfg(feature = "std")]
+#[cfg(feature = "texture-blocks")]
 pub(super) mod find;
 
 use alloc::vec::Vec;

@@ -83,7 +83,7 @@ fn has_unit(device: &DeviceInfo) -> bool {
     device.kind != DeviceKind::Native && device.has_block_images
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "texture-blocks"))]
 mod tests {
     use std::ops::ControlFlow;
 
