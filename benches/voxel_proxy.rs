@@ -12,10 +12,11 @@ use std::sync::Arc;
 use assets::import::LoadedScene;
 use benches::SEED;
 use experiments::proxy::{ProxyRadiosity, ProxySettings};
+use opponents::ProxyLookup;
 use patches::PatchKind;
 use patchlight::{Bake, BakeSettings, RenderSettings, Renderer};
 use reference::metrics::compare_points;
-use reference::{PointErrors, ProxyLookup, ReferenceData};
+use reference::{PointErrors, ReferenceData};
 use runtime::cpu::Cpu;
 use shell::progress::Progress;
 

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Crates of the project that each crate may depend on directly, besides those of [`BELOW_ALL`]. The picture is that of
 /// ARCHITECTURE.md.
-const ARROWS: [(&str, &[&str]); 19] = [
+const ARROWS: [(&str, &[&str]); 22] = [
     ("scene", &[]),
     ("transport", &["scene"]),
     ("formfactor", &["scene", "transport"]),
@@ -18,9 +18,11 @@ const ARROWS: [(&str, &[&str]); 19] = [
     ("temporal", &["scene", "transport"]),
     ("firstshot", &["scene", "transport"]),
     ("ddgi", &["scene"]),
+    ("lab-kernels", &["scene", "ddgi", "gpu-kernels"]),
+    ("opponents", &["scene", "ddgi", "reference"]),
     (
         "gpu-kernels",
-        &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot", "ddgi"],
+        &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"],
     ),
     (
         "runtime",
@@ -56,10 +58,28 @@ const ARROWS: [(&str, &[&str]); 19] = [
         &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "temporal", "firstshot"],
     ),
     ("assets", &["scene"]),
-    ("reference", &["scene", "ddgi"]),
-    ("viewer", &["scene", "transport", "temporal", "runtime", "patchlight", "assets", "reference"]),
+    ("reference", &["scene"]),
+    (
+        "shell",
+        &[
+            "scene",
+            "transport",
+            "formfactor",
+            "patches",
+            "multibounce",
+            "localmatrix",
+            "temporal",
+            "firstshot",
+            "runtime",
+            "patchlight",
+            "assets",
+            "reference",
+        ],
+    ),
+    ("patchlight-cli", LIBRARY_AND_SHELL),
+    ("patchlight-bench", &["experiments", "shell"]),
+    ("patchlight-view", &["shell", "scene", "transport", "temporal", "runtime", "patchlight", "assets", "reference"]),
     ("experiments", EVERYTHING),
-    ("cli", EVERYTHING),
     ("benches", EVERYTHING),
 ];
 
@@ -78,8 +98,26 @@ const EVERYTHING: &[&str] = &[
     "patchlight",
     "assets",
     "reference",
-    "viewer",
+    "shell",
+    "lab-kernels",
+    "opponents",
     "experiments",
+];
+
+const LIBRARY_AND_SHELL: &[&str] = &[
+    "scene",
+    "transport",
+    "formfactor",
+    "patches",
+    "multibounce",
+    "localmatrix",
+    "temporal",
+    "firstshot",
+    "runtime",
+    "patchlight",
+    "assets",
+    "reference",
+    "shell",
 ];
 
 /// What a library must not know: command lines, terminals, reports, files of scenes.

@@ -5,7 +5,8 @@
 //! there are n / 4. The same must be true of the module, for the type that the kernel's declaration
 //! names.
 
-use gpu_kernels::table::{BindingKind, KERNELS, Kernel};
+use gpu_kernels::table::{BindingKind, Kernel};
+use integration_tests::KERNELS;
 use integration_tests::spirv::{Module, decoration, op};
 
 /// Offsets of the scalars of a structure and its size.
@@ -56,7 +57,7 @@ fn misplaced(module: &Module, kernel: &Kernel) -> (Vec<&'static str>, usize) {
 #[test]
 fn buffers_have_the_hosts_layout() {
     let mut compared = 0;
-    for kernel in KERNELS {
+    for kernel in KERNELS.iter() {
         let (wrong, buffers) = misplaced(&Module::parse(kernel.spv).unwrap(), kernel);
         assert_eq!(wrong, [""; 0], "{}", kernel.name);
         compared += buffers;
@@ -69,7 +70,7 @@ fn buffers_have_the_hosts_layout() {
 
 #[test]
 fn push_constants_have_the_hosts_layout() {
-    for kernel in KERNELS {
+    for kernel in KERNELS.iter() {
         let found = of_push_constants(&Module::parse(kernel.spv).unwrap());
         assert_eq!(found, Some(of_host(kernel.push_bytes)), "{}", kernel.name);
         assert!(kernel.push_bytes <= 128 && kernel.push_bytes % 4 == 0);

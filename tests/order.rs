@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 
 use formfactor::GatherParams;
 use glam::{UVec3, Vec4};
-use gpu_kernels::table::{BindingKind, ImageFormat, KERNELS, MAX_GROUPS_X};
+use gpu_kernels::table::{BindingKind, ImageFormat, MAX_GROUPS_X};
+use integration_tests::KERNELS;
 use integration_tests::kernels::{Bytes, Data, Input, inputs};
 use integration_tests::spirv::{Module, op, storage};
 use patches::VolumeParams;
@@ -37,7 +38,7 @@ fn run_entry(input: &Input, order: &[u32], width: u32) -> Option<BTreeMap<usize,
 
 #[test]
 fn only_kernels_with_shared_memory_or_images_cannot_be_called_on_the_host() {
-    for kernel in KERNELS {
+    for kernel in KERNELS.iter() {
         let module = Module::parse(kernel.spv).unwrap();
         let shares = module.all(op::VARIABLE).any(|o| o[2] == storage::WORKGROUP);
         let fetches = kernel.bindings.iter().any(|b| matches!(b.kind, BindingKind::SampledImage { .. }));

@@ -7,7 +7,8 @@
 use assets::procedural;
 use glam::Vec3;
 use gpu_kernels::params::CountParams;
-use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
+use gpu_kernels::table::{Access, ImageFormat, Kernel};
+use integration_tests::KERNELS;
 use integration_tests::kernels::{Bytes, Data, Input, block_input, inputs};
 use integration_tests::vulkan;
 use multibounce::BlockCodec;

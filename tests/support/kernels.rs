@@ -20,7 +20,7 @@ use gpu_kernels::host::{HostBinding, HostCall, HostError};
 use gpu_kernels::params::{
     CountParams, FollowParams, MediumDirectParams, MediumLargeParams, PixelParams, ToneMapParams,
 };
-use gpu_kernels::table::{Access, ImageFormat, KERNELS, Kernel};
+use gpu_kernels::table::{Access, ImageFormat, Kernel};
 use gpu_kernels::table::{
     MULTIBOUNCE_BLOCKS_GATHER_BC1, MULTIBOUNCE_BLOCKS_GATHER_BC3, MULTIBOUNCE_BLOCKS_GATHER_BC6H,
     MULTIBOUNCE_BLOCKS_GATHER_BC7, MULTIBOUNCE_BLOCKS_GATHER_IMAGE,
@@ -404,7 +404,7 @@ fn room<T: Pod + Zeroable>(name: &'static str, n: usize) -> (&'static str, Data)
 /// One input for every kernel of the table, in its order.
 pub fn inputs() -> Vec<Input> {
     let scene = small_scene();
-    KERNELS
+    crate::KERNELS
         .iter()
         .map(|kernel| {
             // Numbers of its own, so that another kernel more changes no input.

@@ -6,9 +6,19 @@ pub mod kernels;
 pub mod limited;
 pub mod mutate;
 pub mod setup;
+pub mod spirv;
 
+use std::sync::LazyLock;
+
+use gpu_kernels::table::Kernel;
 use runtime::executor::DeviceChoice;
 use runtime::vulkan::{Validation, Vulkan};
+
+/// Every kernel: those of the library, then those of the laboratory.
+pub static KERNELS: LazyLock<Vec<&'static Kernel>> = LazyLock::new(|| {
+    let all = gpu_kernels::table::KERNELS.iter().chain(lab_kernels::KERNELS);
+    all.copied().collect()
+});
 
 /// The best Vulkan device with the validation layer watching, or `None` after saying why; with `REQUIRE_VULKAN=1` a
 /// missing device is a failure. `PATCHLIGHT_VALIDATION=1` makes a missing layer one, too.
@@ -27,4 +37,3 @@ pub fn vulkan() -> Option<Vulkan> {
         }
     }
 }
-pub mod spirv;

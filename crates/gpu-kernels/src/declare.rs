@@ -60,11 +60,12 @@
 //! `fn(&Kernel, &mut HostCall) -> Result<(), HostError>` in [`host`](crate::host).
 
 /// Declares the kernels of a method: see [the module](self).
+#[macro_export]
 macro_rules! kernels {
     (@list [$($done:ident)*]) => {
         /// The kernels of this method.
         #[cfg(feature = "std")]
-        pub(crate) static KERNELS: &[&crate::table::Kernel] = &[$(&$done),*];
+        pub static KERNELS: &[&$crate::table::Kernel] = &[$(&$done),*];
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
@@ -73,14 +74,14 @@ macro_rules! kernels {
             $($bindings:tt)*
         } each { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
-        kernel! {
+        $crate::kernel! {
             @start [
                 [$(#[$meta])*] $NAME $name [$p $P] [$k [$count $($times)?]]
                 [each [$($body)*] [$host]] [callable]
             ]
             [$($bindings)*]
         }
-        kernels!(@list [$($done)* $NAME] $($rest)*);
+        $crate::kernels!(@list [$($done)* $NAME] $($rest)*);
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
@@ -89,14 +90,14 @@ macro_rules! kernels {
             $($bindings:tt)*
         } each { $($body:tt)* } $($rest:tt)*
     ) => {
-        kernel! {
+        $crate::kernel! {
             @start [
                 [$(#[$meta])*] $NAME $name [$p $P] [$k [$count $($times)?]]
                 [each [$($body)*] []] [callable]
             ]
             [$($bindings)*]
         }
-        kernels!(@list [$($done)* $NAME] $($rest)*);
+        $crate::kernels!(@list [$($done)* $NAME] $($rest)*);
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
@@ -105,14 +106,14 @@ macro_rules! kernels {
             $($bindings:tt)*
         } invocation { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
-        kernel! {
+        $crate::kernel! {
             @start [
                 [$(#[$meta])*] $NAME $name [$p $P] [$k [$count $($times)?]]
                 [invocation [$($body)*] [$host]] [callable]
             ]
             [$($bindings)*]
         }
-        kernels!(@list [$($done)* $NAME] $($rest)*);
+        $crate::kernels!(@list [$($done)* $NAME] $($rest)*);
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
@@ -121,12 +122,12 @@ macro_rules! kernels {
             $($bindings:tt)*
         } workgroup { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
-        kernel! {
+        $crate::kernel! {
             @start [[$(#[$meta])*] $NAME $name [$p $P] [$group $per [$count] $lane []]
                 [workgroup [$($body)*] [$host]] [callable]]
             [$($bindings)*]
         }
-        kernels!(@list [$($done)* $NAME] $($rest)*);
+        $crate::kernels!(@list [$($done)* $NAME] $($rest)*);
     };
     (@list [$($done:ident)*]
         $(#[$meta:meta])*
@@ -136,19 +137,19 @@ macro_rules! kernels {
             $($bindings:tt)*
         } workgroup { $($body:tt)* } host $host:path; $($rest:tt)*
     ) => {
-        kernel! {
+        $crate::kernel! {
             @start [[$(#[$meta])*] $NAME $name [$p $P] [
                 $group $per [$count] $lane [#[spirv(workgroup)] $shared: &mut [$S; $length]]
             ] [workgroup [$($body)*] [$host]] [device_only]]
             [$($bindings)*]
         }
-        kernels!(@list [$($done)* $NAME] $($rest)*);
+        $crate::kernels!(@list [$($done)* $NAME] $($rest)*);
     };
     (@list $($wrong:tt)*) => {
         compile_error!(concat!("no kernel (see declare.rs): ", stringify!($($wrong)*)));
     };
     ($($declarations:tt)*) => {
-        kernels!(@list [] $($declarations)*);
+        $crate::kernels!(@list [] $($declarations)*);
     };
 }
 
@@ -157,11 +158,13 @@ macro_rules! kernels {
 /// While bindings are read, these lists grow: parameters of the entry point, rows of the table,
 /// names, what the host form reads, what it writes, arguments of an invocation on the host, and
 /// structures made of several bindings.
+#[doc(hidden)]
+#[macro_export]
 macro_rules! kernel {
     (@start [$meta:tt $NAME:ident $name:tt $push:tt $shape:tt $body:tt $callable:tt]
         $bindings:tt
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind [$meta $NAME $name $push $shape $body] $callable
             [0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15] $bindings
             [] [] [] [] [] [] []
@@ -170,18 +173,18 @@ macro_rules! kernel {
     (@bind $head:tt $callable:tt $numbers:tt [$geometry:ident: GeometryTables, $($rest:tt)*]
         $params:tt $rows:tt $names:tt $reads:tt $writes:tt $arguments:tt [$($made:tt)*]
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind $head $callable $numbers [
                 nodes: hierarchy,
-                triangles: read [::scene::Triangle; 1],
-                uvs: read [::scene::TriangleUv; 1],
-                materials: read [::scene::Material; 1],
-                textures: read [::scene::Texture],
+                triangles: read [$crate::scene_types::Triangle; 1],
+                uvs: read [$crate::scene_types::TriangleUv; 1],
+                materials: read [$crate::scene_types::Material; 1],
+                textures: read [$crate::scene_types::Texture],
                 texels: read [u32],
                 $($rest)*
             ] $params $rows $names $reads $writes $arguments [
                 $($made)*
-                let $geometry = ::scene::GeometryTables {
+                let $geometry = $crate::scene_types::GeometryTables {
                     hierarchy: nodes.into(),
                     triangles,
                     uvs,
@@ -195,17 +198,17 @@ macro_rules! kernel {
     (@bind $head:tt $callable:tt $numbers:tt [$lights:ident: Lights, $($rest:tt)*]
         $params:tt $rows:tt $names:tt $reads:tt $writes:tt $arguments:tt [$($made:tt)*]
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind $head $callable $numbers [
-                lights: read [::scene::Light],
-                emitters: read [::scene::Emitter],
-                sky: read [::scene::Sky; 1],
-                sky_map: read [::scene::Rgb],
+                lights: read [$crate::scene_types::Light],
+                emitters: read [$crate::scene_types::Emitter],
+                sky: read [$crate::scene_types::Sky; 1],
+                sky_map: read [$crate::scene_types::Rgb],
                 distributions: read [f32],
                 $($rest)*
             ] $params $rows $names $reads $writes $arguments [
                 $($made)*
-                let $lights = ::scene::Lights { lights, emitters, sky: sky[0], sky_map, distributions };
+                let $lights = $crate::scene_types::Lights { lights, emitters, sky: sky[0], sky_map, distributions };
             ]
         }
     };
@@ -214,21 +217,21 @@ macro_rules! kernel {
         [$($params:tt)*] [$($rows:tt)*] [$($names:tt)*] [$($reads:tt)*] $writes:tt
         [$($arguments:tt)*] $made:tt
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind $head $callable [$($numbers)*] [$($rest)*]
             [
                 $($params)*
                 #[spirv(storage_buffer, descriptor_set = 0, binding = $number)]
-                $b: &[::scene::BvhNode],
+                $b: &[$crate::scene_types::BvhNode],
             ]
             [
                 $($rows)*
-                crate::table::buffer::<::scene::BvhNode>(stringify!($b), crate::table::Access::Read),
+                $crate::table::buffer::<$crate::scene_types::BvhNode>(stringify!($b), $crate::table::Access::Read),
             ]
             [$($names)* $b,]
             [$($reads)* let $b = $b.hierarchy()?;]
             $writes
-            [$($arguments)* $b.read::<::scene::BvhNode>(0)?,]
+            [$($arguments)* $b.read::<$crate::scene_types::BvhNode>(0)?,]
             $made
         }
     };
@@ -237,13 +240,13 @@ macro_rules! kernel {
         [$($params:tt)*] [$($rows:tt)*] [$($names:tt)*] [$($reads:tt)*] $writes:tt
         [$($arguments:tt)*] $made:tt
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind $head $callable [$($numbers)*] [$($rest)*]
             [
                 $($params)*
                 #[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $b: &[$T],
             ]
-            [$($rows)* crate::table::buffer::<$T>(stringify!($b), crate::table::Access::Read),]
+            [$($rows)* $crate::table::buffer::<$T>(stringify!($b), $crate::table::Access::Read),]
             [$($names)* $b,]
             [$($reads)* let $b = $b.read::<$T>(0 $(+ $length)?)?;]
             $writes
@@ -256,13 +259,13 @@ macro_rules! kernel {
         [$($params:tt)*] [$($rows:tt)*] [$($names:tt)*] $reads:tt [$($writes:tt)*]
         [$($arguments:tt)*] $made:tt
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind $head $callable [$($numbers)*] [$($rest)*]
             [
                 $($params)*
                 #[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $b: &mut [$T],
             ]
-            [$($rows)* crate::table::buffer::<$T>(stringify!($b), crate::table::Access::Write),]
+            [$($rows)* $crate::table::buffer::<$T>(stringify!($b), $crate::table::Access::Write),]
             [$($names)* $b,]
             $reads
             [$($writes)* [$b $T;]]
@@ -275,13 +278,13 @@ macro_rules! kernel {
         [$($params:tt)*] [$($rows:tt)*] [$($names:tt)*] $reads:tt [$($writes:tt)*]
         [$($arguments:tt)*] $made:tt
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind $head $callable [$($numbers)*] [$($rest)*]
             [
                 $($params)*
                 #[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $b: &mut [$T],
             ]
-            [$($rows)* crate::table::buffer::<$T>(stringify!($b), crate::table::Access::ReadWrite),]
+            [$($rows)* $crate::table::buffer::<$T>(stringify!($b), $crate::table::Access::ReadWrite),]
             [$($names)* $b,]
             $reads
             [$($writes)* [$b $T; $($old)?]]
@@ -293,14 +296,14 @@ macro_rules! kernel {
         [$number:tt $($numbers:tt)*] [$b:ident: image $formats:expr, $($rest:tt)*]
         [$($params:tt)*] [$($rows:tt)*] [$($names:tt)*] $reads:tt $writes:tt $arguments:tt $made:tt
     ) => {
-        kernel! {
+        $crate::kernel! {
             @bind $head [device_only] [$($numbers)*] [$($rest)*]
             [
                 $($params)*
                 #[spirv(descriptor_set = 0, binding = $number)]
                 $b: &spirv_std::Image!(2D, type=f32, sampled),
             ]
-            [$($rows)* crate::table::image(stringify!($b), $formats),]
+            [$($rows)* $crate::table::image(stringify!($b), $formats),]
             [$($names)* $b,]
             $reads $writes $arguments $made
         }
@@ -310,18 +313,18 @@ macro_rules! kernel {
     (@bind [$meta:tt $NAME:ident $name:tt $push:tt $shape:tt $body:tt] $callable:tt $numbers:tt []
         $params:tt $rows:tt $names:tt $reads:tt $writes:tt $arguments:tt $made:tt
     ) => {
-        kernel!(@row $meta $NAME $name $push $shape $rows $body $callable);
+        $crate::kernel!(@row $meta $NAME $name $push $shape $rows $body $callable);
         #[doc(hidden)]
         #[allow(missing_docs, non_snake_case)]
         pub mod $NAME {
             #[allow(unused_imports)]
             use super::*;
             use spirv_std::spirv;
-            kernel!(@entry $name $push $shape $body $params $writes $made);
+            $crate::kernel!(@entry $name $push $shape $body $params $writes $made);
             #[cfg(feature = "std")]
-            kernel!(@host $push $shape $body $names $reads $writes $made);
+            $crate::kernel!(@host $push $shape $body $names $reads $writes $made);
             #[cfg(feature = "std")]
-            kernel!(@invocation $callable $push $shape $names $arguments);
+            $crate::kernel!(@invocation $callable $push $shape $names $arguments);
         }
     };
 
@@ -329,8 +332,8 @@ macro_rules! kernel {
     (@row $meta:tt $NAME:ident $name:tt $push:tt [$k:ident $counts:tt]
         $rows:tt [$kind:ident $body:tt $host:tt] $callable:tt
     ) => {
-        kernel! {
-            @row $meta $NAME $name $push $counts crate::invocation::WORKGROUP,
+        $crate::kernel! {
+            @row $meta $NAME $name $push $counts $crate::invocation::WORKGROUP,
             $rows $host $callable
         }
     };
@@ -338,28 +341,28 @@ macro_rules! kernel {
         [$group:ident $per:tt $counts:tt $lane:ident $shared:tt] $rows:tt
         [$kind:ident $body:tt $host:tt] $callable:tt
     ) => {
-        kernel!(@row $meta $NAME $name $push $counts $per, $rows $host $callable);
+        $crate::kernel!(@row $meta $NAME $name $push $counts $per, $rows $host $callable);
     };
     (@row [$($meta:tt)*] $NAME:ident $name:tt [$p:ident $P:ty] [$($count:ident)*]
         $per:expr, [$($rows:tt)*] $host:tt $callable:tt
     ) => {
         $($meta)*
         #[cfg(feature = "std")]
-        pub static $NAME: crate::table::Kernel = crate::table::Kernel {
-            name: crate::table::checked_name(stringify!($NAME), $name),
+        pub static $NAME: $crate::table::Kernel = $crate::table::Kernel {
+            name: $crate::table::checked_name(stringify!($NAME), $name),
             spv: {
-                static MODULE: &crate::table::Aligned<[u8]> = &crate::table::Aligned(
+                static MODULE: &$crate::table::Aligned<[u8]> = &$crate::table::Aligned(
                     *include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/spv/", $name, ".spv")),
                 );
                 &MODULE.0
             },
-            workgroup: crate::invocation::WORKGROUP,
+            workgroup: $crate::invocation::WORKGROUP,
             elements_per_group: $per,
             push_bytes: size_of::<$P>() as u32,
             counts: &[$(core::mem::offset_of!($P, $count)),*],
             bindings: &[$($rows)*],
-            host: kernel!(@host_path $NAME $host),
-            invocation: kernel!(@callable $NAME $callable),
+            host: $crate::kernel!(@host_path $NAME $host),
+            invocation: $crate::kernel!(@callable $NAME $callable),
         };
     };
     (@host_path $NAME:ident []) => { $NAME::host };
@@ -380,7 +383,7 @@ macro_rules! kernel {
             #[spirv(push_constant)] $p: &$P,
             $($params)*
         ) {
-            let $k = crate::invocation::element(id, groups);
+            let $k = $crate::invocation::element(id, groups);
             if $k < $p.$count $(* $p.$times)* {
                 $(let $old = $b[$k as usize];)?
                 $($made)*
@@ -400,7 +403,7 @@ macro_rules! kernel {
             #[spirv(push_constant)] $p: &$P,
             $($params)*
         ) {
-            let $k = crate::invocation::element(id, groups);
+            let $k = $crate::invocation::element(id, groups);
             if $k < $p.$count $(* $p.$times)* {
                 $(let $old_a = $a[$k as usize];)?
                 $(let $old_b = $b[$k as usize];)?
@@ -423,7 +426,7 @@ macro_rules! kernel {
             #[spirv(push_constant)] $p: &$P,
             $($params)*
         ) {
-            let $k = crate::invocation::element(id, groups);
+            let $k = $crate::invocation::element(id, groups);
             if $k < $p.$count $(* $p.$times)* {
                 $($made)*
                 $($body)*
@@ -443,7 +446,7 @@ macro_rules! kernel {
             $($params)*
             $($shared)*
         ) {
-            let $group = crate::invocation::group_index(id, groups);
+            let $group = $crate::invocation::group_index(id, groups);
             $($made)*
             $($body)*
         }
@@ -455,16 +458,16 @@ macro_rules! kernel {
     ) => {
         #[allow(unused_variables)]
         pub(crate) fn host(
-            kernel: &crate::table::Kernel,
-            call: &mut crate::host::HostCall,
-        ) -> Result<(), crate::host::HostError> {
+            kernel: &$crate::table::Kernel,
+            call: &mut $crate::host::HostCall,
+        ) -> Result<(), $crate::host::HostError> {
             let elements = call.elements as usize;
             let ($p, [$($names)*]) = call.parts::<$P, _>(kernel)?;
             let $p = &$p;
             $(let $count = $p.$count as usize;)*
             $($reads)*
             $($made)*
-            crate::host::each($b.write::<$T>(elements)?, |$k, element| {
+            $crate::host::each($b.write::<$T>(elements)?, |$k, element| {
                 $(let $old = *element;)?
                 *element = { $($body)* };
             });
@@ -477,9 +480,9 @@ macro_rules! kernel {
     ) => {
         #[allow(unused_variables)]
         pub(crate) fn host(
-            kernel: &crate::table::Kernel,
-            call: &mut crate::host::HostCall,
-        ) -> Result<(), crate::host::HostError> {
+            kernel: &$crate::table::Kernel,
+            call: &mut $crate::host::HostCall,
+        ) -> Result<(), $crate::host::HostError> {
             let elements = call.elements as usize;
             let ($p, [$($names)*]) = call.parts::<$P, _>(kernel)?;
             let $p = &$p;
@@ -488,7 +491,7 @@ macro_rules! kernel {
             $($made)*
             let $a = $a.write::<$A>(elements)?;
             let $b = $b.write::<$B>(elements)?;
-            crate::host::each_pair($a, $b, |$k, element_a, element_b| {
+            $crate::host::each_pair($a, $b, |$k, element_a, element_b| {
                 $(let $old_a = *element_a;)?
                 $(let $old_b = *element_b;)?
                 (*element_a, *element_b) = { $($body)* };
@@ -506,11 +509,11 @@ macro_rules! kernel {
         [$($names:tt)*] [$($arguments:tt)*]
     ) => {
         pub(crate) fn invocation(
-            kernel: &crate::table::Kernel,
-            call: &mut crate::host::HostCall,
+            kernel: &$crate::table::Kernel,
+            call: &mut $crate::host::HostCall,
             id: glam::UVec3,
             groups: glam::UVec3,
-        ) -> Result<(), crate::host::HostError> {
+        ) -> Result<(), $crate::host::HostError> {
             let ($p, [$($names)*]) = call.parts::<$P, _>(kernel)?;
             entry(id, groups, &$p, $($arguments)*);
             Ok(())
@@ -520,11 +523,11 @@ macro_rules! kernel {
         [$($names:tt)*] [$($arguments:tt)*]
     ) => {
         pub(crate) fn invocation(
-            kernel: &crate::table::Kernel,
-            call: &mut crate::host::HostCall,
+            kernel: &$crate::table::Kernel,
+            call: &mut $crate::host::HostCall,
             id: glam::UVec3,
             groups: glam::UVec3,
-        ) -> Result<(), crate::host::HostError> {
+        ) -> Result<(), $crate::host::HostError> {
             let ($p, [$($names)*]) = call.parts::<$P, _>(kernel)?;
             let $group = glam::UVec3::new(id.x / kernel.workgroup, id.y, id.z);
             entry($group, groups, id.x % kernel.workgroup, &$p, $($arguments)*);

@@ -170,7 +170,8 @@ impl<'a> HostCall<'_, 'a> {
     }
 
     /// Push constants and bindings of a call that was checked against the table.
-    pub(crate) fn parts<P: AnyBitPattern, const N: usize>(
+    #[doc(hidden)]
+    pub fn parts<P: AnyBitPattern, const N: usize>(
         &mut self,
         kernel: &Kernel,
     ) -> Result<(P, [Bound<'_, 'a>; N]), HostError> {
@@ -189,14 +190,16 @@ impl<'a> HostCall<'_, 'a> {
 }
 
 /// A binding with its name.
-pub(crate) struct Bound<'s, 'a> {
+#[doc(hidden)]
+pub struct Bound<'s, 'a> {
     name: &'static str,
     data: &'s mut HostBinding<'a>,
 }
 
 impl<'s> Bound<'s, '_> {
     /// The elements, at least `needed` of them.
-    pub(crate) fn read<T: AnyBitPattern>(self, needed: usize) -> Result<&'s [T], HostError> {
+    #[doc(hidden)]
+    pub fn read<T: AnyBitPattern>(self, needed: usize) -> Result<&'s [T], HostError> {
         let bytes: &'s [u8] = match self.data {
             HostBinding::Read(bytes) | HostBinding::Part(bytes, _) => bytes,
             HostBinding::Write(bytes) => bytes,
@@ -209,7 +212,8 @@ impl<'s> Bound<'s, '_> {
     }
 
     /// The hierarchy, that of the host where the nodes are a part of a [`Geometry`].
-    pub(crate) fn hierarchy(self) -> Result<Hierarchy<'s>, HostError> {
+    #[doc(hidden)]
+    pub fn hierarchy(self) -> Result<Hierarchy<'s>, HostError> {
         if let HostBinding::Part(_, owner) = *self.data
             && let Some(geometry) = owner.downcast_ref::<Geometry>()
         {
@@ -240,7 +244,8 @@ impl<'s> Bound<'s, '_> {
     }
 
     /// All elements, to be read and written.
-    pub(crate) fn whole<T: Pod>(self) -> Result<&'s mut [T], HostError> {
+    #[doc(hidden)]
+    pub fn whole<T: Pod>(self) -> Result<&'s mut [T], HostError> {
         let HostBinding::Write(bytes) = self.data else {
             return Err(HostError::TooShort { binding: self.name, needed: 1, found: 0 });
         };
@@ -249,7 +254,8 @@ impl<'s> Bound<'s, '_> {
     }
 
     /// The elements that are written: the first `needed`.
-    pub(crate) fn write<T: Pod>(self, needed: usize) -> Result<&'s mut [T], HostError> {
+    #[doc(hidden)]
+    pub fn write<T: Pod>(self, needed: usize) -> Result<&'s mut [T], HostError> {
         let name = self.name;
         let elements = self.whole::<T>()?;
         long_enough(name, elements.len(), needed)?;
@@ -284,12 +290,14 @@ pub(crate) fn named(numbers: &[u32]) -> usize {
 const TOGETHER: usize = 32;
 
 /// `f` of every element and its number, on all cores.
-pub(crate) fn each<T: Send>(elements: &mut [T], f: impl Fn(u32, &mut T) + Sync) {
+#[doc(hidden)]
+pub fn each<T: Send>(elements: &mut [T], f: impl Fn(u32, &mut T) + Sync) {
     elements.par_iter_mut().with_min_len(TOGETHER).enumerate().for_each(|(k, element)| f(k as u32, element));
 }
 
 /// The same of the elements of two tables together.
-pub(crate) fn each_pair<A: Send, B: Send>(a: &mut [A], b: &mut [B], f: impl Fn(u32, &mut A, &mut B) + Sync) {
+#[doc(hidden)]
+pub fn each_pair<A: Send, B: Send>(a: &mut [A], b: &mut [B], f: impl Fn(u32, &mut A, &mut B) + Sync) {
     let pairs = a.par_iter_mut().zip(b).with_min_len(TOGETHER).enumerate();
     pairs.for_each(|(k, (a, b))| f(k as u32, a, b));
 }

@@ -1,7 +1,7 @@
 //! SPIR-V entry points of all methods, their compiled modules, and the table that describes them to executors.
 //!
 //! The arithmetic is in the bodies of `scene::kernel`, `formfactor::kernel`, `patches::kernel`, `multibounce::kernel`,
-//! `localmatrix::kernel`, `temporal::kernel`, `firstshot::kernel` and, of an opponent, `ddgi::kernel`. Here each is declared
+//! `localmatrix::kernel`, `temporal::kernel` and `firstshot::kernel`. Here each is declared
 //! once, in the file of its method. From the declaration follow its entry point (bindings, range check, one call), its
 //! module `spv/<crate>_<kernel>.spv`, its row in [`table::KERNELS`] and its host form ([`host`]), which runs the same body
 //! over all elements on all cores. Results agree in all bits on the devices that we know, because the modules forbid contraction
@@ -102,11 +102,11 @@ extern crate std;
 
 #[macro_use]
 mod declare;
-pub mod ddgi;
 pub mod firstshot;
 pub mod formfactor;
 mod half;
-mod invocation;
+#[doc(hidden)]
+pub mod invocation;
 pub mod localmatrix;
 pub mod multibounce;
 pub mod params;
@@ -115,6 +115,10 @@ pub mod scene;
 mod sums;
 pub mod temporal;
 pub mod tiles;
+
+/// What [`kernels!`] names of the scene, for crates that know it by another name.
+#[doc(hidden)]
+pub use ::scene as scene_types;
 
 #[cfg(feature = "std")]
 pub mod host;

@@ -5,7 +5,6 @@ mod row;
 
 pub use row::{Access, Binding, BindingKind, ImageFormat, Invocation, Kernel, MAX_GROUPS_X};
 
-pub use crate::ddgi::*;
 pub use crate::firstshot::*;
 pub use crate::formfactor::*;
 pub use crate::localmatrix::*;
@@ -16,7 +15,7 @@ pub use crate::temporal::*;
 pub use crate::tiles::*;
 
 /// The kernels of each method.
-static METHODS: [&[&Kernel]; 9] = [
+static METHODS: [&[&Kernel]; 8] = [
     crate::scene::KERNELS,
     crate::formfactor::KERNELS,
     crate::patches::KERNELS,
@@ -25,7 +24,6 @@ static METHODS: [&[&Kernel]; 9] = [
     crate::temporal::KERNELS,
     crate::localmatrix::KERNELS,
     crate::firstshot::KERNELS,
-    crate::ddgi::KERNELS,
 ];
 
 const fn count() -> usize {
@@ -59,19 +57,23 @@ pub static KERNELS: &[&Kernel] = &all();
 
 /// Module bytes on a word boundary.
 #[repr(C, align(4))]
-pub(crate) struct Aligned<T: ?Sized>(pub(crate) T);
+#[doc(hidden)]
+pub struct Aligned<T: ?Sized>(pub T);
 
-pub(crate) const fn buffer<T>(name: &'static str, access: Access) -> Binding {
+#[doc(hidden)]
+pub const fn buffer<T>(name: &'static str, access: Access) -> Binding {
     Binding { name, access, kind: BindingKind::Storage { stride: size_of::<T>() as u32 } }
 }
 
-pub(crate) const fn image(name: &'static str, formats: &'static [ImageFormat]) -> Binding {
+#[doc(hidden)]
+pub const fn image(name: &'static str, formats: &'static [ImageFormat]) -> Binding {
     Binding { name, access: Access::Read, kind: BindingKind::SampledImage { formats } }
 }
 
 /// The name of a kernel, which must be that of its row in small letters; else the crate does not
 /// compile.
-pub(crate) const fn checked_name(row: &str, name: &'static str) -> &'static str {
+#[doc(hidden)]
+pub const fn checked_name(row: &str, name: &'static str) -> &'static str {
     let row = row.as_bytes();
     let small = name.as_bytes();
     assert!(row.len() == small.len(), "a kernel is named after its row, in small letters");

@@ -125,7 +125,9 @@ pub enum Error {
         source: Box<runtime::executor::ExecutorError>,
     },
     /// Texture blocks without their encoder.
-    #[error("this build cannot make texture blocks ({codec}): choose another codec, or build with the feature `texture-blocks`")]
+    #[error(
+        "this build cannot make texture blocks ({codec}): choose another codec, or build with the feature `texture-blocks`"
+    )]
     NoBlockEncoder {
         /// The codec.
         codec: &'static str,

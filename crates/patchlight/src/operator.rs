@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 use multibounce::{
-    Acceleration, BlockCodec, BlockMatrix, Channels, LowRank, MatrixRows, Permutation, TileSide,
-    TileSource, spectral_radius, spectral_range,
+    Acceleration, BlockCodec, BlockMatrix, Channels, LowRank, MatrixRows, Permutation, TileSide, TileSource,
+    spectral_radius, spectral_range,
 };
 use rayon::prelude::*;
 use runtime::plan::Plan;
@@ -100,7 +100,12 @@ impl LinearOperator for PatchOperator {
 
 /// A matrix in texture blocks, in an order that brings like rows together.
 #[cfg(feature = "texture-blocks")]
-fn in_blocks(codec: BlockCodec, (n, rows): (usize, &MatrixRows), seed: u32, report: &Report) -> Result<BlockMatrix, Error> {
+fn in_blocks(
+    codec: BlockCodec,
+    (n, rows): (usize, &MatrixRows),
+    seed: u32,
+    report: &Report,
+) -> Result<BlockMatrix, Error> {
     let order = multibounce::projected_order(n, rows, seed);
     Ok(BlockMatrix::encode(n, rows, order, multibounce::BlockSettings::of(codec), &report)?)
 }

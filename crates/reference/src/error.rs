@@ -80,10 +80,12 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
-    /// The numbers of points differ.
-    #[error("{found} values given for {expected} reference points")]
-    PointCount {
-        /// Reference points.
+    /// There are not as many of one thing as of another.
+    #[error("{found} values given for {expected} {of}")]
+    Count {
+        /// What there is a value for each of.
+        of: &'static str,
+        /// How many there are.
         expected: usize,
         /// Values.
         found: usize,
@@ -108,22 +110,6 @@ pub enum Error {
         value: f64,
         /// What it must be.
         rule: &'static str,
-    },
-    /// The numbers of proxy faces differ.
-    #[error("{found} values given for {expected} proxy faces")]
-    FaceCount {
-        /// Faces.
-        expected: usize,
-        /// Values.
-        found: usize,
-    },
-    /// The guides of a denoiser are those of another picture.
-    #[error("{found} guides given for {expected} pixels")]
-    GuideLength {
-        /// Pixels.
-        expected: usize,
-        /// Guides.
-        found: usize,
     },
     /// A normal is no direction.
     #[error("the point {position} with the normal {normal} has no side")]

@@ -12,11 +12,6 @@
 //! - `Picture` reads EXR, HDR and PNG and writes EXR and PNG, each file whole or not at all.
 //! - `metrics` compares pictures (MSE, PSNR, SSIM, FLIP on displayed values; median relative error, PSNR and mean ratio on 8 × 8
 //!   block means) and irradiance at points; `metrics::faults` counts noise, leaks, stains and blotches. `ReferenceData` reads a folder of pictures and points made by another program.
-//! - `VoxelProxy` is a baseline: a scene of the faces of its occupied voxels, and the face that lights a point of the true
-//!   surface.
-//! - Opponents: `Ddgi`, probes with irradiance and visibility, by a few rays of each in every frame (Majercik et al. 2019, 2021);
-//!   `Lpv`, light that goes from cell to cell of a grid (Kaplanyan and Dachsbacher 2010); `IrradianceVolume`, probes as engines
-//!   bake them; `denoise`, what makes a picture of a path a pixel fit to be seen (Dammertz et al. 2010).
 //!
 //! Units: metres, radiance W/m²/sr, irradiance W/m², linear Rec.709 RGB.
 //!
@@ -45,28 +40,18 @@
 
 pub mod accumulation;
 pub mod data;
-pub mod ddgi;
-pub mod denoise;
 pub mod error;
 pub mod file;
-mod harmonics;
-pub mod irradiance_volume;
-pub mod lpv;
 pub mod metrics;
 pub mod path;
 pub mod picture;
 mod sampler;
 mod sky;
 mod sun;
-pub mod voxel_proxy;
 
 pub use accumulation::{Accumulation, BlockErrors, fingerprint};
 pub use data::{ReferenceData, ReferencePoint};
-pub use ddgi::{Ddgi, DdgiSettings, ProbeFrame, Spacing, ViewedPoint};
 pub use error::{Error, ResumeError};
-pub use irradiance_volume::{IrradianceVolume, VolumeSettings};
-pub use lpv::{Lpv, LpvSettings};
 pub use metrics::{Faults, Judge, PictureErrors, PointErrors, ReferenceNoise};
-pub use path::{PathSettings, PathTracer, PointIrradiance, Strategy};
+pub use path::{PathSettings, PathTracer, PointIrradiance, Reflected, Strategy};
 pub use picture::{Picture, PictureFile, Precision, scale_to_stops, stops_to_scale};
-pub use voxel_proxy::{ProxyFace, ProxyLookup, VoxelProxy};

@@ -136,11 +136,11 @@ pub fn compare_pictures(
 /// a point.
 ///
 /// # Errors
-/// [`Error::PointCount`] when the lengths differ, [`Error::Nothing`] without light in the reference,
+/// [`Error::Count`] when the lengths differ, [`Error::Nothing`] without light in the reference,
 /// [`Error::NotFinite`].
 pub fn point_errors(ours: &[Vec3], reference: &[Vec3]) -> Result<Vec<f64>, Error> {
     if ours.len() != reference.len() {
-        return Err(Error::PointCount { expected: reference.len(), found: ours.len() });
+        return Err(Error::Count { of: "reference points", expected: reference.len(), found: ours.len() });
     }
     check_finite("first", ours)?;
     check_finite("reference", reference)?;

@@ -124,9 +124,11 @@ struct Onward {
 }
 
 /// What a ray sees of a surface.
-pub(crate) struct Reflected {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reflected {
     /// W/m²/sr, without emission.
     pub radiance: Vec3,
+    /// Whether it sees the back.
     pub is_back: bool,
 }
 
@@ -245,7 +247,7 @@ impl<'a> PathTracer<'a> {
 
     /// One sample of what the surface in a direction reflects towards a point, and whether its back is seen. `stream` numbers the
     /// paths of a seed.
-    pub(crate) fn reflected(&self, origin: Vec3, direction: Vec3, stream: u32, settings: &PathSettings) -> Reflected {
+    pub fn reflected(&self, origin: Vec3, direction: Vec3, stream: u32, settings: &PathSettings) -> Reflected {
         let hit = self.scene.closest_before(origin, direction, FAR);
         if hit.is_miss() {
             return Reflected { radiance: Vec3::ZERO, is_back: false };

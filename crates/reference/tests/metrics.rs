@@ -217,7 +217,7 @@ fn errors_at_points() {
     assert_eq!(e.median_relative_error, 0.0);
     assert!((e.p95_relative_error - 0.9 * 0.01 / (0.05 * 2.0 / 3.0)).abs() < 1e-5);
 
-    assert!(matches!(compare_points(&ours[1..], &reference), Err(Error::PointCount { expected: 3, found: 2 })));
+    assert!(matches!(compare_points(&ours[1..], &reference), Err(Error::Count { expected: 3, found: 2, .. })));
     assert!(matches!(compare_points(&[], &[]), Err(Error::Nothing { .. })));
 }
 

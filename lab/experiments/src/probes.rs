@@ -1,4 +1,4 @@
-//! DDGI on a device: the light update of [`reference::Ddgi`] as the passes of a plan.
+//! DDGI on a device: the light update of [`opponents::Ddgi`] as the passes of a plan.
 //!
 //! Probes are placed, moved and classified on the host, once, for geometry does not move; so are the few numbers of a frame (the turn
 //! of its rays, its hysteresis). Rays, their light, blending and lookups are the device's: the same bodies, and on lavapipe the same
@@ -11,8 +11,8 @@ use ddgi::{
     WeightParams,
 };
 use glam::{Vec2, Vec3, Vec4};
-use gpu_kernels::table;
-use reference::{Ddgi, DdgiSettings, ProbeFrame, ViewedPoint};
+use lab_kernels::ddgi as table;
+use opponents::{Ddgi, DdgiSettings, ProbeFrame, ViewedPoint};
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::{BufferId, PassId, Plan};
 use runtime::recipe::scene::SceneTables;

@@ -9,8 +9,9 @@ use std::sync::Arc;
 
 use formfactor::{FactorRows, Hemisphere, Patch, Stop, Surfaces, balance, form_factors, jacobi};
 use glam::{Vec3, Vec4};
+use opponents::{ProxyFace, ProxyLookup, VoxelProxy};
 use rayon::prelude::*;
-use reference::{Picture, ProxyFace, ProxyLookup, VoxelProxy};
+use reference::Picture;
 use scene::{
     Camera, DirectParams, LIGHT_RECT, Light, Lighting, Material, NONE, Scene, SceneParts, SidePolicy, SurfacePoint,
     Triangle, TriangleUv, find_sides,

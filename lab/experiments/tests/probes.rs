@@ -3,7 +3,8 @@
 use assets::procedural;
 use experiments::probes::DeviceDdgi;
 use glam::Vec3;
-use reference::{Ddgi, DdgiSettings, Error, Spacing, ViewedPoint};
+use opponents::{Ddgi, DdgiSettings, Spacing, ViewedPoint};
+use reference::Error;
 use runtime::cpu::Cpu;
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::Light;
@@ -100,6 +101,6 @@ fn more_lights_than_there_is_room_for_are_refused() {
     let mut probes = DeviceDdgi::new(&loaded.scene, settings(0), Box::new(Cpu::new()), &points()).unwrap();
     probes.update(lights, 0).unwrap();
     let error = probes.update(&[&lights[..], &lights[..]].concat(), 1).unwrap_err();
-    let experiments::Error::Reference(error) = error else { panic!("{error}") };
+    let experiments::Error::Shell(shell::Error::Reference(error)) = error else { panic!("{error}") };
     assert!(matches!(error, Error::Setting { name: "lights", value: 2.0, .. }), "{error}");
 }

@@ -3,11 +3,11 @@
 use assets::import::LoadedScene;
 use assets::procedural;
 use experiments::Error;
-use experiments::progress::Progress;
 use experiments::proxy::{ProxyRadiosity, ProxySettings};
 use glam::{Vec3, vec3};
-use reference::ProxyLookup;
+use opponents::ProxyLookup;
 use scene::{NONE, SurfacePoint};
+use shell::progress::Progress;
 
 fn bake(loaded: &LoadedScene, patch_count: usize) -> Result<ProxyRadiosity<'_>, Error> {
     let settings = ProxySettings { patch_count, rays: 512, point_rays: 64, seed: 1 };

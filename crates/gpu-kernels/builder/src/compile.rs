@@ -28,9 +28,23 @@ pub struct Compiled {
     pub sources: BTreeSet<PathBuf>,
 }
 
+impl Compiled {
+    /// What the laboratory's crate in a folder declares, with all sources, and what the library's crates do.
+    pub fn split(self, lab: &Path) -> Result<(Self, Self)> {
+        let mut declared = String::new();
+        for entry in fs::read_dir(lab.join("src"))? {
+            declared += &fs::read_to_string(entry?.path())?;
+        }
+        let is_of_lab = |file: &str| declared.contains(&format!("\"{}\"(", file.trim_end_matches(".spv")));
+        let (of_lab, own) = self.modules.into_iter().partition(|(file, _)| is_of_lab(file));
+        let sources = self.sources.iter().filter(|file| !file.starts_with("lab")).cloned().collect();
+        let own = Self { modules: own, toolchain: self.toolchain, sources };
+        Ok((Self { modules: of_lab, toolchain: self.toolchain, sources: self.sources }, own))
+    }
+}
+
 /// Compiles the kernel crate, one module per entry point, decorated and optimised.
-pub fn compile(kernels: &Path, root: &Path) -> Result<Compiled> {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| kernels.join("builder/target"), PathBuf::from);
+pub fn compile(kernels: &Path, root: &Path, target: &Path) -> Result<Compiled> {
     let mut builder = SpirvBuilder::new(kernels, TARGET);
     builder.multimodule = true;
     builder.spirv_metadata = SpirvMetadata::None;
@@ -62,8 +76,17 @@ pub fn compile(kernels: &Path, root: &Path) -> Result<Compiled> {
     for (entry, path) in files {
         modules.insert(format!("{entry}.spv"), finish(work.path(), entry, &fs::read(path)?)?);
     }
-    let depfile = target.join("spirv").join(TARGET).join("release/gpu_kernels.spv.d");
+    let name = package(kernels)?.replace('-', "_");
+    let depfile = target.join("spirv").join(TARGET).join(format!("release/{name}.spv.d"));
     Ok(Compiled { modules, toolchain, sources: sources(&depfile, root)? })
+}
+
+/// The name of the package in a folder.
+fn package(folder: &Path) -> Result<String> {
+    let path = folder.join("Cargo.toml");
+    let manifest: toml::Table = fs::read_to_string(&path)?.parse().with_context(|| path.display().to_string())?;
+    let name = manifest.get("package").and_then(|package| package.get("name")).and_then(toml::Value::as_str);
+    Ok(name.with_context(|| format!("{} names no package", path.display()))?.to_owned())
 }
 
 /// Decorates, strips, optimises and validates one module.
@@ -95,7 +118,7 @@ fn sources(depfile: &Path, root: &Path) -> Result<BTreeSet<PathBuf>> {
     for file in files.replace("\\ ", "\0").split_whitespace() {
         let file = PathBuf::from(file.replace('\0', " "));
         let Ok(file) = file.strip_prefix(root) else { continue };
-        if file.extension().is_none_or(|e| e != "rs") || !file.starts_with("crates") {
+        if file.extension().is_none_or(|e| e != "rs") || !(file.starts_with("crates") || file.starts_with("lab")) {
             continue;
         }
         let manifest: PathBuf = file.components().take(2).collect::<PathBuf>().join("Cargo.toml");

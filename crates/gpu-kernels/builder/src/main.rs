@@ -1,4 +1,4 @@
-//! Compiles the crate `gpu-kernels` to SPIR-V: sources → `spv/*.spv`, one file per entry point, and `spv/manifest.toml`.
+//! Compiles the crates of kernels to SPIR-V: sources → `spv/*.spv` of each, one file per entry point, and `spv/manifest.toml`.
 //!
 //! ```text
 //! cargo run --release             compile and write
@@ -26,6 +26,8 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 
+use compile::Compiled;
+
 /// Compiled modules by file name.
 type Modules = BTreeMap<String, Vec<u8>>;
 
@@ -48,12 +50,24 @@ fn run() -> Result<bool> {
     };
     // At run time: a binary from a shared target folder may have been compiled elsewhere.
     let builder = std::env::var_os("CARGO_MANIFEST_DIR").context("start the builder with cargo run")?;
-    let kernels = Path::new(&builder).parent().context("the builder has no parent folder")?;
-    let root: PathBuf = kernels.join("../..").canonicalize()?;
-    let folder = kernels.join("spv");
+    let builder = Path::new(&builder);
+    let root: PathBuf = builder.join("../../..").canonicalize()?;
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| builder.join("target"), PathBuf::from);
+    // The crate of the laboratory links the library's own, whose entry points it therefore has, too: one compilation for both.
+    let compiled = compile::compile(&root.join(LAB), &root, &target)?;
+    let (lab, own) = compiled.split(&root.join(LAB))?;
+    let is_fresh = [finish(&root, OWN, &own, check)?, finish(&root, LAB, &lab, check)?];
+    Ok(is_fresh == [true, true])
+}
 
-    let compiled = compile::compile(kernels, &root)?;
-    let manifest = manifest::write(&root, &compiled)?;
+/// Crates of kernels, from the root of the workspace: the library's, and the laboratory's above it.
+const OWN: &str = "crates/gpu-kernels";
+const LAB: &str = "lab/kernels";
+
+/// Writes the modules of a crate, or compares them.
+fn finish(root: &Path, kernels: &str, compiled: &Compiled, check: bool) -> Result<bool> {
+    let folder = root.join(kernels).join("spv");
+    let manifest = manifest::write(root, compiled)?;
     if check {
         return Ok(compare(&folder, &compiled.modules, &manifest)?.is_empty());
     }

@@ -108,7 +108,8 @@ pub struct Kernel {
     /// Bindings 0, 1, … of descriptor set 0.
     pub bindings: &'static [Binding],
     /// The same bodies over all elements, on all cores of the host: [`Kernel::run_on_host`].
-    pub(crate) host: fn(&Kernel, &mut HostCall) -> Result<(), HostError>,
+    #[doc(hidden)]
+    pub host: fn(&Kernel, &mut HostCall) -> Result<(), HostError>,
     /// A single invocation of the entry point, for tests; `None` where the host cannot call it,
     /// because a workgroup shares memory or texels are fetched.
     pub invocation: Option<Invocation>,

@@ -4,7 +4,8 @@ pub mod contender;
 pub mod field;
 
 use glam::{Vec3, Vec4};
-use reference::{Picture, PictureErrors, PictureFile as _, ViewedPoint};
+use opponents::ViewedPoint;
+use reference::{Picture, PictureErrors, PictureFile as _};
 use scene::kernel::camera::{primary_direction, primary_hit, surface_point};
 use scene::{Camera, Lighting, SurfacePoint};
 use serde::{Deserialize, Serialize};

@@ -4,8 +4,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use opponents::ProxyLookup;
 use reference::metrics::{compare_pictures, compare_points, difference_picture, indirect_scale};
-use reference::{Picture, PictureFile as _, ProxyLookup, scale_to_stops};
+use reference::{Picture, PictureFile as _, scale_to_stops};
 use scene::Light;
 
 use super::lights::other_lights;

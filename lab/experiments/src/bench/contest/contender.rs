@@ -7,11 +7,9 @@ use std::time::Instant;
 
 use cpu_time::ProcessTime;
 use glam::{Vec3, Vec4};
-use reference::denoise::{DenoiseSettings, Guides, denoise};
-use reference::{
-    Accumulation, Ddgi, DdgiSettings, IrradianceVolume, Lpv, LpvSettings, PathSettings, PathTracer, Picture,
-    ProxyLookup, Strategy, ViewedPoint, VolumeSettings,
-};
+use opponents::denoise::{DenoiseSettings, Guides, denoise};
+use opponents::{Ddgi, DdgiSettings, IrradianceVolume, Lpv, LpvSettings, ProxyLookup, ViewedPoint, VolumeSettings};
+use reference::{Accumulation, PathSettings, PathTracer, Picture, Strategy};
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use scene::sampling::hash3;
 use scene::{Lighting, NONE, Scene, SurfacePoint};

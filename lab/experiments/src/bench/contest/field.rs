@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use opponents::{DdgiSettings, IrradianceVolume, LpvSettings, Spacing, VolumeSettings};
 use patches::PatchKind;
-use reference::{DdgiSettings, IrradianceVolume, LpvSettings, Spacing, VolumeSettings};
 
 use super::View;
 use super::contender::{Contender, OwnPatches, Paths, Time, Volumetric, has_graphics_processor};

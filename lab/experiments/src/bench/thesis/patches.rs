@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use opponents::ProxyLookup;
 use reference::metrics::{compare_pictures, indirect_scale};
-use reference::{Picture, PictureFile as _, ProxyLookup, scale_to_stops};
+use reference::{Picture, PictureFile as _, scale_to_stops};
 use serde::Serialize;
 
 use super::super::load;

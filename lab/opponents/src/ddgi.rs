@@ -40,12 +40,12 @@ use scene::kernel::bvh::FAR;
 use scene::sampling::hash3;
 use scene::{DirectParams, Lighting, Rgb, Scene};
 
-use crate::error::Error;
 use crate::harmonics::{random_turn, spherical_fibonacci};
 use blend::Weights;
 pub(crate) use grid::Grid;
 pub use grid::{PROBE_LIMIT, Spacing};
 use place::place;
+use reference::Error;
 
 /// Bytes that the library stores of a probe: irradiance in 10 + 10 + 10 + 2 bits a texel, two halves of visibility, and four
 /// halves for its offset and state.

@@ -3,7 +3,8 @@
 
 use assets::LoadedScene;
 use glam::Vec3;
-use reference::{PathSettings, PathTracer, ViewedPoint};
+use opponents::ViewedPoint;
+use reference::{PathSettings, PathTracer};
 use scene::kernel::camera::{primary_direction, primary_hit, surface_point};
 use scene::math::luminance;
 use scene::{NONE, SurfacePoint};

@@ -5,7 +5,8 @@ mod support;
 use std::f32::consts::PI;
 
 use glam::{Vec3, vec3};
-use reference::{Error, PathSettings, PathTracer, ProxyLookup, Strategy, VoxelProxy};
+use opponents::{ProxyLookup, VoxelProxy};
+use reference::{Error, PathSettings, PathTracer, Strategy};
 use scene::kernel::bvh::FAR;
 use scene::sampling::{hash3, unit};
 use scene::{LIGHT_DIRECTIONAL, Light, NONE, Scene, SceneParts, Triangle};
@@ -96,7 +97,7 @@ fn emission_keeps_its_power_and_its_side() {
     let proxy = proxy_of(&furnace(0.5));
     assert!(keeps_power(&proxy, 6.0));
     assert!(!keeps_power(&proxy, 5.9));
-    let is_outside = |f: &reference::ProxyFace| (f.centre - Vec3::splat(0.5)).dot(f.normal) > 0.0;
+    let is_outside = |f: &opponents::ProxyFace| (f.centre - Vec3::splat(0.5)).dot(f.normal) > 0.0;
     for face in &proxy.faces {
         assert_eq!(face.radiance == Vec3::ZERO, is_outside(face));
     }
@@ -312,7 +313,7 @@ fn wrong_settings_are_named() {
     assert!(matches!(VoxelProxy::for_count(&scene, 0, |p| p.faces.len()), Err(Error::Setting { .. })));
     let proxy = proxy_of(&scene);
     let found = proxy.value_at(&[Vec3::ONE], Vec3::ZERO, Vec3::Y, ProxyLookup::Face);
-    assert!(matches!(found, Err(Error::FaceCount { expected: 204, found: 1 })));
+    assert!(matches!(found, Err(Error::Count { expected: 204, found: 1, .. })));
     let ones = vec![Vec3::ONE; 204];
     for normal in [Vec3::ZERO, Vec3::NAN] {
         let found = proxy.value_at(&ones, Vec3::ZERO, normal, ProxyLookup::Face);

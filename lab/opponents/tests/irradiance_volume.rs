@@ -1,13 +1,14 @@
 //! Probes without visibility in scenes whose light is known.
 
-#[path = "support/opponents.rs"]
-mod opponents;
+#[path = "support/points.rs"]
+mod viewed;
 
 use assets::LoadedScene;
 use assets::procedural::build;
 use glam::Vec3;
-use opponents::{compare, points, traced};
-use reference::{Error, IrradianceVolume, Spacing, ViewedPoint, VolumeSettings};
+use opponents::{IrradianceVolume, Spacing, ViewedPoint, VolumeSettings};
+use reference::Error;
+use viewed::{compare, points, traced};
 
 fn spaced(metres: f32) -> VolumeSettings {
     VolumeSettings { spacing: Spacing::Metres(metres), ..VolumeSettings::default() }

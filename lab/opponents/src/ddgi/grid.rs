@@ -3,7 +3,7 @@
 use glam::{UVec3, Vec3};
 use scene::Scene;
 
-use crate::error::Error;
+use reference::Error;
 
 /// Probes at most.
 pub const PROBE_LIMIT: u64 = 1 << 18;

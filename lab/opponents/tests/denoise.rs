@@ -1,7 +1,7 @@
 //! The denoiser on pictures that are known without their noise.
 
 use glam::{Vec3, vec3};
-use reference::denoise::{DenoiseSettings, Guides, denoise};
+use opponents::denoise::{DenoiseSettings, Guides, denoise};
 use reference::{Error, Picture};
 use scene::sampling::{hash, unit};
 
@@ -66,7 +66,7 @@ fn guides_of_another_picture_are_refused() {
     let mut guides = guides();
     guides.normals.pop();
     let refused = denoise(&picture(0.0), &guides, &DenoiseSettings::default());
-    assert!(matches!(refused, Err(Error::GuideLength { expected: 2304, found: 2303 })));
+    assert!(matches!(refused, Err(Error::Count { expected: 2304, found: 2303, .. })));
     let wrong = DenoiseSettings { normal: f32::NAN, ..DenoiseSettings::default() };
     assert!(matches!(denoise(&picture(0.0), &self::guides(), &wrong), Err(Error::Setting { .. })));
 }

@@ -23,8 +23,8 @@ use rayon::prelude::*;
 use scene::{Lighting, Scene};
 
 use crate::ddgi::ViewedPoint;
-use crate::error::Error;
 use grid::{Grid, Shape};
+use reference::Error;
 use shadow_map::virtual_lights;
 
 /// Cells along an axis, grids, texels of a light and steps at most.

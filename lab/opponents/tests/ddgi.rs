@@ -1,17 +1,18 @@
 //! Probes with irradiance and visibility in scenes whose light is known.
 
-#[path = "support/opponents.rs"]
-mod opponents;
+#[path = "support/points.rs"]
+mod viewed;
 
 use std::ops::ControlFlow;
 
 use assets::LoadedScene;
 use assets::procedural::build;
 use glam::{Vec3, Vec3Swizzles, vec2, vec3};
-use opponents::{compare, points, traced};
-use reference::{Ddgi, DdgiSettings, Error, Spacing, ViewedPoint};
+use opponents::{Ddgi, DdgiSettings, Spacing, ViewedPoint};
+use reference::Error;
 use scene::Lighting;
 use scene::math::luminance;
+use viewed::{compare, points, traced};
 
 fn spaced(metres: f32) -> DdgiSettings {
     DdgiSettings { spacing: Spacing::Metres(metres), ..DdgiSettings::default() }

@@ -1,17 +1,18 @@
 //! Light propagation volumes in scenes whose light is known.
 
-#[path = "support/opponents.rs"]
-mod opponents;
 mod support;
+#[path = "support/points.rs"]
+mod viewed;
 
 use assets::LoadedScene;
 use assets::procedural::build;
 use glam::{Vec3, vec3};
-use opponents::{compare, points, traced};
-use reference::{Error, Lpv, LpvSettings, ViewedPoint};
+use opponents::{Lpv, LpvSettings, ViewedPoint};
+use reference::Error;
 use scene::math::luminance;
 use scene::{LIGHT_POINT, Light};
 use support::Builder;
+use viewed::{compare, points, traced};
 
 /// One grid.
 fn cells(cells: u32) -> LpvSettings {

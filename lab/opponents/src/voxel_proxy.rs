@@ -15,7 +15,7 @@ use scene::host::clip::{Layers, Polygon, cut_triangle};
 use scene::sampling::hammersley;
 use scene::{Hit, Material, NONE, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
 
-use crate::error::Error;
+use reference::Error;
 
 /// Voxels of a grid at most, empty ones included.
 pub const VOXEL_LIMIT: u64 = 1 << 31;
@@ -255,10 +255,10 @@ impl VoxelProxy {
     /// A value of each face (`[faces]`) at a point of the true surface on the side of its normal.
     ///
     /// # Errors
-    /// [`Error::FaceCount`]; [`Error::NoDirection`] for a normal that is no direction.
+    /// [`Error::Count`]; [`Error::NoDirection`] for a normal that is no direction.
     pub fn value_at(&self, values: &[Vec3], position: Vec3, normal: Vec3, lookup: ProxyLookup) -> Result<Vec3, Error> {
         if values.len() != self.faces.len() {
-            return Err(Error::FaceCount { expected: self.faces.len(), found: values.len() });
+            return Err(Error::Count { of: "proxy faces", expected: self.faces.len(), found: values.len() });
         }
         let weights = self.weights_at(position, normal, lookup).ok_or(Error::NoDirection { position, normal })?;
         Ok(weights.iter().map(|&(face, weight)| values[face as usize] * weight).sum())

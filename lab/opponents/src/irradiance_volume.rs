@@ -14,9 +14,9 @@ use scene::sampling::hash3;
 use scene::{Lighting, Scene};
 
 use crate::ddgi::{Grid, Spacing, ViewedPoint};
-use crate::error::Error;
 use crate::harmonics::{COSINE, MOST_COEFFICIENTS, band, random_turn, spherical_fibonacci, three_bands};
-use crate::path::{PathSettings, PathTracer};
+use reference::Error;
+use reference::{PathSettings, PathTracer};
 
 /// Rays of a probe at most.
 const MOST_RAYS: u32 = 1 << 20;

@@ -8,7 +8,7 @@ use ::scene::kernel::bvh;
 use ::scene::{Hit, Rgb};
 use glam::{Vec2, Vec3, Vec4};
 
-kernels! {
+gpu_kernels::kernels! {
     /// Weight of every ray in every texel of irradiance, then of visibility: [`blend::weight`]. One invocation per weight, those of
     /// a ray one after the other.
     DDGI_WEIGHTS = "ddgi_weights"(p: WeightParams) for k in 0..count {

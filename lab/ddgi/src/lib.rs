@@ -7,7 +7,7 @@
 //! with hysteresis ([`kernel::blend`]). A point takes H from the eight probes round it: trilinear, less from those behind the
 //! surface, less from those that by Chebyshev's inequality are not seen from it ([`kernel::lookup`]).
 //!
-//! The host side (placement of the probes, whole light updates on the CPU) is `reference::Ddgi`, which runs the same bodies; here is
+//! The host side (placement of the probes, whole light updates on the CPU) is `opponents::Ddgi`, which runs the same bodies; here is
 //! only what a device needs, too. Roots and powers are products and Newton's steps, so that CPU and GPU give the same bits.
 //!
 //! ```

@@ -14,8 +14,8 @@ use scene::kernel::camera::{camera_direction, surface_point};
 use scene::math::pow;
 use scene::{Camera, Scene};
 
-use crate::error::Error;
-use crate::picture::Picture;
+use reference::Error;
+use reference::Picture;
 
 /// A cubic B-spline at −2 to 2.
 const SPLINE: [f32; 5] = [1.0 / 16.0, 1.0 / 4.0, 3.0 / 8.0, 1.0 / 4.0, 1.0 / 16.0];
@@ -74,7 +74,7 @@ impl Guides {
 /// The picture with less noise. Pixels that see nothing stay as they are. On all cores.
 ///
 /// # Errors
-/// [`Error::GuideLength`] for guides of another picture, [`Error::Setting`] for a setting out of range.
+/// [`Error::Count`] for guides of another picture, [`Error::Setting`] for a setting out of range.
 pub fn denoise(light: &Picture, guides: &Guides, settings: &DenoiseSettings) -> Result<Picture, Error> {
     check(light, guides, settings)?;
     let mean = light.mean().element_sum() / 3.0;
@@ -97,7 +97,7 @@ pub fn denoise(light: &Picture, guides: &Guides, settings: &DenoiseSettings) -> 
 fn check(light: &Picture, guides: &Guides, settings: &DenoiseSettings) -> Result<(), Error> {
     for found in [guides.normals.len(), guides.positions.len()] {
         if found != light.pixels.len() {
-            return Err(Error::GuideLength { expected: light.pixels.len(), found });
+            return Err(Error::Count { of: "pixels", expected: light.pixels.len(), found });
         }
     }
     if settings.levels > MOST_LEVELS {
