@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Crates of the project that each crate may depend on directly, besides those of [`BELOW_ALL`]. The picture is that of
 /// ARCHITECTURE.md.
-const ARROWS: [(&str, &[&str]); 22] = [
+const ARROWS: [(&str, &[&str]); 23] = [
     ("scene", &[]),
     ("transport", &["scene"]),
     ("formfactor", &["scene", "transport"]),
@@ -76,9 +76,9 @@ const ARROWS: [(&str, &[&str]); 22] = [
             "reference",
         ],
     ),
-    ("patchlight-cli", LIBRARY_AND_SHELL),
-    ("patchlight-bench", &["experiments", "shell"]),
-    ("patchlight-view", &["shell", "scene", "transport", "temporal", "runtime", "patchlight", "assets", "reference"]),
+    ("cli", LIBRARY_AND_SHELL),
+    ("bench", &["experiments", "shell"]),
+    ("view", &["shell", "scene", "transport", "temporal", "runtime", "patchlight", "assets", "reference"]),
     ("experiments", EVERYTHING),
     ("benches", EVERYTHING),
 ];
@@ -139,7 +139,11 @@ fn dependencies() -> BTreeMap<String, BTreeSet<String>> {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON");
     let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
-    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    // Packages are patchlight-<folder>, which says nothing here.
+    let text = |value: &Value| {
+        let name = value.as_str().unwrap_or_default();
+        name.strip_prefix("patchlight-").unwrap_or(name).to_owned()
+    };
     let mut crates = BTreeMap::new();
     for package in list(&metadata["packages"]) {
         let normal = list(&package["dependencies"]).into_iter().filter(|d| d["kind"].is_null());
@@ -175,6 +179,25 @@ fn arrows_are_those_of_the_picture() {
     assert_eq!(wrong_arrows(&crates), ["temporal -> patches"]);
 }
 
+/// Crates of the laboratory.
+const LABORATORY: [&str; 4] = ["ddgi", "lab-kernels", "opponents", "experiments"];
+
+/// Crates of the library, or programs without experiments, that know the laboratory.
+fn who_knows_the_laboratory(crates: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
+    let above = |name: &str| LABORATORY.contains(&name) || ["bench", "benches", "integration-tests"].contains(&name);
+    let knows = |dependencies: &BTreeSet<String>| LABORATORY.iter().any(|lab| dependencies.contains(*lab));
+    let below = crates.iter().filter(|(name, dependencies)| !above(name) && knows(dependencies));
+    below.map(|(name, _)| name.clone()).collect()
+}
+
+#[test]
+fn nothing_below_knows_the_laboratory() {
+    let mut crates = dependencies();
+    assert_eq!(who_knows_the_laboratory(&crates), Vec::<String>::new());
+    crates.entry("patchlight".into()).or_default().insert("opponents".into());
+    assert_eq!(who_knows_the_laboratory(&crates), ["patchlight"]);
+}
+
 #[test]
 fn libraries_know_no_command_line() {
     let crates = dependencies();
@@ -183,5 +206,5 @@ fn libraries_know_no_command_line() {
             assert!(!crates[library].contains(unwanted), "{library} knows {unwanted}");
         }
     }
-    assert!(crates["patchlight-cli"].contains("clap"), "the program has a command line");
+    assert!(crates["cli"].contains("clap"), "the program has a command line");
 }

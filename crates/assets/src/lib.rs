@@ -3,9 +3,9 @@
 //! by a program ([`procedural`]).
 //!
 //! ```
-//! let loaded = assets::import::load_or_build("cornell")?;
+//! let loaded = patchlight_assets::import::load_or_build("cornell")?;
 //! assert_eq!(loaded.scene.lighting.lights.len(), 1);
-//! # Ok::<(), assets::import::ImportError>(())
+//! # Ok::<(), patchlight_assets::import::ImportError>(())
 //! ```
 
 pub mod export;

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer};
+use patchlight_firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer};
 use glam::Vec3;
 use scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
 

@@ -4,7 +4,7 @@ mod support;
 
 use std::f32::consts::PI;
 
-use firstshot::{
+use patchlight_firstshot::{
     Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, light_elements,
 };
 use glam::{DVec3, Vec2, Vec3};

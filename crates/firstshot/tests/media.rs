@@ -4,7 +4,7 @@ mod support;
 
 use std::f32::consts::PI;
 
-use firstshot::{
+use patchlight_firstshot::{
     Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels,
 };
 use glam::Vec3;

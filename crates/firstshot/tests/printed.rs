@@ -4,7 +4,7 @@ mod support;
 
 use std::ops::ControlFlow;
 
-use firstshot::{
+use patchlight_firstshot::{
     Cubic, Emission, IlluminationMaps, LightElement, LightElementSettings, PhotonSettings, Sequences, Subdivision,
     Texels, Tracer, corner_light, light_elements,
 };

@@ -4,7 +4,7 @@ mod support;
 
 use std::ops::ControlFlow;
 
-use firstshot::{
+use patchlight_firstshot::{
     Emission, Error, IlluminationMaps, LightElementSettings, MOST_PHOTONS, PhotonAccumulator, PhotonHit, PhotonScene,
     PhotonSettings, Sequences, Subdivision, Texels, Tracer, light_elements, trace_photons,
 };
@@ -136,8 +136,8 @@ fn sums_are_those_of_the_hits_one_by_one() {
     let (mut segments, mut registered) = (0, 0);
     for hit in all_hits(&scene, &emission, &p) {
         segments += 1;
-        if hit.triangle != scene::NONE && hit.info & firstshot::HIT_INDIRECT != 0 {
-            let cell = maps.cell(hit.triangle, hit.u, hit.v, hit.info & firstshot::HIT_BACK != 0);
+        if hit.triangle != scene::NONE && hit.info & patchlight_firstshot::HIT_INDIRECT != 0 {
+            let cell = maps.cell(hit.triangle, hit.u, hit.v, hit.info & patchlight_firstshot::HIT_BACK != 0);
             cells[cell as usize] += hit.flux.as_dvec3();
             registered += 1;
         }
@@ -168,7 +168,7 @@ fn it_stops_at_the_error_and_the_error_is_true() {
         assert!(found.round.error <= 0.05 && found.round.error > 0.035, "{:?}", found.round);
         let (mut wrong, mut light) = (0.0, 0.0);
         for (k, area) in maps.areas().iter().enumerate() {
-            let of = |e: &firstshot::Estimate| scene::math::luminance(e.irradiance[k]);
+            let of = |e: &patchlight_firstshot::Estimate| scene::math::luminance(e.irradiance[k]);
             wrong += area * (of(&found) - of(&truth)).powi(2);
             light += area * of(&truth).powi(2);
         }
@@ -238,7 +238,7 @@ fn without_light_or_reflectance_all_is_dark() {
 }
 
 /// Every hit of a dispatch.
-fn all_hits(scene: &Scene, emission: &Emission, p: &firstshot::PhotonParams) -> Vec<PhotonHit> {
+fn all_hits(scene: &Scene, emission: &Emission, p: &patchlight_firstshot::PhotonParams) -> Vec<PhotonHit> {
     let see = |hits: &mut Vec<PhotonHit>, hit: &PhotonHit| hits.push(*hit);
     trace_photons(&PhotonScene::new(scene, emission), p, Vec::new, see).concat()
 }
@@ -258,7 +258,7 @@ fn holes_let_photons_through_and_send_none() {
     };
     assert!(hits.iter().filter(on_board).count() > 10);
     // Exactly one first photon hit for each photon that there is, at the same place again.
-    let firsts = hits.iter().filter(|l| l.info & firstshot::HIT_FIRST != 0).count();
+    let firsts = hits.iter().filter(|l| l.info & patchlight_firstshot::HIT_FIRST != 0).count();
     assert!(firsts <= p.count as usize && firsts > p.count as usize / 2);
     assert_eq!(hits, all_hits(&scene, &emission, &p));
 }

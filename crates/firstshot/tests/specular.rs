@@ -4,7 +4,7 @@ mod support;
 
 use std::f32::consts::PI;
 
-use firstshot::{Emission, Estimate, IlluminationMaps, PhotonAccumulator, PhotonSettings};
+use patchlight_firstshot::{Emission, Estimate, IlluminationMaps, PhotonAccumulator, PhotonSettings};
 use glam::Vec3;
 use scene::{LIGHT_DIRECTIONAL, Light, Material, Scene, Triangle};
 use support::*;

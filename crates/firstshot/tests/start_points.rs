@@ -1,6 +1,6 @@
 //! Start points have the density that is linear between the corners of their triangle.
 
-use firstshot::kernel::linear::{
+use patchlight_firstshot::kernel::linear::{
     interpolate, invert_first, invert_first_by_cardano, invert_section, linear_point, linear_point_by_cardano,
 };
 use glam::{Vec2, Vec3};

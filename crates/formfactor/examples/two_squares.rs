@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use formfactor::{Contour, Polygon, Stop, form_factors, jacobi};
+use patchlight_formfactor::{Contour, Polygon, Stop, form_factors, jacobi};
 use glam::{Vec3, Vec4};
 use patches::{PatchSize, SubdivideSettings, subdivide};
 use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv};

@@ -16,14 +16,15 @@
 //! Sources: Goral et al. 1984; Cohen et al. 1988; Baum, Rushmeier and Winget 1989; A. S. Shcherbakov, thesis, MSU 2025, 2.2.5.
 //!
 //! ```
-//! use formfactor::point_to_polygon;
+//! # extern crate transport as patchlight_transport;
+//! use patchlight_formfactor::point_to_polygon;
 //! use glam::{DVec3, Vec3};
-//! use transport::Polygon;
+//! use patchlight_transport::Polygon;
 //!
 //! // A point below the corner of a unit square one metre above it (Howell B-3).
 //! let square = Polygon::new(&[Vec3::Z, Vec3::new(0.0, 1.0, 1.0), Vec3::ONE, Vec3::new(1.0, 0.0, 1.0)])?;
 //! assert!((point_to_polygon(DVec3::ZERO, DVec3::Z, &square) - 0.138531606).abs() < 1e-9);
-//! # Ok::<(), transport::Error>(())
+//! # Ok::<(), patchlight_transport::Error>(())
 //! ```
 //!
 //! | feature | what it adds |

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use formfactor::{AreaToArea, Contour, Estimator, Hemisphere, Patch, Polygon, Surfaces, form_factors};
+use patchlight_formfactor::{AreaToArea, Contour, Estimator, Hemisphere, Patch, Polygon, Surfaces, form_factors};
 use glam::{Quat, Vec3};
 use scene::{Material, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
 

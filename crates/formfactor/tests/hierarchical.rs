@@ -1,6 +1,6 @@
 //! Hierarchical radiosity: closed forms, occlusion, the number of links.
 
-use formfactor::{Error, HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
+use patchlight_formfactor::{Error, HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 use glam::{Vec2, Vec3};
 use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
 

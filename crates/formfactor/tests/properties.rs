@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use formfactor::*;
+use patchlight_formfactor::*;
 use glam::{Quat, Vec3, Vec4};
 use patches::{
     Density, PatchSize, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count,

@@ -1,7 +1,7 @@
 //! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
 
-use formfactor::kernel::hemisphere::hemisphere_ray;
-use formfactor::{
+use patchlight_formfactor::kernel::hemisphere::hemisphere_ray;
+use patchlight_formfactor::{
     Error, HemisphereParams, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows,
 };
 use glam::{Vec3, Vec4};
@@ -106,7 +106,7 @@ fn rows_traced_by_somebody_else_are_the_same() {
     let (mut own, mut own_sky) = empty();
     let sky = add_quadrant_rows(&mut own, (&mut own_sky, &sky_bin), &surfaces, rays, &on).unwrap();
     let (mut rows, mut sky_rows) = empty();
-    let bins = Some((&mut sky_rows, &sky_bin as &formfactor::SkyBin));
+    let bins = Some((&mut sky_rows, &sky_bin as &patchlight_formfactor::SkyBin));
     assert_eq!(add_traced_rows(&mut rows, bins, &surfaces, rays, &mut { trace }, &on).unwrap(), sky);
     assert!(rows == own && sky_rows == own_sky);
 

@@ -27,9 +27,9 @@
 //!
 //! ```
 //! use glam::Vec4;
-//! use gpu_kernels::host::{HostBinding, HostCall};
-//! use gpu_kernels::params::CountParams;
-//! use gpu_kernels::table::FORMFACTOR_BOUNCE;
+//! use patchlight_gpu_kernels::host::{HostBinding, HostCall};
+//! use patchlight_gpu_kernels::params::CountParams;
+//! use patchlight_gpu_kernels::table::FORMFACTOR_BOUNCE;
 //!
 //! // B = E + ρ∘H for one patch.
 //! let (source, albedo, irradiance) = ([Vec4::splat(1.0)], [Vec4::splat(0.5)], [Vec4::splat(4.0)]);
@@ -44,7 +44,7 @@
 //! let mut call = HostCall { elements: 1, push: bytemuck::bytes_of(&push), bindings: &mut bindings };
 //! FORMFACTOR_BOUNCE.run_on_host(&mut call)?;
 //! assert_eq!(exitance[0], Vec4::splat(3.0));
-//! # Ok::<(), gpu_kernels::host::HostError>(())
+//! # Ok::<(), patchlight_gpu_kernels::host::HostError>(())
 //! ```
 //!
 //! # Adding a kernel

@@ -2,12 +2,12 @@
 //! making it anew in every step, and how far it is from that in the end.
 
 use glam::Vec3;
-use localmatrix::{Entering, LocalMatrix, choose, distance_to_path};
+use patchlight_localmatrix::{Entering, LocalMatrix, choose, distance_to_path};
 
 const PATCHES: u32 = 400;
 const SLOTS: usize = 96;
 
-fn main() -> Result<(), localmatrix::Error> {
+fn main() -> Result<(), patchlight_localmatrix::Error> {
     // Each patch has form factors to those up to ten on; no row exceeds 1.
     let row = |i: u32| -> Vec<(u32, f32)> {
         let near = i.saturating_sub(10)..(i + 11).min(PATCHES);

@@ -1,7 +1,7 @@
 //! Which patches come and go.
 
 use glam::Vec3;
-use localmatrix::{Choice, choose, distance_to_path};
+use patchlight_localmatrix::{Choice, choose, distance_to_path};
 
 #[test]
 fn the_nearest_are_chosen_and_the_farthest_leave() {

@@ -1,8 +1,8 @@
 //! The matrix that goes with a camera through a world, against solves of what it should hold.
 
 use glam::{Vec3, Vec4};
-use localmatrix::kernel::fade;
-use localmatrix::{Error, FadeParams, Local, LocalSettings, NO_NODE, Node, Surface, Table, View, World};
+use patchlight_localmatrix::kernel::fade;
+use patchlight_localmatrix::{Error, FadeParams, Local, LocalSettings, NO_NODE, Node, Surface, Table, View, World};
 use scene::kernel::shade::encode_srgb;
 use scene::sampling::{hash3, unit};
 use transport::Csr;

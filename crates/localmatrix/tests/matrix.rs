@@ -3,7 +3,7 @@
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use glam::{Vec3, Vec4};
-use localmatrix::{Entering, Error, LocalMatrix};
+use patchlight_localmatrix::{Entering, Error, LocalMatrix};
 use scene::sampling::{hash3, unit};
 use transport::LinearOperator as _;
 

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use localmatrix::{
+use patchlight_localmatrix::{
     BakeError, BakeFile, BakeWriter, Error, LitPoint, Mapped, NO_NODE, Node, Part, Record, Source, Store, World,
     WorldHead, block_range, join, parent_record,
 };

@@ -5,7 +5,7 @@
 use std::ops::ControlFlow;
 
 use glam::Vec3;
-use multibounce::{BlockCodec, BlockMatrix, BlockSettings, Companding, Error, Permutation, projected_order};
+use patchlight_multibounce::{BlockCodec, BlockMatrix, BlockSettings, Companding, Error, Permutation, projected_order};
 use scene::sampling::{hash3, unit};
 
 const N: usize = 1000;

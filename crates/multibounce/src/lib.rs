@@ -23,9 +23,10 @@
 //! [`Acceleration`] a bounce uses where the light was going: it settles in about half as many.
 //!
 //! ```
+//! # extern crate transport as patchlight_transport;
 //! use glam::{Vec3, Vec4};
-//! use multibounce::{Channels, Factors, LowRank, TileSide, TileSource, all_bounces, halving_order};
-//! use transport::{LinearOperator, Proceed};
+//! use patchlight_multibounce::{Channels, Factors, LowRank, TileSide, TileSource, all_bounces, halving_order};
+//! use patchlight_transport::{LinearOperator, Proceed};
 //!
 //! // Two plates that see each other by half, one twice as large.
 //! let (area, values) = ([1.0, 2.0], [0.5, 0.25]);
@@ -42,7 +43,7 @@
 //! // H_2 = F_21 B_1 and B_1 = 1 + ρ_1 F_12 ρ_2 H_2.
 //! let expected = 0.25 / (1.0 - 0.8 * 0.5 * 0.5 * 0.25);
 //! assert!((irradiance[1].x - expected).abs() < 2e-3 * expected);
-//! # Ok::<(), multibounce::Error>(())
+//! # Ok::<(), patchlight_multibounce::Error>(())
 //! ```
 //!
 //! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 3; the symmetric form and the tiles are this project's own.

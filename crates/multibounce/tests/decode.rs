@@ -1,7 +1,7 @@
 //! Texture blocks: our decoding against that of another crate.
 
 use glam::{UVec4, Vec4};
-use multibounce::kernel::blocks::{Bc1, Bc3, Bc6h, Bc7, BlockFormat};
+use patchlight_multibounce::kernel::blocks::{Bc1, Bc3, Bc6h, Bc7, BlockFormat};
 use scene::sampling::hash3;
 
 /// A random block; `mode`, where given, is put into its lowest bits.

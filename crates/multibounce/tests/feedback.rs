@@ -1,8 +1,8 @@
 //! Light that goes on from frame to frame: its eigenvalues, and how soon it settles.
 
 use glam::Vec4;
-use multibounce::kernel::feedback::change;
-use multibounce::{Acceleration, Error, spectral_range};
+use patchlight_multibounce::kernel::feedback::change;
+use patchlight_multibounce::{Acceleration, Error, spectral_range};
 use scene::sampling::{hash3, unit};
 use transport::FnOperator;
 

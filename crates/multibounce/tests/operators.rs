@@ -5,7 +5,7 @@ mod support;
 use bytemuck::{cast_slice, cast_slice_mut};
 use faer::Mat;
 use glam::{UVec4, Vec3, Vec4};
-use multibounce::{
+use patchlight_multibounce::{
     Channels, Error, Factors, LowRank, Proceed, StoredOperator, TileSide, TileSource, Workspace, all_bounces,
     all_bounces_lu, all_bounces_stored, dense_sparse_all, halving_order, kernel, multiply_u_all, multiply_vt_all,
     permute_in_all, quantise_all, requantise_all, some_bounces, some_bounces_stored,

@@ -4,8 +4,8 @@ mod support;
 
 use bytemuck::cast_slice;
 use glam::{Vec3, Vec4};
-use multibounce::kernel::tiles as body;
-use multibounce::{
+use patchlight_multibounce::kernel::tiles as body;
+use patchlight_multibounce::{
     Error, LowRank, LowRankWorkspace, Proceed, TileSide, TileSource, halving_order, multiply_vt_all, permute_in_all,
     quantise_all, requantise_all,
 };

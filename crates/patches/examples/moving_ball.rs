@@ -1,7 +1,7 @@
 //! Light for something that moves: ambient cubes in a closed room whose floor shines, and what a ball takes from them.
 
 use glam::{Vec3, Vec4};
-use patches::{VolumeSettings, VolumeSize, VoxelVolume};
+use patchlight_patches::{VolumeSettings, VolumeSize, VoxelVolume};
 use scene::sampling::{cosine_hemisphere, hammersley};
 use scene::{Material, ReceiverSet, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv, Visibility};
 

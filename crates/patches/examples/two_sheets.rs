@@ -1,7 +1,7 @@
 //! Two sheets with a centimetre between them, in voxels of half a metre: samples and patches of all four sides.
 
 use glam::Vec3;
-use patches::{Grid, Sample, SampleSettings, axis_patches, sample_voxels};
+use patchlight_patches::{Grid, Sample, SampleSettings, axis_patches, sample_voxels};
 use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

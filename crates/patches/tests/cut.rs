@@ -1,7 +1,7 @@
 //! Triangles cut where something stands on them.
 
 use glam::{Vec2, Vec3, vec2, vec3};
-use patches::{Density, cut_at_feet};
+use patchlight_patches::{Density, cut_at_feet};
 use scene::{Material, Scene, SceneParts, Triangle, TriangleUv, Visibility as _};
 
 /// A parallelogram as two triangles.

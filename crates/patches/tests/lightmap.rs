@@ -3,7 +3,7 @@
 mod support;
 
 use glam::{Vec2, Vec3, Vec4};
-use patches::{Error, LIGHTMAP_LIMIT, LightmapTexels};
+use patchlight_patches::{Error, LIGHTMAP_LIMIT, LightmapTexels};
 use scene::sampling::{hash3, uniform_triangle, unit};
 use scene::{ReceiverSet, Scene, Sides, SurfacePoint, TriangleUv};
 use support::{Mesh, atrium};

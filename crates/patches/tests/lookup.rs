@@ -3,7 +3,7 @@
 mod support;
 
 use glam::{Vec3, Vec4};
-use patches::{
+use patchlight_patches::{
     ClusterSettings, Error, Grid, Lookup, LookupSettings, Member, PatchSet, Sample, SampleSet, SampleSettings,
     axis_patches, cluster_patches, sample_voxels,
 };

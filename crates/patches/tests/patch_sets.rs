@@ -3,8 +3,8 @@
 mod support;
 
 use glam::{DVec3, Vec3, Vec4};
-use patches::kernel::gather::gather_mean;
-use patches::{
+use patchlight_patches::kernel::gather::gather_mean;
+use patchlight_patches::{
     ClusterSettings, Error, Grid, Member, PatchSet, Sample, SampleSet, SampleSettings, axis_patches, cluster_patches,
     sample_voxels,
 };

@@ -5,7 +5,7 @@ mod support;
 use std::ops::Range;
 
 use glam::{DVec3, Vec3, Vec4};
-use patches::{
+use patchlight_patches::{
     ClusterSettings, Error, Grid, Lookup, LookupSettings, MeshSettings, PatchKind, PatchMesh, PointRows, Sample,
     SampleSet, cluster_patches, printed_axis_patches, printed_cluster_patches, printed_samples,
 };
@@ -55,7 +55,7 @@ fn three_points_by_hand() {
     let grid = one_voxel();
     let made = printed_cluster_patches(&grid, set_of(samples.clone()), 2, &rows).unwrap();
     // M(0,1) = 1 · 1 · (1 + √0.1208), M(0,2) and M(1,2) have 1 + 0.69 in front.
-    let members = |set: &patches::PatchSet, i: usize| set.members_of(i).iter().map(|m| m.sample).collect::<Vec<_>>();
+    let members = |set: &patchlight_patches::PatchSet, i: usize| set.members_of(i).iter().map(|m| m.sample).collect::<Vec<_>>();
     assert_eq!((members(&made.set, 0), members(&made.set, 1)), (vec![0, 1], vec![2]));
     for (i, j, expected) in [(0, 1, 0.16), (1, 0, 0.12), (0, 0, 0.4 / 3.0), (1, 1, 0.0)] {
         assert_near(made.factors.row(i)[j], expected, "F");
@@ -75,7 +75,7 @@ fn rows_and_columns_decide_where_colours_and_normals_are_alike() {
     // 0 and 3 see the same, and so do 1 and 2.
     let is_outer = |k: usize| k == 0 || k == 3;
     let rows = rows_of(&samples, |i, j| if is_outer(i) == is_outer(j) { 0.0 } else { 0.2 });
-    let groups = |rows: &patches::RowsOfPoints| {
+    let groups = |rows: &patchlight_patches::RowsOfPoints| {
         let made = printed_cluster_patches(&one_voxel(), set_of(samples.clone()), 2, rows).unwrap();
         made.set.members.iter().map(|m| m.sample).collect::<Vec<_>>()
     };

@@ -1,7 +1,7 @@
 //! Receivers: few, in the open, and enough for what lies between them.
 
 use glam::{Vec3, Vec4};
-use patches::{Density, Error, InterpolationMesh};
+use patchlight_patches::{Density, Error, InterpolationMesh};
 use scene::{Hit, Material, NONE, Scene, SceneParts, SidePolicy, Sides, Triangle, TriangleUv, find_sides};
 use transport::kernel::grid::{cell_corners, cell_count, interpolate_receivers, vertex_count};
 

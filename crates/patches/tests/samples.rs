@@ -3,7 +3,7 @@
 mod support;
 
 use glam::{Vec2, Vec3};
-use patches::{AreaRule, Error, Grid, Sample, SampleSet, SampleSettings, sample_voxels};
+use patchlight_patches::{AreaRule, Error, Grid, Sample, SampleSet, SampleSettings, sample_voxels};
 use scene::{Material, Scene, SceneParts, Texture, TriangleUv};
 use support::{Mesh, atrium, two_rooms};
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use glam::{Vec3, Vec4};
-use patches::{
+use patchlight_patches::{
     AreaRule, ClusterSettings, Grid, Lookup, LookupSettings, Sample, SampleSettings, axis_patches, cluster_patches,
     sample_voxels,
 };

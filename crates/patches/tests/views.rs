@@ -3,7 +3,7 @@
 mod support;
 
 use glam::Vec3;
-use patches::{
+use patchlight_patches::{
     Density, Error, Focus, LitSampler, MeshSettings, Nearest, PatchKind, PatchMesh, PatchSet, PatchSize, Sample,
     SubdivideSettings, ViewClusters, ViewSettings, cut_at_feet, subdivide, view_clusters,
 };

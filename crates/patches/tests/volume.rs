@@ -6,7 +6,7 @@ mod support;
 use core::f32::consts::PI;
 
 use glam::{Quat, Vec3, Vec4};
-use patches::{Error, PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};
+use patchlight_patches::{Error, PROBE_LIMIT, VolumeSettings, VolumeSize, VoxelVolume};
 use rayon::prelude::*;
 use scene::sampling::{cosine_hemisphere, hammersley, hash3, unit};
 use scene::{Material, POINT_WALKS, ReceiverSet, Scene, SceneParts, SurfacePoint, TriangleUv, Visibility, is_open};

@@ -1,8 +1,8 @@
 //! Packed weights: what goes in comes out rounded, sums stay, and the product is that of the weights.
 
 use glam::{Vec2, Vec3, Vec4};
-use patches::kernel::weights::weighted_row;
-use patches::{Error, PackedWeights, Weight, WeightParams};
+use patchlight_patches::kernel::weights::weighted_row;
+use patchlight_patches::{Error, PackedWeights, Weight, WeightParams};
 use scene::sampling::{hash3, unit};
 use transport::rotational_gradients;
 

@@ -16,12 +16,14 @@
 //! Equation: `B = E + ρ H`, `H = F B` (Goral et al. 1984).
 //!
 //! ```
+//! # extern crate assets as patchlight_assets;
+//! # extern crate runtime as patchlight_runtime;
 //! use std::sync::Arc;
 //!
 //! use patchlight::{Bake, BakeSettings, RenderSettings, Renderer, Silent};
-//! use runtime::cpu::Cpu;
+//! use patchlight_runtime::cpu::Cpu;
 //!
-//! let loaded = assets::load_or_build("cornell")?;
+//! let loaded = patchlight_assets::load_or_build("cornell")?;
 //! let settings = BakeSettings { patch_count: 200, receiver_density: 0.2, ..BakeSettings::default() };
 //! let bake = Arc::new(Bake::build(&loaded.scene, &settings, &Silent)?);
 //! let render = RenderSettings { size: (64, 48), sub_frames: 1, ..RenderSettings::default() };

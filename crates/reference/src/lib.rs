@@ -16,11 +16,12 @@
 //! Units: metres, radiance W/m²/sr, irradiance W/m², linear Rec.709 RGB.
 //!
 //! ```rust
+//! # extern crate scene as patchlight_scene;
 //! use std::ops::ControlFlow;
 //!
 //! use glam::{Vec3, vec3};
-//! use reference::{Accumulation, PathSettings, PathTracer};
-//! use scene::{Camera, Material, Scene, SceneParts, Sky, Triangle, TriangleUv};
+//! use patchlight_reference::{Accumulation, PathSettings, PathTracer};
+//! use patchlight_scene::{Camera, Material, Scene, SceneParts, Sky, Triangle, TriangleUv};
 //!
 //! let floor = Triangle { corner: vec3(-9.0, 0.0, -9.0), edge_a: vec3(0.0, 0.0, 99.0), edge_b: vec3(99.0, 0.0, 0.0), ..Default::default() };
 //! let scene = Scene::new(SceneParts {

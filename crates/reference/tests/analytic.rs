@@ -5,7 +5,7 @@ mod support;
 use std::f32::consts::PI;
 
 use glam::Vec3;
-use reference::{PathSettings, PathTracer, Picture, Strategy};
+use patchlight_reference::{PathSettings, PathTracer, Picture, Strategy};
 use scene::math::luminance;
 use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT, Light};
 use support::{Builder, camera, direct, floor, furnace, point, trace};
@@ -188,7 +188,7 @@ fn light_inside(gap: f32) -> f32 {
         points.push(point(Vec3::new(v.max(-1.0 + gap), 2.0, u), Vec3::NEG_Y));
     }
     let light = PathTracer::new(&scene).irradiance(&points, 512, &PathSettings::default());
-    let total = |p: &reference::PointIrradiance| luminance(p.direct + p.indirect);
+    let total = |p: &patchlight_reference::PointIrradiance| luminance(p.direct + p.indirect);
     light[1..].iter().map(total).fold(0.0, f32::max) / total(&light[0])
 }
 

@@ -1,9 +1,9 @@
 //! Noise, leaks, stains and blotches of pictures whose faults were counted beforehand.
 
 use glam::Vec3;
-use reference::metrics::faults::{Fault, NOISE_STEP};
-use reference::metrics::{noise_picture, noise_share};
-use reference::{Accumulation, Judge, PathSettings, Picture};
+use patchlight_reference::metrics::faults::{Fault, NOISE_STEP};
+use patchlight_reference::metrics::{noise_picture, noise_share};
+use patchlight_reference::{Accumulation, Judge, PathSettings, Picture};
 use scene::kernel::shade::encode_srgb;
 use scene::{Camera, math::luminance};
 
@@ -221,7 +221,7 @@ fn the_standard_error_of_a_pixel_is_that_of_the_mean_of_its_samples() {
     })
     .unwrap();
     let camera = Camera::look_at(Vec3::new(0.0, 2.0, 0.0), Vec3::ZERO, Vec3::X, 40.0, 24, 24);
-    let tracer = reference::PathTracer::new(&scene);
+    let tracer = patchlight_reference::PathTracer::new(&scene);
     let render = |seed: u32| {
         let mut sums = Accumulation::new(&camera, PathSettings { seed, ..PathSettings::default() });
         let go_on = |_: u32, _: u32| std::ops::ControlFlow::Continue(());

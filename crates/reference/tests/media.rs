@@ -3,7 +3,7 @@
 mod support;
 
 use glam::Vec3;
-use reference::{PathSettings, PathTracer, Strategy};
+use patchlight_reference::{PathSettings, PathTracer, Strategy};
 use scene::{LIGHT_DIRECTIONAL, LIGHT_POINT, Light, Scene, SurfacePoint};
 use support::{Builder, direct, floor, point};
 

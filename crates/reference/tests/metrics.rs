@@ -1,11 +1,11 @@
 //! Metrics on pictures whose errors are known.
 
 use glam::Vec3;
-use reference::metrics::{
+use patchlight_reference::metrics::{
     absolute_difference_picture, compare_pictures, compare_points, difference_picture, flip_picture, indirect_scale,
     quantile,
 };
-use reference::{Error, Picture, PictureErrors, stops_to_scale};
+use patchlight_reference::{Error, Picture, PictureErrors, stops_to_scale};
 use scene::kernel::shade::encode_srgb;
 use scene::sampling::{hash3, unit};
 

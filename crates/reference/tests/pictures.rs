@@ -1,12 +1,12 @@
 //! Pictures and reference folders on disk.
 
-use reference::PictureFile as _;
+use patchlight_reference::PictureFile as _;
 use std::fs;
 use std::path::Path;
 
 use glam::Vec3;
-use reference::data::read_points;
-use reference::{Error, Picture, Precision, ReferenceData};
+use patchlight_reference::data::read_points;
+use patchlight_reference::{Error, Picture, Precision, ReferenceData};
 
 fn gradient(scale: f32) -> Picture {
     let pixels = (0..20 * 12).map(|k| Vec3::new(k as f32, 0.5 * k as f32, 1.0 / (k + 1) as f32) * scale).collect();

@@ -3,7 +3,7 @@
 mod support;
 
 use glam::Vec3;
-use reference::{PathSettings, PathTracer, PointIrradiance};
+use patchlight_reference::{PathSettings, PathTracer, PointIrradiance};
 use scene::{Camera, Error, Material, ReflectanceFault, Scene, SurfacePoint};
 use support::{Builder, camera, point, trace};
 

@@ -6,7 +6,7 @@ use std::fs;
 use std::ops::ControlFlow;
 
 use glam::{Vec3, Vec4};
-use reference::{Accumulation, Error, PathSettings, PathTracer, PointIrradiance, ResumeError, Strategy, fingerprint};
+use patchlight_reference::{Accumulation, Error, PathSettings, PathTracer, PointIrradiance, ResumeError, Strategy, fingerprint};
 use scene::Scene;
 use support::{Builder, camera, point, room, sunny_room, trace};
 
@@ -189,7 +189,7 @@ fn the_stated_errors_are_those_of_repetition() {
             f64::from(variance.sqrt() / mean)
         })
         .collect();
-    let measured = reference::metrics::quantile(&mut measured, 0.5);
+    let measured = patchlight_reference::metrics::quantile(&mut measured, 0.5);
     let stated = pictures[0].indirect_errors().expect("four passes");
     // Four passes and twelve repetitions: the medians of 12 blocks agree within 40 %.
     assert!((stated.median / measured - 1.0).abs() < 0.4, "{} {measured}", stated.median);

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use glam::Vec4;
 use multibounce::{Channels, LowRank, TileSide, TileSource};
-use runtime::executor::{DeviceChoice, open};
-use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
+use patchlight_runtime::executor::{DeviceChoice, open};
+use patchlight_runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 
 const PATCHES: usize = 300;
 

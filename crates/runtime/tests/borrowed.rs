@@ -10,11 +10,11 @@ use std::time::Duration;
 use caller::{Caller, caller};
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table::FORMFACTOR_BOUNCE;
-use runtime::cpu::Cpu;
-use runtime::executor::{DeviceChoice, Executor, ExecutorError};
-use runtime::plan::{BufferId, PassId, Plan};
-use runtime::vulkan::ash::vk;
-use runtime::vulkan::{EnabledFeatures, Error, FEATURES, MAX_FRAMES, Validation, Vulkan};
+use patchlight_runtime::cpu::Cpu;
+use patchlight_runtime::executor::{DeviceChoice, Executor, ExecutorError};
+use patchlight_runtime::plan::{BufferId, PassId, Plan};
+use patchlight_runtime::vulkan::ash::vk;
+use patchlight_runtime::vulkan::{EnabledFeatures, Error, FEATURES, MAX_FRAMES, Validation, Vulkan};
 
 const COUNT: u32 = 100;
 const BYTES: u64 = COUNT as u64 * 16;

@@ -2,10 +2,10 @@
 
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, MULTIBOUNCE_BLOCKS_GATHER_IMAGE};
-use runtime::cpu::Cpu;
-use runtime::executor::{Executor, ExecutorError};
-use runtime::graph::Graph;
-use runtime::plan::{BufferId, PassId, Plan, PlanError, Range};
+use patchlight_runtime::cpu::Cpu;
+use patchlight_runtime::executor::{Executor, ExecutorError};
+use patchlight_runtime::graph::Graph;
+use patchlight_runtime::plan::{BufferId, PassId, Plan, PlanError, Range};
 
 const COUNT: u32 = 64;
 const BYTES: u64 = 64 * 16;

@@ -12,7 +12,7 @@
 //!
 //! ```
 //! use glam::{Vec2, Vec3};
-//! use scene::{Material, Scene, SceneParts, Triangle, TriangleUv, Visibility};
+//! use patchlight_scene::{Material, Scene, SceneParts, Triangle, TriangleUv, Visibility};
 //!
 //! let floor = |a: Vec3, b: Vec3, c: Vec3| Triangle { corner: a, edge_a: b - a, edge_b: c - a, ..Triangle::default() };
 //! let scene = Scene::new(SceneParts {
@@ -23,7 +23,7 @@
 //! })?;
 //! let hit = scene.closest(Vec3::new(0.25, 1.0, 0.25), Vec3::NEG_Y);
 //! assert_eq!((hit.t, hit.triangle), (1.0, 0));
-//! # Ok::<(), scene::Error>(())
+//! # Ok::<(), patchlight_scene::Error>(())
 //! ```
 //!
 //! | feature | what it adds |

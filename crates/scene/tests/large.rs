@@ -3,9 +3,9 @@
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
-use scene::kernel::large::{MOST_EXACT_EMITTERS, group_irradiance, polygon_irradiance};
-use scene::math::{atan2, sin_cos_2pi};
-use scene::*;
+use patchlight_scene::kernel::large::{MOST_EXACT_EMITTERS, group_irradiance, polygon_irradiance};
+use patchlight_scene::math::{atan2, sin_cos_2pi};
+use patchlight_scene::*;
 
 /// Irradiance of a rectangle over radiance, seen from the origin by a normal.
 fn rectangle(corner: Vec3, edge_a: Vec3, edge_b: Vec3, normal: Vec3) -> f32 {

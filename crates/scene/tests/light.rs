@@ -4,10 +4,10 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
-use scene::kernel::large::{add_seen_light, sharp_irradiance};
-use scene::kernel::light::{direct_irradiance, sky_radiance, spot_falloff};
-use scene::kernel::medium::{Absorbing, Air, Medium, transmittance};
-use scene::*;
+use patchlight_scene::kernel::large::{add_seen_light, sharp_irradiance};
+use patchlight_scene::kernel::light::{direct_irradiance, sky_radiance, spot_falloff};
+use patchlight_scene::kernel::medium::{Absorbing, Air, Medium, transmittance};
+use patchlight_scene::*;
 
 /// A floor of 200 m and whatever else is given.
 fn floor_and(more: Vec<Triangle>, lights: Vec<Light>, sky: Sky, emission: Vec3) -> Scene {

@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 
 use glam::{Mat3, Vec3};
-use scene::kernel::light::luminaire_share;
-use scene::*;
+use patchlight_scene::kernel::light::luminaire_share;
+use patchlight_scene::*;
 
 /// A floor of 200 m, one light.
 fn floor_under(light: Light, distributions: Vec<f32>) -> Scene {

@@ -1,7 +1,7 @@
 //! Scalar maths against the standard library.
 
-use scene::math::floor;
-use scene::sampling::hash;
+use patchlight_scene::math::floor;
+use patchlight_scene::sampling::hash;
 
 /// Numbers of every magnitude and sign, and those where rounding changes.
 fn numbers() -> impl Iterator<Item = f32> {

@@ -3,11 +3,11 @@
 use std::cell::Cell;
 
 use glam::{Vec2, Vec3};
-use scene::kernel::GeometryTables;
-use scene::kernel::bvh::{FAR, any_hit, closest_hit, host_occluder, intersect_triangle, occluder};
-use scene::math::sin_cos_2pi;
-use scene::sampling::{hash3, unit};
-use scene::{Hit, Material, NONE, Occluder, Scene, SceneParts, Texture, Triangle, TriangleUv};
+use patchlight_scene::kernel::GeometryTables;
+use patchlight_scene::kernel::bvh::{FAR, any_hit, closest_hit, host_occluder, intersect_triangle, occluder};
+use patchlight_scene::math::sin_cos_2pi;
+use patchlight_scene::sampling::{hash3, unit};
+use patchlight_scene::{Hit, Material, NONE, Occluder, Scene, SceneParts, Texture, Triangle, TriangleUv};
 
 fn random(k: u32, slot: u32) -> Vec3 {
     Vec3::new(unit(hash3(k, slot, 1)), unit(hash3(k, slot, 2)), unit(hash3(k, slot, 3)))
@@ -193,7 +193,7 @@ fn bad_parts_are_refused_with_their_place() {
         change(&mut parts);
         Scene::new(parts).err().unwrap()
     };
-    use scene::Error;
+    use patchlight_scene::Error;
     assert_eq!(Scene::new(SceneParts::default()).err(), Some(Error::NoTriangles));
     assert_eq!(fails(&|p| p.triangles[7].corner.y = f32::NAN), Error::NotFinite { triangle: 7 });
     assert_eq!(fails(&|p| p.triangles[3].material = 1), Error::MaterialIndex { triangle: 3, material: 1, count: 1 });

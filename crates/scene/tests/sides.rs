@@ -1,8 +1,8 @@
 //! Where light comes: small lamps light whole rooms, closed spaces stay dark.
 
 use glam::{Vec3, vec3};
-use scene::sampling::{hash3, unit};
-use scene::{
+use patchlight_scene::sampling::{hash3, unit};
+use patchlight_scene::{
     Material, NONE, POINT_WALKS, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides, is_open,
 };
 

@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 use scene::sampling::{hash3, unit};
-use temporal::{Blend, Error, RayLists, Settings, State};
+use patchlight_temporal::{Blend, Error, RayLists, Settings, State};
 use transport::LinearOperator;
 
 fn main() -> Result<(), Error> {

@@ -22,7 +22,7 @@
 //!
 //! ```
 //! use glam::Vec4;
-//! use temporal::{Distribution, RayLists, Settings, State};
+//! use patchlight_temporal::{Distribution, RayLists, Settings, State};
 //!
 //! // Two plates that see each other with half of their rays; the rest escapes to the sky, column 2.
 //! let lists = RayLists::from_hits(2, &[1, 2, 2, 1, 0, 2, 0, 2], 4)?;
@@ -34,7 +34,7 @@
 //! // H_2 = F_21 B_1 and B_1 = 1 + ρ_1 F_12 ρ_2 H_2.
 //! let expected = 0.5 / (1.0 - 0.8 * 0.5 * 0.5 * 0.5);
 //! assert!((state.irradiance[1].x - expected).abs() < 1e-4 * expected);
-//! # Ok::<(), temporal::Error>(())
+//! # Ok::<(), patchlight_temporal::Error>(())
 //! ```
 //!
 //! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 6; lists, control variate and choice of w are this project's own.

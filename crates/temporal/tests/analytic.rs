@@ -2,9 +2,9 @@
 
 use glam::{Vec3, Vec4};
 use scene::math::luminance;
-use temporal::kernel::split::{pack_entry, scan_row};
-use temporal::kernel::tables::{color_at, draw};
-use temporal::{AliasTables, Blend, Distribution, Error, Packing, RayLists, SampleParams, Settings, State, SumParams};
+use patchlight_temporal::kernel::split::{pack_entry, scan_row};
+use patchlight_temporal::kernel::tables::{color_at, draw};
+use patchlight_temporal::{AliasTables, Blend, Distribution, Error, Packing, RayLists, SampleParams, Settings, State, SumParams};
 use transport::LinearOperator;
 
 const PACKINGS: [Packing; 2] = [Packing::Stacks, Packing::Split];
@@ -184,7 +184,7 @@ fn exact_sums_take_every_row_once() {
         for frame in 100 * refresh..101 * refresh {
             let rows_to_sum = settings.rows_to_sum(rows, 0, frame);
             (0..rows_to_sum.count)
-                .for_each(|k| seen[temporal::kernel::sample::summed_row(k, &rows_to_sum) as usize] += 1);
+                .for_each(|k| seen[patchlight_temporal::kernel::sample::summed_row(k, &rows_to_sum) as usize] += 1);
         }
         assert!(seen.iter().all(|&count| count >= 1), "{rows} {refresh}: {seen:?}");
         assert!(seen.iter().sum::<u32>() < rows + refresh);

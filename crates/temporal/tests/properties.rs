@@ -2,9 +2,9 @@
 
 use glam::{Vec3, Vec4};
 use scene::sampling::{hash3, unit};
-use temporal::kernel::sample::{first_word, word};
-use temporal::kernel::tables::draw;
-use temporal::{AliasTables, Blend, Distribution, Packing, RayLists, SampleParams, Settings, State};
+use patchlight_temporal::kernel::sample::{first_word, word};
+use patchlight_temporal::kernel::tables::draw;
+use patchlight_temporal::{AliasTables, Blend, Distribution, Packing, RayLists, SampleParams, Settings, State};
 use transport::LinearOperator;
 
 const FRAMES: u32 = 4096;

@@ -23,14 +23,14 @@
 //!
 //! ```
 //! use glam::Vec4;
-//! use transport::{Csr, LinearOperator};
+//! use patchlight_transport::{Csr, LinearOperator};
 //!
 //! // Two plates that see each other by half, one twice as large.
 //! let factors = Csr::from_rows(2, &[vec![(1, 0.5)], vec![(0, 0.25)]])?;
 //! let mut irradiance = [Vec4::ZERO; 2];
 //! factors.apply(&[Vec4::splat(8.0), Vec4::ZERO], &mut irradiance)?;
 //! assert_eq!(irradiance[1].x, 2.0);
-//! # Ok::<(), transport::Error>(())
+//! # Ok::<(), patchlight_transport::Error>(())
 //! ```
 //!
 //! | feature | what it adds |

@@ -2,8 +2,8 @@
 
 use glam::Vec4;
 use scene::sampling::{hash3, unit};
-use transport::kernel::hits::gather_row_hits;
-use transport::{Csr, Error, HitCounts, LinearOperator};
+use patchlight_transport::kernel::hits::gather_row_hits;
+use patchlight_transport::{Csr, Error, HitCounts, LinearOperator};
 
 /// Hits of `rows` rows: some columns take many, ids from `columns` on are the sky's.
 fn hits(rows: u32, rays: u32, columns: u32) -> Vec<u32> {

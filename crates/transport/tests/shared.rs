@@ -5,9 +5,9 @@ use std::sync::Mutex;
 
 use glam::Vec4;
 use scene::sampling::{hash3, unit};
-use transport::alias::pair_entries;
-use transport::bisect::{Part, bisect};
-use transport::{
+use patchlight_transport::alias::pair_entries;
+use patchlight_transport::bisect::{Part, bisect};
+use patchlight_transport::{
     Csr, Dense, Error, FnOperator, LinearOperator, Observer, Permutation, Phase, Proceed, Silent, Steps,
     TransposedOperator,
 };

@@ -3,7 +3,7 @@
 
 use std::ops::ControlFlow;
 
-use firstshot::{
+use patchlight_firstshot::{
     Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer,
 };
 use glam::{Vec2, Vec3};

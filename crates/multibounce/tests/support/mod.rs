@@ -1,6 +1,6 @@
 //! What tests of operators have in common.
 
-use multibounce::Proceed;
+use patchlight_multibounce::Proceed;
 use scene::sampling::{hash3, unit};
 
 /// A number from 0 to 1 that follows from three.

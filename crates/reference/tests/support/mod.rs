@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 
 use glam::Vec3;
-use reference::{Accumulation, PathSettings, PathTracer};
+use patchlight_reference::{Accumulation, PathSettings, PathTracer};
 use scene::{
     Camera, LIGHT_DIRECTIONAL, Light, Material, NONE, Scene, SceneParts, Sky, SurfacePoint, Triangle, TriangleUv,
 };

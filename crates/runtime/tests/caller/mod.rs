@@ -2,8 +2,8 @@
 
 use std::error::Error;
 
-use runtime::vulkan::ash::{self, ext, vk};
-use runtime::vulkan::{
+use patchlight_runtime::vulkan::ash::{self, ext, vk};
+use patchlight_runtime::vulkan::{
     API_VERSION, BorrowedDevice, EnabledFeatures, Messages, Messenger, VALIDATION_LAYER, Validation, describe_device,
     enable_features, has_validation_layer,
 };

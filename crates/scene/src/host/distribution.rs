@@ -28,10 +28,10 @@ const MOST_DISTRIBUTION_WORDS: usize = 1 << 25;
 /// // The intensity of a Lambert surface that faces along γ = 0: cos γ, whose mean over all directions is ¼.
 /// let gammas: Vec<f64> = (0..=90).map(f64::from).collect();
 /// let intensities = gammas.iter().map(|gamma| gamma.to_radians().cos()).collect();
-/// let lambert = scene::Distribution::new(gammas, vec![0.0], intensities)?;
+/// let lambert = patchlight_scene::Distribution::new(gammas, vec![0.0], intensities)?;
 /// assert!((lambert.mean() - 0.25).abs() < 1e-5);
 /// assert_eq!(lambert.intensity(120.0, 0.0), 0.0);
-/// # Ok::<(), scene::Error>(())
+/// # Ok::<(), patchlight_scene::Error>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Distribution {

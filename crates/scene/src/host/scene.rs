@@ -53,7 +53,7 @@ pub struct SceneParts {
 ///
 /// ```
 /// use glam::Vec3;
-/// use scene::{Lighting, Material, Scene, SceneParts, Sky, Triangle, TriangleUv};
+/// use patchlight_scene::{Lighting, Material, Scene, SceneParts, Sky, Triangle, TriangleUv};
 ///
 /// let day = Scene::new(SceneParts {
 ///     triangles: vec![Triangle { edge_a: Vec3::Z, edge_b: Vec3::X, ..Triangle::default() }],
@@ -65,7 +65,7 @@ pub struct SceneParts {
 /// let night = Lighting { emission: vec![Vec3::ONE], ..Lighting::default() };
 /// let night = Scene::under(day.geometry.clone(), night)?;
 /// assert_eq!((day.emitters.len(), night.emitters.len()), (0, 1));
-/// # Ok::<(), scene::Error>(())
+/// # Ok::<(), patchlight_scene::Error>(())
 /// ```
 #[derive(Clone)]
 pub struct Scene {
