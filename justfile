@@ -35,3 +35,11 @@ mutate COUNT="100000":
 # The default demo: pictures and out/report.html.
 demo:
     cargo run --release
+
+# Package every crate that can be published, build each from its package, and use three of them from outside.
+package:
+    .ci/package
+
+# The book, into target/book.
+book:
+    mdbook build docs/book

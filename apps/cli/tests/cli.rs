@@ -20,7 +20,7 @@ fn help_and_version_succeed_and_wrong_usage_is_2() {
     {
         assert!(help.contains(word), "{word}");
     }
-    for command in ["render", "bake", "world", "merge", "compare", "info", "scene", "bench"] {
+    for command in ["render", "bake", "world", "merge", "compare", "info", "scene", "demo", "man", "completions"] {
         assert!(succeeds(&[command, "--help"]).contains("Example"), "{command}");
     }
     assert!(succeeds(&["--version"]).contains(env!("CARGO_PKG_VERSION")));
@@ -36,7 +36,8 @@ fn help_and_version_succeed_and_wrong_usage_is_2() {
 fn hierarchical_radiosity_counts_its_links_and_needs_outlines() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let mut arguments = vec!["render", "cornell", "--solver", "hierarchical", "--json", "--out", out];
+    let mut arguments =
+        vec!["render", "cornell", "--method", "classic", "--solver", "hierarchical", "--json", "--out", out];
     arguments.extend(SMALL);
     let polygons: Vec<&str> = [&arguments[..], &["--patches", "polygon"]].concat();
     let summary: serde_json::Value = serde_json::from_str(&succeeds(&polygons)).unwrap();
@@ -261,6 +262,112 @@ fn an_unknown_device_is_named() {
     succeeds(&["devices"]);
 }
 
+/// Most lines of a short help.
+const SHORT: usize = 60;
+
+#[test]
+fn short_help_is_short_and_research_is_hidden() {
+    let commands =
+        ["render", "bake", "world", "merge", "export", "illuminance", "compare", "devices", "info", "scene", "demo"];
+    for command in commands {
+        let help = succeeds(&[command, "-h"]);
+        assert!(help.lines().count() <= SHORT, "{command}: {} lines", help.lines().count());
+    }
+    let [shown, hidden] = ["--help", "--help-research"].map(|help| succeeds(&["render", help]));
+    for heading in ["Light:", "Method:", "Picture:", "Bake:", "Device:"] {
+        assert!(shown.contains(heading) && hidden.contains(heading), "{heading}");
+    }
+    for option in ["--control-variate", "--cubic", "--graph"] {
+        assert!(!shown.contains(option) && hidden.contains(option), "{option}");
+    }
+    assert!(shown.contains("--help-research") && !shown.contains("Research:") && hidden.contains("Research:"));
+    // What is hidden works as before.
+    fails(2, &["render", "cornell", "--cubic", "newtonian"]);
+}
+
+#[test]
+fn completions_and_manual_pages_are_those_of_the_command_line() {
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let text = succeeds(&["completions", shell]);
+        assert!(text.contains("patchlight") && text.contains("illuminance"), "{shell}");
+    }
+    fails(2, &["completions", "tcsh"]);
+    let folder = tempfile::tempdir().unwrap();
+    let pages = folder.path().join("man1");
+    succeeds(&["man", pages.to_str().unwrap()]);
+    let read = |name: &str| std::fs::read_to_string(pages.join(name)).unwrap();
+    assert!(read("patchlight.1").contains("radiosity") && read("patchlight-render.1").contains("receiver"));
+    assert!(!pages.join("patchlight-help.1").exists() && leftovers(&pages).is_empty());
+    let file = folder.path().join("file");
+    std::fs::write(&file, "x").unwrap();
+    assert!(fails(1, &["man", file.join("man1").to_str().unwrap()]).contains("file/man1"));
+}
+
+/// A copy of the program in a folder of its own, where no other program lies beside it.
+#[cfg(unix)]
+fn alone(folder: &Path) -> std::process::Command {
+    let copy = folder.join("patchlight");
+    std::fs::copy(env!("CARGO_BIN_EXE_patchlight"), &copy).unwrap();
+    let mut command = std::process::Command::new(copy);
+    command.env("PATH", folder.join("bin"));
+    command
+}
+
+#[cfg(unix)]
+#[test]
+fn other_programs_are_started_with_what_they_are_given_or_the_command_that_builds_them_is_said() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    for (command, program) in [("view", "patchlight-view"), ("bench", "patchlight-bench")] {
+        let missing = alone(folder.path()).args([command, "cornell"]).output().unwrap();
+        let message = text(&missing.stderr);
+        assert_eq!(missing.status.code(), Some(1), "{message}");
+        assert!(
+            message.contains(program) && message.contains(&format!("cargo build --release -p {program}")),
+            "{message}"
+        );
+        // Beside the program, then in PATH.
+        for place in ["", "bin"] {
+            let place = folder.path().join(place);
+            std::fs::create_dir_all(&place).unwrap();
+            let script = place.join(program);
+            std::fs::write(&script, "#!/bin/sh\nfor a in \"$@\"; do echo \"<$a>\"; done\nexit 7\n").unwrap();
+            std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
+            let given = ["--device", "cpu", command, "a scene", "--help", "--size", "1x1"];
+            let output = alone(folder.path()).args(given).output().unwrap();
+            assert_eq!(output.status.code(), Some(7), "{}", text(&output.stderr));
+            let lines = text(&output.stdout);
+            assert_eq!(lines, "<--device>\n<cpu>\n<a scene>\n<--help>\n<--size>\n<1x1>\n");
+            std::fs::remove_file(&script).unwrap();
+        }
+    }
+}
+
+#[test]
+fn the_default_method_is_the_one_that_is_recommended() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |file: &str| folder.path().join(file).to_str().unwrap().to_owned();
+    let method = |scene: &str, more: &[&str]| -> String {
+        let out = name("out");
+        let arguments = ["render", scene, "--json", "--out", &out];
+        let summary = succeeds(
+            &[&arguments[..], &["--size", "32x24", "--device", "cpu", "--quiet", "--spp", "2"], more].concat(),
+        );
+        let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+        summary["method"].as_str().unwrap().to_owned()
+    };
+    let small = ["--rays", "64", "--patch-count", "100"];
+    assert_eq!(method("cornell", &small), "tiles");
+    assert_eq!(method("cornell", &[&small[..], &["--method", "classic"]].concat()), "classic");
+    let bake = name("a.bake");
+    for (methods, expected) in [("classic", "classic"), ("feedback", "feedback"), ("tiles", "tiles")] {
+        let baked = ["bake", "cornell", "--for", methods, "--quiet", "--out", &bake, "--device", "cpu"];
+        succeeds(&[&baked[..], &small].concat());
+        assert_eq!(method(&bake, &[]), expected);
+        std::fs::remove_file(&bake).unwrap();
+    }
+}
+
 #[test]
 fn a_device_is_refused_where_only_native_code_works() {
     for arguments in [
@@ -271,7 +378,6 @@ fn a_device_is_refused_where_only_native_code_works() {
         &["scene", "cornell"],
         &["info", "cornell"],
         &["info", "cornell", "--operator", "--codec", "dense"],
-        &["bench", "firstshot", "atrium:3000"],
     ] {
         let message = fails(1, &[arguments, &["--device", "vulkan"]].concat());
         assert!(message.contains("--device vulkan") && message.contains("--device cpu"), "{message}");
@@ -501,7 +607,7 @@ fn info_tells_what_operators_take_and_lose() {
 fn the_demo_writes_a_report_that_needs_no_other_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    succeeds(&["--fast", "--quiet", "--device", "cpu", "--out", out]);
+    succeeds(&["--quiet", "--device", "cpu", "--out", out]);
     let report = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     let words =
         ["cornell", "atrium", "office", "data:image/jpeg;base64,", "median ms", "against the path tracer", "CPU"];
@@ -511,7 +617,7 @@ fn the_demo_writes_a_report_that_needs_no_other_file() {
     // Six methods beside each other: in the tables of times, memory and phases, and one by one in those of errors.
     let head = "<th>classic</th><th>tiles</th><th>feedback</th><th>temporal</th><th>local</th><th>firstshot</th>";
     assert_eq!(report.matches(head).count(), 9);
-    assert_eq!(report.matches("<td>frame 2, tiles</td>").count(), 6);
+    assert_eq!(report.matches("<td>frame 5, tiles</td>").count(), 6);
     let summary: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(folder.path().join("summary.json")).unwrap()).unwrap();
     let methods: Vec<&str> = summary.as_array().unwrap().iter().filter_map(|s| s["method"].as_str()).collect();
@@ -551,7 +657,8 @@ fn debug_pictures_show_the_bake() {
         ("axis", "pixels"),
     ] {
         let out = folder.path().join(format!("{patches}-{receivers}"));
-        let mut arguments = vec!["render", "cornell", "--patches", patches, "--receivers", receivers, "--debug"];
+        let mut arguments =
+            vec!["render", "cornell", "--method", "classic", "--patches", patches, "--receivers", receivers, "--debug"];
         arguments.extend(["--receiver-rays", "16", "--out", out.to_str().unwrap()]);
         arguments.extend(SMALL);
         succeeds(&arguments);
@@ -590,7 +697,7 @@ fn debug_pictures_show_the_bake() {
     let points = point("0,1,0", 1.0) + &point("1,0,0", 100.0) + &point("0,-1,0", 0.1);
     std::fs::write(reference.join("points.csv"), format!("px,py,pz,nx,ny,nz,{columns}\n{points}")).unwrap();
     let out = folder.path().join("worst");
-    let mut arguments = vec!["render", "cornell", "--patches", "cluster", "--debug", "--json"];
+    let mut arguments = vec!["render", "cornell", "--method", "classic", "--patches", "cluster", "--debug", "--json"];
     arguments.extend(["--reference", reference.to_str().unwrap(), "--out", out.to_str().unwrap()]);
     arguments.extend(SMALL);
     let summary: serde_json::Value = serde_json::from_str(&succeeds(&arguments)).unwrap();

@@ -131,7 +131,6 @@ fn an_output_that_cannot_be_written_is_found_before_the_work() {
         &["world", "no/such/scene.toml", "--out", below],
         &["merge", "no/such/part.bake", "--out", below],
         &["scene", "city:5000000", "--out", below],
-        &["bench", "clean", "no/such/scene.toml", "--out", below],
         &["info", "no/such/scene.toml", "--operator", "--codec", "dense", "--out", below],
         &["--out", below],
         &["compare", "no/such.exr", "no/such.exr", "--marked", below],

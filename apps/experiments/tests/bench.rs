@@ -428,6 +428,17 @@ fn bench_clean_counts_faults_against_references_that_it_keeps() {
 }
 
 #[test]
+fn a_device_and_an_output_that_cannot_be_are_refused_before_the_work() {
+    let message = fails(1, &["firstshot", "atrium:3000", "--device", "vulkan"]);
+    assert!(message.contains("--device vulkan") && message.contains("firstshot"), "{message}");
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("file"), "x").unwrap();
+    let below = folder.path().join("file/below");
+    let message = fails(1, &["clean", "no/such/scene.toml", "--out", below.to_str().unwrap()]);
+    assert!(message.contains("file/below"), "{message}");
+}
+
+#[test]
 fn a_bench_that_is_not_known_is_wrong_usage() {
     let message = fails(2, &["chairs"]);
     assert!(message.contains("chairs") && message.contains("patches"), "{message}");

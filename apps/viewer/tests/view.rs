@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use patchlight::operator::Codec;
-use patchlight::{Bake, MethodSettings, RenderSettings, Renderer, Silent};
+use patchlight::operator::{Build, Codec};
+use patchlight::{Bake, BakeSettings, FileSettings, MethodSettings, Origin, RenderSettings, Renderer, Silent};
 use program::{command, fails, leftovers, run, succeeds, text};
 use runtime::cpu::Cpu;
 use scene::{Lighting, stops_to_scale};
@@ -102,10 +102,18 @@ impl Drop for Xvfb {
 fn baked() -> (tempfile::TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("box.bake").display().to_string();
-    let epsilon = EPSILON.to_string();
-    let options =
-        ["bake", "cornell", "--patch-count", "150", "--for", "tiles", "--epsilon", &epsilon, "--out", &path, "--quiet"];
-    succeeds(&options);
+    let loaded = assets::load_or_build("cornell").unwrap();
+    let settings = FileSettings {
+        origin: Origin {
+            scene: "cornell".to_owned(),
+            scene_hash: loaded.content_hash,
+            application: loaded.description().into_bytes(),
+        },
+        bake: BakeSettings { patch_count: 150, ..BakeSettings::default() },
+        methods: vec![MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON })],
+        build: Build::default(),
+    };
+    Bake::build_into(path.as_ref(), &loaded.scene, &settings, &mut Cpu::new(), &Silent).unwrap();
     (folder, path)
 }
 

@@ -1,7 +1,7 @@
 //! The built-in scenes that show faults: closed where they should be, and as large, thick and far apart as was asked for.
 
-use patchlight_assets::{LoadedScene, procedural};
 use glam::{DVec3, Vec3};
+use patchlight_assets::{LoadedScene, procedural};
 use scene::Visibility as _;
 use scene::sampling::{hash3, unit};
 

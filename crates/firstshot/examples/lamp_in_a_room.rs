@@ -2,8 +2,10 @@
 
 use std::ops::ControlFlow;
 
-use patchlight_firstshot::{Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer};
 use glam::Vec3;
+use patchlight_firstshot::{
+    Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer,
+};
 use scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -4,10 +4,10 @@ mod support;
 
 use std::f32::consts::PI;
 
+use glam::{DVec3, Vec2, Vec3};
 use patchlight_firstshot::{
     Emission, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, light_elements,
 };
-use glam::{DVec3, Vec2, Vec3};
 use scene::math::luminance;
 use scene::{LIGHT_DIRECTIONAL, LIGHT_RECT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, TriangleUv};
 use support::*;

@@ -4,10 +4,10 @@ mod support;
 
 use std::f32::consts::PI;
 
+use glam::Vec3;
 use patchlight_firstshot::{
     Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels,
 };
-use glam::Vec3;
 use scene::Material;
 use scene::math::luminance;
 use support::*;

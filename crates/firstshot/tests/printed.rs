@@ -4,11 +4,11 @@ mod support;
 
 use std::ops::ControlFlow;
 
+use glam::{Vec2, Vec3};
 use patchlight_firstshot::{
     Cubic, Emission, IlluminationMaps, LightElement, LightElementSettings, PhotonSettings, Sequences, Subdivision,
     Texels, Tracer, corner_light, light_elements,
 };
-use glam::{Vec2, Vec3};
 use scene::{LIGHT_DIRECTIONAL, Light, Scene, Triangle};
 use support::*;
 

@@ -4,11 +4,11 @@ mod support;
 
 use std::ops::ControlFlow;
 
+use glam::Vec3;
 use patchlight_firstshot::{
     Emission, Error, IlluminationMaps, LightElementSettings, MOST_PHOTONS, PhotonAccumulator, PhotonHit, PhotonScene,
     PhotonSettings, Sequences, Subdivision, Texels, Tracer, light_elements, trace_photons,
 };
-use glam::Vec3;
 use scene::{Light, Scene, Triangle};
 use support::*;
 

@@ -4,8 +4,8 @@ mod support;
 
 use std::f32::consts::PI;
 
-use patchlight_firstshot::{Emission, Estimate, IlluminationMaps, PhotonAccumulator, PhotonSettings};
 use glam::Vec3;
+use patchlight_firstshot::{Emission, Estimate, IlluminationMaps, PhotonAccumulator, PhotonSettings};
 use scene::{LIGHT_DIRECTIONAL, Light, Material, Scene, Triangle};
 use support::*;
 

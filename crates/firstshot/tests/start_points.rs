@@ -1,9 +1,9 @@
 //! Start points have the density that is linear between the corners of their triangle.
 
+use glam::{Vec2, Vec3};
 use patchlight_firstshot::kernel::linear::{
     interpolate, invert_first, invert_first_by_cardano, invert_section, linear_point, linear_point_by_cardano,
 };
-use glam::{Vec2, Vec3};
 use scene::sampling::{hash3, uniform_triangle, unit};
 
 /// Share of the density in t ≤ 1 − u, in double precision.

@@ -2,9 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use patchlight_formfactor::{Contour, Polygon, Stop, form_factors, jacobi};
 use glam::{Vec3, Vec4};
 use patches::{PatchSize, SubdivideSettings, subdivide};
+use patchlight_formfactor::{Contour, Polygon, Stop, form_factors, jacobi};
 use scene::{Material, Scene, SceneParts, SidePolicy, Triangle, TriangleUv};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use patchlight_formfactor::{AreaToArea, Contour, Estimator, Hemisphere, Patch, Polygon, Surfaces, form_factors};
 use glam::{Quat, Vec3};
+use patchlight_formfactor::{AreaToArea, Contour, Estimator, Hemisphere, Patch, Polygon, Surfaces, form_factors};
 use scene::{Material, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv};
 
 /// The receiver of a case.

@@ -1,7 +1,7 @@
 //! Hierarchical radiosity: closed forms, occlusion, the number of links.
 
-use patchlight_formfactor::{Error, HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 use glam::{Vec2, Vec3};
+use patchlight_formfactor::{Error, HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
 
 /// Two triangles; the front is the side of `a × b`.

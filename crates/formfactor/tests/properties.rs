@@ -2,12 +2,12 @@
 
 use std::ops::ControlFlow;
 
-use patchlight_formfactor::*;
 use glam::{Quat, Vec3, Vec4};
 use patches::{
     Density, PatchSize, SubdivideSettings, Subdivision, divisions_for_area, divisions_for_count,
     divisions_for_gradient, subdivide,
 };
+use patchlight_formfactor::*;
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
 use scene::{Material, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides};

@@ -1,11 +1,11 @@
 //! Rows by rays in three forms: sparse rows, counts of hits, and the light alone; and means of rows.
 
+use glam::{Vec3, Vec4};
+use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use patchlight_formfactor::kernel::hemisphere::hemisphere_ray;
 use patchlight_formfactor::{
     Error, HemisphereParams, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows,
 };
-use glam::{Vec3, Vec4};
-use patches::{PatchSize, SubdivideSettings, Subdivision, subdivide};
 use scene::sampling::{hash3, unit};
 use scene::{Material, SKY_BINS, Scene, SceneParts, SurfacePoint, Triangle, TriangleUv, sky_bin};
 use transport::{Csr, HitCounts, LinearOperator, Proceed, QUADRANTS, Surfaces, rotational_gradients};

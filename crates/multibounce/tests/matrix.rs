@@ -3,7 +3,9 @@
 use std::ops::ControlFlow;
 
 use glam::{UVec4, Vec3, Vec4};
-use patchlight_multibounce::kernel::blocks::{BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, decode_gather_row, gather_outlier_rows};
+use patchlight_multibounce::kernel::blocks::{
+    BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, decode_gather_row, gather_outlier_rows,
+};
 use patchlight_multibounce::{
     BlockCodec, BlockMatrix, BlockSettings, Companding, Error, MatrixRows, Permutation, greedy_order, picture,
     printed_order, projected_order, spectral_radius,

@@ -55,7 +55,8 @@ fn three_points_by_hand() {
     let grid = one_voxel();
     let made = printed_cluster_patches(&grid, set_of(samples.clone()), 2, &rows).unwrap();
     // M(0,1) = 1 · 1 · (1 + √0.1208), M(0,2) and M(1,2) have 1 + 0.69 in front.
-    let members = |set: &patchlight_patches::PatchSet, i: usize| set.members_of(i).iter().map(|m| m.sample).collect::<Vec<_>>();
+    let members =
+        |set: &patchlight_patches::PatchSet, i: usize| set.members_of(i).iter().map(|m| m.sample).collect::<Vec<_>>();
     assert_eq!((members(&made.set, 0), members(&made.set, 1)), (vec![0, 1], vec![2]));
     for (i, j, expected) in [(0, 1, 0.16), (1, 0, 0.12), (0, 0, 0.4 / 3.0), (1, 1, 0.0)] {
         assert_near(made.factors.row(i)[j], expected, "F");

@@ -6,7 +6,9 @@ use std::fs;
 use std::ops::ControlFlow;
 
 use glam::{Vec3, Vec4};
-use patchlight_reference::{Accumulation, Error, PathSettings, PathTracer, PointIrradiance, ResumeError, Strategy, fingerprint};
+use patchlight_reference::{
+    Accumulation, Error, PathSettings, PathTracer, PointIrradiance, ResumeError, Strategy, fingerprint,
+};
 use scene::Scene;
 use support::{Builder, camera, point, room, sunny_room, trace};
 

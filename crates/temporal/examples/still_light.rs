@@ -1,8 +1,8 @@
 //! Light jumps, then rests: how far it is from its end, and how much it still changes, with and without the control variate.
 
 use glam::Vec4;
-use scene::sampling::{hash3, unit};
 use patchlight_temporal::{Blend, Error, RayLists, Settings, State};
+use scene::sampling::{hash3, unit};
 use transport::LinearOperator;
 
 fn main() -> Result<(), Error> {

@@ -1,10 +1,12 @@
 //! Small cases worked out by hand, and what is refused.
 
 use glam::{Vec3, Vec4};
-use scene::math::luminance;
 use patchlight_temporal::kernel::split::{pack_entry, scan_row};
 use patchlight_temporal::kernel::tables::{color_at, draw};
-use patchlight_temporal::{AliasTables, Blend, Distribution, Error, Packing, RayLists, SampleParams, Settings, State, SumParams};
+use patchlight_temporal::{
+    AliasTables, Blend, Distribution, Error, Packing, RayLists, SampleParams, Settings, State, SumParams,
+};
+use scene::math::luminance;
 use transport::LinearOperator;
 
 const PACKINGS: [Packing; 2] = [Packing::Stacks, Packing::Split];

@@ -1,10 +1,10 @@
 //! Statistics of samples, and what light must do over frames.
 
 use glam::{Vec3, Vec4};
-use scene::sampling::{hash3, unit};
 use patchlight_temporal::kernel::sample::{first_word, word};
 use patchlight_temporal::kernel::tables::draw;
 use patchlight_temporal::{AliasTables, Blend, Distribution, Packing, RayLists, SampleParams, Settings, State};
+use scene::sampling::{hash3, unit};
 use transport::LinearOperator;
 
 const FRAMES: u32 = 4096;

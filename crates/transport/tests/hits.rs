@@ -1,9 +1,9 @@
 //! Rows of counts of hits: the same operator as compressed sparse rows, exact counts, the same bits for any thread count.
 
 use glam::Vec4;
-use scene::sampling::{hash3, unit};
 use patchlight_transport::kernel::hits::gather_row_hits;
 use patchlight_transport::{Csr, Error, HitCounts, LinearOperator};
+use scene::sampling::{hash3, unit};
 
 /// Hits of `rows` rows: some columns take many, ids from `columns` on are the sky's.
 fn hits(rows: u32, rays: u32, columns: u32) -> Vec<u32> {

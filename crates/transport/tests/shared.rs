@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 use glam::Vec4;
-use scene::sampling::{hash3, unit};
 use patchlight_transport::alias::pair_entries;
 use patchlight_transport::bisect::{Part, bisect};
 use patchlight_transport::{
     Csr, Dense, Error, FnOperator, LinearOperator, Observer, Permutation, Phase, Proceed, Silent, Steps,
     TransposedOperator,
 };
+use scene::sampling::{hash3, unit};
 
 fn vector(n: usize, seed: u32) -> Vec<Vec4> {
     (0..n as u32).map(|k| Vec4::splat(unit(hash3(k, seed, 1)))).collect()

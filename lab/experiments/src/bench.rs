@@ -135,7 +135,7 @@ pub fn run(common: &Common, args: &Bench) -> Result<(), Error> {
         Experiment::Bounces => thesis::run_one(common, args, "3.10"),
         Experiment::All => all::run(common, args),
         Experiment::Firstshot => {
-            common.native_only("bench firstshot")?;
+            common.native_only("patchlight-bench firstshot")?;
             firstshot::run(common, args)
         }
     }

@@ -3,10 +3,10 @@
 
 use std::ops::ControlFlow;
 
+use glam::{Vec2, Vec3};
 use patchlight_firstshot::{
     Emission, Estimate, IlluminationMaps, LightElementSettings, PhotonAccumulator, PhotonSettings, Texels, Tracer,
 };
-use glam::{Vec2, Vec3};
 use scene::{
     LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT, Light, Material, Scene, SceneParts, Texture, Triangle, TriangleUv,
 };

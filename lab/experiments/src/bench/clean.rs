@@ -144,7 +144,7 @@ fn with_scenes(args: &Bench) -> (Bench, References) {
 }
 
 fn make_references(common: &Common, args: &Bench, store: &ReferenceStore, progress: &Progress) -> Result<(), Error> {
-    common.native_only("bench clean --references")?;
+    common.native_only("patchlight-bench clean --references")?;
     let paths = args.paths.unwrap_or(PATHS);
     for spec in &args.scenes {
         let loaded = output::import(spec, progress)?;

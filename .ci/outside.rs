@@ -1,0 +1,22 @@
+//! Three crates as somebody outside takes them, each with a number that is known.
+
+use glam::{DVec3, Vec3};
+use patchlight_formfactor::point_to_polygon;
+use patchlight_temporal::Settings;
+use patchlight_transport::{Csr, LinearOperator, Polygon};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    // A point below the corner of a unit square one metre above it: Howell's catalogue, B-3.
+    let square = Polygon::new(&[Vec3::Z, Vec3::new(0.0, 1.0, 1.0), Vec3::ONE, Vec3::new(1.0, 0.0, 1.0)])?;
+    let factor = point_to_polygon(DVec3::ZERO, DVec3::Z, &square);
+    assert!((factor - 0.138531606).abs() < 1e-9, "{factor}");
+
+    let swap = Csr { rows: 2, columns: 2, row_start: vec![0, 1, 2], column_index: vec![1, 0], values: vec![0.5, 0.25] };
+    let mut out = [glam::Vec4::ZERO; 2];
+    swap.apply(&[glam::Vec4::ONE, glam::Vec4::splat(4.0)], &mut out)?;
+    assert_eq!(out, [glam::Vec4::splat(2.0), glam::Vec4::splat(0.25)]);
+
+    assert!(Settings::default().samples > 0);
+    println!("form factor {factor:.9}; three crates from their packages");
+    Ok(())
+}
