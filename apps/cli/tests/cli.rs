@@ -305,10 +305,10 @@ fn completions_and_manual_pages_are_those_of_the_command_line() {
 
 /// A copy of the program in a folder of its own, where no other program lies beside it.
 #[cfg(unix)]
-fn alone(folder: &Path) -> std::process::Command {
+fn alone(folder: &Path) -> Command {
     let copy = folder.join("patchlight");
     std::fs::copy(env!("CARGO_BIN_EXE_patchlight"), &copy).unwrap();
-    let mut command = std::process::Command::new(copy);
+    let mut command = Command::new(copy);
     command.env("PATH", folder.join("bin"));
     command
 }

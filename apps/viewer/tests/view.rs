@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use patchlight::operator::{Build, Codec};
 use patchlight::{Bake, BakeSettings, FileSettings, MethodSettings, Origin, RenderSettings, Renderer, Silent};
-use program::{command, fails, leftovers, run, succeeds, text};
+use program::{command, fails, leftovers, run, text};
 use runtime::cpu::Cpu;
 use scene::{Lighting, stops_to_scale};
 

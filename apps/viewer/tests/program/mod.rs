@@ -18,13 +18,6 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Runs a command that must succeed, and returns what it prints.
-pub fn succeeds(arguments: &[&str]) -> String {
-    let output = run(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
-    text(&output.stdout)
-}
-
 /// Runs a command that must fail with `code`, and returns its message.
 pub fn fails(code: i32, arguments: &[&str]) -> String {
     let output = run(arguments);
