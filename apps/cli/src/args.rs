@@ -63,10 +63,8 @@ pub enum Command {
         patchlight render cornell\n  \
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
         patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
-        patchlight render sponza.toml --method local --slots 1024 --path fly --animate still --frames 120\n  \
         patchlight render sponza.bake --method tiles --frames 120 --animate sun\n  \
         patchlight render city.bake --method local --path fly --frames 300 --out out/city\n  \
-        patchlight render sponza.toml --method path --spp 128 --resume --out out/sponza\n  \
         patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
     Render(Box<Render>),
@@ -185,16 +183,22 @@ impl ClassicSolver {
 /// `patchlight render`.
 #[derive(Args, Debug)]
 pub struct Render {
-    /// A scene file (.toml, .obj, .gltf, .glb), a bake, or a built-in scene with its parameters, as in atrium:20000 or
-    /// rooms:wall=0.1,ground=1000 (`patchlight scene --help` lists them).
+    /// A scene file (.toml, .obj, .gltf, .glb), a bake, or a built-in scene.
+    ///
+    /// Built-in scenes may have parameters, as in atrium:20000 or rooms:wall=0.1,ground=1000: `patchlight scene --help` lists
+    /// them.
     pub scene: String,
-    /// How the light is found [default: tiles; firstshot in a medium, local in a world, of a bake what it is for].
+    /// How the light is found [default: tiles].
+    ///
+    /// In a medium the default is firstshot, in the bake of a world local, and of other bakes the method that they are for.
     #[arg(long, value_enum, hide_default_value = true, default_value_t = Method::Tiles, help_heading = "Method")]
     pub method: Method,
     /// Whether the command line names it.
     #[arg(skip)]
     pub is_method_given: bool,
-    /// Frames; with more than one the scene's lights move, and frames.csv and report.html say what each measured.
+    /// Frames; with more than one the lights move.
+    ///
+    /// frames.csv and report.html then say what each frame measured.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Light")]
     pub frames: u32,
     /// How lights move from frame to frame.
@@ -207,7 +211,9 @@ pub struct Render {
     pub temporal: TemporalOptions,
     #[command(flatten)]
     pub local: LocalArgs,
-    /// How the camera moves from frame to frame; then lights move as --animate says, but for a camera of their path.
+    /// How the camera moves from frame to frame.
+    ///
+    /// Lights then move as --animate says, but for a camera of their path.
     #[arg(long, value_enum, help_heading = "Picture")]
     pub path: Option<CameraPath>,
     /// Picture size [default: that of the reference, else 960x540].
@@ -220,8 +226,9 @@ pub struct Render {
     pub bake: BakeOptions,
     #[command(flatten)]
     pub operators: OperatorSettings,
-    /// What traces the rays and random walks of the bake, and builds the operator between patches (multibounce, tiles): auto takes
-    /// the device of --device when it is a graphics processor.
+    /// What bakes: auto takes the device if it is a graphics processor.
+    ///
+    /// It traces the rays and random walks of the bake, and builds the operator between patches (multibounce, tiles).
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto, help_heading = "Device")]
     pub build_on: BuildPlace,
     /// How the bounces of --method classic are found: jacobi takes one product a bounce on the device, the others are the host's,
@@ -239,11 +246,12 @@ pub struct Render {
     pub decode: Decoding,
     #[command(flatten)]
     pub methods: MethodOptions,
-    /// How pixels find direct light of sky, rectangles and emissive triangles.
+    /// How pixels find direct light of large lights and the sky.
     #[arg(long, value_enum, default_value_t = DirectLight::Smooth, help_heading = "Picture")]
     pub direct: DirectLight,
-    /// Folder with full.exr, indirect.exr, points.csv to compare with; OUT/points.csv then has the error of each point, worst
-    /// first.
+    /// Folder with full.exr, indirect.exr and points.csv to compare with.
+    ///
+    /// OUT/points.csv then has the error of each point, worst first.
     #[arg(long, help_heading = "Picture")]
     pub reference: Option<PathBuf>,
     /// Also write pictures into OUT/debug: colours by patch, element, axis and receiver, E and H of

@@ -21,13 +21,15 @@ pub struct BakeOptions {
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh, help_heading = RESEARCH)]
     pub receivers: ReceiverPlaces,
-    /// Distance between receivers where light is even, m [default: a third of the patches' mean
-    /// edge]. Receivers are the points at which indirect light is gathered.
+    /// Distance between receivers where light is even, m.
+    ///
+    /// Receivers are the points at which indirect light is gathered [default: a third of the patches' mean edge].
     #[arg(long, value_name = "METRES", value_parser = parse_metres, help_heading = "Bake")]
     pub receiver_edge: Option<f32>,
-    /// Most receivers; where light bends they stand closer [default: ten thirds of as many as that
-    /// distance gives].
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4_000_000), help_heading = "Bake")]
+    /// Most receivers; where light bends they stand closer.
+    ///
+    /// [default: ten thirds of as many as their distance gives]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000), help_heading = "Bake")]
     pub most_receivers: Option<u32>,
     /// Which form of the equations voxel and axis patches, their form factors, first exitance and light at points have. With
     /// thesis, form factors are those of points and the patches receive.
@@ -37,10 +39,10 @@ pub struct BakeOptions {
     #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere, help_heading = RESEARCH)]
     pub form_factors: FormFactors,
     /// Rays a row of the form factors (hemisphere).
-    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
+    #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
     pub rays: u32,
     /// Rays from each receiver.
-    #[arg(long, default_value_t = BakeSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
+    #[arg(long, value_name = "N", default_value_t = BakeSettings::default().receiver_rays, value_parser = clap::value_parser!(u32).range(16..=1_048_576), help_heading = "Bake")]
     pub receiver_rays: u32,
 }
 

@@ -14,13 +14,13 @@ use crate::error::Error;
 /// Options of every command.
 #[derive(Args, Debug, Clone)]
 pub struct Common {
-    /// auto, cpu, vulkan, an index of `patchlight devices`, or part of a device's name.
+    /// auto, cpu, vulkan, a device's index or part of its name.
     #[arg(long, global = true, default_value = "auto", help_heading = "Device")]
     pub device: String,
     /// Threads of the CPU; 0 takes one a core.
     #[arg(long, global = true, default_value_t = 0, value_parser = parse_threads, help_heading = "Device")]
     pub threads: usize,
-    /// Changes every random number; the same seed gives the same bytes.
+    /// Changes every random number; the same seed, the same bytes.
     #[arg(long, global = true, default_value_t = 0)]
     pub seed: u32,
     /// Folder for results (demo: out; render: out/SCENE-METHOD).

@@ -71,8 +71,9 @@ pub struct MethodOptions {
     /// twice as many.
     #[arg(long, help_heading = RESEARCH)]
     pub plain: bool,
-    /// Relative error of the patches' irradiance at which photons are enough (firstshot); of the
-    /// elements', which are smaller, among mirrors and glass and in a medium. With 0 all of
+    /// Relative error of irradiance at which photons are enough (firstshot).
+    ///
+    /// It is that of the patches; among mirrors and glass and in a medium that of the elements, which are smaller. With 0 all of
     /// `--photons` are traced, and no frame waits to hear of the error.
     #[arg(long, default_value_t = FirstShotSettings::default().error, value_parser = parse_goal, help_heading = "Method")]
     pub error: f64,

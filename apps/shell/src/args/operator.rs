@@ -122,15 +122,18 @@ pub struct OperatorOptions {
 /// What operators are made, and in how much memory.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct OperatorSettings {
-    /// Most resident memory: bytes, or with K, M or G. What would take more is refused before it is begun; tiles of a larger
-    /// operator are built panel by panel in a file beside the results [default: what is free].
-    #[arg(long, value_parser = parse_bytes, help_heading = "Bake")]
+    /// Most resident memory, as in 800M or 2G [default: what is free].
+    ///
+    /// What would take more is refused before it is begun; tiles of a larger operator are built panel by panel in a file beside
+    /// the results.
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes, help_heading = "Bake")]
     pub memory_limit: Option<u64>,
     /// How the operator is stored (multibounce) [default: tiles; of a bake: as it is there].
     #[arg(long, value_enum, help_heading = RESEARCH)]
     pub codec: Option<Storage>,
-    /// Relative error of the compressed operator (tiles, feedback), in the sense of Frobenius [default: 0.01; of a bake: as it is
-    /// there].
+    /// Relative error of the compressed operator (tiles, feedback) [default: 0.01].
+    ///
+    /// In the Frobenius norm. Of a bake the default is the error that its operator has.
     #[arg(long, value_parser = parse_epsilon, help_heading = "Method")]
     pub epsilon: Option<f64>,
 }

@@ -9,18 +9,22 @@ use super::definition::RESEARCH;
 /// What patches are made, and how many.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct PatchOptions {
-    /// What patches are [default: cluster, or polygon where form factors are not by rays].
+    /// What patches are [default: cluster].
+    ///
+    /// Where form factors are not by rays the default is polygon.
     #[arg(long, value_enum, help_heading = "Bake")]
     pub patches: Option<Patches>,
     /// Patches, about [default: 4000].
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_535), help_heading = "Bake")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535), help_heading = "Bake")]
     pub patch_count: Option<u32>,
     /// Edge of the voxels of voxel and axis patches, m; replaces --patch-count.
     #[arg(long, value_name = "METRES", value_parser = parse_metres, help_heading = RESEARCH)]
     pub voxel_size: Option<f32>,
-    /// Where patches and receivers stand close: auto, camera, or a box as X,Y,Z,X,Y,Z (m): enclosed space, what the camera sees
-    /// round it, or what is given. What is far from there gets few, large ones [default: auto].
-    #[arg(long, value_name = "auto|camera|BOX", allow_hyphen_values = true, value_parser = parse_focus, help_heading = "Bake")]
+    /// Where patches are small: auto, camera, or X,Y,Z,X,Y,Z (m).
+    ///
+    /// Enclosed space, what the camera sees round it, or a box. What is far from there gets few, large patches and few receivers
+    /// [default: auto].
+    #[arg(long, value_name = "WHERE", allow_hyphen_values = true, value_parser = parse_focus, help_heading = "Bake")]
     pub focus: Option<FocusChoice>,
 }
 
