@@ -71,10 +71,12 @@ fn options_of(text: &str) -> BTreeSet<String> {
     options
 }
 
-/// Options of the program.
+/// Options of the programs.
 fn options() -> BTreeSet<String> {
     let mut files = vec![root().join("lab/experiments/src/args.rs")];
-    rust_files(&root().join("apps/cli/src"), &mut files);
+    for program in ["apps/cli/src", "apps/shell/src", "apps/viewer/src"] {
+        rust_files(&root().join(program), &mut files);
+    }
     files.iter().flat_map(|file| options_of(&std::fs::read_to_string(file).expect("a file of the project"))).collect()
 }
 
@@ -177,9 +179,9 @@ impl<'a> Row<'a> {
         let text = code(self.command).ok_or_else(|| format!("{} is no command", self.command))?;
         let words: Vec<&str> = text.split(' ').collect();
         match words[..] {
-            ["patchlight", "bench", name, ..] => {
+            ["patchlight-bench", name, ..] => {
                 check_variant("lab/experiments/src/args.rs", name)?;
-                check_words(&words[3..], options)
+                check_words(&words[2..], options)
             }
             ["patchlight", name, ..] => {
                 check_variant("apps/cli/src/args.rs", name)?;
@@ -188,7 +190,8 @@ impl<'a> Row<'a> {
             ["cargo", "test", "--workspace", "--test", name] => check_test_file(name),
             ["cargo", "bench", "-p", "benches", "--bench", name] => read(&format!("benches/{name}.rs")).map(drop),
             ["cargo", "run", "--release", "-p", package, "--example", name] => {
-                read(&format!("crates/{package}/examples/{name}.rs")).map(drop)
+                let folder = package.strip_prefix("patchlight-").unwrap_or(package);
+                read(&format!("crates/{folder}/examples/{name}.rs")).map(drop)
             }
             _ => Err(format!("{text} is no command of a known form")),
         }
@@ -317,7 +320,7 @@ fn wrong_rows_are_noticed() {
         // A function, but no test.
         ("`solvers_agree`", "`room`", "has no test room"),
         ("patchlight render", "patchlight draw", "the program has no draw"),
-        ("patchlight render cornell", "patchlight bench nothing", "the program has no nothing"),
+        ("patchlight render cornell", "patchlight-bench nothing", "the program has no nothing"),
         ("cornell --solver", "cornell --solvers", "no option --solvers"),
         ("patchlight render cornell --solver lu", "make", "no command of a known form"),
         ("patchlight render cornell --solver lu", "cargo test --workspace --test nothing", "no tests nothing"),
