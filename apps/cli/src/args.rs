@@ -27,7 +27,6 @@ use crate::world::{Merge, World};
 #[command(
     name = "patchlight",
     version,
-    about,
     after_help = "Examples:\n  \
         patchlight                                   demo: pictures and out/report.html\n  \
         patchlight render atrium                     render a built-in scene\n  \
@@ -62,10 +61,7 @@ pub enum Command {
     #[command(after_help = "Examples:\n  \
         patchlight render cornell\n  \
         patchlight render sponza.toml --method tiles --patch-count 10000 --epsilon 0.02\n  \
-        patchlight render sponza.toml --method temporal --samples 64 --frames 120 --animate sun\n  \
         patchlight render sponza.bake --method tiles --frames 120 --animate sun\n  \
-        patchlight render city.bake --method local --path fly --frames 300 --out out/city\n  \
-        patchlight render cornell.toml --method classic --reference reference/cornell\n  \
         patchlight render office --method firstshot --error 0.02")]
     Render(Box<Render>),
     /// Open a window on a scene or a bake: starts patchlight-view.
@@ -201,7 +197,7 @@ pub struct Render {
     /// frames.csv and report.html then say what each frame measured.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "Light")]
     pub frames: u32,
-    /// How lights move from frame to frame.
+    /// How lights move.
     #[arg(long, value_enum, default_value_t = Animate::Path, help_heading = "Light")]
     pub animate: Animate,
     /// Also find the light of each frame by exact products, and write the error of each into frames.csv (not path).
@@ -211,7 +207,7 @@ pub struct Render {
     pub temporal: TemporalOptions,
     #[command(flatten)]
     pub local: LocalArgs,
-    /// How the camera moves from frame to frame.
+    /// How the camera moves.
     ///
     /// Lights then move as --animate says, but for a camera of their path.
     #[arg(long, value_enum, help_heading = "Picture")]
@@ -226,9 +222,9 @@ pub struct Render {
     pub bake: BakeOptions,
     #[command(flatten)]
     pub operators: OperatorSettings,
-    /// What bakes: auto takes the device if it is a graphics processor.
+    /// What bakes.
     ///
-    /// It traces the rays and random walks of the bake, and builds the operator between patches (multibounce, tiles).
+    /// auto takes the device if it is a graphics processor. What bakes traces the rays and random walks of the bake, and builds the operator between patches (multibounce, tiles).
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto, help_heading = "Device")]
     pub build_on: BuildPlace,
     /// How the bounces of --method classic are found: jacobi takes one product a bounce on the device, the others are the host's,

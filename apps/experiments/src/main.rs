@@ -11,7 +11,6 @@ use experiments::bench;
 #[command(
     name = "patchlight-bench",
     version,
-    about,
     after_help = "Examples:\n  \
         patchlight-bench operator sponza.toml --counts 10000 --epsilons 0.03,0.01\n  \
         patchlight-bench patches sponza.toml --references reference --counts 2000,5000 --densities 1\n  \

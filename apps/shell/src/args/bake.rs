@@ -16,7 +16,7 @@ pub struct BakeOptions {
     #[command(flatten)]
     pub patches: PatchOptions,
     /// Bounces: a number, or all.
-    #[arg(long, default_value = "all", value_parser = parse_bounces, help_heading = "Method")]
+    #[arg(long, value_name = "K", default_value = "all", value_parser = parse_bounces, help_heading = "Method")]
     pub bounces: Bounces,
     /// Where irradiance is gathered.
     #[arg(long, value_enum, default_value_t = ReceiverPlaces::Mesh, help_heading = RESEARCH)]

@@ -131,10 +131,10 @@ pub struct OperatorSettings {
     /// How the operator is stored (multibounce) [default: tiles; of a bake: as it is there].
     #[arg(long, value_enum, help_heading = RESEARCH)]
     pub codec: Option<Storage>,
-    /// Relative error of the compressed operator (tiles, feedback) [default: 0.01].
+    /// Error of compressed operators (tiles, feedback) [default: 0.01].
     ///
-    /// In the Frobenius norm. Of a bake the default is the error that its operator has.
-    #[arg(long, value_parser = parse_epsilon, help_heading = "Method")]
+    /// Relative, in the Frobenius norm. Of a bake the default is the error that its operator has.
+    #[arg(long, value_name = "E", value_parser = parse_epsilon, help_heading = "Method")]
     pub epsilon: Option<f64>,
 }
 

@@ -9,7 +9,7 @@ use super::definition::RESEARCH;
 /// What patches are made, and how many.
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct PatchOptions {
-    /// What patches are [default: cluster].
+    /// Kind of patches [default: cluster].
     ///
     /// Where form factors are not by rays the default is polygon.
     #[arg(long, value_enum, help_heading = "Bake")]

@@ -10,7 +10,7 @@ use temporal::{Blend, MOST_SAMPLES, Settings};
 #[derive(Args, Clone, Copy, Debug, PartialEq)]
 pub struct TemporalOptions {
     /// Samples a row and frame (temporal).
-    #[arg(long, default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SAMPLES)), help_heading = "Method")]
+    #[arg(long, value_name = "N", default_value_t = Settings::default().samples, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SAMPLES)), help_heading = "Method")]
     pub samples: u32,
     /// Weight of the frames before, from 0 to below 1, or auto: from the noise of the samples and the change of the light
     /// (temporal without control variate).
