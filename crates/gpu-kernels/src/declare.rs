@@ -59,7 +59,7 @@
 //! A host form that is written by hand is a function
 //! `fn(&Kernel, &mut HostCall) -> Result<(), HostError>` in [`host`](crate::host).
 
-/// Declares the kernels of a method: see [the module](self).
+/// Declares the kernels of a method; `src/declare.rs` has the grammar.
 #[macro_export]
 macro_rules! kernels {
     (@list [$($done:ident)*]) => {
