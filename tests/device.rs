@@ -7,7 +7,7 @@ use glam::{Vec3, Vec4};
 use gpu_kernels::params::CountParams;
 use gpu_kernels::table::{FORMFACTOR_BOUNCE, FORMFACTOR_GATHER, ImageFormat, Kernel};
 use integration_tests::vulkan;
-use multibounce::{LowRank, Proceed, TileSide, TileSource, halving_order};
+use multibounce::{LowRank, TileSide, TileSource, halving_order};
 use patches::PatchKind;
 use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind};
 use runtime::cpu::Cpu;
@@ -21,7 +21,7 @@ use runtime::vulkan::{Error, Validation, Vulkan};
 use scene::kernel::walk;
 use scene::sampling::{hash3, unit};
 use scene::{SurfacePoint, part_taken};
-use transport::{LinearOperator, Observer, Phase, Silent};
+use transport::{LinearOperator, Observer, Phase, Proceed, Silent};
 
 #[test]
 fn a_bake_on_a_device_is_that_of_the_host() {

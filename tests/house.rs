@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Crates of the project that each crate may depend on directly, besides those of [`BELOW_ALL`]. The picture is that of
 /// ARCHITECTURE.md.
-const ARROWS: [(&str, &[&str]); 23] = [
+const ARROWS: [(&str, &[&str]); 25] = [
     ("scene", &[]),
     ("transport", &["scene"]),
     ("formfactor", &["scene", "transport"]),
@@ -18,6 +18,8 @@ const ARROWS: [(&str, &[&str]); 23] = [
     ("temporal", &["scene", "transport"]),
     ("firstshot", &["scene", "transport"]),
     ("ddgi", &["scene"]),
+    ("printed", &["scene", "transport", "formfactor", "patches", "multibounce", "localmatrix", "patchlight"]),
+    ("solvers", &["scene", "transport", "formfactor", "runtime", "patchlight"]),
     ("lab-kernels", &["scene", "ddgi", "gpu-kernels"]),
     ("opponents", &["scene", "ddgi", "reference"]),
     (
@@ -101,6 +103,8 @@ const EVERYTHING: &[&str] = &[
     "shell",
     "lab-kernels",
     "opponents",
+    "printed",
+    "solvers",
     "experiments",
 ];
 
@@ -180,7 +184,7 @@ fn arrows_are_those_of_the_picture() {
 }
 
 /// Crates of the laboratory.
-const LABORATORY: [&str; 4] = ["ddgi", "lab-kernels", "opponents", "experiments"];
+const LABORATORY: [&str; 6] = ["ddgi", "lab-kernels", "opponents", "printed", "solvers", "experiments"];
 
 /// Crates of the library, or programs without experiments, that know the laboratory.
 fn who_knows_the_laboratory(crates: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {

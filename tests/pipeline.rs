@@ -11,7 +11,6 @@ use patches::PatchKind;
 use patches::{PatchSize, SubdivideSettings, subdivide};
 use patchlight::method::FeedbackSettings;
 use patchlight::method::multibounce::Multibounce;
-use patchlight::method::solved::{Links, Samples, Solver};
 use patchlight::operator::{Codec, Decode, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{Estimator, MethodSettings, Pictures, ReceiverKind, Renderer};
@@ -180,31 +179,6 @@ fn indirect_error(ours: &Pictures, exact: &Pictures) -> f32 {
     let square = |pixels: &mut dyn Iterator<Item = Vec3>| pixels.map(|p| p.length_squared()).sum::<f32>();
     let (a, b) = (&ours.indirect.pixels, &exact.indirect.pixels);
     (square(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / square(&mut b.iter().copied())).sqrt()
-}
-
-#[test]
-fn classic_solvers_render_the_picture_of_all_bounces() {
-    let loaded = procedural::build("cornell").unwrap();
-    let setup = Setup { sub_frames: 2, ..settings(200) };
-    let picture =
-        |method: MethodSettings, bounces: Option<u32>| render_with(&loaded, cpu(), Setup { method, bounces, ..setup });
-    let exact = picture(MethodSettings::Classic, None);
-    let samples = Samples { count: 400_000, seed: 1 };
-    for (solver, limit) in [
-        (Solver::GaussSeidel, 1e-3),
-        (Solver::Lu, 1e-3),
-        // Form factors are made reciprocal for these, as those of polygons are already.
-        (Solver::Shooting, 1e-3),
-        (Solver::StochasticJacobi(samples), 0.01),
-        (Solver::RandomWalks(samples), 0.01),
-        // Form factors of its own, exact but for shadow rays, in place of hemispheres of rays.
-        (Solver::Hierarchical(Links::default()), 0.02),
-    ] {
-        let error = indirect_error(&picture(MethodSettings::Solved(solver), None), &exact);
-        println!("{solver:?}: {error:.2e}");
-        assert!(error < limit, "{solver:?}: {error}");
-    }
-    assert!(indirect_error(&picture(MethodSettings::Classic, Some(3)), &exact) > 0.02, "three bounces are not all");
 }
 
 #[test]

@@ -30,7 +30,7 @@ fn gathered(scene: &Scene, subdivision: &Subdivision, set: &dyn ReceiverSet, exi
     normalise_rows(&mut rows.factors, &rows.sky_factor).unwrap();
     let rows: Csr = rows.factors.to_csr(0.0).unwrap();
     let row = |i: usize| {
-        formfactor::kernel::product::gather_row_sparse(
+        transport::kernel::product::gather_row_sparse(
             i as u32,
             &rows.row_start,
             &rows.column_index,
@@ -75,7 +75,7 @@ fn every_set_shows_the_same_light() {
         let (on_mesh, on_map, in_air) = (of(&mesh), of(&map), of(&volume));
         let interpolate = |&(t, u, v): &(u32, f32, f32)| {
             let hit = scene::Hit { triangle: t, u, v, t: 1.0 };
-            formfactor::kernel::product::interpolate_receivers(
+            transport::kernel::grid::interpolate_receivers(
                 &mesh.grids,
                 &mesh.cells,
                 &mesh.vertices,

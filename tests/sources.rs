@@ -298,8 +298,8 @@ fn what_the_table_names_exists() {
     }
 }
 
-const GOOD: &str = "| T (2.4) | All at once | `crates/formfactor/src/host/solve.rs`: `lu` | `--solver lu` | \
-    `crates/formfactor/tests/properties.rs`: `solvers_agree` | `patchlight render cornell --solver lu` | \
+const GOOD: &str = "| T (2.4) | All at once | `crates/formfactor/src/host/solve.rs`: `lu` | `--form-factors area` | \
+    `crates/formfactor/tests/properties.rs`: `solvers_agree` | `patchlight render cornell --form-factors area` | \
     corrected: in double precision ([direct.md](measurements/direct.md)) |";
 
 #[test]
@@ -312,19 +312,23 @@ fn wrong_rows_are_noticed() {
         ("`: `lu`", "`: `l`", "has no function l"),
         ("`: `lu`", "`: `lu_of_nothing`", "has no function lu_of_nothing"),
         ("`: `lu`", "", "is no file with a name"),
-        ("`--solver lu`", "`--solvers lu`", "no option --solvers"),
-        ("`--solver lu`", "--solver lu", "is no option"),
-        ("`--solver lu`", "", "cell 3 is empty"),
+        ("`--form-factors area`", "`--form-factor area`", "no option --form-factor"),
+        ("`--form-factors area`", "--form-factors area", "is no option"),
+        ("`--form-factors area`", "", "cell 3 is empty"),
         ("tests/properties.rs", "tests/property.rs", "there is no file crates/formfactor/tests/property.rs"),
         ("`solvers_agree`", "`solvers_disagree`", "has no test solvers_disagree"),
         // A function, but no test.
         ("`solvers_agree`", "`room`", "has no test room"),
         ("patchlight render", "patchlight draw", "the program has no draw"),
         ("patchlight render cornell", "patchlight-bench nothing", "the program has no nothing"),
-        ("cornell --solver", "cornell --solvers", "no option --solvers"),
-        ("patchlight render cornell --solver lu", "make", "no command of a known form"),
-        ("patchlight render cornell --solver lu", "cargo test --workspace --test nothing", "no tests nothing"),
-        ("patchlight render cornell --solver lu", "cargo bench -p benches --bench nothing", "benches/nothing.rs"),
+        ("cornell --form-factors", "cornell --form-factor ", "no option --form-factor"),
+        ("patchlight render cornell --form-factors area", "make", "no command of a known form"),
+        ("patchlight render cornell --form-factors area", "cargo test --workspace --test nothing", "no tests nothing"),
+        (
+            "patchlight render cornell --form-factors area",
+            "cargo bench -p benches --bench nothing",
+            "benches/nothing.rs",
+        ),
         ("corrected:", "better:", "`better` is no state"),
         ("corrected: in double precision ([direct.md](measurements/direct.md))", "corrected", "without a reason"),
         ("corrected:", "not here:", "not here, and its place is"),
@@ -338,7 +342,7 @@ fn wrong_rows_are_noticed() {
         assert!(found.contains(fault), "{wrong}: {found}");
     }
     assert_eq!(check("| T fig. 1.1 | Vectors | none | none | none | none | not here: a drawing |"), Ok(()));
-    let with_option = "| T fig. 1.1 | Vectors | none | `--solver` | none | none | not here: a drawing |";
+    let with_option = "| T fig. 1.1 | Vectors | none | `--form-factors` | none | none | not here: a drawing |";
     assert!(check(with_option).is_err_and(|fault| fault.contains("an option")));
 }
 
@@ -359,7 +363,7 @@ fn options_are_those_of_the_arguments() {
     assert_eq!(options_of(text), ["for", "part", "patch-count"].map(str::to_owned).into());
     let all = options();
     assert!(
-        all.contains("device") && all.contains("solver") && all.contains("for") && !all.contains("scene"),
+        all.contains("device") && all.contains("form-factors") && all.contains("for") && !all.contains("scene"),
         "{all:?}"
     );
 }

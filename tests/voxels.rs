@@ -6,7 +6,7 @@ use glam::Vec3;
 use integration_tests::setup::Setup;
 use integration_tests::vulkan;
 use patches::PatchKind;
-use patchlight::{Bake, BakeSettings, Estimator, Pictures, ReceiverKind, RenderSettings, Renderer, Silent, Variant};
+use patchlight::{Estimator, Pictures, ReceiverKind};
 use reference::metrics::quantile;
 use runtime::executor::{DeviceChoice, Executor, open};
 use scene::math::luminance;
@@ -181,41 +181,6 @@ fn the_inside_of_a_sealed_box_in_the_sun_stays_dark() {
 /// Whether a point lies on the inside of the box.
 fn is_of_the_box(point: &SurfacePoint) -> bool {
     point.position.y > 0.1 && point.normal.dot(Vec3::new(0.0, 1.5, 0.0) - point.position) > 0.0
-}
-
-#[test]
-fn printed_patches_refuse_what_does_not_suit_them() {
-    let loaded = procedural::build("cornell").unwrap();
-    let printed = BakeSettings {
-        patches: PatchKind::Voxel,
-        variant: Variant::Thesis,
-        patch_count: 60,
-        estimator: Estimator::Point,
-        receivers: ReceiverKind::Patches,
-        bounces: Some(3),
-        ..BakeSettings::default()
-    };
-    let refused = |settings: &BakeSettings| Bake::build(&loaded.scene, settings, &Silent).err().unwrap().to_string();
-    for (settings, named) in [
-        (BakeSettings { patches: PatchKind::Cluster, ..printed }, "cluster patches have no printed form"),
-        (BakeSettings { estimator: Estimator::Hemisphere { rays: 64 }, ..printed }, "form factors of points"),
-        (BakeSettings { receivers: ReceiverKind::Pixels, ..printed }, "the patches themselves as receivers"),
-    ] {
-        let error = refused(&settings);
-        assert!(error.contains(named), "{error}");
-    }
-    let bake = Arc::new(Bake::build(&loaded.scene, &printed, &Silent).unwrap());
-    // First exitance is a sum: weights of the points of a patch are cosines.
-    let weight = |range: &[u32]| -> f32 {
-        bake.mesh.points[range[0] as usize..range[1] as usize].iter().map(|point| point.weight).sum()
-    };
-    assert!(bake.mesh.offsets.windows(2).map(weight).fold(0.0, f32::max) > 1.5);
-    let settings = RenderSettings { size: SIZE, sub_frames: 1, ..RenderSettings::default() };
-    let mut renderer = Renderer::new(Arc::clone(&bake), cpu(), &settings, &Silent).unwrap();
-    let mut albedo = vec![None; bake.scene.materials.len()];
-    albedo[0] = Some(Vec3::splat(0.2));
-    let error = renderer.set_albedo(&albedo).unwrap_err().to_string();
-    assert!(error.contains("the albedo that they were baked with"), "{error}");
 }
 
 #[test]

@@ -7,9 +7,7 @@ use std::path::PathBuf;
 
 use assets::procedural;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use patchlight::MethodSettings;
-use patchlight::method::solved::{Links, Samples, Solver};
-use shell::args::common::{Animate, CameraPath, parse_epsilon, parse_size};
+use shell::args::common::{Animate, CameraPath, parse_size};
 use shell::args::definition::RESEARCH;
 use shell::args::{
     BakeOptions, BuildPlace, Common, Decoding, LocalArgs, Method, MethodOptions, OperatorOptions, OperatorSettings,
@@ -140,42 +138,6 @@ pub enum DirectLight {
     Sampled,
 }
 
-/// Solvers of classic radiosity.
-#[derive(ValueEnum, Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ClassicSolver {
-    /// Gathering, one bounce a product.
-    #[default]
-    Jacobi,
-    /// Gathering in place.
-    GaussSeidel,
-    /// Progressive shooting: the patch with most unsent light sends it.
-    Shooting,
-    /// Elimination of the whole system.
-    Lu,
-    /// Shooting by chance, a bounce at a time.
-    StochasticJacobi,
-    /// Walks of light by chance.
-    RandomWalks,
-    /// Links between parts of polygons, as large as their light lets them be (with --patches polygon).
-    Hierarchical,
-}
-
-impl ClassicSolver {
-    /// The method of the solver.
-    pub fn method(self, count: u32, link_error: f64, seed: u32) -> MethodSettings {
-        let samples = Samples { count, seed };
-        MethodSettings::Solved(match self {
-            Self::Jacobi => return MethodSettings::Classic,
-            Self::GaussSeidel => Solver::GaussSeidel,
-            Self::Shooting => Solver::Shooting,
-            Self::Lu => Solver::Lu,
-            Self::StochasticJacobi => Solver::StochasticJacobi(samples),
-            Self::RandomWalks => Solver::RandomWalks(samples),
-            Self::Hierarchical => Solver::Hierarchical(Links { error: link_error, seed }),
-        })
-    }
-}
-
 /// `patchlight render`.
 #[derive(Args, Debug)]
 pub struct Render {
@@ -227,16 +189,6 @@ pub struct Render {
     /// auto takes the device if it is a graphics processor. What bakes traces the rays and random walks of the bake, and builds the operator between patches (multibounce, tiles).
     #[arg(long, value_enum, default_value_t = BuildPlace::Auto, help_heading = "Device")]
     pub build_on: BuildPlace,
-    /// How the bounces of --method classic are found: jacobi takes one product a bounce on the device, the others are the host's,
-    /// for comparison.
-    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
-    pub solver: ClassicSolver,
-    /// Samples that the light is cut into by --solver stochastic-jacobi and random-walks.
-    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..=1 << 30), help_heading = RESEARCH)]
-    pub solver_samples: u32,
-    /// Most light that a link of --solver hierarchical carries before it is split, as a share of the emitted power.
-    #[arg(long, default_value_t = Links::default().error, value_parser = parse_epsilon, help_heading = RESEARCH)]
-    pub link_error: f64,
     /// What decodes texture blocks on a Vulkan device (multibounce with --codec bc1, bc3, bc6h, bc7).
     #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
     pub decode: Decoding,

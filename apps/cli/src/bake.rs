@@ -16,7 +16,7 @@ use patchlight::memory::peak_memory_bytes;
 use patchlight::method::FirstShotSettings;
 use patchlight::operator::{Build, BuildOn};
 use patchlight::{
-    BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer, Variant,
+    BakeSettings, Estimator, FileSettings, MethodSettings, Origin, ReceiverKind, RenderSettings, Renderer,
 };
 use runtime::executor::{DeviceChoice, DeviceKind, Executor};
 use shell::Error;
@@ -360,6 +360,5 @@ fn in_words(settings: &BakeSettings) -> String {
         Some(edge) => format!("{} patches of voxels of {edge} m", settings.patches.name()),
         None => format!("about {} {} patches", settings.patch_count, settings.patches.name()),
     };
-    let printed = if settings.variant == Variant::Thesis { " as the thesis prints them" } else { "" };
-    format!("{patches}{printed}, {estimator}, {receivers}, seed {}", settings.seed)
+    format!("{patches}, {estimator}, {receivers}, seed {}", settings.seed)
 }

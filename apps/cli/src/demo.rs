@@ -383,7 +383,6 @@ impl Show<'_> {
             patches: Some(self.bake.mesh.patches.len()),
             receivers: Some(self.bake.receivers.points.len()),
             photons: photons.map(|photons| PhotonCounts::of(&photons.shot().round())),
-            links: None,
             frames: self.effort.frames,
             seed: self.common.seed,
             light_update: None,

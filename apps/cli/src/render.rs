@@ -17,7 +17,6 @@ use patchlight::debug::DebugPicture;
 use patchlight::memory::{check_free, peak_memory_bytes};
 use patchlight::method::firstshot::FirstShotMethod;
 use patchlight::method::multibounce::Multibounce;
-use patchlight::method::solved::{LinkCount, Solved};
 use patchlight::operator::{Build, Codec, Decode, OperatorKey, decoder_name};
 use patchlight::renderer::with_lights;
 use patchlight::{
@@ -34,7 +33,7 @@ use shell::path;
 use shell::progress::{Progress, interruptible, is_cancelled};
 use shell::report::significant;
 use shell::sequence::{Movement, Sequence, Shot, light_update_ms};
-use shell::summary::{LightUpdate, LinkCounts, PassTimes, PhotonCounts, Summary};
+use shell::summary::{LightUpdate, PassTimes, PhotonCounts, Summary};
 
 /// Most sub-frames with which frames update only the receivers in view.
 const MOST_SUB_FRAMES_IN_VIEW: u32 = 2;
@@ -249,10 +248,6 @@ impl Job<'_> {
             if args.frames == 1 {
                 photons::write_files(photons.shot(), &renderer.bake().scene, &renderer.bake().mesh, self.out)?;
             }
-        }
-        if let Some(solved) = renderer.method().as_any().downcast_ref::<Solved>() {
-            let LinkCount { links, leaves } = solved.link_count();
-            summary.links = (leaves > 0).then(|| LinkCounts { links, leaves, passes: solved.iterations() });
         }
         let points = match self.data.filter(|d| !d.points.is_empty()) {
             None => None,
@@ -477,8 +472,7 @@ fn method_settings(args: &Render, exposure_stops: f32, seed: u32) -> MethodSetti
         Method::Temporal => MethodSettings::Temporal(args.temporal.settings(seed)),
         Method::Local => MethodSettings::Local(args.local.options(exposure_stops)),
         Method::Firstshot => MethodSettings::FirstShot(args.methods.first_shot()),
-        Method::Classic => args.solver.method(args.solver_samples, args.link_error, seed),
-        Method::Path => MethodSettings::Classic,
+        Method::Classic | Method::Path => MethodSettings::Classic,
     }
 }
 
@@ -552,9 +546,6 @@ fn print(s: &Summary) {
             p.registered,
             100.0 * p.relative_error
         );
-    }
-    if let Some(LinkCounts { links, leaves, passes }) = s.links {
-        say!("{:14} {links} between {leaves} parts, gathered over {passes} times", "links");
     }
     if let Some(decode) = s.decode {
         say!("{:14} {decode}", "decode");

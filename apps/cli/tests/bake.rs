@@ -16,32 +16,6 @@ fn bake(scene: &str, path: &str, more: &[&str]) {
     succeeds(&[&["bake", scene, "-o", path, "--quiet"], &BAKED[..], more].concat());
 }
 
-#[test]
-fn printed_patches_are_rendered_and_told_apart_from_ours() {
-    let folder = tempfile::tempdir().unwrap();
-    let name = |file: &str| folder.path().join(file).to_string_lossy().into_owned();
-    let (printed, ours) = (name("printed.bake"), name("ours.bake"));
-    let made = |path: &str, more: &[&str]| {
-        let shared =
-            ["bake", "cornell", "--patches", "voxel", "--patch-count", "60", "--bounces", "3", "--quiet", "-o"];
-        succeeds(&[&shared[..], &[path], more].concat());
-    };
-    made(&printed, &["--variant", "thesis"]);
-    made(&ours, &["--receivers", "self", "--rays", "64"]);
-    assert!(succeeds(&["info", &printed]).contains("as the thesis prints them"));
-    assert!(!succeeds(&["info", &ours]).contains("thesis"));
-    let (of_printed, _) = render(&[&printed], &folder.path().join("printed"));
-    let (of_ours, _) = render(&[&ours], &folder.path().join("ours"));
-    assert!(of_printed != of_ours);
-    let of_scene = ["cornell", "--patches", "voxel", "--patch-count", "60", "--bounces", "3", "--variant", "thesis"];
-    assert!(render(&of_scene, &folder.path().join("scene")).0 == of_printed);
-    // Another method takes the same form factors.
-    render(&[&printed, "--method", "temporal"], &folder.path().join("temporal"));
-    let other = ["render", "cornell", "--patches", "cluster", "--variant", "thesis", "--quiet", "--out"];
-    let message = fails(1, &[&other[..], &[&name("other")]].concat());
-    assert!(message.contains("cluster patches have no printed form"), "{message}");
-}
-
 /// The bytes of the picture, and the summary.
 fn render(arguments: &[&str], out: &Path) -> (Vec<u8>, serde_json::Value) {
     let shared = ["--json", "--out", out.to_str().unwrap()];

@@ -33,24 +33,6 @@ fn help_and_version_succeed_and_wrong_usage_is_2() {
 }
 
 #[test]
-fn hierarchical_radiosity_counts_its_links_and_needs_outlines() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let mut arguments =
-        vec!["render", "cornell", "--method", "classic", "--solver", "hierarchical", "--json", "--out", out];
-    arguments.extend(SMALL);
-    let polygons: Vec<&str> = [&arguments[..], &["--patches", "polygon"]].concat();
-    let summary: serde_json::Value = serde_json::from_str(&succeeds(&polygons)).unwrap();
-    let count = |key: &str| summary["links"][key].as_u64().unwrap();
-    assert!(count("leaves") > 32 && count("links") > 100 && count("passes") > 2, "{summary}");
-    let coarse: serde_json::Value =
-        serde_json::from_str(&succeeds(&[&polygons[..], &["--link-error", "0.01"]].concat())).unwrap();
-    assert!(coarse["links"]["links"].as_u64().unwrap() < count("links"), "{coarse}");
-    let message = fails(1, &[&arguments[..], &["--patches", "cluster"]].concat());
-    assert!(message.contains("outlines"), "{message}");
-}
-
-#[test]
 fn photons_of_the_printed_method_are_others_and_as_right() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

@@ -11,6 +11,7 @@ pub mod error;
 pub mod errors;
 pub mod measure;
 pub mod opened;
+pub mod operator_error;
 pub mod output;
 pub mod path;
 pub mod program;

@@ -6,8 +6,7 @@ use std::f32::consts::LN_10;
 use glam::{Vec3, Vec4};
 use multibounce::kernel::feedback::change;
 use multibounce::{
-    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, MatrixRows, Permutation, greedy_order, picture,
-    projected_order,
+    Acceleration, BlockCodec, BlockMatrix, BlockSettings, Channels, MatrixRows, greedy_order, picture, projected_order,
 };
 use patches::PatchMesh;
 use patchlight::bake::direct_params;
@@ -18,7 +17,7 @@ use scene::kernel::shade::decode_srgb;
 use scene::math::ln;
 use scene::sampling::{hash3, unit};
 use scene::{DirectParams, Scene};
-use transport::LinearOperator;
+use transport::{LinearOperator, Permutation};
 
 use crate::error::Error;
 use crate::progress::Progress;

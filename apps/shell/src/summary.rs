@@ -42,17 +42,6 @@ pub struct LightUpdate {
     pub bytes: u64,
 }
 
-/// Links of hierarchical radiosity in the last frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct LinkCounts {
-    /// Links between parts of polygons.
-    pub links: usize,
-    /// Parts that are not split further; every two of them are a pair that a matrix has.
-    pub leaves: usize,
-    /// Times that light was gathered over all links.
-    pub passes: u32,
-}
-
 /// Photons of the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PhotonCounts {
@@ -99,9 +88,6 @@ pub struct Summary {
     /// Photons traced, where photons carry the light.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub photons: Option<PhotonCounts>,
-    /// Links of hierarchical radiosity in the last frame.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub links: Option<LinkCounts>,
     /// Frames rendered.
     pub frames: u32,
     /// Seed of the random numbers.

@@ -109,7 +109,7 @@ fn methods(ui: &mut Ui, state: &mut State) {
         }
     }
     match state.methods.settings_mut() {
-        MethodSettings::Classic | MethodSettings::Solved(_) | MethodSettings::Multibounce(_) => {}
+        MethodSettings::Classic | MethodSettings::Multibounce(_) => {}
         MethodSettings::Feedback(FeedbackSettings { products, accelerated, .. }) => {
             ui.add(Slider::new(products, 1..=16).text("bounces a frame"));
             ui.checkbox(accelerated, "accelerated");

@@ -49,11 +49,12 @@
 //! ```
 //!
 //! ```
+//! # extern crate scene as patchlight_scene;
 //! use std::ops::ControlFlow;
 //!
-//! use firstshot::{Emission, IlluminationMaps, PhotonSettings, LightElementSettings, Texels, Tracer};
+//! use patchlight_firstshot::{Emission, IlluminationMaps, PhotonSettings, LightElementSettings, Texels, Tracer};
 //! use glam::Vec3;
-//! use scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
+//! use patchlight_scene::{LIGHT_POINT, Light, Material, Scene, SceneParts, Triangle, TriangleUv};
 //!
 //! // A lamp between two plates.
 //! let plate = |y: f32, edge_a: Vec3, edge_b: Vec3| Triangle { corner: Vec3::Y * y, edge_a, edge_b, ..Triangle::default() };

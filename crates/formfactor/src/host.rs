@@ -6,24 +6,21 @@ mod contour;
 mod estimate;
 #[cfg(feature = "std")]
 mod file;
-mod hierarchical;
-mod monte_carlo;
 mod reciprocal;
 mod solve;
 mod sparse;
 mod triangle;
 
+pub use area::{polygon_point, recurrence};
 pub use balance::{Balance, balance, closure_residual, normalise_rows, reciprocity_residual};
-pub use contour::point_to_polygon;
+pub use contour::{point_to_polygon, polygon_to_polygon};
 pub use estimate::{
     AreaToArea, Contour, Estimator, FactorRows, Hemisphere, PointToPoint, SkyBin, form_factor_blocks, form_factors,
 };
 #[cfg(feature = "std")]
 pub use file::{RowFile, RowFileWriter};
-pub use hierarchical::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
-pub use monte_carlo::{Samples, random_walks, stochastic_jacobi};
 pub use reciprocal::{Reciprocal, reciprocal};
-pub use solve::{Solution, Stop, gauss_seidel, jacobi, lu, shoot};
+pub use solve::{Solution, Stop, check_inputs, gauss_seidel, jacobi, lu, shoot};
 pub use sparse::{
     SparseRows, add_hit_rows, add_quadrant_rows, add_traced_rows, gather_by_rays, sparse_rows, sparse_traced_rows,
 };

@@ -8,9 +8,7 @@
 //! [`AreaToArea`] (pairs of points), [`PointToPoint`] (disc form) and [`Contour`] (Lambert's exact sum, the reference for
 //! accuracy). [`balance`] enforces reciprocity and closure, [`reciprocal`] that of sparse rows. Rows multiply as
 //! [`transport::Dense`], [`transport::Half`], [`transport::Csr`] and, where they come from rays, the small
-//! [`transport::HitCounts`]; [`jacobi`], [`gauss_seidel`], [`shoot`] and [`lu`] solve, [`stochastic_jacobi`] and [`random_walks`]
-//! by chance, [`hierarchical`] by links between parts of any size (Hanrahan, Salzman and Aupperle 1991); [`RowFileWriter`] takes
-//! rows to disk.
+//! [`transport::HitCounts`]; [`jacobi`], [`gauss_seidel`], [`shoot`] and [`lu`] solve; [`RowFileWriter`] takes rows to disk.
 //! The bodies in [`kernel`] run as SPIR-V and on the host alike.
 //!
 //! Sources: Goral et al. 1984; Cohen et al. 1988; Baum, Rushmeier and Winget 1989; A. S. Shcherbakov, thesis, MSU 2025, 2.2.5.

@@ -11,7 +11,7 @@ use patchlight_formfactor::*;
 use proptest::prelude::*;
 use scene::sampling::{hash3, unit};
 use scene::{Material, Scene, SceneParts, SidePolicy, SurfacePoint, Triangle, TriangleUv, find_sides};
-use transport::{LinearOperator as _, Variant};
+use transport::LinearOperator as _;
 
 /// The inside of a box, scaled, turned and moved, with a lid or without, and a tilted sheet in it that both sides see.
 fn room(scale: f32, rotation: Quat, lid: bool) -> Scene {
@@ -153,56 +153,6 @@ fn solvers_agree() {
     assert!(two.irradiance.iter().zip(&h).all(|(a, b)| (*a - *b).truncate().abs().max_element() < 1e-6));
 }
 
-/// Mean over the patches of the square of the error of the irradiance, and of its mean over solutions, relative to the exact one.
-fn errors_of(solutions: &[Solution], exact: &Solution) -> (f64, f64) {
-    let square = |v: Vec4| f64::from(v.truncate().length_squared());
-    let whole: f64 = exact.irradiance.iter().map(|&h| square(h)).sum();
-    let of = |found: &[Vec4]| -> f64 {
-        found.iter().zip(&exact.irradiance).map(|(a, b)| square(*a - *b)).sum::<f64>() / whole
-    };
-    let single = solutions.iter().map(|s| of(&s.irradiance)).sum::<f64>() / solutions.len() as f64;
-    let n = exact.irradiance.len();
-    let mean: Vec<Vec4> =
-        (0..n).map(|i| solutions.iter().map(|s| s.irradiance[i]).sum::<Vec4>() / solutions.len() as f32).collect();
-    (single, of(&mean))
-}
-
-#[test]
-fn solvers_by_chance_are_right_on_average() {
-    let s = factors(&room(1.0, Quat::IDENTITY, false), 120, 512);
-    let n = s.area.len();
-    let albedo: Vec<Vec4> = (0..n as u32).map(|i| Vec4::new(0.9 * unit(hash3(i, 1, 1)), 0.5, 0.8, 0.0)).collect();
-    let source: Vec<Vec4> = (0..n).map(|i| Vec4::splat(f32::from(i % 11 == 0))).collect();
-    let exact = lu(&s.rows.factors, &source, &albedo).unwrap();
-    let rows = s.rows.factors.to_csr(0.0).unwrap();
-    type Solve<'a> = &'a dyn Fn(&[Vec4], Samples) -> Solution;
-    let walks: Solve = &|albedo, samples| random_walks(&rows, &s.area, &source, albedo, samples).unwrap();
-    let jacobi: Solve =
-        &|albedo, samples| stochastic_jacobi(&rows, &s.area, &source, albedo, samples, Stop::Tolerance(1e-6)).unwrap();
-    for (name, solve) in [("walks", walks), ("jacobi", jacobi)] {
-        let runs = |albedo: &[Vec4], count: u32| -> Vec<Solution> {
-            (0..32).map(|seed| solve(albedo, Samples { count, seed })).collect()
-        };
-        let (few, mean_of_few) = errors_of(&runs(&albedo, 2000), &exact);
-        let (many, mean_of_many) = errors_of(&runs(&albedo, 32_000), &exact);
-        println!(
-            "{name}: squared error {few:.2e}, of 16 times the samples {many:.2e}; of means {mean_of_few:.2e}, {mean_of_many:.2e}"
-        );
-        // Noise goes with the number of samples, and with the number of solutions that are averaged: there is no bias.
-        assert!((8.0..32.0).contains(&(few / many)), "{name}: {few} {many}");
-        assert!(mean_of_few < 2.0 * few / 32.0 && mean_of_many < 2.0 * many / 32.0, "{name}");
-        // Another albedo is another solution.
-        let darker: Vec<Vec4> = albedo.iter().map(|a| *a * 0.9).collect();
-        assert!(errors_of(&runs(&darker, 32_000), &exact).1 > 20.0 * mean_of_many, "{name}");
-        assert_eq!(solve(&albedo, Samples { count: 500, seed: 7 }), solve(&albedo, Samples { count: 500, seed: 7 }));
-    }
-    let none = vec![Vec4::ZERO; n];
-    let dark = random_walks(&rows, &s.area, &none, &albedo, Samples { count: 100, seed: 0 }).unwrap();
-    assert!(dark.irradiance.iter().all(|h| *h == Vec4::ZERO));
-    let wrong = random_walks(&rows, &s.area[1..], &source, &albedo, Samples { count: 1, seed: 0 });
-    assert!(wrong.unwrap_err().to_string().contains("area"));
-}
-
 #[test]
 fn same_bytes_for_any_thread_count() {
     let scene = room(1.0, Quat::IDENTITY, false);
@@ -215,7 +165,7 @@ fn same_bytes_for_any_thread_count() {
             let estimators: [&dyn Estimator; 4] = [
                 &Hemisphere { rays: 256 },
                 &AreaToArea { samples: 64, sky_rays: 32 },
-                &PointToPoint { sky_rays: 32, ..Default::default() },
+                &PointToPoint { sky_rays: 32 },
                 &Contour { shadow_rays: 4, sky_rays: 32 },
             ];
             let mut all = Vec::new();
@@ -237,7 +187,7 @@ fn same_bytes_for_any_thread_count() {
 
 #[test]
 fn points_by_hand() {
-    // Two points that face each other 2 m apart, the other turned by 60°: s cos 0° cos 60° / (π r²).
+    // Two points that face each other 2 m apart, the other turned by 60°: s cos 0° cos 60° / (π r² + s).
     let patches =
         [Patch { centroid: Vec3::Y * 2.0, area: 0.5, normal: Vec3::new(0.75f32.sqrt(), -0.5, 0.0), triangle: 0 }];
     let points = [SurfacePoint { position: Vec3::ZERO, patch: 0, normal: Vec3::Y, weight: 1.0 }];
@@ -248,7 +198,7 @@ fn points_by_hand() {
         let (triangles, uvs) = (vec![triangle], vec![TriangleUv::default()]);
         Scene::new(SceneParts { triangles, uvs, materials: vec![Material::default()], ..<_>::default() }).unwrap()
     };
-    let factor = |variant: Variant, blocked: bool| {
+    let factor = |blocked: bool| {
         let scene = scene(blocked);
         let surfaces = Surfaces {
             patches: &patches,
@@ -261,14 +211,12 @@ fn points_by_hand() {
             ray_offset: 1e-4,
             seed: 0,
         };
-        form_factors(&PointToPoint { variant, sky_rays: 1 }, &surfaces, &go).unwrap().factors.values[0]
+        form_factors(&PointToPoint { sky_rays: 1 }, &surfaces, &go).unwrap().factors.values[0]
     };
     let pi = core::f32::consts::PI;
-    let printed = 0.5 * 0.5 / (pi * 4.0);
-    assert!((factor(Variant::Thesis, false) - printed).abs() < 1e-6);
-    assert!((factor(Variant::Corrected, false) - 0.5 * 0.5 / (pi * 4.0 + 0.5)).abs() < 1e-6);
-    assert!((factor(Variant::Corrected, false) - printed).abs() > 1e-4);
-    assert_eq!(factor(Variant::Thesis, true), 0.0);
+    assert!((factor(false) - 0.5 * 0.5 / (pi * 4.0 + 0.5)).abs() < 1e-6);
+    assert!((factor(false) - 0.5 * 0.5 / (pi * 4.0)).abs() > 1e-4, "without the disc");
+    assert_eq!(factor(true), 0.0);
 }
 
 #[test]
@@ -284,7 +232,7 @@ fn estimators_agree_with_occlusion() {
     };
     let area = form_factors(&AreaToArea { samples: 2048, sky_rays: 64 }, &surfaces, &go).unwrap();
     let contour = form_factors(&Contour { shadow_rays: 1024, sky_rays: 64 }, &surfaces, &go).unwrap();
-    let points = form_factors(&PointToPoint { sky_rays: 64, ..Default::default() }, &surfaces, &go).unwrap();
+    let points = form_factors(&PointToPoint { sky_rays: 64 }, &surfaces, &go).unwrap();
     println!("from rays: area {:.4}, contour {:.4}, points {:.4}", worst(&area), worst(&contour), worst(&points));
     assert!(worst(&area) < 0.01 && worst(&contour) < 0.01 && worst(&points) < 0.15);
     // Without the sheet's shadow they do not agree.

@@ -1,10 +1,12 @@
 //! Kernels of the form factors and of the products with them.
 
-use ::formfactor::kernel::product::{LANES, ROWS_TOGETHER};
-use ::formfactor::kernel::{hemisphere, hits, product, view};
+use ::formfactor::kernel::product::assemble_source;
+use ::formfactor::kernel::{hemisphere, hits, view};
 use ::formfactor::{GatherParams, HemisphereParams, HitsParams, ReceiverCell, TriangleGrid, ViewParams};
 use ::scene::kernel::bvh;
 use ::scene::{Hit, NONE, Rgb, SurfacePoint, Triangle};
+use ::transport::kernel::grid::interpolate_pixel;
+use ::transport::kernel::product::{self, LANES, ROWS_TOGETHER};
 use glam::{UVec2, Vec4};
 use spirv_std::arch::workgroup_memory_barrier_with_group_sync;
 
@@ -45,7 +47,7 @@ kernels! {
         bvh::closest_hit(&geometry, origin, direction, bvh::FAR)
     }
 
-    /// First exitance of every patch, W/m²: [`product::assemble_source`]. One invocation per patch.
+    /// First exitance of every patch, W/m²: [`assemble_source`]. One invocation per patch.
     FORMFACTOR_ASSEMBLE_SOURCE = "formfactor_assemble_source"(p: CountParams) for k in 0..count {
         offsets: read [u32; count + 1],
         points: read [SurfacePoint],
@@ -54,7 +56,7 @@ kernels! {
         albedo: read [Rgb],
         source: write [Rgb],
     } each {
-        product::assemble_source(k, offsets, points, direct, emission, albedo)
+        assemble_source(k, offsets, points, direct, emission, albedo)
     }
 
     /// Dense product of a block of rows: a workgroup shares the columns of four rows
@@ -128,7 +130,7 @@ kernels! {
         product::bounce(source[i], albedo[i], irradiance[i])
     }
 
-    /// Irradiance of the receivers at every pixel, W/m²: [`product::interpolate_pixel`]. One
+    /// Irradiance of the receivers at every pixel, W/m²: [`interpolate_pixel`]. One
     /// invocation per pixel.
     FORMFACTOR_INTERPOLATE = "formfactor_interpolate"(p: CountParams) for k in 0..count {
         hits: read [Hit; count],
@@ -142,7 +144,7 @@ kernels! {
     } each {
         let hit = hits[k as usize];
         let point = points[k as usize];
-        product::interpolate_pixel(grids, receiver_cells, vertices, triangles, values, hit, point)
+        interpolate_pixel(grids, receiver_cells, vertices, triangles, values, hit, point)
     }
 
     /// Marks the interpolation points that the pixels of a view take light from:

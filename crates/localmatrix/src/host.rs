@@ -7,7 +7,6 @@ mod cut;
 mod forest;
 mod local;
 mod matrix;
-mod printed;
 mod store;
 mod table;
 mod world;
@@ -18,7 +17,6 @@ pub use cut::View;
 pub use forest::Forest;
 pub use local::{Changes, Local, LocalSettings, Step};
 pub use matrix::{Entering, LocalMatrix, MOST_SLOTS, Update};
-pub use printed::PrintedMatrix;
 pub use store::BakeError;
 #[cfg(feature = "std")]
 pub use store::{

@@ -28,7 +28,7 @@
 //!
 //! ```
 //! use glam::{Vec3, Vec4};
-//! use localmatrix::{Entering, LocalMatrix};
+//! use patchlight_localmatrix::{Entering, LocalMatrix};
 //!
 //! // Two plates that see each other by half, one twice as large.
 //! let albedo = Vec3::splat(0.5);
@@ -43,11 +43,10 @@
 //! // H_2 = F_21 B_1 and B_1 = 1 + ρ_1 F_12 ρ_2 H_2.
 //! let expected = 0.25 / (1.0 - 0.5 * 0.5 * 0.5 * 0.25);
 //! assert!((irradiance[slots[1] as usize].x - expected).abs() < 1e-6);
-//! # Ok::<(), localmatrix::Error>(())
+//! # Ok::<(), patchlight_localmatrix::Error>(())
 //! ```
 //!
-//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's own,
-//! [`PrintedMatrix`] has what is printed.
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, chapter 4; the exact border and its symmetric form are this project's own.
 //!
 //! | feature | what it adds |
 //! |---|---|

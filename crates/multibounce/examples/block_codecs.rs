@@ -5,8 +5,9 @@
 use std::ops::ControlFlow;
 
 use glam::Vec3;
-use patchlight_multibounce::{BlockCodec, BlockMatrix, BlockSettings, Companding, Error, Permutation, projected_order};
+use patchlight_multibounce::{BlockCodec, BlockMatrix, BlockSettings, Companding, Error, projected_order};
 use scene::sampling::{hash3, unit};
+use transport::Permutation;
 
 const N: usize = 1000;
 

@@ -11,10 +11,10 @@ mod stored;
 mod tiles;
 mod tree;
 
-pub use blocks::{BlockBytes, BlockCodec, BlockMatrix, BlockReport, BlockSettings, Companding, picture};
+pub use blocks::{BlockBytes, BlockCodec, BlockMatrix, BlockReport, BlockSettings, Companding, Filling, picture};
 pub use energy::spectral_radius;
 pub use feedback::{Acceleration, spectral_range};
-pub use order::{MatrixRows, PROJECTED_DIMENSIONS, greedy_order, printed_order, projected_order};
+pub use order::{MatrixRows, PROJECTED_DIMENSIONS, greedy_order, projected_order};
 pub use outliers::Outliers;
 pub use solve::{Factors, all_bounces, all_bounces_lu, bounce_system, bounces_of_inverse, invert, some_bounces};
 #[cfg(feature = "std")]
@@ -25,5 +25,3 @@ pub use tiles::{
     permute_in_all, permute_out_all, quantise_all, requantise_all,
 };
 pub use tree::halving_order;
-// The names that these had here, until all callers take them from `transport`.
-pub use transport::{Permutation, Proceed};

@@ -7,11 +7,11 @@ use patchlight_multibounce::kernel::blocks::{
     BLOCK, Bc1, Bc3, Bc6h, Bc7, BlockFormat, decode_gather_row, gather_outlier_rows,
 };
 use patchlight_multibounce::{
-    BlockCodec, BlockMatrix, BlockSettings, Companding, Error, MatrixRows, Permutation, greedy_order, picture,
-    printed_order, projected_order, spectral_radius,
+    BlockCodec, BlockMatrix, BlockSettings, Companding, Error, Filling, MatrixRows, greedy_order, picture,
+    projected_order, spectral_radius,
 };
 use scene::sampling::{hash3, unit};
-use transport::{FnOperator, LinearOperator, Variant};
+use transport::{FnOperator, LinearOperator, Permutation};
 
 const COMPANDINGS: [Companding; 3] = [Companding::None, Companding::Sqrt, Companding::Log2];
 
@@ -417,42 +417,13 @@ fn what_cannot_be_encoded_is_refused() {
 }
 
 #[test]
-fn the_printed_order_by_hand() {
-    let table = [[0.0, 3.0, 2.0, 2.0], [3.0, 0.0, 5.0, 8.0], [2.0, 5.0, 0.0, 8.0], [2.0, 8.0, 8.0, 0.0]];
-    let rows = |i: usize, row: &mut [Vec3]| {
-        row.iter_mut().zip(table[i]).for_each(|(entry, value)| *entry = Vec3::splat(value));
-    };
-    // Listing 3.1, written down: distances of columns of a symmetric matrix are those of rows.
-    let distance = |a: usize, b: usize| (0..4).map(|i: usize| (table[i][a] - table[i][b]).powi(2)).sum::<f32>();
-    let mut expected = [0usize, 1, 2, 3];
-    for _ in ["columns", "rows"] {
-        for next in 1..4 {
-            let own = expected[next - 1];
-            let (mut closest, mut least) = (0, f32::INFINITY);
-            for (k, &other) in expected.iter().enumerate() {
-                if other != own && distance(own, other) < least {
-                    (closest, least) = (k, distance(own, other));
-                }
-            }
-            expected.swap(closest, next);
-        }
-    }
-    let printed: Vec<usize> = printed_order(4, &rows).order().iter().map(|&k| k as usize).collect();
-    assert_eq!((&printed[..], &expected[..]), (&[1, 3, 0, 2][..], &[1, 3, 0, 2][..]));
-    // Columns that have their place are candidates there, and not here.
-    let ours: Vec<usize> = greedy_order(4, &rows).order().iter().map(|&k| k as usize).collect();
-    assert_eq!(ours[0], 0);
-    assert_ne!(printed, ours);
-}
-
-#[test]
 fn zeros_in_the_place_of_outliers_keep_them_and_bend_the_rest() {
     let (n, rows) = (64, room(64, 0.8));
     let with = |filling| {
         let settings = BlockSettings { filling, ..BlockSettings::default() };
         encode(n, &rows, projected_order(n, &rows, 1), settings)
     };
-    let (zeros, means) = (with(Variant::Thesis), with(Variant::Corrected));
+    let (zeros, means) = (with(Filling::Zeros), with(Filling::Mean));
     assert!(zeros.report().block_mse > means.report().block_mse, "{:?} {:?}", zeros.report(), means.report());
     assert_eq!(zeros.outliers().entries.len(), means.outliers().entries.len());
     // The greatest entry is exact with either, but for halves and the scale of its row.

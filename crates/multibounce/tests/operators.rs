@@ -6,13 +6,13 @@ use bytemuck::{cast_slice, cast_slice_mut};
 use faer::Mat;
 use glam::{UVec4, Vec3, Vec4};
 use patchlight_multibounce::{
-    Channels, Error, Factors, LowRank, Proceed, StoredOperator, TileSide, TileSource, Workspace, all_bounces,
-    all_bounces_lu, all_bounces_stored, dense_sparse_all, halving_order, kernel, multiply_u_all, multiply_vt_all,
-    permute_in_all, quantise_all, requantise_all, some_bounces, some_bounces_stored,
+    Channels, Error, Factors, LowRank, StoredOperator, TileSide, TileSource, Workspace, all_bounces, all_bounces_lu,
+    all_bounces_stored, dense_sparse_all, halving_order, kernel, multiply_u_all, multiply_vt_all, permute_in_all,
+    quantise_all, requantise_all, some_bounces, some_bounces_stored,
 };
 use proptest::prelude::*;
 use support::{go, random};
-use transport::LinearOperator;
+use transport::{LinearOperator, Proceed};
 
 /// Reciprocal form factors of a closed set of patches on a line: near ones see more of each other.
 struct Case {

@@ -6,11 +6,12 @@ use bytemuck::cast_slice;
 use glam::{Vec3, Vec4};
 use patchlight_multibounce::kernel::tiles as body;
 use patchlight_multibounce::{
-    Error, LowRank, LowRankWorkspace, Proceed, TileSide, TileSource, halving_order, multiply_vt_all, permute_in_all,
+    Error, LowRank, LowRankWorkspace, TileSide, TileSource, halving_order, multiply_vt_all, permute_in_all,
     quantise_all, requantise_all,
 };
 use support::{go, random};
 use transport::LinearOperator;
+use transport::Proceed;
 
 /// Patches on a line and receivers on another above it, a third of which sees nothing far away.
 struct Case {

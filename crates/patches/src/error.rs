@@ -83,12 +83,6 @@ pub enum Error {
         /// The kind of patches.
         patches: &'static str,
     },
-    /// Patches that the thesis does not make.
-    #[error("{patches} patches have no printed form: choose voxel or axis patches, or the corrected form")]
-    PrintedKind {
-        /// The kind of patches.
-        patches: &'static str,
-    },
     /// The caller's estimator of the receivers' rows, or what walks for it, failed or was cancelled.
     #[error(transparent)]
     Rows(Box<dyn core::error::Error + Send + Sync>),

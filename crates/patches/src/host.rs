@@ -16,7 +16,6 @@ mod mesh;
 mod nearest;
 mod patch_set;
 mod placement;
-mod printed;
 mod sample;
 mod subdivide;
 mod test_lights;
@@ -38,10 +37,6 @@ pub use mesh::{Columns, MOST_PATCHES, MeshSettings, PatchKind, PatchMesh, lit_sa
 pub use nearest::Nearest;
 pub use patch_set::PatchSet;
 pub use placement::{AddRows, MeshReceivers, Placing};
-pub use printed::{
-    PRINTED_PATCHES, PointRows, PrintedPatches, RowsOfPoints, printed_axis_patches, printed_cluster_patches,
-    printed_samples,
-};
 pub use sample::{AreaRule, Keep, SampleReport, SampleSet, SampleSettings, sample_voxels, sample_voxels_by};
 pub use subdivide::{
     PatchSize, SubdivideSettings, Subdivision, cell_grids, divisions_for_area, divisions_for_count,

@@ -25,10 +25,7 @@
 //! Lengths are metres, areas m², reflectance linear Rec.709. Each step runs on all cores, voxel by voxel, and gives the
 //! same bytes for any number of threads.
 //!
-//! Source: A. S. Shcherbakov, thesis, MSU 2025, 5.1 to 5.9, cited as \[T\]. What is printed there is not normalised, and is
-//! kept beside for comparison: [`printed_samples`], [`printed_cluster_patches`] with the metric
-//! `M(i,j) = (1 + |c_i − c_j|)(2 − n_i·n_j)(1 + √Σ_k((F_ik − F_jk)² + (F_ki − F_kj)²))` of colours, normals, rows and columns of
-//! F, [`printed_axis_patches`], [`PatchMesh::printed`] with its sums, [`LookupSettings::Thesis`].
+//! Source: A. S. Shcherbakov, thesis, MSU 2025, 5.1 to 5.9, cited as \[T\]; sums that are printed there are means here.
 //!
 //! ```
 //! # extern crate scene as patchlight_scene;

@@ -95,8 +95,6 @@ pub const RULE_PLANES: u32 = 0;
 /// Besides, patches behind a wall (a patch across the point's plane, in the voxel of the point or of the other patch) do not
 /// count.
 pub const RULE_WALLS: u32 = 1;
-/// Sums over the patches of each voxel as printed, [T 5.3]: no means.
-pub const RULE_THESIS: u32 = 2;
 
 /// Settings of the lookup.
 #[repr(C)]
@@ -107,7 +105,7 @@ pub struct LookupParams {
     /// A patch counts less the farther it lies from the plane of the point that asks, and (almost) nothing from this
     /// distance on, in voxel edges along the normal.
     pub plane_limit: f32,
-    /// What counts: [`RULE_PLANES`], [`RULE_WALLS`] or [`RULE_THESIS`].
+    /// What counts: [`RULE_PLANES`] or [`RULE_WALLS`].
     pub rule: u32,
     /// Points of a dispatch; the body does not ask.
     pub count: u32,

@@ -49,7 +49,7 @@ fn clipped_areas_sum_to_the_mesh_area() {
 }
 
 #[test]
-fn projected_areas_tend_to_what_is_seen_and_the_printed_rule_loses_what_is_not() {
+fn projected_areas_tend_to_what_is_seen() {
     let scene = atrium().scene(1.0);
     let grid = Grid::new(&scene, Vec3::splat(0.8)).unwrap();
     let mut errors = Vec::new();
@@ -64,29 +64,6 @@ fn projected_areas_tend_to_what_is_seen_and_the_printed_rule_loses_what_is_not()
     let settings = SampleSettings { points: 256, layers: 1, rule: AreaRule::Projected, seed: 0 };
     let first = sample_voxels(&scene, &grid, &settings, &fronts(&scene)).unwrap();
     assert!(area(&first) < 0.999 * atrium().area());
-    let settings = SampleSettings { points: 4, layers: 1, rule: AreaRule::Thesis, seed: 0 };
-    let printed = sample_voxels(&scene, &grid, &settings, &fronts(&scene)).unwrap();
-    assert!(!sums_to(&printed, atrium().area()));
-}
-
-#[test]
-fn printed_areas_are_those_of_whole_triangles_over_all_of_their_samples() {
-    let mut mesh = Mesh::default();
-    mesh.quad(Vec3::new(0.1, 0.2, 0.3), Vec3::new(2.0, 0.3, 0.1), Vec3::new(-0.2, 1.4, 0.7));
-    let whole = mesh.area();
-    let scene = mesh.scene(1.0);
-    let grid = Grid::new(&scene, Vec3::splat(0.5)).unwrap();
-    let settings = SampleSettings { points: 4, layers: 1, rule: AreaRule::Thesis, seed: 0 };
-    let set = sample_voxels(&scene, &grid, &settings, &all).unwrap();
-    // Both sides are met, and have the area and the normal of the front together.
-    assert!(sums_to(&set, whole) && !sums_to(&set, 2.0 * whole), "{} of {whole}", area(&set));
-    for triangle in 0..2 {
-        let own: Vec<_> = set.samples.iter().filter(|s| s.triangle == triangle).collect();
-        assert!(own.len() > 4 && own.iter().all(|s| s.area == own[0].area));
-        assert!(own.iter().all(|s| s.normal == scene.tables().normal(triangle)));
-    }
-    let ours = sample_voxels(&scene, &grid, &SampleSettings { points: 4, ..<_>::default() }, &all).unwrap();
-    assert!(sums_to(&ours, 2.0 * whole) && ours.samples.iter().any(|s| s.normal != scene.tables().normal(s.triangle)));
 }
 
 #[test]

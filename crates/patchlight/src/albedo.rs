@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use runtime::executor::{Executor, ExecutorError};
 use runtime::plan::BufferId;
 use scene::{Material, NONE, Scene, SurfacePoint};
-use transport::Variant;
 
 use crate::bake::{Bake, enough_bounces};
 use crate::error::Error;
@@ -85,12 +84,9 @@ impl Albedo {
     /// keep what they have.
     ///
     /// # Errors
-    /// [`Error::AlbedoCount`], [`Error::AlbedoValue`]; [`Error::Printed`] for printed patches, which are no means of their samples.
+    /// [`Error::AlbedoCount`], [`Error::AlbedoValue`].
     pub(crate) fn new(bake: &Bake, materials: &[u32], changed: &[Option<Vec3>]) -> Result<Self, Error> {
         check(changed, &bake.scene.materials)?;
-        if bake.settings.variant == Variant::Thesis {
-            return Err(Error::Printed { needs: "the albedo that they were baked with" });
-        }
         let mesh = &bake.mesh;
         let of_sample = |k: usize| changed.get(materials[k] as usize).copied().flatten();
         let mut points = mesh.point_albedo.clone();

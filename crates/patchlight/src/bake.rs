@@ -12,7 +12,7 @@ use runtime::executor::Executor;
 use scene::sampling::hash3;
 use scene::{DirectParams, Scene, SurfacePoint, sky_bin};
 use serde::{Deserialize, Serialize};
-use transport::{Csr, HitCounts, Observer, Phase, Variant};
+use transport::{Csr, HitCounts, Observer, Phase};
 
 use crate::energy::EnergyCheck;
 use crate::error::Error;
@@ -20,7 +20,6 @@ use crate::form_factors::{ElementRows, Estimator, FormFactors, HOST, RowRays};
 use crate::memory::check_free;
 use crate::observe::{Report, run_phase};
 use crate::operator::BakedOperator;
-use crate::printed;
 
 /// Receivers along the edge of a patch.
 const RECEIVERS_AN_EDGE: f32 = 3.0;
@@ -55,9 +54,6 @@ pub enum ReceiverKind {
 pub struct BakeSettings {
     /// What patches are.
     pub patches: PatchKind,
-    /// Whether voxel and axis patches, their form factors, first exitance and light at points are as printed. Printed ones need
-    /// [`Estimator::Point`] and [`ReceiverKind::Patches`].
-    pub variant: Variant,
     /// About how many patches.
     pub patch_count: usize,
     /// Where people look: samples, patches and receivers are shared out by how much of the light that a place sends can get
@@ -95,7 +91,6 @@ impl Default for BakeSettings {
     fn default() -> Self {
         Self {
             patches: PatchKind::default(),
-            variant: Variant::Corrected,
             patch_count: 4000,
             focus: Focus::default(),
             voxel_size: None,
@@ -127,8 +122,8 @@ pub struct Bake {
     pub receivers: MeshReceivers,
     /// How densely patches and receivers stand.
     pub density: Density,
-    /// What is known of its errors; none for a bake without patches, of printed ones, whose light has no scale, or of a scene with a
-    /// medium, through which no light goes by form factors.
+    /// What is known of its errors; none for a bake without patches, or of a scene with a medium, through which no light goes by
+    /// form factors.
     pub energy: Option<EnergyCheck>,
     /// How direct light is measured at the samples.
     pub direct: DirectParams,
@@ -210,39 +205,23 @@ impl<'a> PatchBake<'a> {
         rays: &'a RowRays<'_>,
         observer: &dyn Observer,
     ) -> Result<Self, Error> {
-        check_variant(settings)?;
         check_receivers(settings)?;
         let triangles = scene.geometry.triangles.len();
         if settings.patches == PatchKind::Polygon && triangles > MOST_PATCHES {
             return Err(too_many(triangles, triangles));
         }
-        let (sampler, mesh, form_factors) = match settings.variant {
-            Variant::Corrected => {
-                let (sampler, mesh) =
-                    run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings, rays))?;
-                rays.tell(Phase::SAMPLE, observer);
-                if mesh.patches.len() > MOST_PATCHES {
-                    return Err(too_many(triangles, mesh.patches.len()));
-                }
-                let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
-                    FormFactors::estimate_by(scene, &mesh, (settings.estimator, settings.seed), rays, report)
-                })?;
-                rays.tell(Phase::FORM_FACTORS, observer);
-                (sampler, mesh, form_factors)
-            }
-            Variant::Thesis => {
-                let (mesh, form_factors) = printed::patches(scene, &mesh_settings(settings), observer)?;
-                (None, mesh, form_factors)
-            }
-        };
+        let (sampler, mesh) = run_phase(observer, Phase::SAMPLE, |_| make_mesh(scene, density, settings, rays))?;
+        rays.tell(Phase::SAMPLE, observer);
+        if mesh.patches.len() > MOST_PATCHES {
+            return Err(too_many(triangles, mesh.patches.len()));
+        }
+        let form_factors = run_phase(observer, Phase::FORM_FACTORS, |report| {
+            FormFactors::estimate_by(scene, &mesh, (settings.estimator, settings.seed), rays, report)
+        })?;
+        rays.tell(Phase::FORM_FACTORS, observer);
         let bounces = match settings.bounces {
             Some(bounces) => bounces,
-            None => run_phase(observer, Phase::BOUNCES, |_| {
-                if settings.variant == Variant::Thesis {
-                    check_growth(&form_factors.factors, &mesh.albedo)?;
-                }
-                enough_bounces(&form_factors.factors, &mesh.albedo)
-            })?,
+            None => run_phase(observer, Phase::BOUNCES, |_| enough_bounces(&form_factors.factors, &mesh.albedo))?,
         };
         let bake = Bake {
             scene: scene.clone(),
@@ -319,9 +298,7 @@ impl<'a> PatchBake<'a> {
             receivers.interpolation.points.len()
         ));
         let mut bake = Bake { receivers, settings, ..bake };
-        if settings.variant == Variant::Corrected {
-            bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
-        }
+        bake.energy = run_phase(observer, Phase::ENERGY, |_| EnergyCheck::of(&bake))?;
         if let Some(energy) = &bake.energy {
             observer.note(&format!("energy: {}", energy.in_words()));
         }
@@ -464,22 +441,6 @@ fn check_receivers(settings: &BakeSettings) -> Result<(), Error> {
     Ok(())
 }
 
-/// Printed patches have printed form factors, and are what receives.
-fn check_variant(settings: &BakeSettings) -> Result<(), Error> {
-    let needs = |what: &'static str| Err(Error::Printed { needs: what });
-    match settings.variant {
-        Variant::Corrected => Ok(()),
-        Variant::Thesis if !settings.patches.has_voxels() => {
-            Err(patches::Error::PrintedKind { patches: settings.patches.name() }.into())
-        }
-        Variant::Thesis if settings.estimator != Estimator::Point => needs("form factors of points, (5.1)"),
-        Variant::Thesis if settings.receivers != ReceiverKind::Patches => {
-            needs("the patches themselves as receivers, (5.3)")
-        }
-        Variant::Thesis => Ok(()),
-    }
-}
-
 /// Direct-light settings that follow from the scene.
 pub fn direct_params(scene: &Scene) -> DirectParams {
     DirectParams {
@@ -488,16 +449,6 @@ pub fn direct_params(scene: &Scene) -> DirectParams {
         ray_offset: scene.geometry.ray_offset,
         ..DirectParams::default()
     }
-}
-
-/// Rows of printed form factors may sum to more than 1, and light may grow.
-fn check_growth(factors: &Csr, albedo: &[Vec4]) -> Result<(), Error> {
-    let source = vec![Vec4::new(1.0, 1.0, 1.0, 0.0); albedo.len()];
-    let residual = jacobi(factors, &source, albedo, Stop::Bounces(MOST_BOUNCES))?.residual;
-    if residual.is_finite() && residual < TOLERANCE {
-        return Ok(());
-    }
-    Err(Error::Printed { needs: "a number of bounces here, for with all of them their light grows without end" })
 }
 
 /// Bounces until a uniform source changes no patch by more than the tolerance, and a fourth more for sources that are

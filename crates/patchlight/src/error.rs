@@ -20,9 +20,6 @@ pub enum Error {
     /// Photons.
     #[error("photons: {0}")]
     Photons(transport::Error),
-    /// Rows that frames sample.
-    #[error("temporal radiosity: {0}")]
-    Temporal(transport::Error),
     /// A medium between surfaces, of which form factors know nothing.
     #[error(
         "{what} goes by form factors, which know nothing of the medium that absorbs light between the surfaces of the scene; choose \
@@ -162,12 +159,6 @@ pub enum Error {
         found: u64,
         /// How many there may be.
         limit: u64,
-    },
-    /// Settings that do not suit printed patches.
-    #[error("patches as printed need {needs}; choose that, or the corrected form")]
-    Printed {
-        /// What they need.
-        needs: &'static str,
     },
     /// Patches that are not bound to voxels cannot be receivers.
     #[error(

@@ -53,7 +53,6 @@ pub mod operator;
 pub mod outputs;
 pub mod picture;
 mod pixels;
-mod printed;
 pub mod renderer;
 pub mod stage;
 pub mod world;
@@ -73,4 +72,4 @@ pub use renderer::{
     FrameResult, LightUpdate, PendingPicture, ReceiverBuffers, ReceiverUpdate, RenderSettings, Renderer, SampleLight,
 };
 pub use stage::shade::PixelLight;
-pub use transport::{Observer, Phase, Silent, Variant};
+pub use transport::{Observer, Phase, Silent};

@@ -5,7 +5,6 @@ pub mod feedback;
 pub mod firstshot;
 pub mod local;
 pub mod multibounce;
-pub mod solved;
 pub mod temporal;
 
 use std::collections::BTreeMap;
@@ -27,7 +26,6 @@ use crate::operator::{Build, Codec, Decode};
 pub use feedback::FeedbackSettings;
 pub use firstshot::FirstShotSettings;
 pub use localmatrix::CameraSettings as LocalSettings;
-pub use solved::Solver;
 pub use temporal::TemporalSettings;
 
 /// How light goes between patches in one frame.
@@ -160,8 +158,6 @@ pub enum MethodSettings {
     /// A product with the sparse form factors for each bounce.
     #[default]
     Classic,
-    /// All bounces by a classic solver on the host, in each light update.
-    Solved(Solver),
     /// One product with the operator of all bounces.
     Multibounce(Codec),
     /// Products with the compressed form factors, from the light of the frame before.
@@ -195,7 +191,7 @@ impl MethodSettings {
     /// The method in a word.
     pub fn name(&self) -> &'static str {
         match self {
-            Self::Classic | Self::Solved(_) => "classic",
+            Self::Classic => "classic",
             Self::Multibounce(Codec::LowRank { .. }) => "tiles",
             Self::Multibounce(_) => "multibounce",
             Self::Feedback(_) => "feedback",
@@ -242,12 +238,6 @@ impl MethodSettings {
             Self::Temporal(TemporalSettings { rows: temporal::RowKind::AllBounces, .. }) if has_operator => {
                 check_operator("choose fewer patches, or rows of one bounce")
             }
-            Self::Solved(solver) => check_free(
-                format!("the form factors between {patches} patches as a dense matrix"),
-                solver.matrix_bytes(patches),
-                build.memory_limit,
-                "choose fewer patches, or a solver with sparse form factors",
-            ),
             Self::Local(settings) => check_free(
                 format!("the matrix of {} slots", settings.slots),
                 PAIR_BYTES * pairs(settings.slots.min(patches)),
@@ -265,7 +255,6 @@ impl MethodSettings {
     pub fn prepare(&self, with: &Preparation, device: &mut (dyn Executor + 'static)) -> Result<Box<dyn Method>, Error> {
         Ok(match *self {
             Self::Classic => Box::new(classic::Classic::new(with.bake)),
-            Self::Solved(solver) => Box::new(solved::Solved::new(solver, with.bake)?),
             Self::Multibounce(codec) => multibounce::prepare(codec, with, device)?,
             Self::Feedback(settings) => feedback::prepare(&settings, with, device)?,
             Self::Temporal(settings) => Box::new(temporal::TemporalMethod::new(&settings, with, device)?),

@@ -3,15 +3,14 @@
 mod baked;
 pub mod build;
 mod decode;
-pub mod measure;
 mod symmetric;
 
 use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 use multibounce::{
-    Acceleration, BlockCodec, BlockMatrix, Channels, LowRank, MatrixRows, Permutation, TileSide, TileSource,
-    spectral_radius, spectral_range,
+    Acceleration, BlockCodec, BlockMatrix, Channels, LowRank, MatrixRows, TileSide, TileSource, spectral_radius,
+    spectral_range,
 };
 use rayon::prelude::*;
 use runtime::plan::Plan;
@@ -21,7 +20,7 @@ use runtime::recipe::multibounce::{
 };
 use serde::{Deserialize, Serialize};
 use transport::kernel::product::packed_row_words;
-use transport::{Dense, Half, LinearOperator, Observer, Phase, check_length, widen_half};
+use transport::{Dense, Half, LinearOperator, Observer, Permutation, Phase, check_length, widen_half};
 
 use crate::error::Error;
 use crate::observe::{Report, run_phase};

@@ -67,7 +67,6 @@ pub mod permutation;
 #[cfg(feature = "alloc")]
 pub mod quadrants;
 pub mod types;
-pub mod variant;
 
 #[cfg(feature = "alloc")]
 pub use error::{Error, check_indices, check_length, check_offsets, check_setting};
@@ -82,4 +81,3 @@ pub use permutation::Permutation;
 #[cfg(feature = "alloc")]
 pub use quadrants::{QUADRANTS, quadrant_of, rotational_gradients};
 pub use types::*;
-pub use variant::Variant;

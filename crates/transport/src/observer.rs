@@ -31,8 +31,6 @@ pub trait Observer: Sync {
 pub struct Phase(pub &'static str);
 
 impl Phase {
-    /// A scene is read or made.
-    pub const IMPORT: Self = Self("import");
     /// It is found how densely surfaces are shared out.
     pub const DENSITY: Self = Self("density");
     /// Points are drawn on surfaces and made patches.
@@ -47,8 +45,6 @@ impl Phase {
     pub const ENERGY: Self = Self("energy");
     /// The operator of all bounces is made.
     pub const OPERATOR: Self = Self("operator");
-    /// Rows and columns are ordered so that blocks of a matrix are smooth.
-    pub const ORDERS: Self = Self("orders");
     /// An operator is compressed.
     pub const COMPRESS: Self = Self("compress");
     /// The eigenvalues by which progressive bounces are accelerated are found.
@@ -61,10 +57,6 @@ impl Phase {
     pub const PHOTONS: Self = Self("photons");
     /// Paths are traced.
     pub const PATHS: Self = Self("path tracing");
-    /// Irradiance at single points is found.
-    pub const POINTS: Self = Self("points");
-    /// Voxels stand in for a scene.
-    pub const VOXEL_PROXY: Self = Self("voxel proxy");
     /// The voxel grid of a world is found.
     pub const GRID: Self = Self("grid");
     /// The patches of a world are made.
@@ -73,10 +65,6 @@ impl Phase {
     pub const MERGED: Self = Self("merged");
     /// Parts of a bake are joined.
     pub const JOIN: Self = Self("join");
-    /// A bake is opened.
-    pub const OPEN: Self = Self("open");
-    /// The patches round a camera come in until nothing changes.
-    pub const SETTLE: Self = Self("settle");
 
     /// The phase's name.
     pub const fn name(self) -> &'static str {

@@ -34,7 +34,7 @@ use ::ddgi::kernel::trace::{Met, ProbeTables, probe_ray};
 use ::ddgi::{
     BlendParams, IRRADIANCE_TEXELS, LookupParams, LookupPoint, Probe, ProbeRay, TraceParams, VISIBILITY_TEXELS,
 };
-use glam::{Mat3, UVec3, Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use scene::kernel::bvh::FAR;
 use scene::sampling::hash3;
@@ -300,11 +300,6 @@ impl Ddgi {
             spacing: self.grid.spacing,
             visibility: u32::from(self.settings.visibility),
         }
-    }
-
-    /// Probes along the axes.
-    pub fn grid_counts(&self) -> UVec3 {
-        self.grid.counts
     }
 
     /// Distance between probes along the axes, m.

@@ -1,8 +1,8 @@
 //! Options that have nothing to do in a run of `render`, `bake` or `info`: one table each says which options are for which runs.
 
-use super::{ClassicSolver, Render};
+use super::Render;
 use crate::bake::Bake;
-use shell::args::common::{Patches, VariantChoice};
+use shell::args::common::Patches;
 use shell::args::idle::Rule;
 use shell::args::{FormFactors, Input, Method, ReceiverPlaces, Storage, Switch};
 
@@ -36,20 +36,6 @@ pub const RULES: &[Rule<Render>] = &[
         whom: "--method local without --at-rest",
         suits: |args, _| args.method == Method::Local && !args.local.at_rest,
     },
-    of_method!(Classic, "classic", ["solver"]),
-    Rule {
-        options: &["solver_samples"],
-        whom: "--method classic with --solver stochastic-jacobi or random-walks",
-        suits: |args, _| {
-            args.method == Method::Classic
-                && matches!(args.solver, ClassicSolver::StochasticJacobi | ClassicSolver::RandomWalks)
-        },
-    },
-    Rule {
-        options: &["link_error"],
-        whom: "--method classic with --solver hierarchical",
-        suits: |args, _| args.method == Method::Classic && args.solver == ClassicSolver::Hierarchical,
-    },
     of_method!(Feedback, "feedback", ["products", "plain"]),
     of_method!(
         Firstshot,
@@ -81,10 +67,9 @@ pub const RULES: &[Rule<Render>] = &[
     },
     Rule {
         options: &["bounces"],
-        whom: "scenes, not bakes, by methods other than firstshot and local, and solvers other than jacobi, which take all bounces; and for --method path",
+        whom: "scenes, not bakes, by methods other than firstshot and local, which take all bounces; and for --method path",
         suits: |args, input| match args.method {
             Method::Firstshot | Method::Local => false,
-            Method::Classic if args.solver != ClassicSolver::Jacobi => false,
             Method::Path => true,
             _ => input == Input::Scene,
         },
@@ -111,7 +96,7 @@ pub const RULES: &[Rule<Render>] = &[
         suits: |args, input| input != Input::World && args.method != Method::Path,
     },
     Rule {
-        options: &["patches", "patch_count", "voxel_size", "variant", "form_factors", "receivers", "receiver_rays"],
+        options: &["patches", "patch_count", "voxel_size", "form_factors", "receivers", "receiver_rays"],
         whom: "scenes, not bakes, by methods other than path",
         suits: makes_patches,
     },
@@ -131,11 +116,6 @@ pub const RULES: &[Rule<Render>] = &[
         options: &["receiver_edge", "most_receivers"],
         whom: "scenes, not bakes, by methods other than path, with --receivers mesh",
         suits: |args, input| makes_patches(args, input) && args.bake.receivers == ReceiverPlaces::Mesh,
-    },
-    Rule {
-        options: &["form_factors", "rays", "receivers", "receiver_rays"],
-        whom: "--variant corrected",
-        suits: |args, _| args.bake.variant == VariantChoice::Corrected,
     },
 ];
 
@@ -177,11 +157,6 @@ pub const BAKE_RULES: &[Rule<Bake>] = &[
         options: &["receiver_edge", "most_receivers"],
         whom: "--receivers mesh",
         suits: |args, _| args.bake.receivers == ReceiverPlaces::Mesh,
-    },
-    Rule {
-        options: &["form_factors", "rays", "receivers", "receiver_rays"],
-        whom: "--variant corrected",
-        suits: |args, _| args.bake.variant == VariantChoice::Corrected,
     },
 ];
 
@@ -260,7 +235,6 @@ mod tests {
             let found = idle_of(Input::Bake, &[&["--method", "tiles"], options].concat());
             assert_eq!(found, [options[0]], "{options:?}");
         }
-        assert_eq!(idle_of(Input::Bake, &["--variant", "thesis"]), ["--variant"]);
         let free = ["--method", "tiles", "--epsilon", "0.1", "--errors", "--debug", "--reference", "x"];
         assert!(idle_of(Input::Bake, &free).is_empty());
         assert!(idle_of(Input::Bake, &["--method", "path", "--bounces", "3", "--seed", "3"]).is_empty());
@@ -280,7 +254,7 @@ mod tests {
     #[test]
     fn options_that_cannot_apply_are_named() {
         // Those that classic radiosity ignores.
-        let classic: [&[&str]; 25] = [
+        let classic: [&[&str]; 23] = [
             &["--samples", "16"],
             &["--blend", "0.5"],
             &["--refresh", "4"],
@@ -302,8 +276,6 @@ mod tests {
             &["--epsilon", "0.1"],
             &["--resume"],
             &["--codec", "bc1"],
-            &["--solver-samples", "9"],
-            &["--link-error", "0.1"],
             &["--animate", "sun"],
             &["--path", "fly"],
         ];
@@ -312,9 +284,6 @@ mod tests {
             assert_eq!(by_classic(options), [options[0]], "{options:?}");
         }
         assert_eq!(by_classic(&classic.concat()).len(), classic.len());
-        assert!(by_classic(&["--solver", "random-walks", "--solver-samples", "9"]).is_empty());
-        assert_eq!(by_classic(&["--solver", "lu", "--bounces", "3"]), ["--bounces"]);
-        assert_eq!(idle(&["--method", "tiles", "--solver", "lu"]), ["--solver"]);
         let path: [&[&str]; 8] = [
             &["--form-factors", "area"],
             &["--receivers", "pixels"],
@@ -329,7 +298,6 @@ mod tests {
             assert_eq!(idle(&[&["--method", "path"], options].concat()), [options[0]], "{options:?}");
         }
         assert_eq!(idle(&["--patches", "axis", "--focus", "0,0,0,1,1,1"]), ["--focus"]);
-        assert_eq!(idle(&["--patches", "axis", "--variant", "thesis", "--receiver-rays", "64"]), ["--receiver-rays"]);
     }
 
     #[test]

@@ -18,10 +18,10 @@ use shell::progress::Progress;
 
 use patches::PatchMesh;
 use patchlight::operator::build::{MATRICES, check_memory};
-use patchlight::operator::measure::{exact_product, relative_error};
 use patchlight::operator::{Codec, PatchOperator, SymmetricFactors, decoder_name, growth};
 use patchlight::{BakeSettings, FormFactors};
 use runtime::executor::{DeviceChoice, Executor, open};
+use shell::operator_error::{exact_product, relative_error};
 
 /// Steps and tolerance of spectral radii.
 const STEPS: usize = 200;

@@ -5,7 +5,7 @@ use clap::Args;
 use assets::import::{Animation, LoadedScene};
 use patchlight::{BakeSettings, Estimator, ReceiverKind};
 
-use super::common::{VariantChoice, parse_metres};
+use super::common::parse_metres;
 use super::definition::RESEARCH;
 use super::patches::{FormFactors, PatchOptions, ReceiverPlaces};
 
@@ -31,10 +31,6 @@ pub struct BakeOptions {
     /// [default: ten thirds of as many as their distance gives]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000), help_heading = "Bake")]
     pub most_receivers: Option<u32>,
-    /// Which form of the equations voxel and axis patches, their form factors, first exitance and light at points have. With
-    /// thesis, form factors are those of points and the patches receive.
-    #[arg(long, value_enum, default_value_t, help_heading = RESEARCH)]
-    pub variant: VariantChoice,
     /// Estimator of the form factors.
     #[arg(long, value_enum, default_value_t = FormFactors::Hemisphere, help_heading = RESEARCH)]
     pub form_factors: FormFactors,
@@ -60,9 +56,7 @@ impl BakeOptions {
             focus: self.patches.focus.unwrap_or_default().focus(loaded, animation),
             patch_count: self.patches.count(),
             voxel_size: self.patches.voxel_size,
-            variant: self.variant.variant(),
             estimator: match self.form_factors {
-                _ if self.variant == VariantChoice::Thesis => Estimator::Point,
                 FormFactors::Hemisphere => Estimator::Hemisphere { rays: self.rays },
                 FormFactors::Contour => Estimator::Contour,
                 FormFactors::Area => Estimator::Area,
@@ -73,7 +67,6 @@ impl BakeOptions {
                 Bounces::Count(k) => Some(k),
             },
             receivers: match self.receivers {
-                _ if self.variant == VariantChoice::Thesis => ReceiverKind::Patches,
                 ReceiverPlaces::Mesh => ReceiverKind::Mesh,
                 ReceiverPlaces::Pixels => ReceiverKind::Pixels,
                 ReceiverPlaces::Patches => ReceiverKind::Patches,

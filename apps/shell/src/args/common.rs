@@ -6,7 +6,6 @@ use assets::{Animation, LoadedScene};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use patches::{Focus, PatchKind};
-use patchlight::Variant;
 use runtime::executor::DeviceChoice;
 
 use crate::error::Error;
@@ -82,26 +81,6 @@ impl Patches {
             Self::Cluster => PatchKind::Cluster,
             Self::Voxel => PatchKind::Voxel,
             Self::Axis => PatchKind::Axis,
-        }
-    }
-}
-
-/// Which form of the equations of patches is computed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum VariantChoice {
-    /// Ours.
-    #[default]
-    Corrected,
-    /// As the thesis prints them, for comparison.
-    Thesis,
-}
-
-impl VariantChoice {
-    /// The form.
-    pub fn variant(self) -> Variant {
-        match self {
-            Self::Corrected => Variant::Corrected,
-            Self::Thesis => Variant::Thesis,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Options that have nothing to do in a run of the viewer.
 
-use shell::args::common::{Patches, VariantChoice};
+use shell::args::common::Patches;
 use shell::args::idle::Rule;
 use shell::args::{FormFactors, Input, Method, ReceiverPlaces};
 
@@ -16,7 +16,6 @@ pub const RULES: &[Rule<View>] = &[
             "patches",
             "patch_count",
             "voxel_size",
-            "variant",
             "form_factors",
             "receivers",
             "receiver_rays",
@@ -45,10 +44,5 @@ pub const RULES: &[Rule<View>] = &[
         options: &["receiver_edge", "most_receivers"],
         whom: "scenes, not bakes, with --receivers mesh",
         suits: |args, input| input == Input::Scene && args.bake.receivers == ReceiverPlaces::Mesh,
-    },
-    Rule {
-        options: &["form_factors", "rays", "receivers", "receiver_rays"],
-        whom: "--variant corrected",
-        suits: |args, _| args.bake.variant == VariantChoice::Corrected,
     },
 ];

@@ -23,7 +23,7 @@ const PAIRS_NEARBY: f64 = 1.0;
 
 /// Point `k` of the additive recurrence in four dimensions whose steps are the powers of 1/φ₄, φ₄⁵ = φ₄ + 1 (Roberts 2018),
 /// shifted by `shift` on the torus.
-pub(super) fn recurrence(k: u64, shift: [f64; 4]) -> [f64; 4] {
+pub fn recurrence(k: u64, shift: [f64; 4]) -> [f64; 4] {
     const STEPS: [f64; 4] =
         [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_037_808_7, 0.538_597_257_223_610_1];
     let mut x = [0.0; 4];
@@ -41,7 +41,7 @@ fn triangle_point(t: [DVec3; 3], x: f64, y: f64) -> DVec3 {
 
 /// Uniform point of a polygon: a triangle of the fan in proportion to its area, then a point of it; what is left of x is
 /// uniform again.
-pub(super) fn polygon_point(polygon: &Polygon, x: f64, y: f64) -> DVec3 {
+pub fn polygon_point(polygon: &Polygon, x: f64, y: f64) -> DVec3 {
     let mut rest = x * polygon.area;
     let last = polygon.corners().len() - 3;
     for (k, t) in polygon.fan().enumerate() {

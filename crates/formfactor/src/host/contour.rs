@@ -47,9 +47,10 @@ pub(super) fn contour(point: DVec3, normal: DVec3, polygon: &Polygon) -> f64 {
     (sum / TAU).max(0.0)
 }
 
-/// Form factor of a patch to another, without occlusion: the mean of [`contour`] over the patch by adaptive cubature.
-/// `receiver` and `source` are already cut at each other's planes, `area` is the whole area of the receiving patch.
-pub(super) fn patch_to_patch(receiver: &Polygon, source: &Polygon, area: f64) -> f64 {
+/// Form factor of a polygon to another, without occlusion: the mean of [`point_to_polygon`] over the receiver by adaptive
+/// cubature. `receiver` and `source` are already cut at each other's planes ([`Polygon::clip`]), `area` is the whole area of
+/// the receiver, m².
+pub fn polygon_to_polygon(receiver: &Polygon, source: &Polygon, area: f64) -> f64 {
     let value = |p: DVec3| contour(p, receiver.normal, source);
     let far = receiver.centroid.distance(source.centroid) > 6.0 * (receiver.radius + source.radius);
     let coarse: f64 = receiver.fan().map(|t| cubature(t, &value)).sum();

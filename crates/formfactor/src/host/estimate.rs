@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 use scene::parallel::*;
 use scene::sampling::{frame, hash3, sobol2};
 use scene::{Hit, NONE, SurfacePoint};
-use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, Variant, check_length, quadrant_of};
+use transport::{Dense, Polygon, Proceed, QUADRANTS, Surfaces, check_length, quadrant_of};
 
 use super::area;
 use super::contour;
@@ -94,11 +94,9 @@ pub struct AreaToArea {
 }
 
 /// One ray from each point of the row to each centre: `F_ij = s_j cosθ_i cosθ_j V / (π r² + s_j)`, the disc form that stays
-/// below 1 when the patches touch; as printed, [T 5.5] (5.1), `s_j cosθ_i cosθ_j V / (π r²)`, which does not.
+/// below 1 when the patches touch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointToPoint {
-    /// Which of the two.
-    pub variant: Variant,
     /// Rays a row to the sky.
     pub sky_rays: u32,
 }
@@ -127,7 +125,7 @@ impl Default for AreaToArea {
 
 impl Default for PointToPoint {
     fn default() -> Self {
-        Self { variant: Variant::Corrected, sky_rays: 256 }
+        Self { sky_rays: 256 }
     }
 }
 
@@ -386,8 +384,7 @@ impl Estimator for PointToPoint {
                     return 0.0;
                 }
                 let area = f64::from(patch.area);
-                let disc = if self.variant == Variant::Thesis { 0.0 } else { area };
-                area * cos_here * cos_there / (squared * (core::f64::consts::PI * squared + disc))
+                area * cos_here * cos_there / (squared * (core::f64::consts::PI * squared + area))
             });
         }
         (sky_factor(s, row, self.sky_rays), 0.0)
@@ -433,7 +430,7 @@ impl Estimator for Contour {
             *out = match s.row_polygons.get(row) {
                 Some(receiver) => {
                     let (Some(r), Some(t)) = cut(receiver, source) else { continue };
-                    let whole = contour::patch_to_patch(&r, &t, receiver.area);
+                    let whole = contour::polygon_to_polygon(&r, &t, receiver.area);
                     let point = |x, y| (area::polygon_point(&r, x, y), r.normal);
                     (whole * self.visible_share(s, row, j, point)) as f32
                 }
@@ -452,7 +449,7 @@ impl Estimator for Contour {
 }
 
 /// Both polygons without what lies behind the other's plane.
-pub(super) fn cut(receiver: &Polygon, source: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
+fn cut(receiver: &Polygon, source: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
     let r = receiver.clip(source.centroid, source.normal);
     if r.is_none() {
         return (None, None);

@@ -6,9 +6,8 @@ use faer::linalg::solvers::Solve;
 use glam::Vec4;
 
 use crate::error::Error;
-use crate::kernel::product::bounce;
-use transport::LinearOperator;
-use transport::{Dense, check_length};
+use transport::kernel::product::bounce;
+use transport::{Dense, LinearOperator, check_length};
 
 /// When an iteration ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +33,11 @@ pub struct Solution {
     pub iterations: u32,
 }
 
-pub(super) fn check_inputs(rows: usize, columns: usize, source: &[Vec4], albedo: &[Vec4]) -> Result<(), Error> {
+/// Whether form factors, rows × columns, exitances and albedos are those of one system.
+///
+/// # Errors
+/// [`transport::Error::Length`]; [`transport::Error::Value`] for a source or albedo that is negative or not finite.
+pub fn check_inputs(rows: usize, columns: usize, source: &[Vec4], albedo: &[Vec4]) -> Result<(), Error> {
     check_length("columns", rows, columns)?;
     check_length("source", rows, source.len())?;
     check_length("albedo", rows, albedo.len())?;
@@ -68,19 +71,24 @@ fn bounce_all(source: &[Vec4], albedo: &[Vec4], irradiance: &[Vec4]) -> Vec<Vec4
     source.iter().zip(albedo).zip(irradiance).map(|((&e, &a), &h)| bounce(e, a, h).truncate().extend(0.0)).collect()
 }
 
-/// Residual of a finished solution: one more product.
-pub(super) fn finish(
-    operator: &(impl LinearOperator + ?Sized),
-    source: &[Vec4],
-    albedo: &[Vec4],
-    irradiance: Vec<Vec4>,
-    iterations: u32,
-) -> Result<Solution, Error> {
-    let exitance = bounce_all(source, albedo, &irradiance);
-    let mut next = vec![Vec4::ZERO; source.len()];
-    operator.apply(&exitance, &mut next)?;
-    let residual = largest_difference(&bounce_all(source, albedo, &next), &exitance);
-    Ok(Solution { irradiance, exitance, residual, iterations })
+impl Solution {
+    /// Exitance and residual of an irradiance H, W/m², that `iterations` steps found: one more product.
+    ///
+    /// # Errors
+    /// [`transport::Error::Length`].
+    pub fn of(
+        operator: &(impl LinearOperator + ?Sized),
+        source: &[Vec4],
+        albedo: &[Vec4],
+        irradiance: Vec<Vec4>,
+        iterations: u32,
+    ) -> Result<Self, Error> {
+        let exitance = bounce_all(source, albedo, &irradiance);
+        let mut next = vec![Vec4::ZERO; source.len()];
+        operator.apply(&exitance, &mut next)?;
+        let residual = largest_difference(&bounce_all(source, albedo, &next), &exitance);
+        Ok(Self { irradiance, exitance, residual, iterations })
+    }
 }
 
 /// Gathering (Jacobi): `H ← F (E + ρ∘H)`. K bounces give `H = F Σ_{k<K} (ρF)^k E`.
@@ -110,7 +118,7 @@ pub fn jacobi(
             break;
         }
     }
-    finish(operator, source, albedo, irradiance, iterations)
+    Solution::of(operator, source, albedo, irradiance, iterations)
 }
 
 /// Gathering in place (Gauss–Seidel): each row uses the exitance of this sweep's earlier rows. One sweep is more than one
@@ -141,7 +149,7 @@ pub fn gauss_seidel(factors: &Dense, source: &[Vec4], albedo: &[Vec4], stop: Sto
             break;
         }
     }
-    finish(factors, source, albedo, irradiance, iterations)
+    Solution::of(factors, source, albedo, irradiance, iterations)
 }
 
 /// Progressive shooting (Southwell relaxation; Cohen et al. 1988): the patch with the most unshot power sends it,
@@ -189,7 +197,7 @@ pub fn shoot(factors: &Dense, area: &[f32], source: &[Vec4], albedo: &[Vec4], st
         }
         iterations += 1;
     }
-    finish(factors, source, albedo, irradiance, iterations)
+    Solution::of(factors, source, albedo, irradiance, iterations)
 }
 
 /// Direct solution of `(I − diag(ρ_c) F) B_c = E_c` for the three channels c by LU with partial pivoting in double
@@ -217,5 +225,5 @@ pub fn lu(factors: &Dense, source: &[Vec4], albedo: &[Vec4]) -> Result<Solution,
     }
     let mut irradiance = vec![Vec4::ZERO; n];
     factors.apply(&exitance, &mut irradiance)?;
-    finish(factors, source, albedo, irradiance, 1)
+    Solution::of(factors, source, albedo, irradiance, 1)
 }

@@ -4,10 +4,6 @@
 use glam::Vec4;
 use scene::SurfacePoint;
 
-// The names that these had here, until all callers take them from `transport`.
-pub use transport::kernel::grid::{interpolate_pixel, interpolate_receivers};
-pub use transport::kernel::product::*;
-
 /// First exitance of patch `i`, `E = M_e + Σ_k w_k ρ_k H_d,k` over its points, W/m².
 ///
 /// Shapes: `points`, `direct` and `albedo` by point, row `i` has `offsets[i]..offsets[i + 1]`; `emission` by patch.

@@ -1,9 +1,9 @@
 //! Host forms of the form-factor kernels and of the products.
 
 use ::formfactor::kernel::hits::{COUNT_STEP, MOST_HIT_COLUMNS, WORD_COUNTS};
-use ::formfactor::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums};
 use ::formfactor::{GatherParams, HitsParams};
 use ::scene::Rgb;
+use ::transport::kernel::product::{self, LANES, ROWS_TOGETHER, RowSums};
 use glam::{UVec2, Vec4};
 use rayon::prelude::*;
 use std::vec::Vec;

@@ -232,12 +232,6 @@ impl Local {
         &self.cut
     }
 
-    /// The node that stands for a node: itself or an ancestor. None where there is none, or where several finer ones do.
-    pub fn stand_in(&self, node: u32) -> Option<u32> {
-        let one = *self.cut.get(self.forest.first_from(&self.cut, node))?;
-        self.forest.covers(one, node).then_some(one)
-    }
-
     /// Slot of each leaf's node, or [`NO_NODE`], and of each slot the run of leaves, empty where it holds none.
     pub fn places(&self) -> (Vec<u32>, Vec<[u32; 2]>) {
         let (mut slot_of, mut runs) = (vec![NO_NODE; self.leaf_area.len()], vec![[0; 2]; self.settings.slots]);

@@ -9,7 +9,7 @@ use alloc::vec;
 use alloc::vec::Vec;
 use glam::{UVec4, Vec3, Vec4};
 use scene::parallel::*;
-use transport::{Permutation, Variant, check_length};
+use transport::{Permutation, check_length};
 
 use super::order::MatrixRows;
 use super::outliers::Outliers;
@@ -77,6 +77,17 @@ impl Companding {
     }
 }
 
+/// What blocks hold in the place of outliers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Filling {
+    /// The mean of the rest of their block, which bends no palette.
+    #[default]
+    Mean,
+    /// Zeros, as printed [T 3].
+    Zeros,
+}
+
 /// How a matrix is brought into blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -89,8 +100,8 @@ pub struct BlockSettings {
     pub outliers: f64,
     /// Entries along the edge of a tile, which shares a scale for each channel: a power of two, 4 to 1024.
     pub tile: usize,
-    /// What the blocks hold in the place of outliers: the mean of the rest of their block or, as printed [T 3], zeros.
-    pub filling: Variant,
+    /// What the blocks hold in the place of outliers.
+    pub filling: Filling,
 }
 
 impl BlockSettings {
@@ -100,26 +111,11 @@ impl BlockSettings {
         let outliers = if codec == BlockCodec::Bc1 { 0.05 } else { 0.038 };
         Self { codec, outliers, ..Self::default() }
     }
-
-    /// As printed [T 3]: BC1, 5 % of outliers with zeros in their place, values as they are, in the largest tiles.
-    pub const PRINTED: Self = Self {
-        codec: BlockCodec::Bc1,
-        companding: Companding::None,
-        outliers: 0.05,
-        tile: 1024,
-        filling: Variant::Thesis,
-    };
 }
 
 impl Default for BlockSettings {
     fn default() -> Self {
-        Self {
-            codec: BlockCodec::Bc1,
-            companding: Companding::Sqrt,
-            outliers: 0.05,
-            tile: 64,
-            filling: Variant::Corrected,
-        }
+        Self { codec: BlockCodec::Bc1, companding: Companding::Sqrt, outliers: 0.05, tile: 64, filling: Filling::Mean }
     }
 }
 

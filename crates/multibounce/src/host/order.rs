@@ -80,44 +80,21 @@ fn nearest_neighbour_chain(features: &Features, n: usize) -> Permutation {
 ///
 /// The reference for small matrices: 12 n² bytes and O(n³) operations.
 pub fn greedy_order(n: usize, rows: &MatrixRows) -> Permutation {
-    nearest_neighbour_chain(&lines(n, rows, true), n)
+    nearest_neighbour_chain(&columns(n, rows), n)
 }
 
-/// Columns or rows of a matrix as vectors.
-fn lines(n: usize, rows: &MatrixRows, are_columns: bool) -> Features {
+/// Columns of a matrix as vectors.
+fn columns(n: usize, rows: &MatrixRows) -> Features {
     let mut values = vec![0.0f32; 3 * n * n];
     let mut row = vec![Vec3::ZERO; n];
     for i in 0..n {
         rows(i, &mut row);
         for (j, color) in row.iter().enumerate() {
-            let at = if are_columns { j * n + i } else { i * n + j };
+            let at = j * n + i;
             values[3 * at..3 * at + 3].copy_from_slice(&color.to_array());
         }
     }
     Features { dimensions: 3 * n, values }
-}
-
-/// Listing 3.1 as printed [T 3]: for each column, in order, the closest of all others changes places with the next column, though it may
-/// have had its place already; then the same for rows. Rows and columns change places together. Of equally close ones the first
-/// is taken; the last column has no next one.
-///
-/// 12 n² bytes and O(n³) operations.
-pub fn printed_order(n: usize, rows: &MatrixRows) -> Permutation {
-    let mut order = Permutation::identity(n);
-    for are_columns in [true, false] {
-        let features = lines(n, rows, are_columns);
-        for i in 0..n.saturating_sub(1) {
-            let own = order.order()[i];
-            let distance = |&other: &u32| match other == own {
-                true => f32::INFINITY,
-                false => features.distance(own as usize, other as usize),
-            };
-            let distances: Vec<f32> = order.order().par_iter().with_min_len(64).map(distance).collect();
-            let closest = (0..n).min_by(|&a, &b| distances[a].total_cmp(&distances[b])).unwrap_or(i);
-            order.swap(closest, i + 1);
-        }
-    }
-    order
 }
 
 /// Dimensions that columns are projected to.

@@ -1,7 +1,7 @@
 //! What tests of operators have in common.
 
-use patchlight_multibounce::Proceed;
 use scene::sampling::{hash3, unit};
+use transport::Proceed;
 
 /// A number from 0 to 1 that follows from three.
 pub fn random(a: usize, b: usize, c: u32) -> f32 {

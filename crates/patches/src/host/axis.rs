@@ -14,8 +14,8 @@ use crate::error::Error;
 pub(super) const LEAST_PART: f32 = 1e-6;
 
 /// One patch for each of the six axis directions that samples of a voxel look to [T 5.9]: area Σ w s, the rest means
-/// weighted by w s, with `w = n_axis²` on the side that the normal n points to, so that the weights of a sample sum to 1
-/// (printed: `max(0, n·e)`, [`printed_axis_patches`](super::printed_axis_patches)). Slivers (under 1 % of the voxel's mean patch) go to the nearest patch of the voxel with a like normal.
+/// weighted by w s, with `w = n_axis²` on the side that the normal n points to (printed: `max(0, n·e)`), so that the weights of
+/// a sample sum to 1. Slivers (under 1 % of the voxel's mean patch) go to the nearest patch of the voxel with a like normal.
 /// On all cores, linear in the number of samples.
 ///
 /// # Errors

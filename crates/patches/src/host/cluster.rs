@@ -26,8 +26,8 @@ impl Default for ClusterSettings {
 
 /// Merges the samples of each voxel, always the closest pair of clusters, until `max_patches` are left, as [T 5.7] does. The metric
 /// is `M(i,j) = (1 + |x_i − x_j|/d)(2 − n_i·n_j)(1 + row(i,j))` with the clusters' mean positions x, the voxel's diagonal d, so that
-/// a scene in other units has the same clusters, and mean unit normals n (printed: colours in the place of positions,
-/// [`printed_cluster_patches`](super::printed_cluster_patches)).
+/// a scene in other units has the same clusters, and mean unit normals n (printed: colours in the place of
+/// positions).
 /// Clusters that hold samples with `n_i·n_j < 0` are never merged, so more may be left. Slivers (under 1 % of the voxel's
 /// mean patch) then go to the nearest cluster with a like normal that they may be merged with.
 ///

@@ -10,42 +10,31 @@ use super::grid::Grid;
 use super::patch_set::PatchSet;
 use crate::error::Error;
 use crate::kernel::lookup::lookup;
-use crate::types::{
-    EMPTY_CELL, GridShape, LookupParams, LookupPatch, RULE_PLANES, RULE_THESIS, RULE_WALLS, VirtualPatch,
-};
+use crate::types::{EMPTY_CELL, GridShape, LookupParams, LookupPatch, RULE_PLANES, RULE_WALLS, VirtualPatch};
 
 /// How values between patches are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum LookupSettings {
-    /// Means, into which little leaks.
-    Mean {
-        /// Distance from the point's plane from which on patches do not count, in voxel edges along the normal.
-        plane_limit: f32,
-        /// Whether patches behind a wall do not count.
-        walls: bool,
-    },
-    /// Sums over the patches of a voxel, whatever stands between, as printed: (5.3) and [T 5.8], see
-    /// [`lookup_printed`](crate::kernel::lookup::lookup_printed).
-    Thesis,
+pub struct LookupSettings {
+    /// Distance from the point's plane from which on patches do not count, in voxel edges along the normal.
+    pub plane_limit: f32,
+    /// Whether patches behind a wall do not count.
+    pub walls: bool,
 }
 
 impl LookupSettings {
     /// Rule and limit for the kernel, which divides by the limit and squares it.
     fn rule(self) -> Result<(u32, f32), Error> {
-        match self {
-            Self::Mean { plane_limit: limit, .. } if limit.is_nan() || limit <= 0.0 => {
-                Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" })
-            }
-            Self::Mean { plane_limit, walls: true } => Ok((RULE_WALLS, plane_limit.min(1e15))),
-            Self::Mean { plane_limit, walls: false } => Ok((RULE_PLANES, plane_limit.min(1e15))),
-            Self::Thesis => Ok((RULE_THESIS, 1.0)),
+        let limit = self.plane_limit;
+        if limit.is_nan() || limit <= 0.0 {
+            return Err(Error::Setting { name: "plane limit", value: f64::from(limit), rule: "positive" });
         }
+        Ok((if self.walls { RULE_WALLS } else { RULE_PLANES }, limit.min(1e15)))
     }
 }
 
 impl Default for LookupSettings {
     fn default() -> Self {
-        Self::Mean { plane_limit: 0.5, walls: true }
+        Self { plane_limit: 0.5, walls: true }
     }
 }
 

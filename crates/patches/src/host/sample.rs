@@ -30,9 +30,6 @@ pub enum AreaRule {
     /// `s = h_u h_v / k · |n·d|` for k rays in direction d from a face of h_u by h_v: as `n_x² + n_y² + n_z² = 1`, Σ s
     /// tends to the area of what the rays meet. Triangles that no ray met have none.
     Projected,
-    /// As printed [T 5.4]: the area of the whole triangle over all of its samples, in whatever voxel and from whichever side
-    /// they were seen; their normal is that of the triangle's front. Triangles that no ray met are lost.
-    Thesis,
 }
 
 /// Settings of [`sample_voxels`].
@@ -154,9 +151,6 @@ pub fn sample_voxels_by(
     if set.samples.is_empty() {
         return Err(Error::NoSamples);
     }
-    if settings.rule == AreaRule::Thesis {
-        whole_triangle_areas(scene, &mut set.samples);
-    }
     set.samples
         .par_iter_mut()
         .for_each(|sample| sample.albedo = scene.filtered_albedo(sample.triangle, sample.position, sample.area));
@@ -251,7 +245,6 @@ impl<'a> Voxel<'a> {
             m.sample.area = match rule {
                 AreaRule::Clipped => self.areas[m.clipped as usize] / count as f32,
                 AreaRule::Projected => m.projected,
-                AreaRule::Thesis => 0.0,
             };
         }
         if rule == AreaRule::Clipped {
@@ -413,18 +406,4 @@ fn nearest(met: &[Met], point: Vec3, passes: impl Fn(&Met) -> bool) -> Option<us
         }
     }
     best
-}
-
-/// [`AreaRule::Thesis`].
-fn whole_triangle_areas(scene: &Scene, samples: &mut [Sample]) {
-    let mut counts = alloc::vec![0u32; scene.geometry.triangles.len()];
-    for s in samples.iter() {
-        counts[s.triangle as usize] += 1;
-    }
-    for s in samples.iter_mut() {
-        let t = &scene.geometry.triangles[s.triangle as usize];
-        let whole = 0.5 * t.edge_a.cross(t.edge_b).length();
-        s.area = whole / counts[s.triangle as usize] as f32;
-        s.normal = scene.tables().normal(s.triangle);
-    }
 }

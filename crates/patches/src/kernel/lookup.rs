@@ -3,7 +3,7 @@
 use glam::{UVec3, Vec3, Vec4};
 use scene::math::{abs, floor};
 
-use crate::types::{EMPTY_CELL, LookupParams, LookupPatch, RULE_THESIS, RULE_WALLS};
+use crate::types::{EMPTY_CELL, LookupParams, LookupPatch, RULE_WALLS};
 
 /// Weight of a patch that faces the point but lies off its plane or behind a wall, against one that does not: such patches
 /// count only where there are no others.
@@ -38,9 +38,6 @@ pub fn lookup(
     x: Vec3,
     n: Vec3,
 ) -> Vec4 {
-    if p.rule == RULE_THESIS {
-        return lookup_printed(p, cells, offsets, entries, values, x, n);
-    }
     let place = p.shape.in_voxels(x) + n * 0.5 - 0.5;
     let low = Vec3::new(floor(place.x), floor(place.y), floor(place.z));
     let share = place - low;
@@ -81,47 +78,6 @@ pub fn lookup(
         }
     }
     sum * (1.0 / total)
-}
-
-/// The value at a surface point as printed [T 5.3]: over the 2×2×2 voxels about x, `Σ w_v l_v / Σ w_v` with the weights w of trilinear
-/// filtering, where `l_v = Σ_j h_j max(0, n_j·n)` is the sum, no mean, over the patches of voxel v (5.3). Voxels in which no
-/// patch looks the point's way do not count; 0 where none does. Shapes as in [`lookup`].
-#[inline]
-pub fn lookup_printed(
-    p: &LookupParams,
-    cells: &[u32],
-    offsets: &[u32],
-    entries: &[LookupPatch],
-    values: &[Vec4],
-    x: Vec3,
-    n: Vec3,
-) -> Vec4 {
-    let place = p.shape.in_voxels(x) - 0.5;
-    let low = Vec3::new(floor(place.x), floor(place.y), floor(place.z));
-    let mut sum = Vec4::ZERO;
-    let mut total = 0.0;
-    for corner in 0..8u32 {
-        let step = corner_step(corner);
-        let cell = cell_at(p, cells, low + step);
-        if cell & EMPTY_CELL == 0 {
-            let mut lighting = Vec4::ZERO;
-            let mut facing = 0.0;
-            for k in offsets[cell as usize]..offsets[cell as usize + 1] {
-                let entry = entries[k as usize];
-                let cosine = n.dot(entry.direction);
-                if cosine > 0.0 {
-                    lighting += values[entry.patch as usize] * cosine;
-                    facing += cosine;
-                }
-            }
-            if facing > 0.0 {
-                let trilinear = trilinear_weight(step, place - low);
-                sum += lighting * trilinear;
-                total += trilinear;
-            }
-        }
-    }
-    if total > 0.0 { sum * (1.0 / total) } else { Vec4::ZERO }
 }
 
 /// One of the eight corners of a cube of edge 1.

@@ -88,7 +88,8 @@ mod tests {
     use std::ops::ControlFlow;
 
     use glam::Vec3;
-    use multibounce::{BlockCodec, BlockSettings, Permutation};
+    use multibounce::{BlockCodec, BlockSettings};
+    use transport::Permutation;
 
     use super::*;
     use runtime::cpu::Cpu;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use gpu_kernels::table;
-use patches::{Lookup, LookupParams, PackedWeights, VolumeParams, WeightParams};
+use patches::{Lookup, LookupParams, PackedWeights, WeightParams};
 
 use super::formfactor::ViewRows;
 use super::{Bindings, Named, Tables, add_pass};
@@ -43,32 +43,6 @@ impl LookupTables {
         let push = LookupParams { count: points, ..self.params };
         add_pass(plan, pass, &table::PATCHES_LOOKUP, bindings, &self.named, &push, points)
     }
-}
-
-/// Adds the pass of irradiance from the ambient cubes of a probe volume round each point, W/m².
-///
-/// # Errors
-/// Buffers that are missing or too short.
-pub fn ambient_cubes(
-    plan: &mut Plan,
-    pass: &str,
-    bindings: Bindings,
-    params: &VolumeParams,
-) -> Result<PassId, ExecutorError> {
-    add_pass(plan, pass, &table::PATCHES_VOLUME_LOOKUP, bindings, &[], params, params.count)
-}
-
-/// Adds the pass of irradiance from the spherical harmonics of a probe volume round each point, W/m².
-///
-/// # Errors
-/// Buffers that are missing or too short.
-pub fn spherical_harmonics(
-    plan: &mut Plan,
-    pass: &str,
-    bindings: Bindings,
-    params: &VolumeParams,
-) -> Result<PassId, ExecutorError> {
-    add_pass(plan, pass, &table::PATCHES_VOLUME_LOOKUP_SH, bindings, &[], params, params.count)
 }
 
 /// Packed weights of receivers on the device.

@@ -287,21 +287,6 @@ impl SceneTables {
         Ok([open, seen])
     }
 
-    /// Adds the pass of the nearest hits of rays. Bindings: `rays`, `hits`.
-    ///
-    /// # Errors
-    /// Buffers that are missing or too short.
-    pub fn closest_hits(
-        &self,
-        plan: &mut Plan,
-        pass: &str,
-        bindings: Bindings,
-        rays: u32,
-    ) -> Result<PassId, ExecutorError> {
-        let count = CountParams { count: rays };
-        add_pass(plan, pass, &table::SCENE_CLOSEST_HIT, bindings, &self.named, &count, rays)
-    }
-
     /// Adds the pass that says of each ray whether something is in its way. Bindings: `rays`, `stopped`.
     ///
     /// # Errors

@@ -13,13 +13,13 @@ use glam::Vec4;
 use multibounce::{Acceleration, Channels, LowRank, LowRankWorkspace, TileSide, TileSource};
 use patchlight::memory::peak_memory_bytes;
 use patchlight::operator::build::{MATRICES, check_memory};
-use patchlight::operator::measure::{exact_product, relative_error};
 use patchlight::operator::{PatchOperator, SymmetricFactors, accelerations};
 use patchlight::{BakeSettings, Estimator, FormFactors};
 use runtime::executor::{DeviceChoice, DeviceKind, Executor, open};
 use runtime::recipe::multibounce::{Decoder, Product};
 use scene::Scene;
 use serde::Serialize;
+use shell::operator_error::{exact_product, relative_error};
 use transport::{Dense, LinearOperator};
 
 use super::{Machine, SCENES, Setup, stream_gb_s};

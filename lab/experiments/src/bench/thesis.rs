@@ -5,6 +5,7 @@ mod lamp;
 mod local;
 mod matrix;
 mod patches;
+mod solvers;
 mod tables;
 
 use std::path::Path;
@@ -32,6 +33,12 @@ struct Figure {
 }
 
 const FIGURES: &[Figure] = &[
+    Figure {
+        name: "2.2.5",
+        says: "section: classic solvers of all bounces, by elimination, iteration, chance and links: time, memory, errors",
+        counts: &[1000],
+        measure: solvers::solvers,
+    },
     Figure {
         name: "3.2",
         says: "form factors by their value, and entries of the matrix of three bounces",

@@ -10,9 +10,9 @@ use block_compression::{BC6HSettings, BC7Settings, CompressionVariant};
 use glam::{UVec2, UVec4, Vec3, Vec4};
 use half::f16;
 use scene::parallel::*;
-use transport::{Permutation, Variant, check_length};
+use transport::{Permutation, check_length};
 
-use super::{BlockCodec, BlockMatrix, BlockReport, BlockSettings, decode_texel, params, unpack};
+use super::{BlockCodec, BlockMatrix, BlockReport, BlockSettings, Filling, decode_texel, params, unpack};
 use crate::error::Error;
 use crate::host::energy::row_factor;
 use crate::host::order::MatrixRows;
@@ -203,7 +203,7 @@ struct Source<'a> {
     /// Entries above it, after that factor, are outliers.
     threshold: f32,
     /// What stands in the place of outliers.
-    filling: Variant,
+    filling: Filling,
 }
 
 /// A row of tiles.
@@ -274,7 +274,7 @@ impl Source<'_> {
     }
 
     /// The values with the mean of their block in place of outliers and of what lies beyond the matrix, so that these bend
-    /// no palette, or as printed with zeros there; and the greatest that is left of each tile.
+    /// no palette, or zeros there; and the greatest that is left of each tile.
     fn fill(&self, values: &[Vec3], rows: usize, width: usize, tile: usize) -> (Vec<Vec3>, Vec<Vec4>) {
         let mut filled = values.to_vec();
         let mut scales = vec![Vec4::ZERO; self.n.div_ceil(tile)];
@@ -292,8 +292,8 @@ impl Source<'_> {
                     *scale = scale.max(values[i * width + j].extend(0.0));
                 }
                 let mean = match self.filling {
-                    Variant::Corrected => sum / count.max(1) as f32,
-                    Variant::Thesis => Vec3::ZERO,
+                    Filling::Mean => sum / count.max(1) as f32,
+                    Filling::Zeros => Vec3::ZERO,
                 };
                 for (i, j) in (0..EDGE * EDGE).map(at).filter(|&p| !counts(p)) {
                     filled[i * width + j] = mean;

@@ -5,7 +5,6 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 use glam::{Vec3, Vec4};
-use hashbrown::HashMap;
 #[cfg(not(feature = "std"))]
 use num_traits::Float as _;
 use scene::{NONE, Scene, SidePolicy, Sides, SurfacePoint};
@@ -21,7 +20,6 @@ use crate::host::grid::Grid;
 use crate::host::lit::{LitSampler, Walker};
 use crate::host::lookup::{Lookup, LookupSettings};
 use crate::host::patch_set::PatchSet;
-use crate::host::printed::PrintedPatches;
 use crate::host::sample::{SampleSet, SampleSettings, sample_voxels_by};
 use crate::host::subdivide::{PatchSize, SubdivideSettings, Subdivision, cell_grids, check_cells, subdivide};
 use crate::host::view::{ViewSettings, view_clusters};
@@ -94,40 +92,6 @@ impl PatchMesh {
                 Self::of_polygons(scene, density, count, seed)
             }
         }
-    }
-
-    /// Printed patches of the voxels of a grid, each its own element. The points of a patch are those of its voxel that look its
-    /// way, with `max(0, N·n)` as weights, whose sum is no 1: [`PatchMesh::source`] is `E_j = Σ_i e_i max(0, N_j·n_i)` [T 5.8],
-    /// where `e_i` is what the point sends of the light that falls on it. Values between patches are those of (5.3).
-    ///
-    /// # Errors
-    /// As [`Lookup::new`].
-    pub fn printed(scene: &Scene, grid: &Grid, printed: &PrintedPatches) -> Result<Self, Error> {
-        let set = &printed.set;
-        let lookup = Lookup::new(grid, set, LookupSettings::Thesis)?;
-        let patch_elements = (0..=set.len() as u32).collect();
-        let mesh = Self::of_samples((scene, None), &Density::default(), set.clone(), &set.patches, patch_elements)?;
-        let (mut points, mut point_albedo, mut offsets) = (Vec::new(), Vec::new(), vec![0]);
-        let mut of_voxel: HashMap<u32, Vec<u32>> = HashMap::new();
-        for (i, patch) in set.patches.iter().enumerate() {
-            of_voxel.entry(patch.voxel).or_default().extend(set.members_of(i).iter().map(|m| m.sample));
-        }
-        of_voxel.values_mut().for_each(|samples| {
-            samples.sort_unstable();
-            samples.dedup();
-        });
-        for (element, patch) in (0u32..).zip(&set.patches) {
-            for sample in of_voxel[&patch.voxel].iter().map(|&k| &set.samples[k as usize]) {
-                let weight = patch.normal.dot(sample.normal);
-                if weight > 0.0 {
-                    let Sample { position, normal, albedo, .. } = *sample;
-                    points.push(SurfacePoint { position, patch: element, normal, weight });
-                    point_albedo.push(albedo.extend(0.0));
-                }
-            }
-            offsets.push(points.len() as u32);
-        }
-        Ok(Self { points, point_albedo, offsets, lookup: Some(Arc::new(lookup)), ..mesh })
     }
 
     /// Triangles cut into similar parts, which are patches and elements at once.

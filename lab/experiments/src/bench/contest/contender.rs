@@ -15,7 +15,7 @@ use scene::sampling::hash3;
 use scene::{Lighting, NONE, Scene, SurfacePoint};
 
 use super::View;
-use super::field::PatchMethod;
+use super::field::{Between, PatchMethod};
 use crate::bench::load;
 use crate::error::Error;
 use crate::probes::DeviceDdgi;
@@ -23,6 +23,7 @@ use crate::progress::{Progress, interruptible};
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::sequence::pass_ms;
 use patchlight::{Bake, Pictures, ReceiverUpdate, RenderSettings, Renderer};
+use solvers::Solved;
 
 /// What sets the paths of an opponent apart from those of the reference.
 const OTHER_PATHS: u32 = 0x6f70_706f;
@@ -110,7 +111,6 @@ impl<'a> OwnPatches<'a> {
         label: &'static str,
     ) -> Result<Self, Error> {
         let settings = RenderSettings {
-            method: method.settings,
             eye: view.loaded.view.eye,
             size: view.args.size(),
             sub_frames: view.args.sub_frames,
@@ -118,7 +118,15 @@ impl<'a> OwnPatches<'a> {
             ..RenderSettings::default()
         };
         let start = Instant::now();
-        let renderer = load(view.common, bake, &settings, &Progress::new(true))?;
+        let renderer = match method.between {
+            Between::Method(method) => {
+                load(view.common, bake, &RenderSettings { method, ..settings }, &Progress::new(true))?
+            }
+            Between::Solver(solver) => {
+                let solved = Box::new(Solved::new(solver, bake)?);
+                Renderer::with_method(Arc::clone(bake), executor_of(view)?, &settings, solved)?
+            }
+        };
         let build_s = bake_s + start.elapsed().as_secs_f64();
         Ok(Self { view, method, label, renderer, build_s, patches: bake.mesh.patches.len() })
     }

@@ -11,13 +11,15 @@ use super::contender::{Contender, OwnPatches, Paths, Time, Volumetric, has_graph
 use crate::error::Error;
 use crate::progress::Progress;
 use crate::proxy::ProxySettings;
-use patchlight::method::solved::{Links, Samples};
-use patchlight::method::{Solver, TemporalSettings};
+use patchlight::method::TemporalSettings;
 use patchlight::operator::Codec;
 use patchlight::{Bake, BakeSettings, Estimator, MethodSettings};
+use solvers::{Links, Samples, Solver};
 
 /// Kinds of the project's own methods.
 pub const OWN: [&str; 2] = ["tiles 1 %", "temporal"];
+/// Products with sparse form factors, one a bounce.
+pub const GATHERING: &str = "gathering";
 /// Relative error of the compressed operator.
 const EPSILON: f64 = 0.01;
 /// Samples of Monte Carlo radiosity for each patch.
@@ -49,22 +51,36 @@ const MORE_PATHS: u32 = 8;
 /// A list of contenders.
 pub type Contenders<'a> = Vec<Box<dyn Contender + 'a>>;
 
+/// How light goes between patches.
+#[derive(Clone, Copy)]
+pub enum Between {
+    /// By a method of the library.
+    Method(MethodSettings),
+    /// By a classic solver.
+    Solver(Solver),
+}
+
 /// A method of patches.
 #[derive(Clone, Copy)]
 pub struct PatchMethod {
     pub name: &'static str,
-    pub settings: MethodSettings,
+    pub between: Between,
 }
 
 impl PatchMethod {
+    /// A method of the library.
+    pub fn of(name: &'static str, settings: MethodSettings) -> Self {
+        Self { name, between: Between::Method(settings) }
+    }
+
     /// The project's own methods, then gathering with sparse rows and Monte Carlo radiosity.
     pub fn usual(patches: usize, seed: u32) -> [Self; 4] {
         let samples = Samples { count: SAMPLES * patches as u32, seed };
         [
-            Self { name: OWN[0], settings: MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON }) },
-            Self { name: OWN[1], settings: MethodSettings::Temporal(TemporalSettings::default()) },
-            Self { name: "gathering", settings: MethodSettings::Classic },
-            Self { name: "Monte Carlo", settings: MethodSettings::Solved(Solver::StochasticJacobi(samples)) },
+            Self::of(OWN[0], MethodSettings::Multibounce(Codec::LowRank { epsilon: EPSILON })),
+            Self::of(OWN[1], MethodSettings::Temporal(TemporalSettings::default())),
+            Self::of(GATHERING, MethodSettings::Classic),
+            Self { name: "Monte Carlo", between: Between::Solver(Solver::StochasticJacobi(samples)) },
         ]
     }
 
@@ -72,20 +88,19 @@ impl PatchMethod {
     /// progressive shooting.
     pub fn dense() -> [Self; 2] {
         [
-            Self { name: "dense product", settings: MethodSettings::Multibounce(Codec::Dense) },
-            Self { name: "shooting", settings: MethodSettings::Solved(Solver::Shooting) },
+            Self::of("dense product", MethodSettings::Multibounce(Codec::Dense)),
+            Self { name: "shooting", between: Between::Solver(Solver::Shooting) },
         ]
     }
 
     /// Bytes of the dense matrices that it is made with, at their peak.
     pub fn matrix_bytes(&self, patches: usize) -> f64 {
-        let matrices = match self.settings {
+        match self.between {
             // Also where tiles are kept of it: two operators, form factors, three of the solver.
-            MethodSettings::Multibounce(_) => 6.0,
-            MethodSettings::Solved(Solver::Shooting) => 1.0,
-            _ => 0.0,
-        };
-        matrices * size_of::<f32>() as f64 * (patches as f64).powi(2)
+            Between::Method(MethodSettings::Multibounce(_)) => 6.0 * size_of::<f32>() as f64 * (patches as f64).powi(2),
+            Between::Method(_) => 0.0,
+            Between::Solver(solver) => solver.matrix_bytes(patches),
+        }
     }
 }
 
@@ -210,8 +225,8 @@ impl<'a> Field<'a> {
         let settings = BakeSettings { patches: PatchKind::Polygon, ..self.bake.settings };
         let start = Instant::now();
         let bake = Arc::new(Bake::build(scene, &settings, self.progress)?);
-        let settings = MethodSettings::Solved(Solver::Hierarchical(Links::default()));
-        let method = PatchMethod { name: "hierarchical", settings };
+        let method =
+            PatchMethod { name: "hierarchical", between: Between::Solver(Solver::Hierarchical(Links::default())) };
         self.radiosity(&bake, start.elapsed().as_secs_f64(), method).map(Ok)
     }
 

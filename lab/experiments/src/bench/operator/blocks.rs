@@ -3,12 +3,12 @@
 use std::time::Instant;
 
 use glam::Vec4;
-use multibounce::{BlockCodec, Permutation};
-use patchlight::operator::measure::relative_error;
+use multibounce::BlockCodec;
 use patchlight::operator::{Codec, Decode, PatchOperator, decoder_name};
 use runtime::executor::Executor;
 use serde::Serialize;
-use transport::LinearOperator;
+use shell::operator_error::relative_error;
+use transport::{LinearOperator, Permutation};
 
 use super::{Row, Subject, greatest, median_ms, product_ms};
 use crate::error::Error;

@@ -8,12 +8,12 @@ use glam::{Vec3, Vec4};
 use multibounce::{LowRank, LowRankWorkspace, TileSide, TileSource, halving_order};
 use patches::{Columns, Density, Sample, lit_sampler};
 use patchlight::operator::mean_visible_points;
-use patchlight::operator::measure::relative_error;
 use runtime::executor::Executor;
 use runtime::recipe::multibounce::{LowRankTables, OperatorTables, Product};
 use scene::sampling::hash3;
 use scene::{Scene, SurfacePoint};
 use serde::Serialize;
+use shell::operator_error::relative_error;
 use transport::{HitCounts, LinearOperator};
 
 use super::{DEVICE_ROUNDS, Row, Subject, greatest, median_ms};

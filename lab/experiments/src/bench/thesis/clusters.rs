@@ -13,7 +13,7 @@ use super::{Outcome, Study};
 use crate::error::Error;
 use crate::progress::is_cancelled;
 use crate::report::{Plot, Series, Table, significant};
-use patchlight::operator::measure::{exact_product, relative_error};
+use shell::operator_error::{exact_product, relative_error};
 
 /// Clusters: parts of the scene, halved across their longest side.
 const CLUSTERS: [usize; 4] = [1, 2, 4, 8];

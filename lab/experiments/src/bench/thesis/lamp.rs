@@ -20,7 +20,7 @@ use crate::measure::own_light;
 use crate::progress::is_cancelled;
 use crate::report::{Plot, Series, Table, significant};
 use crate::sequence::distance;
-use patchlight::operator::measure::exact_product;
+use shell::operator_error::exact_product;
 
 /// Patches in small matrices, and how many may enter in a frame.
 const SLOTS: [usize; 3] = [64, 256, 512];

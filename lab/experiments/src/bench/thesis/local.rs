@@ -3,8 +3,9 @@
 use std::collections::{BTreeSet, HashSet};
 
 use glam::{Vec3, Vec4};
-use localmatrix::{LocalMatrix, PrintedMatrix, choose};
+use localmatrix::{LocalMatrix, choose};
 use multibounce::Channels;
+use printed::PrintedMatrix;
 use scene::kernel::camera::{primary_direction, primary_hit};
 use scene::{Camera, NONE};
 use serde::Serialize;
@@ -15,7 +16,7 @@ use crate::args::CameraPath;
 use crate::error::Error;
 use crate::progress::is_cancelled;
 use crate::report::{Plot, Series, Table, significant};
-use patchlight::operator::measure::{exact_product, relative_error};
+use shell::operator_error::{exact_product, relative_error};
 
 /// Patches in the matrix.
 const SLOTS: usize = 256;

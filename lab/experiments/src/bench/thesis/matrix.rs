@@ -5,22 +5,22 @@ use faer::Mat;
 use glam::{Vec3, Vec4};
 use localmatrix::Entering;
 use multibounce::{
-    BlockCodec, BlockMatrix, BlockSettings, Channels, MatrixRows, Permutation, greedy_order, picture, printed_order,
-    projected_order,
+    BlockCodec, BlockMatrix, BlockSettings, Channels, MatrixRows, greedy_order, picture, projected_order,
 };
+use printed::{PRINTED_BLOCKS, printed_order};
 use reference::{Picture, PictureFile as _};
 use scene::sampling::hash3;
 use serde::Serialize;
-use transport::LinearOperator;
+use transport::{LinearOperator, Permutation};
 
 use super::{Outcome, Study, beside};
 use crate::error::Error;
 use crate::measure::own_light;
 use crate::output;
 use crate::report::{Plot, Series, Table, significant};
-use patchlight::operator::measure::{exact_product, relative_error};
 use patchlight::operator::{Codec, PatchOperator, SymmetricFactors};
 use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind};
+use shell::operator_error::{exact_product, relative_error};
 
 /// Bounces of the matrix, as in the thesis' measurements.
 const BOUNCES: u32 = 3;
@@ -258,7 +258,7 @@ pub(super) fn compression(study: &Study) -> Result<Outcome, Error> {
     let exact = exact_product(channels, area, &subject.light);
     let mut found = Vec::new();
     let mut pictures = Vec::new();
-    for (what, settings) in [("as printed", BlockSettings::PRINTED), ("ours", BlockSettings::of(BlockCodec::Bc1))] {
+    for (what, settings) in [("as printed", PRINTED_BLOCKS), ("ours", BlockSettings::of(BlockCodec::Bc1))] {
         for (name, order) in &orders {
             let go = |_: usize, _: usize| std::ops::ControlFlow::Continue(());
             let matrix = BlockMatrix::encode(n, &rows, order.clone(), settings, &go)?;
@@ -429,7 +429,7 @@ pub(super) fn bytes(study: &Study) -> Result<Outcome, Error> {
         let rows = factors.rows(channels);
         let go = |_: usize, _: usize| std::ops::ControlFlow::Continue(());
         let (printed, printed_s) =
-            timed(|| Ok(BlockMatrix::encode(n, &rows, printed_order(n, &rows), BlockSettings::PRINTED, &go)?))?;
+            timed(|| Ok(BlockMatrix::encode(n, &rows, printed_order(n, &rows), PRINTED_BLOCKS, &go)?))?;
         let bytes = printed.bytes_by_part().total();
         found.push(size("matrix, BC1 as printed", bytes, Some(made_s + printed_s)));
         for (what, codec) in [

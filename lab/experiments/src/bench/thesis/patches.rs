@@ -16,7 +16,8 @@ use crate::progress::interruptible;
 use crate::proxy::{ProxyRadiosity, ProxySettings};
 use crate::report::{Table, significant};
 use ::patches::PatchKind;
-use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind, RenderSettings, Variant};
+use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind, RenderSettings};
+use printed::{Form, PrintedRadiosity, PrintedSettings};
 
 /// Bounces: those of printed form factors need not end.
 const BOUNCES: u32 = 3;
@@ -56,20 +57,18 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
     };
     let mut rows = Vec::new();
     let mut pictures = Vec::new();
-    for (what, variant, receivers) in [
-        ("as printed", Variant::Thesis, ReceiverKind::Patches),
-        ("ours, patches receive", Variant::Corrected, ReceiverKind::Patches),
-        ("ours, receivers on the mesh", Variant::Corrected, ReceiverKind::Mesh),
-    ] {
+    let camera = loaded.view.camera(truth.size().0, truth.size().1);
+    let (printed, picture) = as_printed(study, kind, &truth)?;
+    rows.push(printed);
+    pictures.push(picture);
+    for (what, receivers) in
+        [("ours, patches receive", ReceiverKind::Patches), ("ours, receivers on the mesh", ReceiverKind::Mesh)]
+    {
         progress.note(what);
         let settings = BakeSettings {
             patches: kind,
-            variant,
             patch_count: study.counts[0] as usize,
-            estimator: match variant {
-                Variant::Corrected => Estimator::Hemisphere { rays: args.rays },
-                Variant::Thesis => Estimator::Point,
-            },
+            estimator: Estimator::Hemisphere { rays: args.rays },
             bounces: Some(BOUNCES),
             receivers,
             receiver_rays: args.receiver_rays(),
@@ -79,14 +78,14 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
         let bake = Arc::new(interruptible(|| Bake::build(&loaded.scene, &settings, progress))?);
         let render = RenderSettings { size: truth.size(), sub_frames: args.sub_frames, ..RenderSettings::default() };
         let mut renderer = load(common, &bake, &render, progress)?;
-        let camera = loaded.view.camera(truth.size().0, truth.size().1);
         let frame = interruptible(|| renderer.picture(&loaded.scene.lighting, &camera, 0))?;
         let factors = &bake.form_factors.factors;
-        let sums = (0..bake.mesh.patches.len())
-            .map(|i| factors.row(i).map(|(_, f)| f).sum::<f32>() + bake.form_factors.sky_factor.get(i).unwrap_or(&0.0))
-            .fold((f32::INFINITY, 0.0f32), |(least, most), sum| (least.min(sum), most.max(sum)));
+        let sum = |i: usize| {
+            factors.row(i).map(|(_, f)| f).sum::<f32>() + bake.form_factors.sky_factor.get(i).unwrap_or(&0.0)
+        };
         // Rows of elements are not patches'.
-        let row_sums = bake.form_factors.element_rows.is_none().then_some(sums);
+        let is_of_patches = bake.form_factors.element_rows.is_none();
+        let row_sums = is_of_patches.then(|| extremes((0..bake.mesh.patches.len()).map(sum)));
         let mut row = row(what, &frame.pictures.indirect, &truth)?;
         (row.patches, row.factor_bytes, row.row_sums) =
             (bake.mesh.patches.len(), Some(bake.form_factors.factor_bytes()), row_sums);
@@ -101,7 +100,6 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
         seed: common.seed,
     };
     let proxy = ProxyRadiosity::bake(&loaded.scene, settings, progress)?;
-    let camera = loaded.view.camera(truth.size().0, truth.size().1);
     let picture = proxy.indirect(&camera, args.sub_frames, ProxyLookup::Face)?;
     rows.push(Row { patches: proxy.patch_count(), ..row("voxelised proxy", &picture, &truth)? });
     pictures.push(picture);
@@ -111,6 +109,38 @@ fn measure(study: &Study, kind: PatchKind) -> Result<Outcome, Error> {
         tables: vec![table(&rows, &truth)],
         plots: Vec::new(),
     })
+}
+
+/// Light by the patches, form factors and sums of the thesis.
+fn as_printed(study: &Study, kind: PatchKind, truth: &Truth) -> Result<(Row, Picture), Error> {
+    const NAME: &str = "as printed";
+    let Study { args, common, loaded, progress, .. } = *study;
+    progress.note(NAME);
+    let form = if kind == PatchKind::Axis { Form::Axes } else { Form::Clusters };
+    let settings = PrintedSettings { form, count: study.counts[0] as usize, voxel_size: None, seed: common.seed };
+    let printed = interruptible(|| PrintedRadiosity::new(&loaded.scene, &settings, progress))?;
+    progress.note(&format!(
+        "{} points, {} of their form factors in memory at once, of {}",
+        printed.set.samples.len(),
+        printed.most_entries,
+        printed.set.samples.len().pow(2)
+    ));
+    let irradiance = printed.irradiance(BakeSettings::default().sample_rays, BOUNCES)?;
+    let camera = loaded.view.camera(truth.size().0, truth.size().1);
+    let picture = printed.indirect(&irradiance, &camera, args.sub_frames)?;
+    let sum = |i: usize| printed.factors.row(i).iter().sum::<f32>() + printed.sky[i];
+    let found = Row {
+        patches: printed.set.len(),
+        factor_bytes: Some(size_of_val(&printed.factors.values[..]) as u64),
+        row_sums: Some(extremes((0..printed.set.len()).map(sum))),
+        ..row(NAME, &picture, truth)?
+    };
+    Ok((found, picture))
+}
+
+/// The least and the greatest.
+fn extremes(sums: impl Iterator<Item = f32>) -> (f32, f32) {
+    sums.fold((f32::INFINITY, 0.0), |(least, most), sum| (least.min(sum), most.max(sum)))
 }
 
 /// Errors of a picture, as it is and with the mean of the reference.

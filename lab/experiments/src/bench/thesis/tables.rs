@@ -9,7 +9,7 @@ use transport::{Csr, Dense, LinearOperator};
 use super::matrix::{Subject, product_ms, timed};
 use super::{Outcome, Study};
 use crate::bench::bake_settings;
-use crate::bench::contest::field::{Field, OWN, PatchMethod};
+use crate::bench::contest::field::{Field, GATHERING, OWN, PatchMethod};
 use crate::bench::contest::{View, errors, pictures_at_rest};
 use crate::bench::truth::Truth;
 use crate::error::Error;
@@ -211,9 +211,8 @@ pub(super) fn accuracy(study: &Study) -> Result<Outcome, Error> {
         let as_printed =
             TemporalSettings { settings: printed(common.seed), rows: RowKind::Tables, ..TemporalSettings::default() };
         let usual = PatchMethod::usual(patches, common.seed);
-        let mut methods: Vec<PatchMethod> =
-            usual.into_iter().filter(|method| matches!(method.settings, MethodSettings::Classic)).collect();
-        methods.push(PatchMethod { name: "temporal, as printed", settings: MethodSettings::Temporal(as_printed) });
+        let mut methods: Vec<PatchMethod> = usual.into_iter().filter(|method| method.name == GATHERING).collect();
+        methods.push(PatchMethod::of("temporal, as printed", MethodSettings::Temporal(as_printed)));
         methods.extend(usual.into_iter().filter(|method| method.name == OWN[1]));
         let mut direct = None;
         for mut contender in field.with_patches(&methods)? {

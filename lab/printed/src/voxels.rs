@@ -1,26 +1,18 @@
-//! Virtual patches as the thesis prints them, for comparison with [`super::cluster`] and [`super::axis`].
+//! Patches of voxels [T 5.1] to [T 5.9].
 
-use alloc::collections::BTreeMap;
-use alloc::vec;
-use alloc::vec::Vec;
-use core::ops::Range;
+use std::collections::BTreeMap;
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
-#[cfg(not(feature = "std"))]
-use num_traits::Float as _;
+use patches::{
+    AreaRule, Error, Grid, Member, PatchSet, Sample, SampleSet, SampleSettings, VirtualPatch, sample_voxels,
+};
+use rayon::prelude::*;
 use scene::Scene;
-use scene::parallel::*;
 use transport::Dense;
 
-use super::axis::LEAST_PART;
-use super::grid::Grid;
-use super::group::check_voxels;
-use super::mesh::{MeshSettings, PatchKind};
-use super::patch_set::PatchSet;
-use super::sample::{AreaRule, SampleSet, SampleSettings, sample_voxels};
-use crate::error::Error;
-use crate::types::{Member, Sample, VirtualPatch};
-
+/// Parts of a normal along an axis that are smaller make no patch: they are rounding.
+const LEAST_PART: f32 = 1e-6;
 /// Rays from each face of a voxel. The thesis leaves their number open; the form factors of all pairs of points cost its
 /// square.
 const POINTS: u32 = 4;
@@ -52,23 +44,47 @@ pub struct PrintedPatches {
     pub most_entries: usize,
 }
 
-/// Voxels, and the points in them [T 5.1] to [T 5.4]: the first surface that a ray meets, with the normal of its polygon and
-/// the area of the polygon over the number of its points. All surfaces take part, whether light reaches them or not.
+/// How the points of a voxel become patches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// The closest points are merged: [`printed_cluster_patches`].
+    Clusters,
+    /// Points are shared out over the directions of the axes: [`printed_axis_patches`].
+    Axes,
+}
+
+/// Settings of [`printed_samples`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrintedSettings {
+    /// What patches are.
+    pub form: Form,
+    /// About how many patches.
+    pub count: usize,
+    /// Edge of the voxels, m, instead of the count.
+    pub voxel_size: Option<f32>,
+    /// Changes every random number.
+    pub seed: u32,
+}
+
+/// Voxels, and the points in them [T 5.1] to [T 5.4]: the first surface that a ray meets, with the normal of its triangle and
+/// the area of the triangle over the number of its points. All surfaces take part, whether light reaches them or not.
 ///
 /// # Errors
-/// [`Error::PrintedKind`] for patches without voxels; what [`Grid::for_count`] and [`sample_voxels`] say.
-pub fn printed_samples(scene: &Scene, settings: &MeshSettings) -> Result<(Grid, SampleSet), Error> {
-    let MeshSettings { kind, count, voxel_size, seed, .. } = *settings;
-    if !kind.has_voxels() {
-        return Err(Error::PrintedKind { patches: kind.name() });
-    }
-    let sampling = SampleSettings { points: POINTS, layers: 1, rule: AreaRule::Thesis, seed };
-    let sampled = |grid: &Grid| sample_voxels(scene, grid, &sampling, &|_: &Sample| true);
+/// What [`Grid::for_count`] and [`sample_voxels`] say.
+pub fn printed_samples(scene: &Scene, settings: &PrintedSettings) -> Result<(Grid, SampleSet), Error> {
+    let PrintedSettings { form, count, voxel_size, seed } = *settings;
+    // Of the rules for areas this one adds no points of its own.
+    let sampling = SampleSettings { points: POINTS, layers: 1, rule: AreaRule::Projected, seed };
+    let sampled = |grid: &Grid| -> Result<SampleSet, Error> {
+        let mut set = sample_voxels(scene, grid, &sampling, &|_: &Sample| true)?;
+        give_whole_triangles(scene, &mut set.samples);
+        Ok(set)
+    };
     let patches_of = |set: &SampleSet| -> usize {
         let voxels = set.offsets.windows(2).map(|pair| &set.samples[pair[0] as usize..pair[1] as usize]);
-        match kind {
-            PatchKind::Axis => voxels.map(|samples| axes(samples).len()).sum(),
-            _ => voxels.map(|samples| samples.len().min(PRINTED_PATCHES)).sum(),
+        match form {
+            Form::Axes => voxels.map(|samples| axes(samples).len()).sum(),
+            Form::Clusters => voxels.map(|samples| samples.len().min(PRINTED_PATCHES)).sum(),
         }
     };
     let grid = match voxel_size {
@@ -77,6 +93,19 @@ pub fn printed_samples(scene: &Scene, settings: &MeshSettings) -> Result<(Grid, 
     };
     let set = sampled(&grid)?;
     Ok((grid, set))
+}
+
+/// The area of the whole triangle over all of its samples, in whatever voxel and from whichever side they were seen, and the normal
+/// of its front [T 5.4]. Triangles that no ray met are lost.
+fn give_whole_triangles(scene: &Scene, samples: &mut [Sample]) {
+    let mut counts = vec![0u32; scene.geometry.triangles.len()];
+    samples.iter().for_each(|s| counts[s.triangle as usize] += 1);
+    samples.par_iter_mut().for_each(|s| {
+        let t = &scene.geometry.triangles[s.triangle as usize];
+        s.area = 0.5 * t.edge_a.cross(t.edge_b).length() / counts[s.triangle as usize] as f32;
+        s.normal = scene.tables().normal(s.triangle);
+        s.albedo = scene.filtered_albedo(s.triangle, s.position, s.area);
+    });
 }
 
 /// Merges the points of each voxel, always the two clusters with the least
@@ -88,14 +117,13 @@ pub fn printed_samples(scene: &Scene, settings: &MeshSettings) -> Result<(Grid, 
 /// (5.1) has and (5.2) keeps. Work: points² rows, and points · (points of a voxel)² for the metric.
 ///
 /// # Errors
-/// [`Error::Length`] for samples of another grid or rows of another length, what `rows` says.
+/// [`Error::Length`] for rows of another length, what `rows` says.
 pub fn printed_cluster_patches(
     grid: &Grid,
     set: SampleSet,
     most: usize,
     rows: &RowsOfPoints,
 ) -> Result<PrintedPatches, Error> {
-    check_voxels(grid, &set)?;
     let samples = &set.samples;
     let mut patch_of = vec![usize::MAX; samples.len()];
     let mut done = Done::default();
@@ -111,6 +139,15 @@ pub fn printed_cluster_patches(
         done.take(merging, grid.occupied[slot], &mut patch_of);
     }
     done.finish(set.samples)
+}
+
+/// First exitance of patches, W/m²: `E_j = Σ_i e_i max(0, N_j·n_i)` over the points of the patch's voxel [T 5.8], with what the points
+/// send, `sent`, one entry a sample, and the samples of each patch's voxel.
+pub fn printed_source(set: &PatchSet, voxel_samples: &[Range<usize>], sent: &[Vec3]) -> Vec<Vec3> {
+    let exitance = |(patch, range): (&VirtualPatch, &Range<usize>)| {
+        range.clone().map(|k| sent[k] * patch.normal.dot(set.samples[k].normal).max(0.0)).sum()
+    };
+    set.patches.iter().zip(voxel_samples).map(exitance).collect()
 }
 
 /// Checks what a caller found.
@@ -256,7 +293,7 @@ impl Merging {
         self.clusters[i] = Some(a);
         let (to, from) = (self.first + i, self.first + j);
         for cluster in self.clusters.iter_mut().flatten() {
-            cluster.row[to] += core::mem::take(&mut cluster.row[from]);
+            cluster.row[to] += std::mem::take(&mut cluster.row[from]);
         }
         self.areas[to] = area;
     }
@@ -353,7 +390,6 @@ fn axes(samples: &[Sample]) -> BTreeMap<usize, Vec<(usize, f64)>> {
 /// # Errors
 /// As [`printed_cluster_patches`].
 pub fn printed_axis_patches(grid: &Grid, set: SampleSet, rows: &RowsOfPoints) -> Result<PrintedPatches, Error> {
-    check_voxels(grid, &set)?;
     let samples = &set.samples;
     let (mut patches, mut offsets, mut members, mut areas) = (Vec::new(), vec![0], Vec::new(), Vec::<f64>::new());
     // Patches of each sample with its weight, and of each voxel.

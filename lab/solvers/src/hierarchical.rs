@@ -1,21 +1,13 @@
 //! Hierarchical radiosity: triangles are split where they exchange much light, and light goes between parts of any size (Hanrahan,
 //! Salzman and Aupperle 1991).
 
-use alloc::vec::Vec;
+use formfactor::{Error, polygon_point, polygon_to_polygon, recurrence};
 use glam::{DVec3, Vec2, Vec3};
-#[cfg(not(feature = "std"))]
-use num_traits::Float as _;
+use rayon::prelude::*;
 use scene::math::luminance;
-use scene::parallel::*;
 use scene::sampling::hash3;
 use scene::{NONE, Visibility};
 use transport::Polygon;
-
-use super::area::{polygon_point, recurrence};
-use super::contour::patch_to_patch;
-use super::estimate::cut;
-use super::triangle::four_parts;
-use crate::error::Error;
 
 /// Pairs of triangles that are tried at first, and links, at most.
 const MOST_PAIRS: u64 = 1 << 26;
@@ -128,7 +120,7 @@ fn outside(node: &Node, at: Vec2) -> f32 {
 /// Solves `B = E + ρ H`, H the irradiance that all parts of all triangles send each other.
 ///
 /// A link is split while it carries more than a share of the emitted power, `max(B_a, B_b) A_a F_ab > ε Σ A E` (BF refinement), at
-/// its larger end as long as that may be split. Form factors are exact where nothing is in the way ([`super::Contour`]),
+/// its larger end as long as that may be split. Form factors are exact where nothing is in the way ([`formfactor::Contour`]),
 /// shadow rays tell what is. Each pass gathers over the links of all levels, pushes irradiance down to the leaves and pulls
 /// exitance up as means; then links are tried again with the new exitances, until none is split and the light stays.
 ///
@@ -245,7 +237,7 @@ impl<'a> Solver<'a> {
         // The contour is exact over the sender: the smaller one receives.
         let (small, large) = if a.area < b.area { (a, b) } else { (b, a) };
         let (Some(receiver), Some(source)) = cut(small, large) else { return None };
-        let open = small.area * patch_to_patch(&receiver, &source, small.area);
+        let open = small.area * polygon_to_polygon(&receiver, &source, small.area);
         (open > 0.0).then_some(Link { nodes, open, visible: 1.0 })
     }
 
@@ -264,7 +256,7 @@ impl<'a> Solver<'a> {
                 continue;
             }
             let squared = (to - from).length_squared();
-            let weight = here * there / (squared * (core::f64::consts::PI * squared + b.area));
+            let weight = here * there / (squared * (std::f64::consts::PI * squared + b.area));
             all += weight;
             if self.sees(from, a.normal, to, b.normal) {
                 seen += weight;
@@ -308,7 +300,9 @@ impl<'a> Solver<'a> {
         let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
         let shares = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]];
         let corners = whole.corners();
-        let parts = four_parts([corners[0], corners[1], corners[2]]);
+        let [a, b, c] = [corners[0], corners[1], corners[2]];
+        let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
+        let parts = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]];
         let first = self.nodes.len() as u32;
         for (part, shares) in parts.into_iter().zip(shares) {
             // A part of a triangle with area has area: the whole stands in only where numbers end.
@@ -365,7 +359,7 @@ impl<'a> Solver<'a> {
     /// Removes the links that carry too much by now, and gives the pairs of their parts.
     fn split_links(&mut self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::new();
-        let links = core::mem::take(&mut self.links);
+        let links = std::mem::take(&mut self.links);
         for link in links {
             match self.larger_end(&link) {
                 Some(end) => self.split(&link, end, &mut pairs),
@@ -373,6 +367,14 @@ impl<'a> Solver<'a> {
             }
         }
         pairs
+    }
+}
+
+/// Both polygons without what lies behind the other's plane.
+fn cut(receiver: &Polygon, source: &Polygon) -> (Option<Polygon>, Option<Polygon>) {
+    match receiver.clip(source.centroid, source.normal) {
+        None => (None, None),
+        clipped => (clipped, source.clip(receiver.centroid, receiver.normal)),
     }
 }
 

@@ -1,13 +1,10 @@
-//! The matrix round a camera as the thesis prints it, for comparison with [`super::matrix`].
+//! The matrix round a camera [T 4].
 
-use alloc::vec::Vec;
+use std::collections::HashMap;
 
 use glam::{Vec3, Vec4};
-use hashbrown::HashMap;
-use scene::parallel::*;
-
-use super::matrix::{Entering, MOST_SLOTS};
-use crate::error::Error;
+use localmatrix::{Entering, Error, MOST_SLOTS};
+use rayon::prelude::*;
 
 /// The matrix of several bounces between some patches, as printed [T 4]: to a few orders of what enters, and without taking out
 /// what leaves. Rows receive, columns send; irradiance `H = T E` between the patches that are there.

@@ -1,7 +1,8 @@
 //! The printed matrix: small cases by hand, beside what is exact.
 
 use glam::{Vec3, Vec4};
-use patchlight_localmatrix::{Entering, Error, LocalMatrix, PrintedMatrix};
+use localmatrix::{Entering, Error, LocalMatrix};
+use printed::PrintedMatrix;
 
 /// Patches 4, 5, 6: areas 1, 2, 1, colours 0.5, 0.8, 0.6; F_45 = 0.4, F_64 = 0.3, F_65 = 0.1.
 const AREA: [f32; 3] = [1.0, 2.0, 1.0];

@@ -1,23 +1,17 @@
-//! The classic solvers of all bounces, by the host: baselines for comparison. Each light update waits for them.
+//! The classic solvers as a method of frames. Each light update waits for them.
 
 use std::sync::Arc;
 use std::time::Instant;
 
-pub use formfactor::Samples;
-use formfactor::{
-    Dense, HierarchicalScene, HierarchicalSettings, HierarchicalSolution, Reciprocal, Solution, Stop, gauss_seidel,
-    hierarchical, lu, random_walks, reciprocal, shoot, stochastic_jacobi,
-};
+use formfactor::{Dense, Reciprocal, Solution, Stop, gauss_seidel, lu, reciprocal, shoot};
 use glam::{Vec2, Vec2Swizzles, Vec3, Vec4};
+use patchlight::{Albedo, Bake, Error, FramePlan, Method, MethodReport};
 use runtime::executor::{Executor, PassTime};
 use runtime::plan::{BufferId, PassId};
 use scene::Hit;
 
-use super::{Method, MethodReport, bytes};
-use crate::albedo::Albedo;
-use crate::bake::Bake;
-use crate::error::Error;
-use crate::frame::FramePlan;
+use crate::hierarchical::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
+use crate::monte_carlo::{Samples, random_walks, stochastic_jacobi};
 
 /// How much is left when an iteration ends: of the greatest exitance, or of the emitted power.
 const TOLERANCE: f32 = 1e-4;
@@ -56,8 +50,20 @@ impl Default for Links {
 }
 
 impl Solver {
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::GaussSeidel => "Gauss-Seidel",
+            Self::Shooting => "shooting",
+            Self::Lu => "LU",
+            Self::StochasticJacobi(_) => "stochastic Jacobi",
+            Self::RandomWalks(_) => "random walks",
+            Self::Hierarchical(_) => "hierarchical",
+        }
+    }
+
     /// Bytes of the matrices for so many patches.
-    pub(crate) fn matrix_bytes(self, patches: usize) -> f64 {
+    pub fn matrix_bytes(self, patches: usize) -> f64 {
         let pairs = (patches as f64).powi(2);
         match self {
             Self::GaussSeidel | Self::Shooting => 4.0 * pairs,
@@ -179,6 +185,13 @@ pub struct LinkCount {
     pub leaves: usize,
 }
 
+impl LinkCount {
+    /// Bytes of the links.
+    pub fn bytes(self) -> u64 {
+        (self.links * HierarchicalSolution::LINK_BYTES) as u64
+    }
+}
+
 /// A solver between the stages of a frame.
 pub struct Solved {
     albedo: Vec<Vec4>,
@@ -186,7 +199,6 @@ pub struct Solved {
     factors: Factors,
     buffers: Option<[BufferId; 2]>,
     bounce: Option<PassId>,
-    iterations: u32,
     link_count: LinkCount,
 }
 
@@ -209,10 +221,15 @@ impl Solved {
         };
         let albedo = bake.mesh.albedo.clone();
         let link_count = LinkCount::default();
-        Ok(Self { albedo, solver, factors, buffers: None, bounce: None, iterations: 0, link_count })
+        Ok(Self { albedo, solver, factors, buffers: None, bounce: None, link_count })
     }
 
-    fn solve(&self, source: &[Vec4]) -> Result<(Solution, LinkCount), Error> {
+    /// Exitance and irradiance of the patches, W/m², from their first exitance, and the links of it; none but for
+    /// [`Solver::Hierarchical`].
+    ///
+    /// # Errors
+    /// A source that is negative or not finite; links that do not fit into memory.
+    pub fn solution(&self, source: &[Vec4]) -> Result<(Solution, LinkCount), Error> {
         let albedo = &self.albedo;
         let stop = Stop::Tolerance(TOLERANCE);
         let solution = match (&self.factors, self.solver) {
@@ -235,24 +252,13 @@ impl Solved {
         Ok((solution, LinkCount::default()))
     }
 
-    /// Links of the last frame; none but for [`Solver::Hierarchical`].
-    pub fn link_count(&self) -> LinkCount {
-        self.link_count
-    }
-
-    /// Sweeps, shots, iterations, steps or passes of the last frame.
-    pub fn iterations(&self) -> u32 {
-        self.iterations
-    }
-
     fn submit(&mut self, executor: &mut (dyn Executor + 'static)) -> Result<Vec<PassTime>, Error> {
         let Some([source, irradiance]) = self.buffers else { return Ok(Vec::new()) };
         let source: Vec<Vec4> = executor.download_table(source)?;
         let start = Instant::now();
-        let (solution, link_count) = self.solve(&source)?;
+        let (solution, link_count) = self.solution(&source)?;
         self.link_count = link_count;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        self.iterations = solution.iterations;
         executor.upload(irradiance, &solution.irradiance)?;
         executor.submit_passes(self.bounce.as_slice())?;
         Ok(vec![PassTime { name: "method".into(), milliseconds }])
@@ -284,9 +290,9 @@ impl Method for Solved {
         let matrix = match &self.factors {
             Factors::Dense(factors) | Factors::DenseReciprocal(factors, _) => size_of_val(&factors.values[..]) as u64,
             Factors::Sparse(reciprocal) => transport::LinearOperator::bytes(&reciprocal.factors),
-            Factors::Sides(..) => (self.link_count.links * HierarchicalSolution::LINK_BYTES) as u64,
+            Factors::Sides(..) => self.link_count.bytes(),
         };
-        MethodReport { bytes: bytes([("form_factors", matrix)]), ..MethodReport::default() }
+        MethodReport { bytes: [("form_factors".to_owned(), matrix)].into(), ..MethodReport::default() }
     }
 
     fn as_any(&self) -> &dyn std::any::Any {

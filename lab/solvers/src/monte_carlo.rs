@@ -1,16 +1,11 @@
 //! Monte Carlo solvers of `B = E + ρ∘(F B)`: power goes from patch to patch by chance, with the form factors as probabilities
 //! (Shirley 1991; Neumann 1995; Bekaert 1999; A. S. Shcherbakov, thesis, 2.2.5).
 
-use alloc::vec::Vec;
+use formfactor::{Error, Solution, Stop, check_inputs};
 use glam::{Vec3, Vec4};
-#[cfg(not(feature = "std"))]
-use num_traits::Float as _;
 use scene::math::luminance;
 use scene::sampling::{hash3, unit};
 use transport::{Csr, check_length};
-
-use super::solve::{Solution, Stop, check_inputs, finish};
-use crate::error::Error;
 
 /// Albedo from which a walk goes on with this probability, however bright the surface.
 const MOST_SURVIVAL: f32 = 0.98;
@@ -80,13 +75,13 @@ fn random(sample: u32, k: u32, seed: u32) -> f32 {
 /// Stochastic Jacobi iteration (incremental shooting; Neumann 1995): in each iteration the power that is not yet sent is cut
 /// into samples, as many as its share of the emitted power asks for, each from a patch chosen by power and to one chosen by form
 /// factor; what arrives is reflected in the next. F must be reciprocal for the areas a, `a_i F_ij = a_j F_ji`
-/// ([`super::reciprocal`]): then the mean over seeds is the exact solution.
+/// ([`formfactor::reciprocal`]): then the mean over seeds is the exact solution.
 ///
 /// Shapes: `factors` n × n, `area` m², `source` (E, W/m²) and `albedo` `[n]`. Ends as [`Stop`] says, the tolerance a share of
 /// the emitted power.
 ///
 /// # Errors
-/// As [`super::jacobi`]; [`transport::Error::Value`] for an area that is not positive.
+/// As [`formfactor::jacobi`]; [`transport::Error::Value`] for an area that is not positive.
 pub fn stochastic_jacobi(
     factors: &Csr,
     area: &[f32],
@@ -137,7 +132,7 @@ pub fn stochastic_jacobi(
         }
         iterations += 1;
     }
-    finish(factors, source, albedo, rows.irradiance(&received), iterations)
+    Solution::of(factors, source, albedo, rows.irradiance(&received), iterations)
 }
 
 /// Random walks that shoot (Shirley 1991): each sample leaves a patch chosen by emitted power, goes on to patches chosen by form
@@ -183,5 +178,5 @@ pub fn random_walks(
             next += 1;
         }
     }
-    finish(factors, source, albedo, rows.irradiance(&received), steps)
+    Solution::of(factors, source, albedo, rows.irradiance(&received), steps)
 }

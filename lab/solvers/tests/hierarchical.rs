@@ -1,8 +1,9 @@
 //! Hierarchical radiosity: closed forms, occlusion, the number of links.
 
+use formfactor::Error;
 use glam::{Vec2, Vec3};
-use patchlight_formfactor::{Error, HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 use scene::{Material, Scene, SceneParts, Triangle, TriangleUv};
+use solvers::{HierarchicalScene, HierarchicalSettings, HierarchicalSolution, hierarchical};
 
 /// Two triangles; the front is the side of `a × b`.
 fn quad(corner: Vec3, a: Vec3, b: Vec3) -> [[Vec3; 3]; 2] {

@@ -1,17 +1,21 @@
 //! Printed patches: small cases by hand, the equations written down, and what is not like them.
 
+#[path = "../../../crates/patches/tests/support/mod.rs"]
 mod support;
 
 use std::ops::Range;
 
 use glam::{DVec3, Vec3, Vec4};
-use patchlight_patches::{
-    ClusterSettings, Error, Grid, Lookup, LookupSettings, MeshSettings, PatchKind, PatchMesh, PointRows, Sample,
-    SampleSet, cluster_patches, printed_axis_patches, printed_cluster_patches, printed_samples,
+use patches::{
+    ClusterSettings, Error, Grid, Lookup, LookupSettings, Member, PatchSet, Sample, SampleSet, SampleSettings,
+    cluster_patches, sample_voxels,
 };
-use scene::Scene;
+use printed::{
+    Form, PointRows, PrintedSettings, RowsOfPoints, light_at, printed_axis_patches, printed_cluster_patches,
+    printed_samples, printed_source,
+};
 use scene::sampling::{hash3, unit};
-use support::{Mesh, two_rooms};
+use support::{Mesh, atrium, two_rooms};
 
 /// A grid of one voxel.
 fn one_voxel() -> Grid {
@@ -55,8 +59,7 @@ fn three_points_by_hand() {
     let grid = one_voxel();
     let made = printed_cluster_patches(&grid, set_of(samples.clone()), 2, &rows).unwrap();
     // M(0,1) = 1 · 1 · (1 + √0.1208), M(0,2) and M(1,2) have 1 + 0.69 in front.
-    let members =
-        |set: &patchlight_patches::PatchSet, i: usize| set.members_of(i).iter().map(|m| m.sample).collect::<Vec<_>>();
+    let members = |set: &PatchSet, i: usize| set.members_of(i).iter().map(|m| m.sample).collect::<Vec<_>>();
     assert_eq!((members(&made.set, 0), members(&made.set, 1)), (vec![0, 1], vec![2]));
     for (i, j, expected) in [(0, 1, 0.16), (1, 0, 0.12), (0, 0, 0.4 / 3.0), (1, 1, 0.0)] {
         assert_near(made.factors.row(i)[j], expected, "F");
@@ -76,7 +79,7 @@ fn rows_and_columns_decide_where_colours_and_normals_are_alike() {
     // 0 and 3 see the same, and so do 1 and 2.
     let is_outer = |k: usize| k == 0 || k == 3;
     let rows = rows_of(&samples, |i, j| if is_outer(i) == is_outer(j) { 0.0 } else { 0.2 });
-    let groups = |rows: &patchlight_patches::RowsOfPoints| {
+    let groups = |rows: &RowsOfPoints| {
         let made = printed_cluster_patches(&one_voxel(), set_of(samples.clone()), 2, rows).unwrap();
         made.set.members.iter().map(|m| m.sample).collect::<Vec<_>>()
     };
@@ -146,14 +149,14 @@ impl Slow {
 }
 
 /// Points in the voxels of two rooms, all a little different.
-fn points() -> (Scene, Grid, SampleSet) {
+fn points() -> (Grid, SampleSet) {
     let scene = two_rooms().scene(1.0);
-    let settings = MeshSettings { kind: PatchKind::Voxel, count: 0, voxel_size: Some(1.3), samples: 1, seed: 3 };
+    let settings = PrintedSettings { form: Form::Clusters, count: 0, voxel_size: Some(1.3), seed: 3 };
     let (grid, mut set) = printed_samples(&scene, &settings).unwrap();
     for (k, s) in set.samples.iter_mut().enumerate() {
         s.albedo = Vec3::from_array([0, 1, 2].map(|d| unit(hash3(k as u32, d, 1))));
     }
-    (scene, grid, set)
+    (grid, set)
 }
 
 fn geometry(i: usize, j: usize) -> f32 {
@@ -162,7 +165,7 @@ fn geometry(i: usize, j: usize) -> f32 {
 
 #[test]
 fn voxel_by_voxel_is_the_whole_matrix() {
-    let (_, grid, set) = points();
+    let (grid, set) = points();
     assert!(grid.len() > 8 && set.samples.len() > 100, "{} {}", grid.len(), set.samples.len());
     let fast = printed_cluster_patches(&grid, set.clone(), 3, &rows_of(&set.samples, geometry)).unwrap();
     let mut slow = Slow::new(&set.samples, &geometry);
@@ -214,13 +217,14 @@ fn two_points_on_axes_by_hand() {
 
 #[test]
 fn first_exitance_is_a_sum_over_the_points_of_the_voxel() {
-    let (scene, grid, set) = points();
+    let (grid, set) = points();
     let made = printed_cluster_patches(&grid, set.clone(), 4, &rows_of(&set.samples, geometry)).unwrap();
-    let mesh = PatchMesh::printed(&scene, &grid, &made).unwrap();
     // What a point receives, found by its place.
     let light = |p: Vec3| Vec3::new(1.0 + p.x, 2.0 + p.y, 0.5);
-    let direct: Vec<Vec3> = mesh.points.iter().map(|p| light(p.position)).collect();
-    let source = mesh.source(&direct);
+    let sent: Vec<Vec3> = set.samples.iter().map(|s| s.albedo * light(s.position)).collect();
+    let ranges: Vec<Range<usize>> =
+        made.set.patches.iter().map(|patch| set.range(grid.slot_of(patch.voxel).unwrap())).collect();
+    let source = printed_source(&made.set, &ranges, &sent);
     let expected = |i: usize, norm: bool| {
         let patch = made.set.patches[i];
         let slot = grid.slot_of(patch.voxel).unwrap();
@@ -230,8 +234,7 @@ fn first_exitance_is_a_sum_over_the_points_of_the_voxel() {
         if norm { sum / weights } else { sum }
     };
     let is_like = |norm: bool| {
-        (0..source.len())
-            .all(|i| (source[i].truncate() - expected(i, norm)).length() < 1e-4 * expected(i, norm).length())
+        (0..source.len()).all(|i| (source[i] - expected(i, norm)).length() < 1e-4 * expected(i, norm).length())
     };
     assert!(is_like(false) && !is_like(true));
 }
@@ -252,24 +255,24 @@ fn light_at_a_point_is_a_sum_over_the_patches_of_the_voxel() {
     let rows = rows_of(&set.samples, |_, _| 0.0);
     let made = printed_cluster_patches(&grid, set.clone(), 4, &rows).unwrap();
     let values = [3.0, 5.0, 7.0].map(Vec4::splat);
-    let at = |settings: LookupSettings, x: f32, n: Vec3| {
+    let table = Lookup::new(&grid, &made.set, LookupSettings::default()).unwrap();
+    let middle = |x: f32| {
         let place = grid.voxel_box(grid.occupied[0]);
-        let middle = 0.5 * (place.0 + place.1) + Vec3::X * x;
-        Lookup::new(&grid, &made.set, settings).unwrap().at(&values, middle, n).unwrap().x
+        0.5 * (place.0 + place.1) + Vec3::X * x
     };
-    let printed = LookupSettings::Thesis;
+    let at = |x: f32, n: Vec3| light_at(&table, &values, middle(x), n).x;
     // 3 · 1 + 5 · 0.8, and the voxel that has nothing for this normal does not count.
-    assert_near(at(printed, 0.0, Vec3::Y), 7.0, "its own voxel");
-    assert_near(at(printed, 0.5, Vec3::Y), 7.0, "between");
-    assert_near(at(printed, 0.0, Vec3::X), 5.0 * f64::from(0.6f32), "sideways");
+    assert_near(at(0.0, Vec3::Y), 7.0, "its own voxel");
+    assert_near(at(0.5, Vec3::Y), 7.0, "between");
+    assert_near(at(0.0, Vec3::X), 5.0 * f64::from(0.6f32), "sideways");
     // Both count for a normal that the patches of both see.
     let n = Vec3::new(0.8, -0.6, 0.0);
     let own = f64::from(Vec3::new(0.6, 0.8, 0.0).dot(n).max(0.0) * 5.0);
     let other = f64::from(0.6f32) * 7.0;
     let expected = if own > 0.0 { 0.75 * own + 0.25 * other } else { other };
-    assert!((f64::from(at(printed, 0.275, n)) - expected).abs() < 1e-4, "{} {expected}", at(printed, 0.275, n));
-    assert_eq!(at(printed, 0.0, -Vec3::X), 0.0);
-    assert!((at(LookupSettings::default(), 0.0, Vec3::Y) - 7.0).abs() > 1.0);
+    assert!((f64::from(at(0.275, n)) - expected).abs() < 1e-4, "{} {expected}", at(0.275, n));
+    assert_eq!(at(0.0, -Vec3::X), 0.0);
+    assert!((table.at(&values, middle(0.0), Vec3::Y).unwrap().x - 7.0).abs() > 1.0, "the mean");
 }
 
 #[test]
@@ -280,7 +283,58 @@ fn wrong_input_is_refused() {
     assert!(matches!(refused, Error::Length { name: "rows of points", .. }), "{refused}");
     let none = |_: Range<usize>| Err(Error::NoSamples);
     assert!(matches!(printed_axis_patches(&one_voxel(), set_of(samples), &none), Err(Error::NoSamples)));
-    let settings = MeshSettings { kind: PatchKind::Cluster, count: 9, voxel_size: None, samples: 1, seed: 3 };
-    let refused = printed_samples(&two_rooms().scene(1.0), &settings).unwrap_err();
-    assert!(refused.to_string().contains("cluster patches have no printed form"), "{refused}");
+}
+
+fn area(set: &SampleSet) -> f64 {
+    set.samples.iter().map(|s| f64::from(s.area)).sum()
+}
+
+#[test]
+fn areas_are_those_of_whole_triangles_over_all_of_their_samples() {
+    let mut mesh = Mesh::default();
+    mesh.quad(Vec3::new(0.1, 0.2, 0.3), Vec3::new(2.0, 0.3, 0.1), Vec3::new(-0.2, 1.4, 0.7));
+    let (whole, scene) = (mesh.area(), mesh.scene(1.0));
+    let settings = PrintedSettings { form: Form::Axes, count: 0, voxel_size: Some(0.5), seed: 0 };
+    let (grid, set) = printed_samples(&scene, &settings).unwrap();
+    // Both sides are met, and have the area and the normal of the front together.
+    assert!((area(&set) / whole - 1.0).abs() < 1e-4, "{} of {whole}", area(&set));
+    for triangle in 0..2 {
+        let own: Vec<_> = set.samples.iter().filter(|s| s.triangle == triangle).collect();
+        assert!(own.len() > 4 && own.iter().all(|s| s.area == own[0].area));
+        assert!(own.iter().all(|s| s.normal == scene.tables().normal(triangle)));
+    }
+    let all = |_: &Sample| true;
+    let ours = sample_voxels(&scene, &grid, &SampleSettings { points: 4, ..<_>::default() }, &all).unwrap();
+    assert!((area(&ours) / (2.0 * whole) - 1.0).abs() < 1e-4, "both sides of a sheet");
+    // What no ray meets is lost.
+    let (_, set) =
+        printed_samples(&atrium().scene(1.0), &PrintedSettings { voxel_size: Some(0.8), ..settings }).unwrap();
+    assert!(area(&set) < (1.0 - 1e-4) * atrium().area());
+}
+
+#[test]
+fn light_leaks_through_a_thin_wall() {
+    let scene = two_rooms().scene(1.0);
+    // The insides of the first room: fronts of the box, and one side of the wall.
+    let in_first = |s: &Sample| s.position.x + 0.01 * s.normal.x < 2.0;
+    let inside = |s: &Sample| {
+        let p = s.position + 0.01 * s.normal;
+        p.cmpgt(Vec3::ZERO).all() && p.cmplt(Vec3::new(4.0, 2.0, 2.0)).all()
+    };
+    let grid = Grid::new(&scene, Vec3::splat(0.5)).unwrap();
+    let settings = SampleSettings { points: 25, ..SampleSettings::default() };
+    let samples = sample_voxels(&scene, &grid, &settings, &inside).unwrap();
+    let points = samples.samples.clone();
+    let of = |m: &[Member]| in_first(&points[m[0].sample as usize]);
+    let settings = ClusterSettings { max_patches: 12 };
+    let apart = |a: &[Member], b: &[Member]| if of(a) == of(b) { 0.0 } else { 1e6 };
+    let set = cluster_patches(&grid, samples, &settings, &apart).unwrap();
+    let table = Lookup::new(&grid, &set, LookupSettings::default()).unwrap();
+    let value = |i: usize| Vec4::splat(f32::from(u8::from(of(set.members_of(i)))));
+    let values: Vec<Vec4> = (0..set.len()).map(value).collect();
+    let others = || set.samples.iter().filter(|s| !in_first(s));
+    let greatest = |light: &dyn Fn(&Sample) -> f32| others().map(light).fold(0.0, f32::max);
+    let printed = greatest(&|s| light_at(&table, &values, s.position, s.normal).x);
+    let ours = greatest(&|s| table.at(&values, s.position, s.normal).unwrap().x);
+    assert!(printed > 0.1 && ours < 1e-4, "{printed} {ours}");
 }

@@ -1,0 +1,43 @@
+//! Light by printed patches: it has no scale, and its shape is that of ours.
+
+use patchlight::{Bake, BakeSettings, Estimator, ReceiverKind, RenderSettings, Renderer, Silent};
+use printed::{Form, PrintedRadiosity, PrintedSettings};
+use scene::math::luminance;
+
+const BOUNCES: u32 = 3;
+const SIZE: (u32, u32) = (24, 18);
+
+#[test]
+fn light_by_printed_patches_has_no_scale() {
+    let loaded = assets::procedural::build("cornell").unwrap();
+    let camera = loaded.view.camera(SIZE.0, SIZE.1);
+    let mean = |picture: &patchlight::Picture| {
+        picture.pixels.iter().map(|p| luminance(*p)).sum::<f32>() / picture.pixels.len() as f32
+    };
+    let settings = BakeSettings {
+        patches: patches::PatchKind::Axis,
+        patch_count: 200,
+        estimator: Estimator::Hemisphere { rays: 512 },
+        receivers: ReceiverKind::Patches,
+        bounces: Some(BOUNCES),
+        ..BakeSettings::default()
+    };
+    let bake = Bake::build(&loaded.scene, &settings, &Silent).unwrap();
+    let render = RenderSettings { size: SIZE, sub_frames: 2, ..RenderSettings::default() };
+    let mut ours = Renderer::new(bake.into(), Box::new(runtime::cpu::Cpu::new()), &render, &Silent).unwrap();
+    let ours = ours.picture(&loaded.scene.lighting, &camera, 0).unwrap().pictures.indirect;
+    for form in [Form::Clusters, Form::Axes] {
+        let settings = PrintedSettings { form, count: 200, voxel_size: None, seed: 1 };
+        let printed = PrintedRadiosity::new(&loaded.scene, &settings, &Silent).unwrap();
+        assert!((150..300).contains(&printed.set.len()), "{}", printed.set.len());
+        assert!(printed.most_entries < printed.set.samples.len().pow(2) / 4);
+        let light = |bounces: u32| {
+            let irradiance = printed.irradiance(8, bounces).unwrap();
+            mean(&printed.indirect(&irradiance, &camera, 2).unwrap())
+        };
+        let (found, one) = (light(BOUNCES), light(1));
+        println!("{form:?}: {} times the light of ours", found / mean(&ours));
+        assert!(found.is_finite() && found > 1.5 * mean(&ours), "{form:?}: {found} of {}", mean(&ours));
+        assert!(one > 0.0 && one < found, "{form:?}: {one}");
+    }
+}
