@@ -9,6 +9,8 @@ use std::io::{Cursor, Write as _};
 use std::path::{Path, PathBuf};
 
 use glam::{Vec2, Vec3};
+use image::codecs::openexr::OpenExrEncoder;
+use image::codecs::png::PngEncoder;
 use image::{DynamicImage, ImageFormat};
 use scene::kernel::shade::encode_srgb;
 use scene::kernel::texture::texel;
@@ -132,7 +134,11 @@ fn material_names(scene: &LoadedScene) -> Vec<String> {
 fn encode(picture: Option<DynamicImage>, format: ImageFormat, path: &Path) -> Result<Vec<u8>, ImportError> {
     let mut bytes = Cursor::new(Vec::new());
     let result = match picture {
-        Some(picture) => picture.write_to(&mut bytes, format).map_err(std::io::Error::other),
+        Some(picture) => match format {
+            ImageFormat::OpenExr => picture.write_with_encoder(OpenExrEncoder::new(&mut bytes)),
+            _ => picture.write_with_encoder(PngEncoder::new(&mut bytes)),
+        }
+        .map_err(std::io::Error::other),
         None => Err(std::io::Error::other("its size and its texels disagree")),
     };
     result.map_err(|source| ImportError::Write { path: path.to_path_buf(), source })?;

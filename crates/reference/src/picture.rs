@@ -5,7 +5,8 @@ use std::path::Path;
 
 use exr::prelude::{Encoding, IntoSample, LineOrder, SpecificChannels, Vec2 as Position, WritableImage, f16};
 use glam::Vec3;
-use image::{ColorType, ImageFormat};
+use image::codecs::png::PngEncoder;
+use image::{ColorType, ExtendedColorType, ImageEncoder as _};
 use rayon::prelude::*;
 use scene::kernel::shade::decode_srgb;
 
@@ -50,10 +51,8 @@ impl PictureFile for Picture {
         let bytes =
             scene::host::read_regular(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
         let failed = |reason: String| Error::Decode { path: path.to_path_buf(), reason };
-        let reader = image::ImageReader::new(Cursor::new(bytes))
-            .with_guessed_format()
-            .map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
-        let decoded = reader.decode().map_err(|e| failed(e.to_string()))?;
+        // Compiled in `image` once, where a reader of our own would be compiled here again with every decoder.
+        let decoded = image::load_from_memory(&bytes).map_err(|e| failed(e.to_string()))?;
         let linear = matches!(decoded.color(), ColorType::Rgb32F | ColorType::Rgba32F);
         let (width, height) = (decoded.width(), decoded.height());
         let mut pixels: Vec<Vec3> = decoded.to_rgb32f().pixels().map(|p| Vec3::from_array(p.0)).collect();
@@ -73,17 +72,11 @@ impl PictureFile for Picture {
 
     fn write_png(&self, path: &Path, stops: f32) -> Result<(), Error> {
         let bytes = self.displayed_bytes(stops_to_scale(stops));
-        let mut png = Cursor::new(Vec::new());
-        image::write_buffer_with_format(
-            &mut png,
-            &bytes,
-            self.width,
-            self.height,
-            image::ExtendedColorType::Rgb8,
-            ImageFormat::Png,
-        )
-        .map_err(|e| Error::Encode { path: path.to_path_buf(), reason: e.to_string() })?;
-        write_bytes(path, png.get_ref())
+        let mut png = Vec::new();
+        PngEncoder::new(&mut png)
+            .write_image(&bytes, self.width, self.height, ExtendedColorType::Rgb8)
+            .map_err(|e| Error::Encode { path: path.to_path_buf(), reason: e.to_string() })?;
+        write_bytes(path, &png)
     }
 }
 

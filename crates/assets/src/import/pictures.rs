@@ -69,9 +69,9 @@ impl Source {
             Self::File(path) => {
                 let file = scene::host::open_regular(path).map_err(|e| e.to_string())?;
                 let bytes = file.metadata().map_err(|e| e.to_string())?.len();
-                guard(|| Size::of(BufReader::new(file), bytes))
+                guard(|| Size::of(Box::new(BufReader::new(file)), bytes))
             }
-            Self::Embedded { bytes, .. } => guard(|| Size::of(Cursor::new(&bytes[..]), bytes.len() as u64)),
+            Self::Embedded { bytes, .. } => guard(|| Size::of(Box::new(Cursor::new(&bytes[..])), bytes.len() as u64)),
             Self::Made { width, rgba, .. } => {
                 let height = (rgba.len() / 4) as u32 / (*width).max(1);
                 Ok(Size { width: *width, height, decoded: rgba.len() as u64 })
@@ -125,7 +125,7 @@ struct Size {
 
 impl Size {
     /// Of an encoded picture of so many bytes: its header is read, and what is too large refused.
-    fn of(encoded: impl BufRead + Seek, bytes: u64) -> Result<Self, String> {
+    fn of(encoded: Box<dyn Encoded + '_>, bytes: u64) -> Result<Self, String> {
         let decoder = reader(encoded, bytes)?.into_decoder().map_err(|e| e.to_string())?;
         let (width, height) = decoder.dimensions();
         if width == 0 || height == 0 || width > SIDE_LIMIT || height > SIDE_LIMIT {
@@ -149,7 +149,12 @@ fn most_decoded(bytes: u64) -> u64 {
     DECODED_BYTES.saturating_add(bytes.saturating_mul(DECODED_A_BYTE))
 }
 
-fn reader<R: BufRead + Seek>(encoded: R, bytes: u64) -> Result<ImageReader<R>, String> {
+/// Where an encoded picture is read from: one type of all, for each has every decoder compiled for it anew.
+trait Encoded: BufRead + Seek {}
+
+impl<T: BufRead + Seek> Encoded for T {}
+
+fn reader(encoded: Box<dyn Encoded + '_>, bytes: u64) -> Result<ImageReader<Box<dyn Encoded + '_>>, String> {
     let mut reader = ImageReader::new(encoded).with_guessed_format().map_err(|e| e.to_string())?;
     if let Some(format) = reader.format().filter(|format| !format.reading_enabled()) {
         let ending = format.extensions_str().first().copied().unwrap_or("this format");
@@ -168,8 +173,8 @@ fn reader<R: BufRead + Seek>(encoded: R, bytes: u64) -> Result<ImageReader<R>, S
 pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     let length = bytes.len() as u64;
     guard(|| {
-        Size::of(Cursor::new(bytes), length)?;
-        reader(Cursor::new(bytes), length)?.decode().map_err(|e| e.to_string())
+        Size::of(Box::new(Cursor::new(bytes)), length)?;
+        reader(Box::new(Cursor::new(bytes)), length)?.decode().map_err(|e| e.to_string())
     })
 }
 
