@@ -277,7 +277,7 @@ impl Renderer {
     ///
     /// # Errors
     /// [`Error::AlbedoHeld`] of a method whose operator holds the albedo, here and from [`Self::set_method`];
-    /// [`Error::Printed`] of patches as printed; [`Error::AlbedoCount`], [`Error::AlbedoValue`]. Nothing changes then.
+    /// [`Error::AlbedoCount`], [`Error::AlbedoValue`]. Nothing changes then.
     pub fn set_albedo(&mut self, albedo: &[Option<Vec3>]) -> Result<(), Error> {
         let materials =
             self.sample_materials.get_or_insert_with(|| sample_materials(&self.bake.scene, &self.bake.mesh));

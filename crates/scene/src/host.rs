@@ -1,5 +1,6 @@
 //! The scene on the host: geometry with its hierarchy, lighting, fast rays.
 
+mod builder;
 mod camera;
 pub mod clip;
 mod distribution;
@@ -12,6 +13,7 @@ mod lighting;
 #[cfg(feature = "std")]
 pub mod memory;
 mod picture;
+mod pyramid;
 mod receivers;
 mod scene;
 mod sides;
@@ -22,6 +24,7 @@ mod wide;
 
 pub(crate) use wide::WideBvh;
 
+pub use builder::{BuildError, LightId, MaterialId, Mesh, MeshFault, MeshId, SceneBuilder, TextureId};
 pub use distribution::Distribution;
 #[cfg(feature = "std")]
 pub use file::{open_regular, read_regular};
@@ -29,6 +32,7 @@ pub use geometry::{Geometry, Occluder, texel_count};
 pub use groups::MOST_EMITTER_GROUPS;
 pub use lighting::Lighting;
 pub use picture::{Picture, scale_to_stops, stops_to_scale};
+pub use pyramid::{Halver, Pyramid, half};
 pub use receivers::ReceiverSet;
 pub use scene::{Scene, SceneParts};
 pub use sides::{POINT_WALKS, SidePolicy, Sides, find_lit_sides, find_sides, is_open, part_taken};

@@ -6,6 +6,7 @@
 //! lights, measured luminaires and the sky ([`kernel::light`]), primary rays ([`kernel::camera`]), shading and tone mapping
 //! ([`kernel::shade`]). With the feature `alloc`, [`Geometry`] owns the tables that never change, builds the
 //! hierarchy and casts rays; [`Scene`] is geometry under a [`Lighting`], which may change in every frame.
+//! [`Scene::builder`] puts one together from meshes, materials, pictures and lights in radiometric or photometric units.
 //!
 //! Units: metres; irradiance and exitance W/m², radiance W/m²/sr, linear Rec.709 RGB.
 //! Equations: `H_d = ∫ L_i cosθ dω`, `L_o = L_e + ρ/π (H_d + H)`.
@@ -53,6 +54,7 @@ pub mod parallel;
 pub mod pod;
 pub mod sampling;
 pub mod types;
+pub mod units;
 
 #[cfg(feature = "alloc")]
 pub mod host;
@@ -61,12 +63,13 @@ pub use error::{Error, ReflectanceFault};
 pub use kernel::light::Lights;
 pub use kernel::{GeometryTables, Hierarchy};
 pub use types::*;
+pub use units::{Flux, Intensity, Irradiance, Radiance, SurfaceLight};
 
 #[cfg(feature = "alloc")]
 pub use host::{
-    Distribution, Geometry, Lighting, MOST_EMITTER_GROUPS, Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS,
-    Scene, SceneParts, SidePolicy, Sides, find_lit_sides, find_sides, is_open, part_taken, scale_to_stops, sky_bin,
-    sky_exitance, stops_to_scale,
+    BuildError, Distribution, Geometry, LightId, Lighting, MOST_EMITTER_GROUPS, MaterialId, Mesh, MeshFault, MeshId,
+    Occluder, POINT_WALKS, Picture, ReceiverSet, SKY_BINS, Scene, SceneBuilder, SceneParts, SidePolicy, Sides,
+    TextureId, find_lit_sides, find_sides, is_open, part_taken, scale_to_stops, sky_bin, sky_exitance, stops_to_scale,
 };
 
 use glam::Vec3;

@@ -3,6 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec4};
 
+use crate::units::{Intensity, Irradiance, Radiance, SurfaceLight};
+
 /// "No texture", "no hit", "no patch": the index that stands for nothing.
 pub const NONE: u32 = u32::MAX;
 
@@ -87,6 +89,17 @@ pub struct Material {
 const _: () = assert!(size_of::<Material>() == 80);
 
 impl Material {
+    /// A surface that reflects light evenly in all directions: the share of each channel, linear Rec.709 RGB, 0 to 0.95.
+    pub fn diffuse(albedo: Vec3) -> Self {
+        Self { albedo, ..Self::default() }
+    }
+
+    /// The same surface, shining from its front face.
+    #[must_use]
+    pub fn with_emission(self, radiance: Radiance) -> Self {
+        Self { radiance: radiance.0, ..self }
+    }
+
     /// Whether the surface mirrors light or lets it through.
     #[inline]
     pub fn is_specular(&self) -> bool {
@@ -147,7 +160,8 @@ pub const LIGHT_RECT: u32 = 3;
 /// the half-plane C = 0 lies; that of C = 90° lies along `edge_a × direction` (CIE 121, IES LM-63 type C).
 pub const LIGHT_LUMINAIRE: u32 = 4;
 
-/// A light that is not part of the geometry, so that it can move in every frame.
+/// A light that is not part of the geometry, so that it can move in every frame. [`Light::sun`], [`Light::point`],
+/// [`Light::spot`] and [`Light::rectangle`] make one.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Light {
@@ -173,6 +187,48 @@ pub struct Light {
     pub distribution: u32,
 }
 const _: () = assert!(size_of::<Light>() == 80);
+
+impl Light {
+    /// Parallel light that travels along `direction`, with the irradiance of a surface that faces it.
+    pub fn sun(direction: Vec3, irradiance: Irradiance) -> Self {
+        let direction = direction.normalize_or_zero();
+        Self { kind: LIGHT_DIRECTIONAL, direction, color: irradiance.0, ..Self::default() }
+    }
+
+    /// A point, m, that shines in all directions alike, by its [`Intensity`] or its [`crate::Flux`].
+    pub fn point(position: Vec3, intensity: impl Into<Intensity>) -> Self {
+        Self { kind: LIGHT_POINT, position, color: intensity.into().0, ..Self::default() }
+    }
+
+    /// A point, m, that shines round `direction`: with all of its intensity up to the half-angle `inner`, fading to none at
+    /// `outer`, radians.
+    pub fn spot(position: Vec3, direction: Vec3, (inner, outer): (f32, f32), intensity: Intensity) -> Self {
+        Self {
+            kind: LIGHT_SPOT,
+            position,
+            direction: direction.normalize_or_zero(),
+            color: intensity.0,
+            cos_inner: libm::cosf(inner),
+            cos_outer: libm::cosf(outer),
+            ..Self::default()
+        }
+    }
+
+    /// A parallelogram from a corner along two edges, m, that shines to the side of `edges.0 × edges.1`, by its
+    /// [`Radiance`] or its [`crate::Flux`]. It hides nothing and reflects nothing.
+    pub fn rectangle(corner: Vec3, edges: (Vec3, Vec3), light: impl Into<SurfaceLight>) -> Self {
+        let area = edges.0.cross(edges.1).length();
+        Self {
+            kind: LIGHT_RECT,
+            position: corner,
+            edge_a: edges.0,
+            edge_b: edges.1,
+            area,
+            color: light.into().radiance(area).0,
+            ..Self::default()
+        }
+    }
+}
 
 /// An emissive triangle as a light: entry of the cumulative distribution from which shadow rays pick, in proportion to
 /// area × luminance.

@@ -1,7 +1,7 @@
 //! Pictures into texels: decoded once a file, linear, with a mip pyramid, packed into one buffer under a budget.
 
 use std::cell::Cell;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,6 +11,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec4};
 use image::{DynamicImage, ImageDecoder as _, ImageReader};
 use rayon::prelude::*;
+use scene::host::{Halver, Pyramid, half};
 use scene::kernel::shade::decode_srgb;
 use scene::{NONE, Texture};
 use sha2::{Digest, Sha256};
@@ -228,11 +229,9 @@ pub struct Slots {
     pub mask: u32,
 }
 
-/// A pyramid: levels from the largest on, linear RGBA.
-struct Pyramid {
-    width: u32,
-    height: u32,
-    levels: u32,
+/// A texture for one use.
+struct Made {
+    texture: Texture,
     words: Vec<u32>,
     hash: [u8; 32],
     clamped: bool,
@@ -257,7 +256,7 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
 
     let mut packed = Packed::default();
     let skips = plan(&sources, &sizes, budget, &mut packed.warnings);
-    let make = |k: usize| -> Result<Vec<Pyramid>, String> {
+    let make = |k: usize| -> Result<Vec<Made>, String> {
         let (source, uses) = &sources[k];
         sizes[k].clone()?;
         let picture = source.decode()?;
@@ -279,12 +278,7 @@ pub fn pack(materials: &[MaterialDraft], budget: usize) -> Packed {
         };
         for (used, pyramid) in uses.iter().zip(pyramids) {
             found.insert((source, *used), (packed.textures.len() as u32, pyramid.clamped, pyramid.scale));
-            packed.textures.push(Texture {
-                offset: (packed.texels.len() / 2) as u32,
-                width: pyramid.width,
-                height: pyramid.height,
-                levels: pyramid.levels,
-            });
+            packed.textures.push(Texture { offset: (packed.texels.len() / 2) as u32, ..pyramid.texture });
             packed.names.push(source.name());
             packed.hashes.push(pyramid.hash);
             match packed.texels.is_empty() {
@@ -340,18 +334,6 @@ fn wanted(material: &MaterialDraft) -> Vec<(&Source, Use, Slot)> {
     wanted
 }
 
-/// Texels of a pyramid whose level 0 has this size.
-fn pyramid_texels(mut width: u32, mut height: u32) -> usize {
-    let mut count = 0;
-    loop {
-        count += width as usize * height as usize;
-        if width == 1 && height == 1 {
-            return count;
-        }
-        (width, height) = ((width / 2).max(1), (height / 2).max(1));
-    }
-}
-
 /// Pictures that are decoded side by side: as many as together stay below a limit, one at least.
 fn batches(sizes: &[Result<Size, String>]) -> Vec<Range<usize>> {
     let decoded = |size: &Result<Size, String>| size.as_ref().map_or(0, |size| size.decoded);
@@ -380,7 +362,7 @@ fn plan(
     let mut skips = vec![0u32; sources.len()];
     let bytes = |k: usize, skip: u32| match &sizes[k] {
         Ok(Size { width, height, .. }) => {
-            8 * sources[k].1.len() * pyramid_texels((width >> skip).max(1), (height >> skip).max(1))
+            8 * sources[k].1.len() * Pyramid::texels(((width >> skip).max(1), (height >> skip).max(1)))
         }
         Err(_) => 0,
     };
@@ -406,55 +388,16 @@ fn plan(
     skips
 }
 
-/// Width and height of the next level.
-fn half((width, height): (u32, u32)) -> (u32, u32) {
-    ((width / 2).max(1), (height / 2).max(1))
-}
-
-/// A level of a pyramid under way: its texels, where it is kept, and what makes the next level of it.
-struct Level {
-    words: Option<Vec<u32>>,
-    next: Halver,
-}
-
-/// Adds the next row to a level, and to those above what follows from it.
-fn add_row(levels: &mut [Level], row: Vec<Vec4>) {
-    let Some((level, above)) = levels.split_first_mut() else { return };
-    if let Some(words) = &mut level.words {
-        words.extend(row.iter().flat_map(|t| quantise(*t)));
-    }
-    if let Some(next) = level.next.push(row).filter(|_| !above.is_empty()) {
-        add_row(above, next);
-    }
-}
-
-/// The levels of a picture but for the first `skip`, row by row: nothing is as large as the picture but what is kept.
-fn build_pyramid(picture: &DynamicImage, used: Use, skip: u32) -> Pyramid {
+/// The levels of a picture but for the first `skip`.
+fn build_pyramid(picture: &DynamicImage, used: Use, skip: u32) -> Made {
     let mut rows = Rows::new(picture, used);
-    let sizes: Vec<(u32, u32)> =
-        std::iter::successors(Some((picture.width(), picture.height())), |size| (*size != (1, 1)).then(|| half(*size)))
-            .collect();
-    let skip = (skip as usize).min(sizes.len() - 1);
-    let level = |(k, size): (usize, &(u32, u32))| {
-        let texels = size.0 as usize * size.1 as usize;
-        Level { words: (k >= skip).then(|| Vec::with_capacity(2 * texels)), next: Halver::new(*size) }
-    };
-    let mut levels: Vec<Level> = sizes.iter().enumerate().map(level).collect();
+    let mut pyramid = Pyramid::new((picture.width(), picture.height()), skip);
     for y in 0..picture.height() {
-        add_row(&mut levels, rows.row(y));
+        pyramid.push(rows.row(y));
     }
-    let (width, height) = sizes[skip];
-    let mut words = Vec::with_capacity(2 * pyramid_texels(width, height));
-    let kept = levels.into_iter().filter_map(|level| level.words);
-    kept.for_each(|own| words.extend(own));
+    let (texture, words) = pyramid.finish();
     let hash = Sha256::digest(bytemuck::cast_slice::<u32, u8>(&words)).into();
-    let levels = (sizes.len() - skip) as u32;
-    Pyramid { width, height, levels, words, hash, clamped: rows.clamped, scale: rows.scale }
-}
-
-fn quantise(t: Vec4) -> [u32; 2] {
-    let q = (t.clamp(Vec4::ZERO, Vec4::ONE) * 65_535.0 + 0.5).as_uvec4();
-    [q.x | q.y << 16, q.z | q.w << 16]
+    Made { texture, words, hash, clamped: rows.clamped, scale: rows.scale }
 }
 
 /// The linear texels of a picture for a use, row by row.
@@ -579,70 +522,6 @@ fn colours(picture: &DynamicImage, linear: &[f32]) -> Vec<Vec4> {
             })
             .collect(),
     }
-}
-
-/// For each of the new cells along an edge: the first of the old ones it covers, and the share of each in it.
-type Shares = Vec<(usize, Vec<f32>)>;
-
-/// Makes the next level of rows that come one after the other: every new texel is the mean over its part of the old picture, so
-/// that the mean stays, also for odd sizes.
-struct Halver {
-    columns: Shares,
-    rows: Shares,
-    /// The old rows that are still needed, and the number of the first of them.
-    held: VecDeque<Vec<Vec4>>,
-    first: usize,
-    /// The next new row.
-    next: usize,
-}
-
-impl Halver {
-    /// For a picture of this width and height.
-    fn new(size: (u32, u32)) -> Self {
-        let new = half(size);
-        let (columns, rows) = (shares(size.0, new.0), shares(size.1, new.1));
-        Self { columns, rows, held: VecDeque::new(), first: 0, next: 0 }
-    }
-
-    /// Takes the next old row; the new one that it completes.
-    fn push(&mut self, row: Vec<Vec4>) -> Option<Vec<Vec4>> {
-        self.held.push_back(row);
-        let (start, row_weights) = self.rows.get(self.next)?;
-        if self.first + self.held.len() < start + row_weights.len() {
-            return None;
-        }
-        let mut new = Vec::with_capacity(self.columns.len());
-        for (column, column_weights) in &self.columns {
-            let mut sum = Vec4::ZERO;
-            for (dy, wy) in row_weights.iter().enumerate() {
-                let line = &self.held[start + dy - self.first];
-                for (dx, wx) in column_weights.iter().enumerate() {
-                    sum += line[column + dx] * (wx * wy);
-                }
-            }
-            new.push(sum);
-        }
-        self.next += 1;
-        let needed = self.rows.get(self.next).map_or(self.first + self.held.len(), |(start, _)| *start);
-        self.held.drain(..needed - self.first);
-        self.first = needed;
-        Some(new)
-    }
-}
-
-/// How `old` cells along an edge are shared out over `new` ones; the shares of each sum to 1.
-fn shares(old: u32, new: u32) -> Shares {
-    let size = f64::from(old) / f64::from(new);
-    (0..new)
-        .map(|k| {
-            let (start, end) = (f64::from(k) * size, f64::from(k + 1) * size);
-            let first = start.floor() as usize;
-            let last = ((end - 1e-9).floor() as usize).min(old as usize - 1);
-            let weights =
-                (first..=last).map(|c| (((c as f64 + 1.0).min(end) - (c as f64).max(start)) / size) as f32).collect();
-            (first, weights)
-        })
-        .collect()
 }
 
 /// A sky: linear texels row by row from the top, width, height; larger ones are halved until they fit into `budget` bytes.
